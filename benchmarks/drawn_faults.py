@@ -15,9 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.causes import PER_FRAME
-from model.processing.diagnosis.evidence import Evidence, estimates
-from model.processing.diagnosis.joint_fit import JointFit
+from model.processing.fault_fit import PER_FRAME, Evidence, JointFit, estimates
 from tests.worldlike import Faults
 
 FloatArray = NDArray[np.float64]

@@ -14,10 +14,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.accuracy.effect_check import change, readings_of
-from model.accuracy.evaluation.quantities import Readings
-from model.effects.decisions import EffectPlan
-from model.effects.names import EffectRule
+from model.accuracy.chain import Readings
+from model.accuracy.effect_estimates import change, readings_of
+from model.effects.names import EffectPlan, EffectRule
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere.air import AtmosphereState, column
 from model.atmosphere.solver import solve
 from model.processing.maps import polarization_maps
 from model.processing.reconstruction import design

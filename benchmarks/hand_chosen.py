@@ -16,15 +16,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from model.accuracy.evaluation.chain import ChainResult, evaluate, evaluate_all
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, Plan, settings_at
-from model.accuracy.predict_to_tolerance import predict
-from model.accuracy.series_prediction import SeriesPrediction
-from model.accuracy.series_to_tolerance import predict_series
-from model.scene.field_light import known_rules
-from model.scene.lit_scene import LitScene
+from model.accuracy.chain import ChainResult, LightStore, differences, evaluate, evaluate_all, readings
+from model.accuracy.plan import NUMERICAL_SETTINGS, Plan, settings_at
+from model.accuracy.predict import predict
+from model.accuracy.series import SeriesPrediction, predict_series
+from model.scene.field import known_rules
+from model.scene.scene import LitScene
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.prediction.sweep import swept_scenes

@@ -8,14 +8,12 @@ from time import process_time
 
 import numpy as np
 
-from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.aerosol.mie_sphere import efficiencies, sphere_coefficients
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.aerosol.presets import preset_aerosol
-from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere.aerosols import AerosolType, preset_aerosol
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.mie import aerosol_scattering, efficiencies, sphere_coefficients
+from model.atmosphere.sky import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.solver import solve
-from model.atmosphere.transfer.phase import AerosolKind
 
 
 def seconds(action: Callable[[int], object]) -> float:

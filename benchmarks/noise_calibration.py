@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.frame_statistics import LevelKind
+from calibration.sensor.levels import LevelKind
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.calibrate_files import calibrate_frames
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, emva_frames

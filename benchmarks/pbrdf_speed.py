@@ -24,9 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from model.surface.lobe import Lobe
-from model.surface.pbrdf import Surface, mueller
-from model.surface.reflectance_table import reflectance_table
+from model.surface.pbrdf import Lobe, Surface, mueller, reflectance_table
 
 SURFACES = {
     "dielectric, lobe alone": Surface(n=1.5, slope_rms=0.15),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.detection import rx_roc
-from model.processing.detection_draws import rx_draws
+from model.processing.dolp_studies import rx_draws
 
 FloatArray = NDArray[np.float64]
 

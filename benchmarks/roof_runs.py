@@ -5,8 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
-from model.surface.material_library import MATERIALS
-from model.surface.materials import properties
+from model.surface.materials import MATERIALS, properties
 from rigctl.comparison.checks import registration_of, run_checks
 from rigctl.comparison.comparison import Comparison, compare_with_scene
 from rigctl.files.choices import RoofChange

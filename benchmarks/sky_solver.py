@@ -14,12 +14,12 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere import solver as successive_orders
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.layers import AerosolKind
 from model.atmosphere.sasktran2_engine import Sasktran2Solution, sasktran2_solution
+from model.atmosphere.sky import FIDELITY_LEVELS, Fidelity
 from model.atmosphere.solver import Layer, Solution, solve
-from model.atmosphere.transfer import successive_orders
-from model.atmosphere.transfer.phase import AerosolKind
 
 SZA_DEG = 50.0
 STATE = AtmosphereState(visibility_m=23e3)

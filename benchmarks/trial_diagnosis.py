@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from benchmarks.drawn_faults import SIGMAS, DrawnFaults, Which, drawn, family, told_from_all
-from model.processing.diagnosis.causes import known_causes
-from model.processing.diagnosis.diagnosis import Diagnosis, diagnose
-from model.processing.diagnosis.joint_fit import FALSE_FINDING_RATE, JointFit, fit_faults
+from model.processing.diagnosis import Diagnosis, diagnose
+from model.processing.fault_fit import FALSE_FINDING_RATE, JointFit, fit_faults, known_causes
 from model.processing.reconstruction import design
 from tests.worldlike import Faults, World, expose, other_world, random_world
 

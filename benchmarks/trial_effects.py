@@ -20,18 +20,11 @@ from functools import partial
 import numpy as np
 
 from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene, thin_scene
-from model.accuracy.effect_check import change, readings_of
-from model.accuracy.effect_estimates import estimate_effects
-from model.accuracy.evaluation.chain import evaluate, scenario_of
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Readings
-from model.accuracy.evaluation.settings import Settings
-from model.accuracy.thin_sky import skylight_bound
-from model.effects.bound import Bound
-from model.effects.decisions import EffectPlan
-from model.effects.names import ALL, Effect, EffectRule
+from model.accuracy.chain import LightStore, Readings, Settings, evaluate, scenario_of
+from model.accuracy.effect_estimates import change, estimate_effects, readings_of, skylight_bound
+from model.effects.names import ALL, Bound, Effect, EffectPlan, EffectRule
 from model.effects.planner import plan
-from model.scene.lit_scene import LitScene
+from model.scene.scene import LitScene
 
 _SCENES = {"random": random_scene, "hostile": hostile_scene, "thin": thin_scene}
 _TOLERANCES = (1e-4, 1e-3, 1e-2, 0.1, 0.3)

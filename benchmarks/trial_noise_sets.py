@@ -13,9 +13,8 @@ from functools import partial
 import numpy as np
 from scipy.stats import binom
 
-from calibration.errors import RefusedFramesError
 from calibration.estimate import Estimate
-from calibration.flags import Flag
+from calibration.results import Flag, RefusedFramesError
 from calibration.sensor.noise import NoiseCalibration
 from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_OUTSIDE, DRAWN_WRONG
 from tests.calibration.sensor.noise_sets import (

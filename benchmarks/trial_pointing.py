@@ -15,10 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainc, ndtri
 
-from calibration.pointing.camera_pose import camera_axes, direction, fuse, wrapped_rad
-from calibration.pointing.lens import Lens
-from calibration.pointing.panel_pose import joint_covariance, panel_stands, panel_tilt
-from calibration.pointing.sources import SunSeen, compass, level, level_panel, positions, shadow, sun_in_picture
+from calibration.pointing.pose import (
+    Lens,
+    SunSeen,
+    camera_axes,
+    compass,
+    direction,
+    fuse,
+    joint_covariance,
+    level,
+    level_panel,
+    panel_stands,
+    panel_tilt,
+    positions,
+    shadow,
+    sun_in_picture,
+    wrapped_rad,
+)
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.propagated_inputs import NumberKey, propagate_numbers
 from rigctl.prediction.scene_prediction import ScenePredictor

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from model.processing.reconstruction import design
-from model.processing.repeated_pixels import repeated
+from model.processing.samples import repeated
 from rigctl.comparison.rows import measured_with_ratios
 from rigctl.measurement.region_numbers import measure_region
 from tests.worldlike import Faults, World, expose, light

@@ -17,8 +17,8 @@ from itertools import product
 import numpy as np
 
 from benchmarks.trial_tolerance import seeds_in_time, true_errors
-from model.accuracy.series_to_tolerance import predict_series
-from model.scene.lit_scene import LitScene
+from model.accuracy.series import predict_series
+from model.scene.scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
 _TOLERANCES = (0.1, 0.03, 0.01, 0.01)

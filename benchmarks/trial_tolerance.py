@@ -20,15 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from model.accuracy.accurate_prediction import AccuratePrediction
-from model.accuracy.evaluation.chain import ChainResult, evaluate
-from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.evaluation.settings import Settings
-from model.accuracy.predict_to_tolerance import predict
-from model.atmosphere.lighting.fidelity import SolverSettings
-from model.prediction.pair_detection import detections_of_pairs
-from model.prediction.prediction import predict as predict_scenario
-from model.scene.lit_scene import LitScene
+from model.accuracy.chain import ChainResult, Reading, Settings, Value, differences, evaluate, readings
+from model.accuracy.predict import AccuratePrediction, predict
+from model.atmosphere.sky import SolverSettings
+from model.prediction import detections_of_pairs
+from model.prediction import predict as predict_scenario
+from model.scene.scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
 # Finer in every knob than a plan for the smallest of the tolerances, and with other layers than any plan has; the law

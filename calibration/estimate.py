@@ -1,4 +1,4 @@
-"""A calibrated number, and how well it is known."""
+"""Calibrated numbers with their standard errors, and control charts of numbers that are calibrated repeatedly."""
 
 import math
 from dataclasses import dataclass
@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+# A calibrated number, and how well it is known
 
 # Digits behind the point that numbers are written with; what is smaller has an exponent.
 _MOST_DIGITS = 6
@@ -91,3 +93,77 @@ def number_with_error(value: float, std_error: float, *, sign: Literal["", "+"] 
         return f"{value:{sign}.3g} +- {std_error:.2g}"
     shown = max(digits, 0)
     return f"{round(value, digits):{sign}.{shown}f} +- {round(std_error, digits):.{shown}f}"
+
+
+# A number that is calibrated again and again: control limits by its stated errors, and its drift
+
+FloatArray = NDArray[np.float64]
+
+# Half width of the limits: 27 in 10 000 lie outside where nothing moves.
+_SIGMAS = 3.0
+# Errors of 0 have to weigh something.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControlChart:
+    """Control limits of repeated calibrations.
+
+    Attributes
+    ----------
+    lower, upper : (N,) arrays
+        Limits of each value: the weighted mean of all, and three standard errors of the difference from it.
+    is_inside : (N,) array of bool
+        The value lies between them.
+    drift_per_year, drift_error : float or None
+        Slope of the weighted straight line and its standard error, widened by the scatter about it; None of fewer than
+        three values, or of one time.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    is_inside: NDArray[np.bool_]
+    drift_per_year: float | None
+    drift_error: float | None
+
+
+def control_chart(years: FloatArray, values: FloatArray, std_errors: FloatArray) -> ControlChart:
+    """Return the control chart of a number.
+
+    Parameters
+    ----------
+    years : (N,) array
+        When it was calibrated [a], from any origin.
+    values : (N,) array
+        What was found.
+    std_errors : (N,) array
+        With which standard errors, 0 or more; independent of one another.
+
+    Notes
+    -----
+    The limits come of the stated errors, and not of the scatter as in a chart of individuals: a steady drift has small
+    steps and a wide scatter, and would hide in limits that are made of either.
+    """
+    rounding = _ROUNDING * (1.0 + np.abs(values))
+    weights = 1.0 / np.maximum(std_errors, rounding) ** 2
+    centre = float(np.average(values, weights=weights))
+    # A value is part of the mean that it is held against: the variance of the difference is that much smaller.
+    half = _SIGMAS * np.sqrt(np.maximum(1.0 / weights - 1.0 / weights.sum(), 0.0))
+    drift, error = _drift(years - years.mean(), values, weights)
+    return ControlChart(
+        lower=centre - half,
+        upper=centre + half,
+        is_inside=np.abs(values - centre) <= np.maximum(half, rounding),
+        drift_per_year=drift,
+        drift_error=error,
+    )
+
+
+def _drift(years: FloatArray, values: FloatArray, weights: FloatArray) -> tuple[float | None, float | None]:
+    if len(values) < 3 or np.ptp(years) == 0.0:
+        return None, None
+    matrix = np.column_stack((np.ones_like(years), years))
+    normal = matrix.T @ (weights[:, None] * matrix)
+    found = np.linalg.solve(normal, matrix.T @ (weights * values))
+    chi_square = float(np.sum(weights * (values - matrix @ found) ** 2)) / (len(values) - 2)
+    return float(found[1]), float(np.sqrt(np.linalg.inv(normal)[1, 1] * max(1.0, chi_square)))

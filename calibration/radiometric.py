@@ -1,12 +1,13 @@
-"""Counts per radiance, from a panel whose radiance is predicted."""
+"""Radiometric calibration: counts per radiance from a panel, and one free factor between two sets of numbers."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
-from calibration.errors import CalibrationError
+from calibration.results import CalibrationError
+
+# Counts per radiance, from a panel whose radiance is predicted
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +66,8 @@ def panel_scale(
     """
     if np.min(signal_dn) <= 0.0 or np.min(predicted_dn) <= 0.0:
         raise CalibrationError("the panel has a channel without light: check the region, the dark level and the scene")
+    from scipy.special import chdtrc  # `compare` imports this module for `fit_free_scale`, which needs no scipy
+
     channel = signal_dn / predicted_dn
     measured_cov = signal_cov / np.outer(predicted_dn, predicted_dn)
     light_cov = predicted_cov * np.outer(channel, channel) / np.outer(predicted_dn, predicted_dn)
@@ -86,3 +89,73 @@ def _chi2(channel: FloatArray, cov: FloatArray) -> float:
     differences = np.diff(np.eye(len(channel)), axis=0)
     apart = differences @ channel
     return float(apart @ np.linalg.solve(differences @ cov @ differences.T, apart))
+
+
+# One factor between numbers that were measured and numbers that were predicted, both with errors
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeScale:
+    """A factor on predictions.
+
+    Attributes
+    ----------
+    value : float
+        The factor.
+    variance : float
+        Of the error of its logarithm.
+    common : (k,) array
+        Covariance of that error with the error of each input of the prediction.
+    """
+
+    value: float
+    variance: float
+    common: FloatArray
+
+
+def fit_free_scale(
+    *,
+    measured: FloatArray,
+    measured_error: FloatArray,
+    predicted: FloatArray,
+    jacobian: FloatArray,
+    input_cov: FloatArray,
+) -> FreeScale:
+    """Return the factor that brings predictions to what was measured.
+
+    Parameters
+    ----------
+    measured, measured_error : (n,) arrays
+        Numbers and their independent standard errors, > 0.
+    predicted : (n,) array
+        The same by a model.
+    jacobian : (n, k) array
+        Its derivatives by the model's inputs.
+    input_cov : (k, k) array
+        Covariance of the inputs.
+
+    Raises
+    ------
+    CalibrationError
+        A number or an error is not above 0.
+
+    Notes
+    -----
+    Generalised least squares of the logarithms, to first order in the errors. What is uncertain of the inputs makes the
+    factor uncertain in the other sense, and both together leave a scaled prediction better known than either; so the
+    covariance with the inputs is part of the result.
+
+    References
+    ----------
+    Aitken, Proc. Roy. Soc. Edinburgh 55, 42 (1936), doi:10.1017/S0370164600014346.
+    """
+    if min(measured.min(), predicted.min(), measured_error.min()) <= 0.0:
+        raise CalibrationError("a region has no light or no noise, measured or predicted: no factor can be fitted")
+    relative = jacobian / predicted[:, None]
+    noise = np.diag(np.square(measured_error / measured))
+    inverse = np.linalg.inv(noise + relative @ input_cov @ relative.T)
+    weights = inverse.sum(axis=0) / inverse.sum()
+    logarithm = float(weights @ np.log(measured / predicted))
+    common = -input_cov @ (weights @ relative)
+    variance = float(weights @ noise @ weights - (weights @ relative) @ common)
+    return FreeScale(value=float(np.exp(logarithm)), variance=variance, common=common)

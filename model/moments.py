@@ -1,10 +1,13 @@
-"""Mean and covariance of a random vector, and their way through a linear map."""
+"""Mean and covariance of random vectors, through linear maps, and of numbers between two limits."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+# Mean and covariance of a random vector, and their way through a linear map
 
 FloatArray = NDArray[np.float64]
 
@@ -221,3 +224,21 @@ def _frozen(array: FloatArray) -> FloatArray:
     copy = np.array(array, dtype=np.float64)
     copy.flags.writeable = False
     return copy
+
+
+# A number that lies between two limits, anywhere as likely as anywhere else
+
+
+def rectangular_std(low: float, high: float) -> float:
+    """Return the standard deviation of a number that is uniform between two limits.
+
+    Parameters
+    ----------
+    low, high
+        The limits, low <= high, in any unit.
+
+    References
+    ----------
+    JCGM 100:2008 (GUM), section 4.3.7.
+    """
+    return (high - low) / math.sqrt(12.0)

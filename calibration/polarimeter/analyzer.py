@@ -1,14 +1,197 @@
-"""Action of an analyzer on polarized light, from a generator that turns in front of it."""
+"""Analyzers: fits of Malus' law, mounting axis, diattenuation and the measured data reduction matrix."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.fourier_fit import FourierFit, fit_fourier
+from calibration.results import CalibrationError
+
+# Malus' law in closed form: intensity against the angle of a polarizer, by linear least squares
 
 FloatArray = NDArray[np.float64]
+
+_TERMS = 3
+# Beyond this the angles hardly tell the terms apart: equal modulo 180 deg, or all close together.
+_WORST_CONDITION = 1e3
+# Whole turns in equal steps have sqrt 2; half a turn has hundreds.
+_APART_CONDITION = 3.0
+# What the residual of Malus' law shows, by cycles a turn.
+HARMONIC_ORDERS = (1, 3, 4)
+# An amplitude of noise alone is larger than this many standard errors of its parts in 1 of 1000 cases.
+SEEN_SIGMAS = 3.717
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FourierFit:
+    """Intensity = mean + cosine cos 2 angle + sine sin 2 angle, for one or many pixels.
+
+    Attributes
+    ----------
+    terms : (3, ...) array
+        Mean, cosine, sine; the other axes are those of the values.
+    unit_covariance : (3, 3) array
+        Covariance of the errors of the terms for values of variance 1.
+    variance : (...) array
+        Variance of a value, from the residuals.
+    dof : int
+        Values less terms, at least 1.
+    """
+
+    terms: FloatArray
+    unit_covariance: FloatArray
+    variance: FloatArray
+    dof: int
+
+    @property
+    def phase_rad(self) -> FloatArray:
+        """Angle of largest intensity, -pi/2 to pi/2 [rad]."""
+        phase: FloatArray = 0.5 * np.arctan2(self.terms[2], self.terms[1])
+        return phase
+
+    def at(self, angles_rad: FloatArray) -> FloatArray:
+        """Return what the law says of one pixel at other angles."""
+        law: FloatArray = _design(angles_rad, (2,)) @ self.terms
+        return law
+
+    @property
+    def modulation(self) -> FloatArray:
+        """Amplitude over mean."""
+        ratio: FloatArray = np.hypot(self.terms[1], self.terms[2]) / self.terms[0]
+        return ratio
+
+    def phase_error_rad(self) -> FloatArray:
+        """Return the standard error of `phase_rad` [rad]."""
+        _, cosine, sine = self.terms
+        square = cosine**2 + sine**2
+        return self._error(np.array([np.zeros_like(cosine), -0.5 * sine / square, 0.5 * cosine / square]))
+
+    def modulation_error(self) -> FloatArray:
+        """Return the standard error of `modulation`."""
+        mean, cosine, sine = self.terms
+        amplitude = np.hypot(cosine, sine)
+        return self._error(np.array([-amplitude / mean**2, cosine / amplitude / mean, sine / amplitude / mean]))
+
+    def mean_error(self) -> FloatArray:
+        """Return the standard error of the mean term."""
+        error: FloatArray = np.sqrt(self.unit_covariance[0, 0] * self.variance)
+        return error
+
+    def _error(self, gradient: FloatArray) -> FloatArray:
+        square = np.einsum("i...,ij,j...->...", gradient, self.unit_covariance, gradient)
+        error: FloatArray = np.sqrt(square * self.variance)
+        return error
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harmonic:
+    """Residual of a scan at one frequency.
+
+    Attributes
+    ----------
+    order : int
+        Cycles a turn: 1 and 3 are a wedge or a tilted element, 4 a detector that is not linear.
+    amplitude, std_error : float
+        Relative to the mean; the error is that of cosine and sine part each.
+    """
+
+    order: int
+    amplitude: float
+    std_error: float
+
+    @property
+    def is_seen(self) -> bool:
+        """True where noise alone would hardly make it (1 of 1000)."""
+        return self.amplitude > SEEN_SIGMAS * self.std_error
+
+
+def fit_fourier(angles_rad: FloatArray, values: FloatArray) -> FourierFit:
+    """Return the fit of Malus' law.
+
+    Parameters
+    ----------
+    angles_rad : (K,) array
+        Angles of the element that turns [rad]; four or more, three of them different modulo pi.
+    values : (K, ...) array
+        Intensities, dark taken off.
+
+    Raises
+    ------
+    CalibrationError
+        Angles do not determine the law, or there is no light.
+
+    Notes
+    -----
+    Unweighted; all values of a pixel are taken to have one variance, which the residuals give.
+    """
+    if len(angles_rad) <= _TERMS:
+        raise CalibrationError(f"a scan needs 4 angles or more, to see its own errors; there are {len(angles_rad)}")
+    design = _design(angles_rad, (2,))
+    condition = float(np.linalg.cond(design))
+    if condition > _WORST_CONDITION:
+        raise CalibrationError(
+            f"the angles of the scan do not tell mean, cosine and sine apart (condition {condition:.3g}, allowed "
+            f"{_WORST_CONDITION:.0g}): angles that differ by 180 deg are repeats; spread them over half a turn"
+        )
+    inverse = np.linalg.pinv(design)
+    terms = np.tensordot(inverse, values, axes=1)
+    if np.min(terms[0]) <= 0.0:
+        raise CalibrationError("a scan has no light above its dark level: check dark frames and region")
+    dof = len(angles_rad) - _TERMS
+    residual = values - np.tensordot(design, terms, axes=1)
+    return FourierFit(
+        terms=terms,
+        unit_covariance=inverse @ inverse.T,
+        variance=np.sum(np.square(residual), axis=0) / dof,
+        dof=dof,
+    )
+
+
+def residual_harmonics(angles_rad: FloatArray, values: FloatArray) -> tuple[Harmonic, ...]:
+    """Return the harmonics beside Malus' law that a scan can tell, each fitted alone beside the law.
+
+    Parameters
+    ----------
+    angles_rad : (K,) array
+        Angles of the element that turns [rad].
+    values : (K,) array
+        Intensities of one region, dark taken off.
+    """
+    found = []
+    for order in HARMONIC_ORDERS:
+        design = _design(angles_rad, (2, order))
+        if len(angles_rad) <= design.shape[1] or np.linalg.cond(design) > _WORST_CONDITION:
+            continue
+        terms = np.linalg.pinv(design) @ values
+        residual = values - design @ terms
+        variance = float(residual @ residual) / (len(angles_rad) - design.shape[1])
+        covariance = np.linalg.inv(design.T @ design)[-2:, -2:] * variance
+        found.append(
+            Harmonic(
+                order=order,
+                amplitude=float(np.hypot(terms[-2], terms[-1]) / terms[0]),
+                std_error=float(np.sqrt(0.5 * np.trace(covariance)) / terms[0]),
+            )
+        )
+    return tuple(found)
+
+
+def harmonics_are_told_apart(angles_rad: FloatArray) -> bool:
+    """Return whether a scan's angles tell the harmonics from one another: over a whole turn, not over half of one."""
+    design = _design(angles_rad, (2, *HARMONIC_ORDERS))
+    return len(angles_rad) > design.shape[1] and bool(np.linalg.cond(design) < _APART_CONDITION)
+
+
+def _design(angles_rad: FloatArray, orders: tuple[int, ...]) -> FloatArray:
+    columns = [np.ones_like(angles_rad)]
+    for order in orders:
+        columns += [np.cos(order * angles_rad), np.sin(order * angles_rad)]
+    return np.column_stack(columns)
+
+
+# Action of an analyzer on polarized light, from a generator that turns in front of it
+
 
 _TWO_SIDED_95 = 1.959964
 
@@ -146,3 +329,270 @@ def extinction(diattenuation: float, std_error: float) -> Extinction:
 
 def _ratio(diattenuation: float) -> float | None:
     return (1.0 + diattenuation) / (1.0 - diattenuation) if diattenuation < 1.0 else None
+
+
+# Mounting of a polarizer in its stage: sense of rotation and axis offset, from angles that are known two ways
+
+Sense = Literal[1, -1]
+
+_SENSES: tuple[Sense, ...] = (1, -1)
+# One sense has to fit worse than the other by this much chi-squared: 5 standard errors.
+_DECIDED = 25.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisCandidate:
+    """Offset for one sense of rotation.
+
+    Attributes
+    ----------
+    sense : {1, -1}
+        polarizer angle = sense * stage angle + offset.
+    offset_rad, std_error_rad : float
+        In [0, pi), and its standard error, scatter included [rad].
+    chi2 : float
+        How badly the angles agree with it, in their own errors.
+    """
+
+    sense: Sense
+    offset_rad: float
+    std_error_rad: float
+    chi2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisFit:
+    """Both senses of rotation.
+
+    Attributes
+    ----------
+    best, other : AxisCandidate
+        The better one first.
+    is_decided : bool
+        The other is ruled out.
+    scatter_rad : float
+        How far the directions lie from the better one, root mean square beyond their own errors [rad].
+    """
+
+    best: AxisCandidate
+    other: AxisCandidate
+    is_decided: bool
+    scatter_rad: float
+
+
+def fit_axis(
+    *,
+    axis_rad: FloatArray,
+    stage_rad: FloatArray,
+    std_error_rad: FloatArray,
+    common_error_rad: float = 0.0,
+    expected_rad: float | None = None,
+    expected_error_rad: float = 0.0,
+) -> AxisFit:
+    """Return sense and offset from stage angles at which the direction of the transmission axis is known.
+
+    Parameters
+    ----------
+    axis_rad, stage_rad : (n,) arrays
+        Direction of the transmission axis in the picture, and stage angle at which the polarizer has it [rad]. Of a
+        scan against a fixed reference: the reference's direction, and the stage angle of largest intensity.
+    std_error_rad : (n,) array
+        Standard error of their difference, > 0 [rad].
+    common_error_rad : float
+        Error of the directions that all share: how well the reference itself is known [rad].
+    expected_rad, expected_error_rad : float
+        The offset as one knows it beforehand, such as from a mark on the mount, and how well [rad].
+
+    Raises
+    ------
+    CalibrationError
+        There is no pair.
+
+    Notes
+    -----
+    offset = axis - sense * stage. A single pair fits either sense. What decides is a second direction (not at
+    90 deg to the first), or an offset that is roughly known and a reference that is not along or across it:
+    with the reference at 0 or 90 deg to the axis of the stage's zero, both senses give one offset.
+
+    The standard error grows with the scatter of the pairs where that is larger than their errors.
+    """
+    if len(axis_rad) == 0:
+        raise CalibrationError("no angle is known in both the picture and the stage")
+    fits = [
+        _candidate(sense, axis_rad, stage_rad, std_error_rad, common_error_rad, expected_rad, expected_error_rad)
+        for sense in _SENSES
+    ]
+    best, other = sorted(fits, key=lambda fit: fit.chi2)
+    scale = max(1.0, best.chi2 / max(1, len(axis_rad) - 1))
+    left_rad = half_turn(axis_rad - best.sense * stage_rad - best.offset_rad)
+    beyond = float(np.mean(np.square(left_rad) - np.square(std_error_rad)))
+    return AxisFit(
+        best=best,
+        other=other,
+        is_decided=other.chi2 - best.chi2 > _DECIDED * scale,
+        scatter_rad=float(np.sqrt(max(beyond, 0.0))),
+    )
+
+
+def _candidate(
+    sense: Sense,
+    axis_rad: FloatArray,
+    stage_rad: FloatArray,
+    std_error_rad: FloatArray,
+    common_error_rad: float,
+    expected_rad: float | None,
+    expected_error_rad: float,
+) -> AxisCandidate:
+    offsets, weights = axis_rad - sense * stage_rad, std_error_rad**-2.0
+    # Directions are the same modulo pi: their mean is taken on the circle of the doubled angle, then refined.
+    start = 0.5 * float(np.angle(weights @ np.exp(2j * offsets)))
+    difference = half_turn(offsets - start)
+    offset = start + float(weights @ difference / weights.sum())
+    chi2 = float(weights @ half_turn(offsets - offset) ** 2)
+    scale = max(1.0, chi2 / max(1, len(offsets) - 1))
+    variance = scale / float(weights.sum()) + common_error_rad**2
+    if expected_rad is not None:
+        chi2 += float(half_turn(np.array(offset - expected_rad))) ** 2 / (variance + expected_error_rad**2)
+    return AxisCandidate(sense=sense, offset_rad=offset % np.pi, std_error_rad=float(np.sqrt(variance)), chi2=chi2)
+
+
+def half_turn(angle_rad: FloatArray) -> FloatArray:
+    """Return the difference of two directions, in [-pi/2, pi/2) [rad].
+
+    Parameters
+    ----------
+    angle_rad
+        Difference of two axes, any shape [rad].
+    """
+    wrapped: FloatArray = (angle_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+    return wrapped
+
+
+# The matrix that makes Stokes parameters of intensities, measured with known states of polarization
+
+
+_LINEAR = 3
+_WORST_CONDITION_DATA_REDUCTION = 1e6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DataReduction:
+    """A measured data reduction matrix W: Stokes parameters = W @ intensities.
+
+    Attributes
+    ----------
+    matrix, std_error : (3, N) arrays
+        W, and the standard error of each of its elements; in the units of states over intensities.
+    singular_values : (M,) array
+        Of the intensities; those after the third are noise, or something that is not linear.
+    condition : float
+        First over third.
+    """
+
+    matrix: FloatArray
+    std_error: FloatArray
+    singular_values: FloatArray
+    condition: float
+
+
+def linear_states(axis_rad: FloatArray, *, dolp: float) -> FloatArray:
+    """Return the Stokes parameters (3, K) of linear polarizers in unpolarized light of S0 = 1 behind them.
+
+    Parameters
+    ----------
+    axis_rad
+        Axes of the polarizers, shape (K,) [rad].
+    dolp
+        Of the light behind them, 0 to 1.
+    """
+    return np.array([np.ones_like(axis_rad), dolp * np.cos(2.0 * axis_rad), dolp * np.sin(2.0 * axis_rad)])
+
+
+def measured_data_reduction(states: FloatArray, intensities: FloatArray) -> DataReduction:
+    """Return W from the intensities of known states.
+
+    Parameters
+    ----------
+    states : (3, K) array
+        S0, S1, S2 of each state; four or more states.
+    intensities : (N, K) array
+        Intensity in each of N >= 3 analyzer channels, dark taken off.
+
+    Raises
+    ------
+    CalibrationError
+        Too few states or channels, or they do not span the linear Stokes parameters.
+
+    Notes
+    -----
+    W = states @ pseudo-inverse of the intensities, of which the first three singular values are kept: linear light has
+    three parameters, and the others would carry noise into W. Standard errors to first order from the residuals
+    of each channel.
+
+    References
+    ----------
+    Boulbry, Ramella-Roman and Germer, Appl. Opt. 46, 8533 (2007), doi:10.1364/AO.46.008533.
+    """
+    n_channels, n_states = intensities.shape
+    if n_channels < _LINEAR or n_states <= _LINEAR:
+        raise CalibrationError(
+            f"{n_channels} analyzer angles and {n_states} states are given; W needs 3 angles and 4 states or more"
+        )
+    left, singular, right = np.linalg.svd(intensities, full_matrices=False)
+    if (
+        singular[_LINEAR - 1] * _WORST_CONDITION_DATA_REDUCTION <= singular[0]
+        or np.linalg.matrix_rank(states) < _LINEAR
+    ):
+        raise CalibrationError(
+            f"the states or the analyzer angles do not span linear polarization (singular values "
+            f"{singular[:_LINEAR]}): angles that differ by 180 deg are repeats; "
+            f"take three different ones or more of each"
+        )
+    inverse = (right[:_LINEAR].T / singular[:_LINEAR]) @ left[:, :_LINEAR].T
+    matrix = states @ inverse
+    return DataReduction(
+        matrix=matrix,
+        std_error=_errors(matrix, states, intensities),
+        singular_values=singular,
+        condition=float(singular[0] / singular[_LINEAR - 1]),
+    )
+
+
+def _errors(matrix: FloatArray, states: FloatArray, intensities: FloatArray) -> FloatArray:
+    """Return the first-order errors of a pseudo-inverse, from those of the matrix that it inverts."""
+    analyzer = intensities @ np.linalg.pinv(states)
+    residual = intensities - analyzer @ states
+    variance = np.square(residual).sum(axis=1) / (states.shape[1] - _LINEAR)
+    covariance = np.linalg.inv(states @ states.T)
+    gram = np.linalg.inv(analyzer.T @ analyzer)
+    beyond = np.eye(len(analyzer)) - analyzer @ matrix
+    # dW / dA[j, m], as [row of W, column of W, j, m]
+    slope = -np.einsum("aj,mb->abjm", matrix, matrix) + np.einsum("am,jb->abjm", gram, beyond)
+    errors: FloatArray = np.sqrt(np.einsum("abjm,mn,abjn,j->ab", slope, covariance, slope, variance))
+    return errors
+
+
+def block_means(picture: NDArray[np.float64] | NDArray[np.uint16] | NDArray[np.bool_], side: int) -> FloatArray:
+    """Return the means over square blocks of a picture.
+
+    Parameters
+    ----------
+    picture : (H, W) array
+        Counts, or true and false: then the share of true.
+    side : int
+        Pixels along a side of a block; 1 gives the picture itself. Rows and columns at the lower and right border that
+        do not make a whole block are left out.
+
+    Raises
+    ------
+    CalibrationError
+        The picture is smaller than a block.
+    """
+    rows, columns = (length // side for length in picture.shape)
+    if side < 1 or rows == 0 or columns == 0:
+        raise CalibrationError(
+            f"blocks of {side} x {side} pixels do not fit into a picture of {picture.shape[1]} x {picture.shape[0]}"
+        )
+    whole = picture[: rows * side, : columns * side].astype(np.float64)
+    means: FloatArray = whole.reshape(rows, side, columns, side).mean(axis=(1, 3))
+    return means

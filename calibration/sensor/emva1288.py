@@ -7,11 +7,261 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.emva_fits import GAIN_RANGE, is_capped, linearity_deviation, temporal_figures
-from calibration.sensor.emva_sweep import EmvaSweep, emva_sweep
-from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.curves import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2, match_darks, saturation_level
+from calibration.sensor.levels import LevelStatistics
+
+# The levels of a calibration as EMVA 1288 sees them: pairs for noise in time, two stacks for the fixed pattern
 
 FloatArray = NDArray[np.float64]
+
+# A pair of frames is a point of the photon-transfer curve; more of them are a stack, for the fixed pattern.
+_PAIR = 2
+_LEAST_PAIRS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EmvaSweep:
+    """Points that the standard fits its lines through.
+
+    Attributes
+    ----------
+    signal_dn, variance_dn2 : (n,) arrays
+        Mean and temporal variance of the flats, those of the dark of the same exposure taken off; by ascending
+        signal [DN, DN^2].
+    light : (n,) array or None
+        What the light on a pixel is proportional to: photons where known, else the exposure if that differs
+        from flat to flat.
+    light_is_photons : bool
+        `light` is in photons.
+    wander : float
+        Standard deviation of a level's mean from frame to frame, relative; over the square root of two.
+    exposure_s, dark_mean_dn, dark_variance_dn2 : (m,) arrays
+        Dark levels by ascending exposure; exposure is 0 where it is not known.
+    saturation : int or None
+        The flat of largest variance; None where the variance does not fall.
+    full_signal_dn : float
+        Signal that reaches the ceiling [DN].
+    n_frames : (n,) array of int
+        Frames of each flat and of its dark.
+    n_dark_frames : int
+        Frames of all dark levels.
+    """
+
+    signal_dn: FloatArray
+    variance_dn2: FloatArray
+    light: FloatArray | None
+    light_is_photons: bool
+    wander: float
+    exposure_s: FloatArray
+    dark_mean_dn: FloatArray
+    dark_variance_dn2: FloatArray
+    saturation: int | None
+    full_signal_dn: float
+    n_frames: NDArray[np.int64]
+    n_dark_frames: int
+
+    @property
+    def saturation_signal_dn(self) -> float:
+        """Signal at saturation, that of the ceiling where saturation is not reached [DN]."""
+        return self.full_signal_dn if self.saturation is None else float(self.signal_dn[self.saturation])
+
+    @property
+    def has_exposures(self) -> bool:
+        """True where a line against the exposure of the darks has more points than parameters."""
+        return len(np.unique(self.exposure_s)) > 2
+
+
+def emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> EmvaSweep:
+    """Return the sweep of a set of levels.
+
+    Parameters
+    ----------
+    flats, darks : sequences of LevelStatistics
+        At least one of each.
+    ceiling_dn : int
+        Sample of a saturated pixel [DN].
+
+    Notes
+    -----
+    Where three levels or more are pairs, the others are left to the fixed pattern, as in the standard's own
+    data sets; else all levels are points.
+    """
+    flats = sorted(_points(flats), key=lambda level: level.mean_dn)
+    darks = sorted(_points(darks), key=lambda level: level.exposure_s or 0.0)
+    weights = match_darks(flats, darks).weights
+    dark_mean = np.array([dark.mean_dn for dark in darks])
+    dark_variance = np.array([dark.temporal_variance_dn2 for dark in darks])
+    signal = np.array([flat.mean_dn for flat in flats]) - weights @ dark_mean
+    variance = np.array([flat.temporal_variance_dn2 for flat in flats]) - weights @ dark_variance
+    peak = saturation_level(signal_dn=signal, variance_dn2=variance)
+    light, light_is_photons = _light(flats)
+    return EmvaSweep(
+        signal_dn=signal,
+        variance_dn2=variance,
+        light=light,
+        light_is_photons=light_is_photons,
+        wander=_wander(flats),
+        exposure_s=np.array([dark.exposure_s or 0.0 for dark in darks]),
+        dark_mean_dn=dark_mean,
+        dark_variance_dn2=dark_variance,
+        saturation=None if peak is None else peak.lower,
+        full_signal_dn=ceiling_dn - float(dark_mean.min()),
+        n_frames=np.array([flat.n_frames for flat in flats]) + _dark_frames(weights, darks),
+        n_dark_frames=sum(dark.n_frames for dark in darks),
+    )
+
+
+def _points(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
+    pairs = [level for level in levels if level.n_frames == _PAIR]
+    return pairs if len(pairs) >= _LEAST_PAIRS else list(levels)
+
+
+def _light(flats: Sequence[LevelStatistics]) -> tuple[FloatArray | None, bool]:
+    photons = [flat.photons for flat in flats if flat.photons is not None]
+    if len(photons) == len(flats):
+        return np.array(photons), True
+    exposures = [flat.exposure_s for flat in flats if flat.exposure_s is not None]
+    swept = len(exposures) == len(flats) and len(set(exposures)) == len(flats)
+    return (np.array(exposures) if swept else None), False
+
+
+def _wander(flats: Sequence[LevelStatistics]) -> float:
+    relative = [np.std(flat.frame_means_dn, ddof=1) / flat.mean_dn for flat in flats if flat.mean_dn > 0.0]
+    return float(np.sqrt(np.mean(np.square(relative)) / _PAIR)) if relative else 0.0
+
+
+def _dark_frames(weights: FloatArray, darks: Sequence[LevelStatistics]) -> NDArray[np.int64]:
+    frames: NDArray[np.int64] = np.greater(weights, 0.0) @ np.array([dark.n_frames for dark in darks])
+    return frames
+
+
+# The lines of EMVA 1288, unweighted as the standard has them, and the figures that follow from them
+
+Mask = NDArray[np.bool_]
+
+# Upper end of the fits of gain and responsivity, and range of the linearity fit, as shares of saturation.
+GAIN_RANGE = 0.7
+_LINEARITY_RANGE = (0.05, 0.95)
+
+
+def temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
+    """Return the figures that come from means and temporal variances; those that do not exist are left out.
+
+    Parameters
+    ----------
+    sweep : EmvaSweep
+        All levels.
+    flats, darks : (n,), (m,) arrays of bool
+        The levels to use; the rest is left out, to see how much hangs on it. Saturation is that of all.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, sections 6.5 to 6.9 and 7.1.
+    """
+    chosen = flats & (sweep.signal_dn <= GAIN_RANGE * sweep.saturation_signal_dn)
+    if not np.any(sweep.signal_dn[chosen] > 0.0):
+        return {}
+    gain = _slope(sweep.signal_dn[chosen], sweep.variance_dn2[chosen])
+    if gain <= 0.0:
+        return {}
+    dark_variance, variance_slope = _dark_line(sweep, sweep.dark_variance_dn2, darks)
+    dark_variance = max(dark_variance, QUANTISATION_LIMIT_DN2)
+    found = {
+        "gain_dn_per_e": gain,
+        "temporal_dark_noise_dn": float(np.sqrt(dark_variance)),
+        "temporal_dark_noise_e": float(np.sqrt(dark_variance - QUANTISATION_VAR_DN2)) / gain,
+        "threshold_e": float(np.sqrt(dark_variance)) / gain + 0.5,
+    }
+    if sweep.has_exposures:
+        found["dark_current_mean_e_per_s"] = _dark_line(sweep, sweep.dark_mean_dn, darks)[1] / gain
+        found["dark_current_variance_e_per_s"] = variance_slope / gain**2
+    found |= _photon_figures(sweep, chosen, found)
+    return found | _saturation_figures(sweep, found)
+
+
+def is_capped(sweep: EmvaSweep) -> bool:
+    """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place.
+
+    Parameters
+    ----------
+    sweep : EmvaSweep
+        All levels.
+    """
+    every = np.ones(len(sweep.exposure_s), dtype=bool)
+    return _dark_line(sweep, sweep.dark_variance_dn2, every)[0] < QUANTISATION_LIMIT_DN2
+
+
+def _slope(x: FloatArray, y: FloatArray) -> float:
+    """Return the unweighted least-squares slope of a line through the origin."""
+    return float(x @ y / (x @ x))
+
+
+def _dark_line(sweep: EmvaSweep, values: FloatArray, darks: Mask) -> tuple[float, float]:
+    """Return value at no exposure and slope; with two exposures or fewer the value at the shortest, and 0."""
+    if not sweep.has_exposures:
+        return float(values[darks][0]), 0.0
+    exposures_s, chosen = sweep.exposure_s[darks], values[darks]
+    from_middle = exposures_s - exposures_s.mean()
+    slope = _slope(from_middle, chosen)
+    return float(chosen.mean() - slope * exposures_s.mean()), slope
+
+
+def _photon_figures(sweep: EmvaSweep, chosen: Mask, found: dict[str, float]) -> dict[str, float]:
+    if sweep.light is None or not sweep.light_is_photons:
+        return {}
+    responsivity = _slope(sweep.light[chosen], sweep.signal_dn[chosen])
+    efficiency = responsivity / found["gain_dn_per_e"]
+    return {
+        "responsivity_dn_per_photon": responsivity,
+        "quantum_efficiency": efficiency,
+        "threshold_photons": found["threshold_e"] / efficiency,
+    }
+
+
+def _saturation_figures(sweep: EmvaSweep, found: dict[str, float]) -> dict[str, float]:
+    if sweep.saturation is None:
+        return {}
+    figures = {}
+    saturation_e = sweep.saturation_signal_dn / found["gain_dn_per_e"]
+    if "quantum_efficiency" in found and sweep.light is not None:
+        figures["saturation_photons"] = float(sweep.light[sweep.saturation])
+        saturation_e = figures["saturation_photons"] * found["quantum_efficiency"]
+    return figures | {
+        "saturation_e": saturation_e,
+        "dynamic_range": saturation_e / found["threshold_e"],
+        "snr_max": float(np.sqrt(saturation_e)),
+    }
+
+
+def linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
+    """Return by how much the means within 5 to 95 % of saturation are off their line, relative to it.
+
+    None where there is no saturation, no light that is known, or fewer than three levels. The line is fitted
+    with weights 1 / signal^2.
+
+    Parameters
+    ----------
+    sweep
+        Means of the levels over the light.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, section 6.8.
+    """
+    if sweep.light is None or sweep.saturation is None:
+        return None
+    low, high = (share * sweep.saturation_signal_dn for share in _LINEARITY_RANGE)
+    chosen = (sweep.signal_dn >= low) & (sweep.signal_dn <= high)
+    if np.count_nonzero(chosen) < 3:
+        return None
+    light, signal = sweep.light[chosen], sweep.signal_dn[chosen]
+    line = np.polyval(np.polyfit(light, signal, 1, w=1.0 / signal), light)
+    deviation: FloatArray = signal / line - 1.0
+    return deviation
+
+
+# The result of EMVA 1288 to its letter, to set beside data sheets; `calibration.sensor.noise` has the better one
+
 
 # The standard's numbers by name, with its own symbol.
 EMVA_SYMBOLS = {

@@ -1,21 +1,202 @@
-"""Estimates of what leaving out effects changes: a coarse evaluation of the chain with and without each of them."""
+"""Changes by effects that are left out: estimated, bounded under thin air, or evaluated in truth.
 
-from collections.abc import Mapping
-from dataclasses import replace
+A bound of all skylight has to take its polarization in the worst direction, and so is many times what is there. Light
+that was scattered once, by the beam or by the beam off the ground, is known without solving anything.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from model.accuracy.effect_check import change, readings_of
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading, Readings, differences
-from model.accuracy.evaluation.settings import Settings
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
-from model.effects.bound import Bound, Estimate
-from model.effects.names import ALL, Effect
+from model.accuracy.chain import (
+    ChainResult,
+    LightStore,
+    Reading,
+    Readings,
+    Settings,
+    differences,
+    evaluate,
+    evaluate_all,
+    readings,
+)
+from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
+from model.atmosphere.air import Column
+from model.atmosphere.layers import henyey_greenstein
+from model.atmosphere.sky import STANDARD_SETTINGS, BandLighting, Fidelity, compute_lighting
+from model.effects.bounds import LightLimits, added, bound_of, is_narrow, radiance_bounds
+from model.effects.names import ALL, Bound, Effect, Estimate
 from model.effects.planner import LIGHT
-from model.prediction.quantity_table import SHARES
-from model.scene.lit_scene import LitScene
+from model.numerics import gauss_legendre
+from model.quantities import SHARES, is_counts
+from model.scene.panel import PanelLight
+from model.scene.scene import Air, LitRegion, LitScene
+from model.scene.sky_light import DiffuseRadiance
+from model.stokes import rotate_frame
+
+# True changes by effects that are left out: the chain evaluated with and without them
+
+_DOLP_TOLERANCE = 1e-11
+# The least of so many times is taken: another program's turn on the processor is not counted.
+_REPEATS = 3
+# Means that are computed in two ways differ by this share of S0. Where DoLP is 0 but for rounding, as of a level panel
+# under a sun at the zenith seen from straight above, its SNR and deviation have no digits that could be compared.
+_ROUNDING = 1e-14
+_NONE = 1e-11
+_RADIANCE = frozenset({"radiance", "s0", "s1", "s2"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedEffect:
+    """An effect with what leaving it out truly changes.
+
+    Attributes
+    ----------
+    effect
+        Which.
+    bound, actual
+        Guaranteed and found.
+    with_s, without_s
+        Time of the chain with all effects and without this one, nothing being kept from before [s]; of an effect that
+        acts behind the lens, of the chain behind the lens.
+    """
+
+    effect: Effect
+    bound: Bound
+    actual: Bound
+    with_s: float
+    without_s: float
+
+    @property
+    def holds(self) -> bool:
+        """True if the change is within its bound."""
+        return self.bound.holds(self.actual)
+
+
+def check_effects(
+    scene: LitScene,
+    settings: Settings,
+    bounds: dict[Effect, Bound],
+    *,
+    make_store: Callable[[], LightStore] = LightStore,
+) -> tuple[CheckedEffect, ...]:
+    """Return what leaving out each of some effects changes, one at a time.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    settings
+        Numerical settings of both evaluations.
+    bounds
+        Effects to leave out, with their bounds.
+    make_store
+        Gives an empty store of lights; every effect of the light has its own, so that times can be compared.
+
+    Raises
+    ------
+    ValueError
+        A number of the scene is outside its range.
+    """
+    # Of the distribution of DoLP the error must not hide what is to be seen.
+    settings = replace(settings, dolp_tolerance=min(settings.dolp_tolerance, _DOLP_TOLERANCE))
+    store = make_store()
+    whole, whole_s = _evaluated(scene, settings, ALL, store)
+    # What acts behind the lens is compared by the time behind the lens: the light of the store is the same.
+    _, behind_s = _evaluated(scene, settings, ALL, store)
+    found = []
+    for effect, bound in bounds.items():
+        is_light = effect in LIGHT
+        without, without_s = _evaluated(scene, settings, ALL - {effect}, make_store() if is_light else store)
+        actual = change(whole, without)
+        with_s = whole_s if is_light else behind_s
+        found.append(CheckedEffect(effect=effect, bound=bound, actual=actual, with_s=with_s, without_s=without_s))
+    return tuple(found)
+
+
+def chain_time_s(
+    scene: LitScene,
+    settings: Settings,
+    effects: frozenset[Effect],
+    *,
+    make_store: Callable[[], LightStore] = LightStore,
+) -> float:
+    """Return the time of one evaluation with some effects, nothing being kept from before [s].
+
+    Parameters
+    ----------
+    scene, settings, effects
+        As `model.accuracy.chain.evaluate` takes them.
+    make_store
+        Gives an empty store of lights.
+    """
+    return min(
+        sum(evaluate(scene, settings, effects=effects, store=make_store()).stage_s.values()) for _ in range(_REPEATS)
+    )
+
+
+def change(whole: Readings, without: Readings) -> Bound:
+    """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization.
+
+    Parameters
+    ----------
+    whole, without
+        Readings with all effects and without one, of the same scene and settings.
+    """
+    found = Bound()
+    for reading, apart in differences(whole, without).items():
+        if apart > _rounding(reading, whole):
+            found = found.worse(Bound(**{kind_of(reading): apart}))
+    return found
+
+
+def _rounding(reading: Reading, whole: Readings) -> float:
+    dolp = whole.get(Reading(reading.place, "dolp", "mean"))
+    rests_on_direction = reading.quantity == "dolp_snr" or reading[1:] == ("dolp", "std")
+    if not rests_on_direction or dolp is None:
+        return 0.0
+    return _ROUNDING / dolp.number if dolp.number > _NONE else np.inf
+
+
+def kind_of(reading: Reading) -> str:
+    """Return which number of a `Bound` speaks of a reading.
+
+    Parameters
+    ----------
+    reading
+        A number of a prediction.
+    """
+    if reading.quantity in {"p_detection", "auc"}:
+        return "detection"
+    if reading.quantity in SHARES and reading.statistic == "mean":
+        return "ratios"
+    is_level = reading.quantity in _RADIANCE or is_counts(reading.quantity)
+    if is_level and (reading.statistic == "mean" or reading.quantity == "radiance"):
+        return "radiance"
+    return "deviations"
+
+
+def readings_of(result: ChainResult) -> Readings:
+    """Return all that a tolerance speaks of, of one evaluation.
+
+    Parameters
+    ----------
+    result
+        One evaluation of the chain.
+    """
+    return readings(result.scenario, result.predictions, result.detections)
+
+
+def _evaluated(
+    scene: LitScene, settings: Settings, effects: frozenset[Effect], store: LightStore
+) -> tuple[Readings, float]:
+    result = evaluate(scene, settings, effects=effects, store=store)
+    return readings_of(result), sum(result.stage_s.values())
+
+
+# Estimates of what leaving out effects changes: a coarse evaluation of the chain with and without each of them
 
 # The coarse chain: fewest streams and layers, a small grid of the sky, two by two tiles; its light is good to some
 # hundredths, and so is what a part of it changes.
@@ -154,3 +335,166 @@ def _error(effect: Effect, value: Bound) -> Bound:
         deviations=value.deviations * (share + value.deviations),
         detection=value.detection * (share + value.detection),
     )
+
+
+# Bound of skylight under thin air: what light scattered once changes, as it is, and a bound of the rest
+
+FloatArray = NDArray[np.float64]
+
+# Rules of the integral over the sky, and by how much of their difference and of all the finer one may be off.
+_LOBE, _DIFFUSE = (7, 10), 8
+_OF_DIFFERENCE, _OF_ALL = 2.0, 0.03
+# Of the statistics, whose error is all but the same with and without the sky.
+_STATISTICS_THIN_SKY = 1e-5
+_NONE_THIN_SKY = np.zeros(2)
+_COARSE_LAYERS = replace(STANDARD_SETTINGS, fine_layers=False)
+# Nodes over the ground's hemisphere, of zenith angles and of half a turn; and wavelengths of a band that is not narrow.
+_NODES, _WAVELENGTHS = 8, 4
+
+
+def skylight_bound(scene: LitScene, limits: Mapping[str, LightLimits]) -> Bound | None:
+    """Return the most that skylight changes of all but detection; None where only the general bound is known.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    limits
+        Region to the limits of its light, as `model.effects.bounds.light_limits` gives them.
+
+    Notes
+    -----
+    With the beam's light B, once scattered light v that the regions reflect, all other light of the sky r, and path and
+    surroundings p, f(B + v + r + p) and f(B + p) differ by no more than f(B + v) and f(B) do, and by what r + p and p
+    may change: these by their bounds, that as it is. Each is relative to numbers that are off by as much.
+
+    References
+    ----------
+    Definition; the triangle inequality.
+    """
+    if not all(_is_known(scene, region, limits[region.name]) for region in scene.regions):
+        return None
+    once, off = _reflected_once(scene)
+    bare = {region.name: _beam_of(region, limits) for region in scene.regions}
+    lit = {name: beam + once.get(name, 0.0) for name, beam in bare.items()}
+    both = [_with_radiances(scene, one) for one in (lit, bare)]
+    known = change(*map(readings_of, evaluate_all(both, _settings(scene), store=LightStore())))
+    rest = Bound()
+    for region in scene.regions:
+        rest = rest.worse(_rest(scene, region, limits[region.name], off.get(region.name, _NONE_THIN_SKY)))
+    total = known + rest
+    return total.times(1.0 / (1.0 - total.largest)) if total.largest < 0.5 else None
+
+
+def _is_known(scene: LitScene, region: LitRegion, light: LightLimits) -> bool:
+    if region.surface is None:
+        return True
+    return (
+        region.part is None
+        and not any(region.texture_diagonal)
+        and scene.source == "total"
+        and scene.air is not None
+        and scene.air.table is None
+        and bool(np.isfinite(light.sky_again + light.sky_again_polarised + light.path + light.adjacency))
+    )
+
+
+def _beam_of(region: LitRegion, limits: Mapping[str, LightLimits]) -> FloatArray:
+    # The same as at both edges of the limits: on the axis the beam's light is known.
+    return limits[region.name].beams[0] if region.radiance is None else region.radiance
+
+
+def _with_radiances(scene: LitScene, radiances: Mapping[str, FloatArray]) -> LitScene:
+    regions = tuple(
+        replace(one, surface=None, tilt=None, part=None, radiance=radiances[one.name]) for one in scene.regions
+    )
+    return replace(scene, regions=regions, air=None, pairs=())
+
+
+def _settings(scene: LitScene) -> Settings:
+    lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), _STATISTICS_THIN_SKY, face_m=scene.sensor_height_m)
+    return replace(lowest, dolp_tolerance=_STATISTICS_THIN_SKY)
+
+
+def _rest(scene: LitScene, region: LitRegion, light: LightLimits, off: FloatArray) -> Bound:
+    """Bound of all that is not known: light scattered again, what the rules miss, and path and surroundings twice."""
+    if region.surface is None:
+        return Bound()
+    bounds = radiance_bounds(scene, region, light)
+    beside = light.path + light.adjacency
+    total = light.sky_again + float(off[0]) + beside
+    polarised = min(light.sky_again_polarised + float(off[1]) + beside, total)
+    of_rest = added(scene, bounds, total, dolp=polarised / total if total > 0.0 else 0.0)
+    return bound_of(bounds, of_rest) + bound_of(bounds, added(scene, bounds, beside))
+
+
+def _reflected_once(scene: LitScene) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Once scattered light that regions of a material reflect, and by how much S0 and what is polarised may be off."""
+    air, view = scene.air, scene.view
+    if air is None or view is None:
+        return {}, {}
+    lighting = _scattered_once(air)
+    sky = DiffuseRadiance(sky=partial(_sky, lighting), sun_azimuth_rad=scene.sun_azimuth_rad)
+    through = lighting.transmittance(height_m=view.height_m, zenith_rad=view.zenith_rad)
+    found: dict[str, FloatArray] = {}
+    off: dict[str, FloatArray] = {}
+    for one in scene.regions:
+        if one.surface is None or one.tilt is None:
+            continue
+        panel = PanelLight(surface=one.surface, tilt=one.tilt, views=(view,))
+        diffuse = panel.diffuse(sky, _DIFFUSE)[0]
+        coarse, fine = (rotate_frame(through * (panel.lobe(sky, order)[0] + diffuse), view.roll_rad) for order in _LOBE)
+        found[one.name] = fine
+        off[one.name] = _OF_DIFFERENCE * _sizes(fine - coarse) + _OF_ALL * _sizes(fine)
+    return found, off
+
+
+def _sizes(stokes: FloatArray) -> FloatArray:
+    """S0 and the polarised part of a light, (2,)."""
+    return np.array([abs(stokes[0]), np.hypot(stokes[1], stokes[2])])
+
+
+def _scattered_once(air: Air) -> BandLighting:
+    if air.state is None:
+        raise ValueError("air without a state has no light that is scattered once")
+    lighting = compute_lighting(
+        air.state,
+        fidelity=Fidelity.SINGLE,
+        band=air.band,
+        mu0=float(np.cos(air.sun_zenith_rad)),
+        albedo=air.ground_albedo,
+        aerosol=air.aerosol,
+        settings=_COARSE_LAYERS,
+        wavelengths=1 if is_narrow(air.band) else _WAVELENGTHS,
+    )
+    if not isinstance(lighting, BandLighting):
+        raise TypeError(f"light scattered once is a {type(lighting).__name__}")
+    return lighting
+
+
+def _sky(lighting: BandLighting, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
+    """Return the sky of light that air scattered once, of the beam and of the beam off the ground."""
+    found = lighting.sky(zenith_rad=zenith_rad, phi_rad=phi_rad)
+    mu = np.maximum(np.cos(zenith_rad), 1e-12)
+    nodes, place = np.unique(mu, return_inverse=True)
+    for column, solution, irradiance in zip(lighting.columns, lighting.solutions, lighting.irradiance, strict=True):
+        sent = irradiance * solution.ground_radiance * _from_below(column, nodes)
+        found[..., 0] += sent[place].reshape(np.shape(mu))
+    return found
+
+
+def _from_below(column: Column, mu: FloatArray) -> FloatArray:
+    """Radiance that air scatters down of an even, unpolarised light from below, over that light, shape of mu.
+
+    Of molecules exactly a half of what they would of light from all sides, and unpolarised: their scattering is the
+    same forward and back.
+    """
+    optics = column.lower
+    node, weight = gauss_legendre(_NODES)
+    from_direction = (
+        henyey_greenstein(g=optics.g, mu=-mu[:, np.newaxis], beam_mu=float(one), phi_rad=np.pi * node) @ weight
+        for one in node
+    )
+    of_aerosol = 0.5 * sum(share * one for share, one in zip(weight, from_direction, strict=True))
+    scattered = 0.5 * column.tau_rayleigh + optics.ssa * column.tau_aerosol * of_aerosol
+    return np.asarray(scattered / column.depth * -np.expm1(-column.depth / mu))

@@ -10,12 +10,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.atmosphere.lighting.diffuse_light import MATRIX_DEGREE, sky_irradiance
+from model.atmosphere.layers import (
+    AerosolKind,
+    Layer,
+    element_edges,
+    expansion_coefficients,
+    layers_of_kind,
+    merge_alike,
+    peak_irradiance,
+    with_truncated_matrix,
+)
+from model.atmosphere.sky import MATRIX_DEGREE, sky_irradiance
 from model.atmosphere.solver import check_scene
-from model.atmosphere.transfer.delta_m_truncation import peak_irradiance, with_truncated_matrix
-from model.atmosphere.transfer.depth import element_edges
-from model.atmosphere.transfer.layers import Layer, merge_alike
-from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients, layers_of_kind
 
 # Optical depth is made height at a constant extinction: only depth matters where air lies in planes. Planes are
 # emulated by a sphere so large that 80 degrees from the vertical the air is thicker by 3e-4; a larger one, or a thinner
@@ -31,7 +37,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Sasktran2Solution:
-    """Diffuse light by sasktran2; a `model.atmosphere.lighting.diffuse_light.DiffuseLight`.
+    """Diffuse light by sasktran2; a `model.atmosphere.sky.DiffuseLight`.
 
     Attributes
     ----------
@@ -92,7 +98,7 @@ class Sasktran2Solution:
         Parameters
         ----------
         tau_above, mu, phi_rad, looking
-            As in `model.atmosphere.transfer.solution.Solution.stokes`; looking down, mu above 0.
+            As in `model.atmosphere.solver.Solution.stokes`; looking down, mu above 0.
 
         Raises
         ------

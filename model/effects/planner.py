@@ -1,4 +1,4 @@
-"""Plan of the effects that a scene calls for: the others are left out within a tolerance, each with its reason."""
+"""Plan of the effects that act in a scene: the others are left out within a tolerance, each with its reason."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,14 +6,50 @@ from functools import partial
 
 import numpy as np
 
-from model.effects.bound import EVERYTHING, Bound, Estimate
-from model.effects.decisions import Decision, EffectPlan
-from model.effects.effect_models import EFFECT_MODELS, effect_bounds
-from model.effects.light_limits import LightLimits, known_light
-from model.effects.names import ALL, Effect, EffectRule
-from model.effects.sun_light import light_limits
-from model.scene.lit_scene import LitScene
-from model.scene.scenario import RegionLight
+from model.effects.bounds import EFFECT_MODELS, LightLimits, effect_bounds, known_light, light_limits
+from model.effects.names import ALL, EVERYTHING, Bound, Decision, Effect, EffectPlan, EffectRule, Estimate
+from model.scene.scene import LightParts, LitScene, RegionLight
+
+# The record of a scene with effects left out: what is gone from it is computed by nobody
+
+
+def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
+    """Return the scene with all effects left out that do not act.
+
+    Parameters
+    ----------
+    scene
+        With all effects.
+    effects
+        That act.
+    """
+    if effects >= ALL:
+        return scene
+    from model.effects.bounds import EFFECT_MODELS
+
+    for effect, entry in EFFECT_MODELS.items():
+        if effect not in effects:
+            scene = entry.removed(scene)
+    return scene
+
+
+def acting_parts(effects: frozenset[Effect]) -> LightParts:
+    """Return the parts of the light that are computed where some effects act.
+
+    Parameters
+    ----------
+    effects
+        That act.
+    """
+    return LightParts(
+        field_of_view=Effect.FIELD_OF_VIEW in effects,
+        skylight=Effect.SKYLIGHT in effects,
+        path_radiance=Effect.PATH_RADIANCE in effects,
+        wavelengths=Effect.WAVELENGTHS in effects,
+    )
+
+
+# Plan of the effects that a scene calls for: the others are left out within a tolerance, each with its reason
 
 # Light of the regions where only these effects act.
 KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]

@@ -1,4 +1,13 @@
-"""Degree of linear polarization of Gaussian Stokes parameters: moments to a stated tolerance, and its distribution.
+"""Moments of DoLP to a tolerance, and the names under which its distribution is used.
+
+Everything is formed as a deviation from p0 = |mean of (S1, S2)| / mean of S0, so that nothing cancels at high
+signal-to-noise ratio: with Q = sqrt(S1^2 + S2^2) and q(z) = |mean of (S1, S2) given S0|,
+
+    E[P | z] - p0 = (q - p0 S0) / S0 + (E[Q | z] - q) / S0,        var P = E var(Q | z) / S0^2 + var E[P | z].
+
+DoLP divides by S0. If S0 can come close to zero, the density of DoLP falls so slowly that the mean diverges
+logarithmically and the variance like the inverse of a cut-off. Both depend on the cut-off by an amount that is
+computed here; where it is below the tolerance, the moments exist for all purposes.
 
 Stokes parameters are on the last axis; all leading axes broadcast. DoLP is the naive one, sqrt(S1^2 + S2^2) / S0 of
 the noisy Stokes parameters: biased upward and above 1 with some probability.
@@ -10,12 +19,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.moments import checked_pair
-from model.processing.dolp_distribution.distribution import cdf, distribution_tails, pdf, probability_above
-from model.processing.dolp_distribution.existence import Ambiguity, always_existing, ambiguity
-from model.processing.dolp_distribution.frame import DolpFrame, dolp_frame
-from model.processing.dolp_distribution.moment_expansion import Expansion, first_order, second_order
-from model.processing.dolp_distribution.moment_quadrature import exact_moments
-from model.processing.dolp_distribution.quantile import quantile
+from model.numerics import gauss_hermite, integrate_panels, ndtr
+from model.processing.dolp_law import (
+    DolpFrame,
+    cdf,
+    distribution_tails,
+    dolp_frame,
+    pair_tails,
+    pdf,
+    probability_above,
+    quantile,
+)
+from model.stokes import checked_stokes, require_positive_intensity
 
 __all__ = [
     "DolpMoments",
@@ -30,7 +45,566 @@ __all__ = [
     "second_order",
 ]
 
+# Length of a Gaussian vector in a plane: mean and variance, for any mean and any two standard deviations
+
 FloatArray = NDArray[np.float64]
+
+# From this many standard deviations on, the kink of the length at the origin is out of reach of the Hermite rule.
+_SMOOTH = 10.0
+_HERMITE_NODES = 12
+_LOG_STEP = 0.28
+_LOG_TIMES = np.arange(-26.0, 40.0, _LOG_STEP)
+# Rows at once: the arrays then stay in the cache.
+_CHUNK = 128
+
+
+def rice_moments(
+    mean_1: FloatArray, mean_2: FloatArray, sigma_1: FloatArray, sigma_2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return how much the mean length exceeds the length of the mean, and the variance of the length.
+
+    Parameters
+    ----------
+    mean_1, mean_2
+        Mean of the two independent components, shape (K,).
+    sigma_1, sigma_2
+        Their standard deviations, shape (K,), sigma_1 >= sigma_2 >= 0.
+
+    Returns
+    -------
+    excess, variance
+        Shape (K,): E|X| - |E X| and var |X|. Relative error about 1e-13.
+
+    Notes
+    -----
+    Far from the origin a product Gauss-Hermite rule is used, near it
+    sqrt(E X^2) - E|X| = 1/(2 sqrt pi) int [M(t) - exp(-t E X^2)] t^(-3/2) dt, M(t) = E exp(-t X^2),
+    with t = e^u and the trapezoidal rule in u: analytic for |Im u| < pi/2, it converges as exp(-pi^2 / step).
+
+    References
+    ----------
+    Definition; S. O. Rice, Bell Syst. Tech. J. 24 (1945) 46, doi:10.1002/j.1538-7305.1945.tb00453.x, for equal
+    deviations.
+    """
+    excess, variance = np.zeros_like(mean_1), np.zeros_like(mean_1)
+    length = np.hypot(mean_1, mean_2)
+    far = length >= _SMOOTH * sigma_1
+    for index in _chunks(np.flatnonzero(far & (sigma_1 > 0.0))):
+        excess[index], variance[index] = _far(mean_1[index], mean_2[index], sigma_1[index], sigma_2[index])
+    for index in _chunks(np.flatnonzero(~far)):
+        excess[index], variance[index] = _near(mean_1[index], mean_2[index], sigma_1[index], sigma_2[index])
+    return excess, variance
+
+
+def _chunks(index: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return [index[start : start + _CHUNK] for start in range(0, index.size, _CHUNK)]
+
+
+def _far(
+    mean_1: FloatArray, mean_2: FloatArray, sigma_1: FloatArray, sigma_2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    nodes, weights = gauss_hermite(_HERMITE_NODES)
+    grid_1, grid_2 = (axis.ravel() for axis in np.meshgrid(nodes, nodes))
+    weight = np.outer(weights, weights).ravel()
+    step_1, step_2 = np.multiply.outer(sigma_1, grid_1), np.multiply.outer(sigma_2, grid_2)
+    length = np.hypot(mean_1, mean_2)[:, None]
+    moved = np.hypot(mean_1[:, None] + step_1, mean_2[:, None] + step_2)
+    change = step_1 * (2.0 * mean_1[:, None] + step_1) + step_2 * (2.0 * mean_2[:, None] + step_2)
+    change /= moved + length
+    excess = change @ weight
+    return excess, ((change - excess[:, None]) ** 2) @ weight
+
+
+def _near(
+    mean_1: FloatArray, mean_2: FloatArray, sigma_1: FloatArray, sigma_2: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    square = mean_1**2 + mean_2**2 + sigma_1**2 + sigma_2**2
+    root = np.sqrt(square)
+    time = np.exp(_LOG_TIMES)
+    growth, log_mean = np.zeros((square.size, time.size)), np.zeros((square.size, time.size))
+    for mean, sigma in ((mean_1, sigma_1), (mean_2, sigma_2)):
+        twice = np.multiply.outer(2.0 * sigma**2 / square, time)
+        pull = np.multiply.outer(mean**2 / square, time) / (1.0 + twice)
+        growth += 0.5 * _log1p_remainder(twice) + pull * twice
+        log_mean -= 0.5 * np.log1p(twice) + pull
+    # The exponent is growth - time = log_mean; the first form is precise at small times, the second at large ones.
+    early = np.exp(-time) * np.expm1(np.minimum(growth, 1.0))
+    rise = np.where(growth < 1.0, early, np.exp(log_mean) - np.exp(-time))
+    loss = root * (rise @ np.exp(-0.5 * _LOG_TIMES)) * _LOG_STEP / (2.0 * np.sqrt(np.pi))
+    excess = (sigma_1**2 + sigma_2**2) / (root + np.hypot(mean_1, mean_2)) - loss
+    return excess, loss * (2.0 * root - loss)
+
+
+def _log1p_remainder(x: FloatArray) -> FloatArray:
+    """Return x - log(1 + x) for x >= 0, without cancellation at small x."""
+    small = x < 0.03
+    y = np.where(small, x, 0.0)
+    series = np.zeros_like(y)
+    for order in range(10, 1, -1):
+        series = 1.0 / order - y * series
+    series = y * y * series
+    return np.where(small, series, x - np.log1p(x))
+
+
+# Mean and variance of DoLP by expansion around the mean Stokes parameters, first and second order
+
+
+# A variance that cancels to zero, as for a common factor, is negative by no more than this share of its terms.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expansion:
+    """Mean and variance of DoLP from an expansion, each of shape (...).
+
+    Parameters
+    ----------
+    mean
+        Mean of DoLP.
+    variance
+        Its variance. The second-order one is negative where the expansion has broken down.
+    """
+
+    mean: FloatArray
+    variance: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Local:
+    """Covariance relative to S0, in axes along S0, along the polarization (e) and across it (t)."""
+
+    p: FloatArray
+    v00: FloatArray
+    v0e: FloatArray
+    v0t: FloatArray
+    vee: FloatArray
+    vet: FloatArray
+    vtt: FloatArray
+
+
+def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
+    """Return DoLP at the mean and its first-order variance: fast, for pictures.
+
+    Parameters
+    ----------
+    stokes_mean
+        Shape (..., 3), S0 > 0.
+    stokes_cov
+        Shape (..., 3, 3), in the square of the unit of `stokes_mean`. Not checked to be a covariance, for speed.
+
+    Returns
+    -------
+    Expansion
+        Mean P and variance a' Sigma a, a = (-P, cos 2 psi, sin 2 psi) / S0. Where P = 0 the direction has no
+        meaning: that of S1 is taken, and neither moment is of use there.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a value of S0 is not positive, or a variance comes out negative.
+
+    Notes
+    -----
+    Good where Q is many standard deviations; the relative error of the mean is about (sigma_Q / Q)^2 / 2.
+
+    Differs from [MK14]: eq. (25) as printed lacks the squares on a2 and a3, and the ordered pairs.
+
+    References
+    ----------
+    [MK14] eq. (24)-(28).
+    """
+    mean, cov = _checked(stokes_mean, stokes_cov)
+    cos, sin, p = _direction(mean)
+    own = p**2 * cov[..., 0, 0] + cos**2 * cov[..., 1, 1] + sin**2 * cov[..., 2, 2]
+    shared = cos * sin * cov[..., 1, 2] - p * (cos * cov[..., 0, 1] + sin * cov[..., 0, 2])
+    total = own + 2.0 * shared
+    # Counts that are hardly polarized share all their fluctuation but for rounding, which is a share of that of S0.
+    if np.any(total < -_ROUNDING * np.trace(cov, axis1=-2, axis2=-1)):
+        raise ValueError("stokes_cov gives a negative variance of DoLP: it is not positive semi-definite")
+    variance = np.maximum(total, 0.0) / mean[..., 0] ** 2
+    return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)
+
+
+def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
+    """Return mean and variance of DoLP with all terms of second order in the covariance.
+
+    Parameters
+    ----------
+    stokes_mean
+        Shape (..., 3), S0 > 0 and (S1, S2) not zero.
+    stokes_cov
+        Shape (..., 3, 3), in the square of the unit of `stokes_mean`.
+
+    Returns
+    -------
+    Expansion
+        The variance may be negative: then the expansion has broken down. Infinite or not a number where P = 0.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or a value of S0 is not positive.
+
+    Notes
+    -----
+    Never to be used where Q is below three standard deviations.
+
+    References
+    ----------
+    Definition (Taylor expansion to fourth order in the deviations).
+    """
+    mean, cov = _checked(stokes_mean, stokes_cov)
+    local = _local(mean, cov)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return Expansion(mean=_second_mean(local), variance=_first_variance(local) + _variance_excess(local))
+
+
+def _checked(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    mean, cov = checked_pair(stokes_mean, stokes_cov)
+    require_positive_intensity(checked_stokes(mean))
+    return mean, cov
+
+
+def _direction(mean: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return cosine and sine of the doubled polarization angle and DoLP; the direction of S1 where DoLP is 0."""
+    length = np.hypot(mean[..., 1], mean[..., 2])
+    none = length == 0.0
+    safe = np.where(none, 1.0, length)
+    return np.where(none, 1.0, mean[..., 1] / safe), mean[..., 2] / safe, length / mean[..., 0]
+
+
+def _local(mean: FloatArray, cov: FloatArray) -> _Local:
+    cos, sin, p = _direction(mean)
+    v = cov / (mean[..., 0] ** 2)[..., None, None]
+    v01, v02, v11, v12, v22 = v[..., 0, 1], v[..., 0, 2], v[..., 1, 1], v[..., 1, 2], v[..., 2, 2]
+    return _Local(
+        p=p,
+        v00=v[..., 0, 0],
+        v0e=cos * v01 + sin * v02,
+        v0t=cos * v02 - sin * v01,
+        vee=cos**2 * v11 + 2.0 * cos * sin * v12 + sin**2 * v22,
+        vet=cos * sin * (v22 - v11) + (cos**2 - sin**2) * v12,
+        vtt=sin**2 * v11 - 2.0 * cos * sin * v12 + cos**2 * v22,
+    )
+
+
+def _first_variance(v: _Local) -> FloatArray:
+    return np.asarray(v.p**2 * v.v00 - 2.0 * v.p * v.v0e + v.vee)
+
+
+def _second_mean(v: _Local) -> FloatArray:
+    return np.asarray(v.p + v.p * v.v00 - v.v0e + v.vtt / (2.0 * v.p))
+
+
+def _variance_excess(v: _Local) -> FloatArray:
+    """Return tr(H V H V) / 2 + g_i T_jkl V_ij V_kl with the derivatives of sqrt((P + e)^2 + t^2) / (1 + d0)."""
+    p = v.p
+    a0, ae, at = v.v0e - p * v.v00, v.vee - p * v.v0e, v.vet - p * v.v0t
+    third = a0 * (4.0 * v.v0e - 6.0 * p * v.v00 - v.vtt / p)
+    third = third + ae * (2.0 * v.v00 - v.vtt / p**2) - 2.0 * at * (v.v0t / p + v.vet / p**2)
+    return np.asarray(0.5 * _hessian_square(v) + third)
+
+
+def _hessian_square(v: _Local) -> FloatArray:
+    """Return tr(H V H V), H having the entries 2P (00), -1 (0e) and 1/P (tt)."""
+    p = v.p
+    b00, b0e, b0t = 2.0 * p * v.v00 - v.v0e, 2.0 * p * v.v0e - v.vee, 2.0 * p * v.v0t - v.vet
+    be0, bee, bet = -v.v00, -v.v0e, -v.v0t
+    bt0, bte, btt = v.v0t / p, v.vet / p, v.vtt / p
+    diagonal = b00**2 + bee**2 + btt**2
+    return np.asarray(diagonal + 2.0 * (b0e * be0 + b0t * bt0 + bet * bte))
+
+
+# Mean and variance of DoLP by quadrature: an outer rule over S0, an inner one over (S1, S2) given S0
+
+
+# Standard deviations of S0 that are covered; a normal variable is farther out with probability 2e-21.
+_REACH = 9.5
+# Share of its mean down to which S0 is followed: moments that depend on what is below do not exist.
+_LEAST_INTENSITY = 0.01
+_LOG_STEP_MOMENT_QUADRATURE = 0.1
+_NODE_CLASSES = (1, 40, 80, 160, 512, 1024, 2048)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactMoments:
+    """Mean and standard deviation of DoLP, each of shape (M,), with estimated absolute errors.
+
+    Parameters
+    ----------
+    mean, std
+        Moments.
+    mean_error, std_error
+        Difference to the rule with half of the outer nodes, plus rounding.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    mean_error: FloatArray
+    std_error: FloatArray
+
+
+def exact_moments(frame: DolpFrame, *, refinement: int = 0) -> ExactMoments:
+    """Return mean and standard deviation of DoLP by quadrature.
+
+    Parameters
+    ----------
+    frame
+        M distributions with S0 bounded away from zero: mean of S0 at least several standard deviations.
+    refinement
+        How often the step of the outer rule is halved.
+
+    Returns
+    -------
+    ExactMoments
+        To about 1e-13, whatever the signal-to-noise ratio of the polarization.
+    """
+    centre, width = _outer_map(frame)
+    low, high = _outer_ends(centre, width)
+    needed = 2.0**refinement * (high - low) / _LOG_STEP_MOMENT_QUADRATURE + 1.0
+    needed[frame.sigma_0 == 0.0] = 1.0
+    columns = np.zeros((4, len(frame)))
+    previous = 0.0
+    for count in _NODE_CLASSES:
+        chosen = np.flatnonzero((needed > previous) & ((needed <= count) | (count == _NODE_CLASSES[-1])))
+        for part in _chunks_moment_quadrature(chosen, count):
+            rule = _outer_rule(frame[part], centre[part], width[part], count)
+            columns[:, part] = _with_outer_rule(frame[part], *rule)
+        previous = count
+    return ExactMoments(mean=columns[0], std=columns[1], mean_error=columns[2], std_error=columns[3])
+
+
+def _chunks_moment_quadrature(index: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
+    size = max(1, 16384 // count)
+    return [index[start : start + size] for start in range(0, index.size, size)]
+
+
+def _outer_map(frame: DolpFrame) -> tuple[FloatArray, FloatArray]:
+    """Return centre and scale of z = centre + scale sinh(tau): where (S1, S2) given S0 passes close to zero."""
+    slope_squared = frame.slope_1**2 + frame.slope_2**2
+    moving = slope_squared > 0.0
+    safe = np.where(moving, slope_squared, 1.0)
+    nearest = -(frame.mean_1 * frame.slope_1 + frame.mean_2 * frame.slope_2) / safe
+    miss = (frame.mean_1 * frame.slope_2 - frame.mean_2 * frame.slope_1) / np.sqrt(safe)
+    scale = np.hypot(miss, frame.radius_2) / np.sqrt(safe)
+    passes = moving & (np.abs(nearest) < _REACH) & (scale < 3.0)
+    return np.where(passes, nearest, 0.0), np.where(passes, np.clip(scale, 1e-8, 3.0), 3.0)
+
+
+def _outer_ends(centre: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.arcsinh((-_REACH - centre) / width), np.arcsinh((_REACH - centre) / width)
+
+
+def _outer_rule(frame: DolpFrame, centre: FloatArray, width: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes z and weights, shape (M, count), for the mean over a standard normal z with S0 > 0."""
+    if count == 1:
+        return np.zeros((len(frame), 1)), np.ones((len(frame), 1))
+    low, high = _outer_ends(centre, width)
+    tau = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, count)
+    z = centre[:, None] + width[:, None] * np.sinh(tau)
+    weights = np.exp(-0.5 * z**2) * np.cosh(tau)
+    return z, np.where(z > -(1.0 - _LEAST_INTENSITY) * frame.snr_0[:, None], weights, 0.0)
+
+
+def _with_outer_rule(frame: DolpFrame, z: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return mean, standard deviation and their estimated errors, shape (4, M)."""
+    p0 = (frame.polarized / frame.mean_0)[:, None]
+    deviation, variance = _given_intensity(frame, z, weights, p0)
+    mean, std = _combined(deviation, variance, weights)
+    every_other = np.zeros_like(weights)
+    every_other[:, ::2] = weights[:, ::2]
+    coarse_mean, coarse_std = _combined(deviation, variance, every_other)
+    rounding = 1e-15 * p0[:, 0]
+    return np.stack(
+        [
+            p0[:, 0] + mean,
+            std,
+            np.abs(mean - coarse_mean) + 1e-14 * np.abs(mean) + rounding,
+            np.abs(std - coarse_std) + 1e-13 * std,
+        ]
+    )
+
+
+def _combined(deviation: FloatArray, variance: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    share = weights / np.sum(weights, axis=1, keepdims=True)
+    mean = np.sum(share * deviation, axis=1)
+    spread = np.sum(share * (variance + (deviation - mean[:, None]) ** 2), axis=1)
+    return mean, np.sqrt(spread)
+
+
+def _given_intensity(
+    frame: DolpFrame, z: FloatArray, weights: FloatArray, p0: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return E[P | z] - p0 and var(P | z), shape (M, count)."""
+    used = weights > 0.0
+    s0 = np.where(used, frame.mean_0[:, None] + frame.sigma_0[:, None] * z, 1.0)
+    first = frame.mean_1[:, None] + frame.slope_1[:, None] * z
+    second = frame.mean_2[:, None] + frame.slope_2[:, None] * z
+    length = np.hypot(first, second)
+    row, column = np.nonzero(used)
+    pulled, spread = np.zeros_like(z), np.zeros_like(z)
+    pulled[row, column], spread[row, column] = rice_moments(
+        first[row, column], second[row, column], frame.radius_1[row], frame.radius_2[row]
+    )
+    slide = _slide(frame, z, length, p0, s0)
+    return (slide + pulled) / s0, spread / s0**2
+
+
+def _slide(frame: DolpFrame, z: FloatArray, length: FloatArray, p0: FloatArray, s0: FloatArray) -> FloatArray:
+    """Return |mean of (S1, S2) given S0| - p0 S0 as a difference of squares, from the excess over a common factor."""
+    excess = frame.mean_1 * frame.excess_1 + frame.mean_2 * frame.excess_2
+    linear = -2.0 * z * (excess / np.where(frame.sigma_0 > 0.0, frame.mean_0, 1.0))[:, None]
+    square = _slope_square(frame)[:, None] * z**2
+    total = length + p0 * s0
+    return np.where(total > 0.0, (linear + square) / np.where(total > 0.0, total, 1.0), 0.0)
+
+
+def _slope_square(frame: DolpFrame) -> FloatArray:
+    """Return |slope|^2 - p0^2 sigma_0^2, with slope = (sigma_0 mean - excess) / mean_0."""
+    total = 0.0 * frame.mean_0
+    for mean, slope, excess in (
+        (frame.mean_1, frame.slope_1, frame.excess_1),
+        (frame.mean_2, frame.slope_2, frame.excess_2),
+    ):
+        total = total - (excess / frame.mean_0) * (slope + frame.sigma_0 * mean / frame.mean_0)
+    return total
+
+
+# Existence of the moments of DoLP, and what exists without them
+
+
+# Cut-offs between this share of the mean of S0 and the mean itself are taken to be equally good.
+_CUT_OFF = 0.01
+_PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ambiguity:
+    """Change by the choice of a cut-off near S0 = 0, each of shape (M,).
+
+    Parameters
+    ----------
+    mean
+        Change of the mean of DoLP.
+    square
+        Change of the mean square.
+    dark
+        Pr(S0 <= 0).
+    """
+
+    mean: FloatArray
+    square: FloatArray
+    dark: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlwaysExisting:
+    """Statistics of DoLP that exist with or without moments.
+
+    Parameters
+    ----------
+    prob_not_positive
+        Pr(S0 <= 0): share of samples without a DoLP, shape (...).
+    probabilities, quantiles
+        Quantiles of DoLP given S0 > 0, shape (K,) and (..., K).
+    clipped_mean, clipped_std
+        Mean and standard deviation of min(DoLP, 1) given S0 > 0, shape (...).
+    """
+
+    prob_not_positive: FloatArray
+    probabilities: FloatArray
+    quantiles: FloatArray
+    clipped_mean: FloatArray
+    clipped_std: FloatArray
+
+
+def ambiguity(frame: DolpFrame) -> Ambiguity:
+    """Return how far the moments of DoLP depend on how S0 near zero is treated.
+
+    Parameters
+    ----------
+    frame
+        M distributions.
+
+    Returns
+    -------
+    Ambiguity
+        With f the density of S0 at zero and q the rms length of (S1, S2) there: f q ln(100) for the mean,
+        100 f q^2 / mean of S0 for the mean square.
+    """
+    sigma = np.where(frame.sigma_0 > 0.0, frame.sigma_0, 1.0)
+    snr = np.where(frame.sigma_0 > 0.0, frame.mean_0 / sigma, np.inf)
+    at_zero = np.exp(-0.5 * np.minimum(snr**2, 1500.0)) / (sigma * np.sqrt(2.0 * np.pi))
+    # (S1, S2) given S0 = 0 is the excess over a common factor, in units of sigma_0.
+    square = (frame.excess_1**2 + frame.excess_2**2) / sigma**2 + frame.radius_1**2 + frame.radius_2**2
+    bright = np.maximum(frame.mean_0, 1e-300)
+    known = frame.sigma_0 == 0.0
+    return Ambiguity(
+        mean=np.where(known, 0.0, -at_zero * np.sqrt(square) * np.log(_CUT_OFF)),
+        square=np.where(known, 0.0, at_zero * square / (_CUT_OFF * bright)),
+        dark=np.where(known, 0.0, ndtr(-snr)),
+    )
+
+
+def always_existing(
+    stokes_mean: ArrayLike,
+    stokes_cov: ArrayLike,
+    *,
+    probabilities: ArrayLike = (0.001, 0.025, 0.16, 0.5, 0.84, 0.975, 0.999),
+) -> AlwaysExisting:
+    """Return Pr(S0 <= 0), quantiles of DoLP, and the moments of min(DoLP, 1), which always exist.
+
+    Parameters
+    ----------
+    stokes_mean
+        Mean of (S0, S1, S2), shape (..., 3), any unit.
+    stokes_cov
+        Covariance, shape (..., 3, 3), positive semi-definite.
+    probabilities
+        For which to give quantiles, shape (K,).
+
+    Returns
+    -------
+    AlwaysExisting
+        All but the first given S0 > 0.
+
+    Raises
+    ------
+    ValueError
+        If the arguments are no mean and covariance, or S0 > 0 has no probability.
+    """
+    frame, shape = dolp_frame(stokes_mean, stokes_cov)
+    levels = np.asarray(probabilities, dtype=np.float64)
+    mean, cov = np.asarray(stokes_mean)[..., None, :], np.asarray(stokes_cov)[..., None, :, :]
+    clipped_mean, clipped_std = _clipped(frame, quantile(_PANEL_ENDS, mean, cov).reshape(-1, len(_PANEL_ENDS)))
+    return AlwaysExisting(
+        prob_not_positive=ndtr(-frame.snr_0).reshape(shape)[()],
+        probabilities=levels,
+        quantiles=quantile(levels, mean, cov),
+        clipped_mean=clipped_mean.reshape(shape)[()],
+        clipped_std=clipped_std.reshape(shape)[()],
+    )
+
+
+def _clipped(frame: DolpFrame, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the moments of min(DoLP, 1) as integrals of its tails about its median."""
+    inside = np.minimum(ends, 1.0)
+    centre = inside[:, len(_PANEL_ENDS) // 2]
+    cuts = np.concatenate([np.zeros((len(frame), 1)), inside, np.ones((len(frame), 1))], axis=1)
+
+    def integrand(index: NDArray[np.int64], x: FloatArray) -> FloatArray:
+        found = pair_tails(frame[np.repeat(index, x.shape[1])], x.ravel())
+        away = x - centre[index][:, None]
+        tail = np.where(away < 0.0, -found.lower.reshape(x.shape), found.upper.reshape(x.shape))
+        return np.stack([tail, 2.0 * away * tail])
+
+    cuts = np.sort(cuts, axis=1)
+    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-9, noise=np.full(len(frame), 1e-13))
+    shift, square = found.value[:, 0], found.value[:, 1]
+    return centre + shift, np.sqrt(np.maximum(square - shift**2, 0.0))
+
+
+# Degree of linear polarization of Gaussian Stokes parameters: moments to a stated tolerance, and its distribution
 
 FIRST, SECOND, EXACT, NONE = "first order", "second order", "quadrature", "none"
 

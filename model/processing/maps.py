@@ -222,7 +222,7 @@ def _in_threads(fill: Callable[[int, int], None], pixels: int) -> None:
     if threads < 2:
         fill(0, pixels)
         return
-    from concurrent.futures import ThreadPoolExecutor  # large pictures only
+    from concurrent.futures import ThreadPoolExecutor
 
     edges = np.linspace(0, pixels, threads + 1).astype(int).tolist()
     with ThreadPoolExecutor(threads - 1) as pool:

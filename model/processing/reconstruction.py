@@ -1,4 +1,4 @@
-"""Stokes parameters from intensities behind a polarizer: design of the angles, and the inversion.
+"""Stokes parameters from intensities behind a polarizer: design, inversion, ratios and redundancy.
 
 Channels (one per polarizer angle) stand on the FIRST axis here, as frames come from a camera: (N, H, W) gives
 Stokes images (3, H, W). Moments keep their components last.
@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.moments import Moments, propagate_linear
-from model.stokes import analyzer_row
+from model.moments import Moments, propagate_first_order, propagate_linear
+from model.stokes import analyzer_row, aolp_rad
+
+# Stokes parameters from intensities behind a polarizer: design of the angles, and the inversion
 
 FloatArray = NDArray[np.float64]
 
@@ -293,3 +295,159 @@ def _named(angles: FloatArray) -> str:
         return " of the measured system matrix"
     reduced = ", ".join(f"{angle:.6g}" for angle in np.rad2deg(np.mod(angles, np.pi)))
     return f" for angles (modulo 180 deg) {reduced} deg"
+
+
+# Ratios that do not depend on scale, to first order: s1 = S1/S0, s2 = S2/S0, AoLP, and counts over their mean
+
+
+def normalized_moments(stokes: Moments) -> Moments:
+    """Return first-order moments of (S1/S0, S2/S0).
+
+    Parameters
+    ----------
+    stokes
+        Moments of one Stokes vector, shape (3,), S0 > 0.
+
+    Raises
+    ------
+    ValueError
+        S0 is not above 0.
+
+    References
+    ----------
+    Definition; delta method.
+    """
+    s0, s1, s2 = _with_light(stokes)
+    jacobian = np.array([[-s1 / s0**2, 1.0 / s0, 0.0], [-s2 / s0**2, 0.0, 1.0 / s0]])
+    return propagate_first_order(stokes, np.array([s1 / s0, s2 / s0]), jacobian)
+
+
+def aolp_moments_rad(stokes: Moments) -> Moments:
+    """Return first-order moments, one component, of the AoLP of a Stokes vector [rad].
+
+    Parameters
+    ----------
+    stokes
+        Moments of one Stokes vector, shape (3,), polarised.
+
+    Returns
+    -------
+    Moments
+        Mean in [0, pi). The deviation means something only where it is small against 1 rad.
+
+    Raises
+    ------
+    ValueError
+        S0 is not above 0, or S1 = S2 = 0: there is no angle.
+
+    References
+    ----------
+    Definition; delta method.
+    """
+    _, s1, s2 = _with_light(stokes)
+    squared = s1 * s1 + s2 * s2
+    if squared == 0.0:
+        raise ValueError("S1 and S2 are both 0: unpolarised light has no angle of polarization")
+    jacobian = np.array([[0.0, -s2 / (2.0 * squared), s1 / (2.0 * squared)]])
+    return propagate_first_order(stokes, np.array([float(aolp_rad(stokes.mean))]), jacobian)
+
+
+def _with_light(stokes: Moments) -> FloatArray:
+    if not stokes.mean[0] > 0.0:
+        raise ValueError(f"S0 is {stokes.mean[0]:g}; normalised Stokes parameters need S0 above 0")
+    return stokes.mean
+
+
+def channel_ratios(channels: Moments) -> tuple[FloatArray, FloatArray]:
+    """Return the counts of each channel over the mean of all channels, and their standard errors to first order.
+
+    Parameters
+    ----------
+    channels
+        Mean counts, shape (N,), dark level taken off, with their covariance.
+
+    Raises
+    ------
+    ValueError
+        The mean of all channels is not above 0.
+
+    Notes
+    -----
+    N ratios of which N - 1 are free: their mean is 1.
+    """
+    whole = float(channels.mean.mean())
+    if not whole > 0.0:
+        raise ValueError(f"the mean of all channels is {whole:.3g}; a ratio needs it above 0")
+    ratios = channels.mean / whole
+    count = channels.mean.size
+    jacobian = (np.eye(count) - ratios[:, None] / count) / whole
+    variances = np.einsum("ij,jk,ik->i", jacobian, channels.cov, jacobian)
+    # Of an error that is common to all channels only rounding is left, of either sign.
+    return ratios, np.sqrt(np.maximum(variances, 0.0))
+
+
+# Checks by the redundancy of more than three polarizer angles: pair sums, and the residual of the fit
+
+
+def pair_sum_excess(plan: Design, channels: ArrayLike, cov: ArrayLike) -> tuple[float, float]:
+    """Return by how much channels fail to fit one Stokes vector, as a share of the light.
+
+    Parameters
+    ----------
+    plan
+        Angles, N >= 4 of which at least three differ.
+    channels
+        Mean intensities of some light, shape (N,), dark level taken off.
+    cov
+        Covariance of that mean, shape (N, N).
+
+    Returns
+    -------
+    excess, std_error : float
+        Twice the largest residual over the mean of the channels: at 0, 45, 90, 135 deg and an ideal polarizer it is the
+        difference of I0 + I90 and I45 + I135 over their mean. And the largest standard error of such a residual.
+
+    Raises
+    ------
+    ValueError
+        The mean of the channels is not above 0.
+    """
+    intensities = np.asarray(channels, dtype=np.float64)
+    mean = float(intensities.mean())
+    if not mean > 0.0:
+        raise ValueError(f"the mean of the channels is {mean:.3g}; allowed is above 0")
+    onto = plan.null_basis @ plan.null_basis.T
+    variances = np.einsum("ij,jk,ik->i", onto, np.asarray(cov, dtype=np.float64), onto)
+    return (
+        float(2.0 * np.max(np.abs(onto @ intensities)) / mean),
+        float(2.0 * np.sqrt(np.max(np.maximum(variances, 0.0))) / mean),
+    )
+
+
+def residual_chi_square(plan: Design, mean: ArrayLike, cov: ArrayLike) -> tuple[float, int]:
+    """Return chi-square of what the fit of one Stokes vector leaves of mean channels, and its degrees of freedom.
+
+    Parameters
+    ----------
+    plan
+        Angles, N.
+    mean, cov
+        Mean channels and the covariance of that mean, shapes (N,) and (N, N).
+
+    Raises
+    ------
+    ValueError
+        The covariance leaves a residual without any variance.
+
+    Notes
+    -----
+    It is the residual of generalised least squares with the whole covariance, for which no Stokes parameters are
+    needed: K'I in its covariance K' cov K, with K the directions that no Stokes vector has. Zero with N = 3.
+    """
+    residual = plan.null_basis.T @ np.asarray(mean, dtype=np.float64)
+    if residual.size == 0:
+        return 0.0, 0
+    spread = plan.null_basis.T @ np.asarray(cov, dtype=np.float64) @ plan.null_basis
+    if not np.all(np.linalg.eigvalsh(spread) > 0.0):
+        raise ValueError("cov gives a residual no variance; every direction without a Stokes vector needs one")
+    return float(residual @ np.linalg.solve(spread, residual)), residual.size

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.control_chart import control_chart
+from calibration.estimate import control_chart
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.store import CalibrationStore, StoredCalibration
 from rigctl.console.json_text import Json

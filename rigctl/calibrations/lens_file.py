@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from calibration.pointing.lens import NAMES, Lens, LensCalibration
+from calibration.pointing.pose import NAMES, Lens, LensCalibration
 from rigctl.calibrations.checked_values import Bounded, Measured, Positive, UtcText
 from rigctl.calibrations.content_file import read_record, source_of
 from rigctl.console.json_text import Json

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress
 
-from calibration.errors import RefusedFramesError
+from calibration.results import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
@@ -115,7 +115,7 @@ def _calibrated(request: "NoiseRequest") -> "CalibratedNoise":
 
 
 def _print_table(found: "CalibratedNoise") -> None:
-    from calibration.sensor.first_lines import first_lines
+    from calibration.sensor.noise import first_lines
     from rigctl.reports.tables.calibration_tables import calibration_rows, calibration_table, unknown_lines
     from rigctl.reports.writers.terminal_table import terminal_table
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from model.prediction.quantity_table import angle_of
+from model.quantities import angle_of
 from rigctl.console.options import time_option
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError

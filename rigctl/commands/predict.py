@@ -15,8 +15,7 @@ from rigctl.files.choices import EffectRule, Engine, LightPart, SnrKind
 from rigctl.reports.writers.terminal_table import terminal_table
 
 if TYPE_CHECKING:
-    from model.prediction.pair_detection import PairDetection
-    from model.prediction.prediction import Quantities, RegionPrediction
+    from model.prediction import PairDetection, Quantities, RegionPrediction
     from rigctl.calibrations.rig_picks import RigPicks
     from rigctl.files.choices import RocKind
     from rigctl.jobs.predict import PredictedScene, PredictedToTolerance, PredictRequest
@@ -240,7 +239,7 @@ def _roc_tables(rocs: "Mapping[RocKind, PairDetection]") -> "Iterable[AnyTable]"
 
 def _reasons(predictions: "Mapping[str, RegionPrediction]") -> dict[str, Json]:
     """Return which numbers do not exist, and why."""
-    from model.prediction.prediction import reason_missing
+    from model.prediction import reason_missing
 
     return {
         "reasons": [

@@ -68,8 +68,7 @@ def command(
             )
         _show_accuracy(_curves(scene, noise, _numbers(tolerances), out, tuple(also or ())), out, as_json=as_json)
         return
-    from model.acquisition.session_design import Disturbances
-    from model.acquisition.session_search import Wanted
+    from model.acquisition import Disturbances, Wanted
     from rigctl.jobs.tradeoff import trade_acquisition
     from rigctl.prediction.acquisition_tradeoff import TradeoffRequest
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.bayesian_update import deviations_cov
+from model.processing.agreement import deviations_cov
 from rigctl.prediction.propagated_inputs import NumberKey
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.registration import Registration, register
+from calibration.polarimeter.pictures import Registration, register
+from calibration.results import CalibrationError
 from model.moments import Moments
-from model.prediction.quantity_table import angle_of
-from model.processing.bayesian_update import chi_square_tail
-from model.processing.diagnosis.causes import SHARED as RESPONSES
-from model.processing.diagnosis.region_residual import region_residual
-from model.processing.diagnosis.rounding import rounding_offsets
-from model.processing.redundancy import pair_sum_excess, residual_chi_square
-from model.sensor.imperfections import drifting_light
+from model.processing.agreement import chi_square_tail
+from model.processing.diagnosis import region_residual
+from model.processing.fault_fit import SHARED as RESPONSES
+from model.processing.fault_fit import rounding_offsets
+from model.processing.reconstruction import pair_sum_excess, residual_chi_square
+from model.quantities import angle_of
+from model.sensor import drifting_light
 from model.stokes import dolp
 from rigctl.imports.image_levels import histogram, odd_pattern, saturation_plateau
 from rigctl.measurement.measurement import Measurement, frame_order, signal_of_cycle

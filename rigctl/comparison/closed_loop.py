@@ -7,11 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction, predict_region
+from model.prediction import RegionPrediction, predict_region
 from model.processing.agreement import propagate_inputs
-from model.processing.distribution_check import check_dolp_distribution
-from model.processing.sample_moments import Sample, deviation
-from model.sensor.channels import ChannelMoments
+from model.processing.samples import Sample, check_dolp_distribution, deviation
+from model.sensor import ChannelMoments
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.diagnosis import diagnose

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.effects.decisions import EffectPlan
-from model.effects.names import Effect
+from model.effects.names import Effect, EffectPlan
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.numerical_accuracy import NumericalAccuracy

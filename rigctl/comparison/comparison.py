@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.evaluation.settings import Settings
-from model.prediction.prediction import RegionPrediction
-from model.processing.input_propagation import Propagation
-from model.scene.field_light import FieldLight
+from model.accuracy.chain import Settings
+from model.prediction import RegionPrediction
+from model.processing.agreement import Propagation
+from model.scene.field import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.comparison.checks import Check

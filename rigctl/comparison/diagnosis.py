@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.quantity_table import is_counts
+from model.quantities import is_counts
 from rigctl.comparison.rows import Row
 
 Cause = Literal["scale", "axis-offset", "axis-sense", "polarization", "noise", "not-normal"]

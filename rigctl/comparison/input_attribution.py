@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing import bayesian_update
-from model.processing.bayesian_update import chi_square_tail
-from model.processing.input_propagation import Propagation
+from model.processing import agreement as bayesian_update
+from model.processing.agreement import Propagation, chi_square_tail
 from rigctl.comparison.attribution_evidence import gather_evidence
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.measurement.measurement import Measurement

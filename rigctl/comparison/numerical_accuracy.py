@@ -4,16 +4,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import hypot, inf, radians
 
-from model.accuracy.accurate_prediction import AccuratePrediction
-from model.accuracy.effect_check import kind_of
-from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
-from model.accuracy.predict_to_tolerance import SMALLEST, predict
-from model.effects.decisions import EffectPlan
-from model.effects.names import Effect, EffectRule
+from model.accuracy.chain import Reading
+from model.accuracy.effect_estimates import kind_of
+from model.accuracy.plan import NUMERICAL_SETTINGS
+from model.accuracy.predict import SMALLEST, AccuratePrediction, predict
+from model.effects.names import Effect, EffectPlan, EffectRule
 from model.effects.planner import LIGHT
-from model.prediction.prediction import Quantities, RegionPrediction
-from model.prediction.quantity_table import SHARES, angle_of, counts_name, is_counts
+from model.prediction import Quantities, RegionPrediction
+from model.quantities import SHARES, angle_of, counts_name, is_counts
 from rigctl.comparison.rows import Row, error_of_both
 from rigctl.comparison.run_prediction import RunPredictor
 from rigctl.errors import as_config_error

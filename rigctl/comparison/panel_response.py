@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.radiometric import PanelScale, panel_scale
-from model.prediction.prediction import predict
+from model.prediction import predict
 from model.processing.agreement import input_jacobian
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.run_geometry import scene_of_run

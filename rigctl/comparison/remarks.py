@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rigctl.numbers.angles import wrapped
 
 if TYPE_CHECKING:
-    from model.prediction.prediction import RegionPrediction
+    from model.prediction import RegionPrediction
     from rigctl.comparison.scale import Scale
     from rigctl.files.scene_file import SceneFile
     from rigctl.measurement.measurement import Measurement

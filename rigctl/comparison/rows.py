@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from model.moments import Moments
-from model.prediction.quantity_table import difference, is_counts, ratio_name
+from model.numerics import ndtri
 from model.processing.agreement import holm_rejections, two_sided_p_value
-from model.processing.sample_moments import Sample
-from model.processing.stokes_ratios import channel_ratios
-from model.special_functions import ndtri
+from model.processing.reconstruction import channel_ratios
+from model.processing.samples import Sample
+from model.quantities import difference, is_counts, ratio_name
 from rigctl.prediction.propagated_inputs import NumberKey
 
 if TYPE_CHECKING:
-    from model.prediction.prediction import Quantities, RegionPrediction
+    from model.prediction import Quantities, RegionPrediction
     from rigctl.measurement.region_numbers import MeasuredQuantities, MeasuredRegion
 
 # Chance with which a disagreement is to be seen.

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.evaluation.settings import Settings
-from model.prediction.prediction import RegionPrediction, predict
-from model.prediction.quantity_table import angle_of
-from model.prediction.rig_errors import predict_with_errors
-from model.scene.field_light import FieldLight
-from model.scene.scenario import Readout
+from model.accuracy.chain import Settings
+from model.prediction import RegionPrediction, predict, predict_with_errors
+from model.quantities import angle_of
+from model.scene.field import FieldLight
+from model.scene.scene import Readout
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.rows import with_ratios
 from rigctl.comparison.run_geometry import scene_of_run, sun_used

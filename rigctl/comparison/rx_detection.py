@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.moments import Moments
-from model.processing.detection import rx_roc
-from model.processing.detection_sample import sample_roc, sample_threshold
-from model.special_functions import betaincinv
+from model.numerics import betaincinv
+from model.processing.detection import rx_roc, sample_roc, sample_threshold
 from rigctl.errors import DataError
 from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.performance import FALSE_ALARM_RATES

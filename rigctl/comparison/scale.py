@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.free_scale import FreeScale, fit_free_scale
-from model.prediction.prediction import RegionPrediction
+from calibration.radiometric import FreeScale, fit_free_scale
+from model.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from rigctl.comparison.run_prediction import one_exposure_s
 from rigctl.comparison.throughput import modelled_response, rescaled, without_throughput

@@ -7,8 +7,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.quantity_table import CIRCULAR, FOLLOWED
-from model.processing.trend import DriftLine, drift_line
+from model.processing.agreement import DriftLine, drift_line
+from model.quantities import CIRCULAR, FOLLOWED
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.trends import Trend, trend

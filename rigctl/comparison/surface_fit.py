@@ -8,15 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.moments import Moments, propagate_linear
-from model.processing.stokes_ratios import normalized_moments
+from model.processing.reconstruction import normalized_moments
 from model.stokes import rotation
-from model.surface.fit import SurfaceFit, fit_surface
-from model.surface.fit_interval import gauss_interval, profile_interval
-from model.surface.fit_observation import Observation, sunlit
-from model.surface.fit_problem import residuals
+from model.surface.fit import Observation, SurfaceFit, fit_surface, gauss_interval, profile_interval, residuals, sunlit
 from model.surface.materials import Material, constant, properties, surface_of
-from model.surface.pbrdf import Surface
-from model.surface.tilt import Tilt, local_geometry, tilted_mueller
+from model.surface.pbrdf import Surface, Tilt, local_geometry, tilted_mueller
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.material_file import NM_PER_M, find_material
 from rigctl.files.regions import Region, load_regions

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.sensor.electrons import counts_per_radiance
+from model.sensor import counts_per_radiance
 from rigctl.errors import DataError
 from rigctl.scene.model_scene import sensor_of
 from rigctl.scene.parameter_table import EFFICIENCY, GAIN, TRANSMITTANCE

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.quantity_table import ORDERED
-from model.processing.trend import RankCorrelation, rank_correlation
+from model.processing.agreement import RankCorrelation, rank_correlation
+from model.quantities import ORDERED
 from rigctl.comparison.rows import Row
 from rigctl.measurement.measurement import Measurement
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.registration import Registration
-from model.prediction.mean_uncertainty import budget, noise_causes, shift_cause
-from model.prediction.prediction import RegionPrediction
-from model.processing.input_propagation import Propagation
+from calibration.polarimeter.pictures import Registration
+from model.prediction import RegionPrediction, budget, noise_causes, shift_cause
+from model.processing.agreement import Propagation
 from model.processing.mosaic import reach_px
-from model.sensor.channels import ChannelMoments
+from model.sensor import ChannelMoments
 from rigctl.comparison.rows import Row
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measurement.measurement import Measurement

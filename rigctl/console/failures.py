@@ -7,7 +7,7 @@ import tempfile
 import traceback
 from pathlib import Path
 
-from calibration.errors import CalibrationError
+from calibration.results import CalibrationError
 from drivers.errors import DeviceError
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError

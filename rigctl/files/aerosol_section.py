@@ -5,10 +5,11 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
-from model.atmosphere.aerosol.refractive_index import RefractiveIndex
-from model.atmosphere.aerosol.size_distribution import (
+from model.atmosphere.mie import (
     LogNormal,
+    MieAerosol,
+    ParticleMode,
+    RefractiveIndex,
     SizeDistribution,
     TabulatedSizes,
     log_normal,

@@ -16,7 +16,7 @@ ExportFormat = Literal["tiff", "hdf5", "zarr"]
 # What the counts of a prediction are scaled by: the scene file, a panel, or the run itself.
 ScaleKind = Literal["absolute", "panel", "free"]
 
-# Parts of the light of a material, as `model.scene.field_light.Source` has them.
+# Parts of the light of a material, as `model.scene.field.Source` has them.
 LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
 
 # What decides whether an effect is left out, as `model.effects.names.EffectRule` has it.

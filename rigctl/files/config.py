@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from model.rectangular import rectangular_std
+from model.moments import rectangular_std
 from rigctl.errors import ConfigError
 from rigctl.files.problem_words import Key, demands, meant, needed, other_kind, place_text
 from rigctl.numbers.number_range import shown, wild_numbers

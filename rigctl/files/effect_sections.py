@@ -41,7 +41,7 @@ class ErrorNumber:
     Attributes
     ----------
     field : str
-        Of `model.sensor.imperfections.Imperfections`, which takes the number; an angle in radians.
+        Of `model.sensor.Imperfections`, which takes the number; an angle in radians.
     unit : str
         Of the file; empty for a pure number.
     meaning : str

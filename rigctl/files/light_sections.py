@@ -5,11 +5,10 @@ from typing import Annotated
 
 from pydantic import AfterValidator, AwareDatetime, Field, model_validator
 
-from model.atmosphere.aerosol.choice import AerosolChoice
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.transfer.phase import AerosolKind
-from model.scene.field_of_view import TileRule
+from model.atmosphere.aerosols import AerosolChoice, AerosolType
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import Fidelity
+from model.scene.field import TileRule
 from rigctl.files.aerosol_section import OwnAerosolSection
 from rigctl.files.config import Allowed, NotNegative, Positive, Section, Uncertain
 

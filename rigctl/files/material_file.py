@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from model.surface.material_library import MATERIALS, material
-from model.surface.materials import Confidence, Material, Property, properties
+from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties
 from rigctl.errors import ConfigError
 from rigctl.files.config import Allowed, Section, load
 

@@ -5,9 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from model.surface.diffuse import DiffuseKind
-from model.surface.material_library import MATERIALS
-from model.surface.shadowing import Shadowing
+from model.surface.materials import MATERIALS
+from model.surface.pbrdf import DiffuseKind, Shadowing
 from rigctl.errors import ConfigError
 from rigctl.files.config import Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
 from rigctl.files.effect_sections import Drift, EffectsSection, ErrorsSection

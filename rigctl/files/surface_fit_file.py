@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from model.surface.diffuse import DiffuseKind
-from model.surface.shadowing import Shadowing
+from model.surface.pbrdf import DiffuseKind, Shadowing
 from rigctl.files.config import Section, load
 from rigctl.files.regions import Name
 

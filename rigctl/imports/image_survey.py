@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.compression import jpeg_traces
+from model.processing.jpeg_traces import jpeg_traces
 from rigctl.errors import ConfigError, DataError
 from rigctl.images.image_file import FirstRow, ImageFile, read_image
 from rigctl.images.raw_image import HeaderValue, RawSettings, unlike_settings

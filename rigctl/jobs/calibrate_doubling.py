@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.sensor.doubling import DoublingTemperature, doubling_temperature
+from calibration.sensor.curves import DoublingTemperature, doubling_temperature
 from rigctl.calibrations.noise.noise_file import Estimate, NoiseParameters, read_noise_file
 from rigctl.errors import ConfigError, DataError
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pointing.lens import LensCalibration, calibrate_lens
+from calibration.pointing.pose import LensCalibration, calibrate_lens
 from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.lens_file import lens_json
 from rigctl.console.json_text import Json

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.dolp_against_snr import DolpAgainstSnr, dolp_against_snr
-from model.processing.estimators import ESTIMATORS, EstimatorError, bias_and_rms
+from model.processing.dolp_studies import ESTIMATORS, DolpAgainstSnr, EstimatorError, bias_and_rms, dolp_against_snr
 from rigctl.reports.figures.paper_figures import estimator_plot, fig5_plot
 from rigctl.storage.durable_file import write_durably
 

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.effects.decisions import EffectPlan
-from model.effects.names import EffectRule
+from model.effects.names import EffectPlan, EffectRule
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.errors import ConfigError
 from rigctl.files.config import has_any_key

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from model.prediction.prediction import RegionPrediction
-from model.prediction.quantity_table import is_counts
+from model.prediction import RegionPrediction
+from model.quantities import is_counts
 from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
 from rigctl.calibrations.rig_picks import store_doubts
 from rigctl.console.json_text import Json

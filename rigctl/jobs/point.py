@@ -7,9 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pointing.camera_pose import UNKNOWN_STD_RAD, CameraPose, PoseSource, fuse
-from calibration.pointing.panel_pose import PanelStand, PanelTilt, joint_covariance, panel_tilt
-from calibration.pointing.sources import level_panel
+from calibration.pointing.pose import (
+    UNKNOWN_STD_RAD,
+    CameraPose,
+    PanelStand,
+    PanelTilt,
+    PoseSource,
+    fuse,
+    joint_covariance,
+    level_panel,
+    panel_tilt,
+)
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.place import PointingSection

@@ -9,11 +9,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.pointing.camera_pose import PoseSource, refraction_rad, wrapped_rad
-from calibration.pointing.lens import Lens, plain_lens
-from calibration.pointing.panel_pose import PanelStand, panel_stands
-from calibration.pointing.sources import SunSeen, compass, level, positions, shadow, sun_in_picture, way_between
+from calibration.pointing.pose import (
+    Lens,
+    PanelStand,
+    PoseSource,
+    SunSeen,
+    compass,
+    level,
+    panel_stands,
+    plain_lens,
+    positions,
+    refraction_rad,
+    shadow,
+    sun_in_picture,
+    way_between,
+    wrapped_rad,
+)
+from calibration.results import CalibrationError
 from rigctl.calibrations.lens_file import read_lens_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import SiteSection

@@ -25,11 +25,10 @@ from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.skies.engine import require_engine
 
 if TYPE_CHECKING:
-    from model.accuracy.accurate_prediction import AccuratePrediction
-    from model.accuracy.series_prediction import SeriesPrediction
-    from model.effects.decisions import EffectPlan
-    from model.prediction.pair_detection import PairDetection
-    from model.prediction.prediction import RegionPrediction
+    from model.accuracy.predict import AccuratePrediction
+    from model.accuracy.series import SeriesPrediction
+    from model.effects.names import EffectPlan
+    from model.prediction import PairDetection, RegionPrediction
     from rigctl.calibrations.noise.noise_file import NoiseParameters
     from rigctl.prediction.sweep import Sweep
 

@@ -2,8 +2,7 @@
 
 from math import pi
 
-from model.acquisition.session_design import Session
-from model.acquisition.session_search import Reached, Wanted, fewest_cycles
+from model.acquisition import Reached, Session, Wanted, fewest_cycles
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile

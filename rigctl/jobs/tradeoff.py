@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from model.accuracy.planning.forecast import optical_depth
-from model.accuracy.predict_to_tolerance import DEEPEST
+from model.accuracy.plan import optical_depth
+from model.accuracy.predict import DEEPEST
 from rigctl.calibrations.noise.noise_file import read_noise_file
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.scene_file import load_scene

@@ -8,8 +8,7 @@ import numpy as np
 
 from model.moments import Moments
 from model.processing import dolp
-from model.processing.reconstruction import design, stokes_moments
-from model.processing.stokes_ratios import aolp_moments_rad
+from model.processing.reconstruction import aolp_moments_rad, design, stokes_moments
 from model.stokes import aolp_rad
 from model.stokes import dolp as degree_of_polarization
 from rigctl.files.session_file import PICTURE

@@ -2,8 +2,7 @@
 
 from dataclasses import asdict, dataclass
 
-from model.sensor.pixel_noise import temporal_variance_dn2
-from model.sensor.sensor import SensorNoise
+from model.sensor import SensorNoise, temporal_variance_dn2
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.runs.session_record import SessionNoise

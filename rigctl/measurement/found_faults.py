@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.picture_walk import moved_back
-from model.processing.diagnosis.causes import PER_FRAME
+from calibration.polarimeter.pictures import moved_back
+from model.processing.fault_fit import PER_FRAME
 from rigctl.errors import ConfigError
 from rigctl.measurement.corrections import FoundCorrections
 from rigctl.measurement.frame_grid import FrameGrid

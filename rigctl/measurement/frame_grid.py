@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.quantity_table import counts_name
+from model.quantities import counts_name
 from rigctl.errors import DataError
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.annotation_record import left_out_texts

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.picture_walk import moved_back
-from calibration.polarimeter.registration import edges_left
+from calibration.polarimeter.pictures import edges_left, moved_back
 from rigctl.calibrations.registration.register_run import angle_deg, usable_pixels
 from rigctl.calibrations.registration.registration_file import ImageRegistration
 from rigctl.measurement.frame_grid import FrameGrid

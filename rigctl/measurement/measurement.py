@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.processing.mosaic import mean_inflation, reach_px, variance_factor
 from model.processing.reconstruction import Design, design
-from model.processing.repeated_pixels import RepeatedPixels, RunningPixels, repeated
+from model.processing.samples import RepeatedPixels, RunningPixels, repeated
 from rigctl.calibrations.flat.flat_file import FlatFields
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
 from model.processing.mosaic import Interpolation, deviation_inflation
-from model.processing.reconstruction import Design
-from model.processing.repeatability import Repeatability
-from model.processing.repeated_pixels import RepeatedPixels
-from model.processing.sample_moments import (
+from model.processing.reconstruction import Design, aolp_moments_rad, normalized_moments
+from model.processing.samples import (
+    Repeatability,
+    RepeatedPixels,
     Sample,
     deviation,
     effective_pixels,
@@ -19,13 +19,12 @@ from model.processing.sample_moments import (
     mean_over_deviation,
     region_mean_moments,
 )
-from model.processing.stokes_ratios import aolp_moments_rad, normalized_moments
 from model.stokes import dolp as degree_of_polarization
 from rigctl.errors import DataError
 
 FloatArray = NDArray[np.float64]
 
-# quantity -> statistic -> sample; the same names as in `model.prediction.prediction.Quantities`.
+# quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
 MeasuredQuantities = dict[str, dict[str, Sample]]
 
 # Fewer pixels than this give no fourth moment worth the name.

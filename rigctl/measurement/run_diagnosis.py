@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.consequences import consequence
-from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
+from model.processing.diagnosis import Diagnosis, Term, consequence, diagnose
 from model.processing.mosaic import coarse_pictures
 from model.processing.reconstruction import Design, design
 from rigctl.errors import ConfigError, DataError

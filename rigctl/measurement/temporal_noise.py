@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from model.sensor.pixel_noise import temporal_variance_dn2
-from model.sensor.sensor import SensorNoise
+from model.sensor import SensorNoise, temporal_variance_dn2
 from rigctl.errors import DataError
 
 if TYPE_CHECKING:

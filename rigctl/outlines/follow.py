@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.affine_map import AffineMap, fit_affine
+from calibration.polarimeter.pictures import AffineMap, fit_affine
 from rigctl.errors import DataError
 from rigctl.files.regions import Marker, Markers, Region, RegionsFile
 

@@ -7,14 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.evaluation.settings import Settings
-from model.accuracy.predict_to_tolerance import predict as predict_to
-from model.prediction.pair_detection import PairDetection, pair_detection
-from model.prediction.prediction import RegionPrediction, predict
-from model.processing.detection_draws import rx_draws
-from model.scene.scenario import RegionLight, Scenario
+from model.accuracy.chain import Reading, Settings, evaluate
+from model.accuracy.predict import predict as predict_to
+from model.prediction import PairDetection, RegionPrediction, pair_detection, predict
+from model.processing.dolp_studies import rx_draws
+from model.scene.scene import RegionLight, Scenario
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.choices import SnrForm
 from rigctl.files.scene_file import SceneFile

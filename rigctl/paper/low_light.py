@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from model.processing.dolp_against_snr import DolpAgainstSnr, dolp_against_snr
+from model.processing.dolp_studies import DolpAgainstSnr, dolp_against_snr
 from rigctl.paper.numbers import Number
 
 STOKES = (1.0, 0.5, 0.5)

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
-from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.predict_to_tolerance import predict as predict_to
-from model.prediction.prediction import RegionPrediction
+from model.accuracy.chain import Reading
+from model.accuracy.predict import predict as predict_to
+from model.prediction import RegionPrediction
 from rigctl.paper.airborne import TARGET, TOLERANCE, WHITE, Airborne, s0_snr
 from rigctl.paper.numbers import Number
 from rigctl.scene.parameters import with_values

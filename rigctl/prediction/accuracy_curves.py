@@ -7,18 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.accurate_prediction import AccuratePrediction
-from model.accuracy.effect_check import kind_of, readings_of
-from model.accuracy.estimates.error_budget import error_budget
-from model.accuracy.estimates.light_error import light_errors
-from model.accuracy.evaluation.chain import ChainResult, evaluate
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading, Readings, Value, differences, readings
-from model.accuracy.evaluation.settings import Settings
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
-from model.accuracy.predict_to_tolerance import predict
-from model.prediction.rig_errors import predict_with_errors
-from model.scene.lit_scene import LitScene
+from model.accuracy.chain import (
+    ChainResult,
+    LightStore,
+    Reading,
+    Readings,
+    Settings,
+    Value,
+    differences,
+    evaluate,
+    readings,
+)
+from model.accuracy.effect_estimates import kind_of, readings_of
+from model.accuracy.errors import error_budget, light_errors
+from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
+from model.accuracy.predict import AccuratePrediction, predict
+from model.prediction import predict_with_errors
+from model.scene.scene import LitScene
 from rigctl.errors import ConfigError
 from rigctl.prediction.paper_choices import NamedChoice, named_choices, settings_by
 from rigctl.prediction.scene_prediction import ScenePredictor

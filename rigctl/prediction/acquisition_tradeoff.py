@@ -6,9 +6,21 @@ from math import degrees
 
 import numpy as np
 
-from model.acquisition.frame_order import PATTERNS, Pattern, least_drifting_order
-from model.acquisition.session_design import Disturbances, DolpBudget, Session, dolp_budget
-from model.acquisition.session_search import SATURATED, Obstacle, Reached, Wanted, fewest_cycles, shortest
+from model.acquisition import (
+    PATTERNS,
+    SATURATED,
+    Disturbances,
+    DolpBudget,
+    Obstacle,
+    Pattern,
+    Reached,
+    Session,
+    Wanted,
+    dolp_budget,
+    fewest_cycles,
+    least_drifting_order,
+    shortest,
+)
 from model.processing.reconstruction import equispaced_rad
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError

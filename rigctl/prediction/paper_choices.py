@@ -7,13 +7,11 @@ from typing import get_args
 
 import numpy as np
 
-from model.accuracy.evaluation.chain import DETECTION, ChainResult, evaluate
-from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.evaluation.settings import Settings
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.processing.detection_draws import rx_draws
-from model.scene.field_of_view import TileRule
-from model.scene.lit_scene import LitScene
+from model.accuracy.chain import DETECTION, ChainResult, Reading, Settings, Value, differences, evaluate, readings
+from model.atmosphere.sky import Fidelity
+from model.processing.dolp_studies import rx_draws
+from model.scene.field import TileRule
+from model.scene.scene import LitScene
 from rigctl.errors import ConfigError
 
 Clock = Callable[[], float]

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from model.prediction.pair_detection import PairDetection
-    from model.prediction.polarization_strength import PolarizationStrength
-    from model.prediction.prediction import RegionPrediction
+    from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
 
 # Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
 FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -36,7 +34,7 @@ class Performance:
 
 def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
     """Return the distribution of DoLP of every region, and the detection of each on every other."""
-    from model.prediction.pair_detection import pair_detections  # with the law of DoLP
+    from model.prediction import pair_detections
 
     return Performance(
         strengths={name: _strength(prediction) for name, prediction in predictions.items()},
@@ -45,8 +43,7 @@ def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance
 
 
 def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
-    from model.prediction.polarization_strength import polarization_strength
-    from model.prediction.prediction import LEAST_S0_DN
+    from model.prediction import LEAST_S0_DN, polarization_strength
 
     if not prediction.stokes_dn.mean[0] > LEAST_S0_DN:
         return None

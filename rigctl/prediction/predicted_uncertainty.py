@@ -11,7 +11,7 @@ from rigctl.prediction.propagated_inputs import NumberKey, correlated_pairs, cur
 from rigctl.scene.scene_inputs import only_uncertain
 
 if TYPE_CHECKING:
-    from model.prediction.prediction import RegionPrediction
+    from model.prediction import RegionPrediction
     from rigctl.prediction.scene_prediction import ScenePredictor
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +72,7 @@ def predicted_uncertainty(
 
     References
     ----------
-    `model.processing.input_propagation.propagate`.
+    `model.processing.agreement.propagate`.
     """
     numbers = {
         NumberKey(region, quantity, statistic): value

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.quantity_table import difference
-from model.processing.input_propagation import Propagation, propagate
+from model.processing.agreement import Propagation, propagate
+from model.quantities import difference
 from rigctl.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
-    from model.prediction.prediction import RegionPrediction
+    from model.prediction import RegionPrediction
     from rigctl.scene.scene_inputs import Inputs
 
 FloatArray = NDArray[np.float64]

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.prediction.pair_detection import PairDetection, rocs_of_pair
+from model.prediction import PairDetection, rocs_of_pair
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ROC_KINDS, RocKind
 
 if TYPE_CHECKING:
-    from model.prediction.prediction import RegionPrediction
+    from model.prediction import RegionPrediction
 
 # Six decades on a logarithmic axis, and the rest of the curve on an even one.
 ROC_RATES = np.concatenate([np.logspace(-6.0, -1.0, 51), np.linspace(0.1, 1.0, 19)[1:]])

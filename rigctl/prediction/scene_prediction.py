@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.prediction.prediction import RegionPrediction, predict
+from model.prediction import RegionPrediction, predict
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.scene.effect_choice import acting_effects, forced_effects
 from rigctl.scene.model_records import camera_view
@@ -19,13 +19,12 @@ from rigctl.scene.scene_light import SceneLight
 from rigctl.scene.scene_reading import scene_of_file
 
 if TYPE_CHECKING:
-    from model.accuracy.accurate_prediction import AccuratePrediction
-    from model.accuracy.evaluation.chain import Clock
-    from model.accuracy.series_prediction import SeriesPrediction
-    from model.effects.decisions import EffectPlan
-    from model.effects.names import EffectRule
-    from model.scene.field_light import FieldLight, Source
-    from model.scene.lit_scene import LitScene
+    from model.accuracy.chain import Clock
+    from model.accuracy.predict import AccuratePrediction
+    from model.accuracy.series import SeriesPrediction
+    from model.effects.names import EffectPlan, EffectRule
+    from model.scene.field import FieldLight, Source
+    from model.scene.scene import LitScene
     from rigctl.calibrations.noise.noise_file import NoiseParameters
     from rigctl.files.scene_file import SceneFile
     from rigctl.scene.scene_record import Scene
@@ -146,7 +145,7 @@ class ScenePredictor:
             errors = rig_errors(scene)
             if errors is None:
                 return predict(scenario)
-            from model.prediction.rig_errors import predict_with_errors
+            from model.prediction import predict_with_errors
 
             return predict_with_errors(scenario, errors)
 
@@ -230,7 +229,7 @@ class ScenePredictor:
             The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded, which is
             no part of such a prediction.
         """
-        from model.accuracy import predict_to_tolerance
+        from model.accuracy import predict as predict_to_tolerance
 
         _require_recorded_rig(self.scene)
         active = acting_effects(self.scene) if effects is None else effects.active
@@ -274,8 +273,7 @@ class ScenePredictor:
         ConfigError
             The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded.
         """
-        from model.accuracy.series_effects import SeriesEffects
-        from model.accuracy.series_to_tolerance import predict_series
+        from model.accuracy.series import SeriesEffects, predict_series
 
         for scene in scenes:
             _require_recorded_rig(scene)

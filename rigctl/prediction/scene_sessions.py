@@ -2,11 +2,10 @@
 
 from dataclasses import replace
 
-from model.acquisition.session_design import CycleLight, Session, cycle_light
-from model.acquisition.session_search import Scheme
+from model.acquisition import CycleLight, Scheme, Session, cycle_light
 from model.moments import Moments
 from model.processing.reconstruction import equispaced_rad
-from model.sensor.sensor import Sensor
+from model.sensor import Sensor
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import as_config_error
 from rigctl.files.scene_file import SceneFile

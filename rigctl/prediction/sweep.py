@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.series_prediction import SeriesPrediction
-from model.prediction.pair_detection import PairDetection, detections_of_sweep
-from model.prediction.prediction import Quantities, RegionPrediction, reason_missing
+from model.accuracy.series import SeriesPrediction
+from model.prediction import PairDetection, Quantities, RegionPrediction, detections_of_sweep, reason_missing
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, RocKind
 from rigctl.prediction.performance import SWEPT_RATES

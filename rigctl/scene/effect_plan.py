@@ -5,15 +5,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects
-from model.accuracy.effect_estimates import estimate_effects
-from model.accuracy.evaluation.chain import scenario_of
-from model.accuracy.planning.forecast import optical_depth
-from model.accuracy.predict_to_tolerance import SMALLEST
-from model.accuracy.thin_sky import skylight_bound
-from model.effects.decisions import EffectPlan
-from model.effects.light_bounds import may_be_small
-from model.effects.names import ALL, Effect, EffectRule
+from model.accuracy.chain import scenario_of
+from model.accuracy.effect_estimates import CheckedEffect, chain_time_s, check_effects, estimate_effects, skylight_bound
+from model.accuracy.plan import optical_depth
+from model.accuracy.predict import SMALLEST
+from model.effects.bounds import may_be_small
+from model.effects.names import ALL, Effect, EffectPlan, EffectRule
 from model.effects.planner import LIGHT, plan, plan_of_all
 from rigctl.errors import as_config_error
 from rigctl.scene.effect_choice import forced_effects
@@ -22,11 +19,9 @@ from rigctl.scene.model_scene import lit_scene, readout_of, sensor_of
 from rigctl.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
-    from model.accuracy.evaluation.light_store import LightStore
-    from model.accuracy.evaluation.settings import Settings
-    from model.effects.bound import Bound, Estimate
-    from model.scene.lit_scene import LitScene
-    from model.scene.scenario import Readout, RegionLight
+    from model.accuracy.chain import LightStore, Settings
+    from model.effects.names import Bound, Estimate
+    from model.scene.scene import LitScene, Readout, RegionLight
     from rigctl.scene.scene_record import Scene
 
 # Told the optical depth of each wavelength before it is solved.

@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.evaluation.settings import Settings, settings_of_fidelity
-from model.atmosphere.aerosol.angstrom import angstrom_law
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.profile import AtmosphereState
-from model.scene.field_of_view import FieldPart, part_of_picture, whole_field
-from model.scene.lit_scene import Air, LitRegion
-from model.scene.view import View
+from model.accuracy.chain import Settings, settings_of_fidelity
+from model.atmosphere.aerosols import angstrom_law
+from model.atmosphere.air import AtmosphereState
+from model.atmosphere.sky import Fidelity
+from model.scene.field import FieldPart, part_of_picture, whole_field
+from model.scene.panel import View
+from model.scene.scene import Air, LitRegion
 from model.surface.materials import Material, properties
-from model.surface.pbrdf import Surface
-from model.surface.tilt import Tilt
+from model.surface.pbrdf import Surface, Tilt
 from rigctl.errors import ConfigError
 from rigctl.files.config import Uncertain
 from rigctl.files.scene_file import COVARIANCE_PAIRS, SceneRegion
@@ -24,8 +23,8 @@ from rigctl.scene.skies.sky_table import read_sky_table
 from rigctl.scene.skies.solar_band import response_band
 
 if TYPE_CHECKING:
-    from model.atmosphere.aerosol.choice import AerosolChoice
-    from model.atmosphere.lighting.lighting import Lighting
+    from model.atmosphere.aerosols import AerosolChoice
+    from model.atmosphere.sky import Lighting
     from rigctl.files.light_sections import AtmosphereSection, FieldSection
     from rigctl.scene.scene_record import Scene, SceneRegionRecord
 

@@ -5,12 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.accuracy.evaluation.chain import scenario_of
-from model.prediction.quantity_table import counts_name
-from model.scene.lit_scene import LitScene
-from model.scene.scenario import Readout, Scenario
-from model.sensor.imperfections import Imperfections
-from model.sensor.sensor import Sensor, SensorNoise
+from model.accuracy.chain import scenario_of
+from model.quantities import counts_name
+from model.scene.scene import LitScene, Readout, Scenario
+from model.sensor import Imperfections, Sensor, SensorNoise
 from rigctl.errors import as_config_error
 from rigctl.files.effect_sections import error_numbers
 from rigctl.files.scene_file import NoiseSection
@@ -27,8 +25,8 @@ from rigctl.scene.model_records import (
 from rigctl.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
-    from model.accuracy.evaluation.settings import Settings
-    from model.scene.field_light import Source
+    from model.accuracy.chain import Settings
+    from model.scene.field import Source
     from rigctl.scene.scene_record import Scene
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 
-from model.surface.lobe import SLOPE_RMS_MIN
+from model.surface.pbrdf import SLOPE_RMS_MIN
 from rigctl.files.effect_sections import error_numbers
 from rigctl.files.light_sections import FIELD_MOST_DEG, HUMIDITY_MOST
 from rigctl.files.scene_file import COVARIANCE_PAIRS

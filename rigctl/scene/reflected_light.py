@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.stokes import dolp
-from model.surface.energy import findings, hemispherical_reflectance
 from model.surface.materials import Material, properties
-from model.surface.pbrdf import Surface, mueller
-from model.surface.reflectance import lobe_reflectance
+from model.surface.pbrdf import Surface, findings, hemispherical_reflectance, lobe_reflectance, mueller
 from rigctl.files.material_file import NM_PER_M
 
 FloatArray = NDArray[np.float64]

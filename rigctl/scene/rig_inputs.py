@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from model.prediction.rig_errors import RigErrors
+from model.prediction import RigErrors
 from rigctl.files.config import Uncertain
 from rigctl.scene.scene_record import Rig, Scene
 

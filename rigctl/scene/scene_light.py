@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING, Unpack
 
-from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS
-from model.atmosphere.transfer.phase import AerosolKind
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import FIDELITY_LEVELS
 from rigctl.errors import as_config_error
 from rigctl.files.choices import Engine
 from rigctl.scene.effect_choice import acting_effects
@@ -13,14 +13,12 @@ from rigctl.scene.model_records import air_of, camera_view, lit_region, settings
 from rigctl.scene.skies.engine import require_engine
 
 if TYPE_CHECKING:
-    from model.accuracy.evaluation.light_store import LightStore
-    from model.accuracy.evaluation.settings import Settings
-    from model.atmosphere.lighting.diffuse_light import DiffuseLight
-    from model.atmosphere.lighting.solve_column import HowToSolve, LightSolver
-    from model.atmosphere.transfer.layers import Layer
-    from model.scene.field_light import FieldLight
-    from model.scene.illumination import Illumination
-    from model.scene.lit_scene import LightParts
+    from model.accuracy.chain import LightStore, Settings
+    from model.atmosphere.layers import Layer
+    from model.atmosphere.sky import DiffuseLight, HowToSolve, LightSolver
+    from model.scene.field import FieldLight
+    from model.scene.scene import LightParts
+    from model.scene.sky_light import Illumination
     from rigctl.files.light_sections import AtmosphereSection
     from rigctl.scene.scene_record import Scene, SceneRegionRecord
     from rigctl.scene.skies.sky_store import SkyStore
@@ -68,7 +66,7 @@ class SceneLight:
     @cached_property
     def lights(self) -> "LightStore":
         """The store in which the model keeps its lights."""
-        from model.accuracy.evaluation.light_store import LightStore
+        from model.accuracy.chain import LightStore
         from model.atmosphere.sasktran2_engine import sasktran2_solution
         from model.atmosphere.solver import solve
 
@@ -126,7 +124,7 @@ class SceneLight:
 
 
 def _parts(scene: "Scene") -> "LightParts":
-    from model.effects.acting import acting_parts
+    from model.effects.planner import acting_parts
 
     return acting_parts(acting_effects(scene))
 
@@ -145,7 +143,7 @@ def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
     if state is None:
         yield f"atmosphere: tier table ({facts.accuracy}), from {air.table}; its optical depth is the table's own"
         return
-    from model.atmosphere.profile import column
+    from model.atmosphere.air import column
 
     at_550 = column(state, wavelength_m=_REFERENCE_M)
     yield (

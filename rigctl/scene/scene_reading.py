@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.sun import distance_factor
-from model.sensor.electrons import effective_wavelength_m
+from model.atmosphere.sky import distance_factor
+from model.sensor import effective_wavelength_m
 from model.surface.materials import Material, assumed_properties, properties
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.config import Uncertain

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.transfer.phase import AerosolKind
-from model.scene.illumination import Illumination
+from model.atmosphere.aerosols import AerosolType
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import Fidelity
+from model.scene.sky_light import Illumination
 from model.stokes import dolp
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine

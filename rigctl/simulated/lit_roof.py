@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from model.scene.scenario import RegionLight as ModelLight
+from model.scene.scene import RegionLight as ModelLight
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
 from rigctl.files.light_sections import SunSection

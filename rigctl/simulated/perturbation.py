@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from model.atmosphere.transfer.phase import AerosolKind
+from model.atmosphere.layers import AerosolKind
 from rigctl.errors import ConfigError
 from rigctl.files.choices import PERTURBATIONS, Perturbation, RoofChange
 from rigctl.files.rig_file import RigFile

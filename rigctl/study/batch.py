@@ -10,8 +10,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction.pair_detection import PairDetection, detections_of_sweep
-from model.prediction.prediction import RegionPrediction
+from model.prediction import PairDetection, RegionPrediction, detections_of_sweep
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ROC_KINDS
 from rigctl.prediction.performance import SWEPT_RATES

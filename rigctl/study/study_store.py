@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from model.prediction.quantity_table import is_counts
+from model.quantities import is_counts
 from rigctl.files.choices import ROC_KINDS
 from rigctl.prediction.performance import SWEPT_RATES
 from rigctl.prediction.roc_curves import ROC_RATES

@@ -14,7 +14,7 @@ from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath, RunPath, W
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from model.processing.texture import Texture
+    from model.processing.samples import Texture
     from rigctl.comparison.checks import Check
     from rigctl.files.regions import Region
     from rigctl.measurement.measurement import Measurement
@@ -267,7 +267,7 @@ def _region_textures(measurement: "Measurement", noise: Any) -> "dict[str, Textu
     """Return the texture of each region's Stokes parameters [grid.unit^2]; the fixed pattern stays in it."""
     import numpy as np
 
-    from model.processing.texture import estimate_texture
+    from model.processing.samples import estimate_texture
     from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
 
     temporal, inverse = temporal_noise(noise), measurement.plan.inverse

@@ -167,7 +167,7 @@ class MaterialList(Result):
 def _materials() -> "dict[str, Material]":
     from importlib.resources import as_file, files
 
-    from model.surface.material_library import MATERIALS, material
+    from model.surface.materials import MATERIALS, material
     from rigctl.files.material_file import load_material
 
     found = {name: material(name) for name in MATERIALS}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.affine_map import fit_affine
-from calibration.errors import CalibrationError
+from calibration.polarimeter.pictures import fit_affine
+from calibration.results import CalibrationError
 
 MAP = np.array([[1.01, -0.03, 5.2], [0.02, 0.98, -3.1]])
 CORNERS = np.array([[0.0, 0.0], [40.0, 1.0], [41.0, 39.0], [-1.0, 40.0], [200.0, 10.0], [240.0, 12.0]])

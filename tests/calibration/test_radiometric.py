@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
 from calibration.radiometric import PanelScale, panel_scale
+from calibration.results import CalibrationError
 
 FloatArray = NDArray[np.float64]
 

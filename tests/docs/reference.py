@@ -9,11 +9,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, get_args
 
-from model.atmosphere.aerosol import models as aerosol_models
-from model.atmosphere.transfer import phase
-from model.effects.effect_models import EFFECT_MODELS
-from model.surface.material_library import MATERIALS
-from model.surface.materials import Property
+from model.atmosphere import aerosols as aerosol_models
+from model.atmosphere import layers as phase
+from model.effects.bounds import EFFECT_MODELS
+from model.surface.materials import MATERIALS, Property
 from rigctl.comparison.verdict import AGREES, VERDICT_WORDS, VerdictName
 from rigctl.console import failures
 from rigctl.files.interlock_section import InterlockSection

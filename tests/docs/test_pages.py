@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from model.prediction.quantity_table import QUANTITIES
+from model.quantities import QUANTITIES
 from rigctl.files.interlock_section import InterlockSection
 from rigctl.reports.outputs import paper_files, prediction_files
 from rigctl.reports.tables.accuracy_tables import curve_table

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from model.atmosphere.profile import AtmosphereState, Column, column, face_heights_m
-from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients
+from model.atmosphere.air import AtmosphereState, Column, column, face_heights_m
+from model.atmosphere.layers import AerosolKind, Layer, expansion_coefficients
 from model.stokes import dolp
 
 _EARTH_M, _FLAT_M = 6.371e6, 1e9

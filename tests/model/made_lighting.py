@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from model.atmosphere.lighting.analytic_sky import analytic_sky
-from model.scene.diffuse_radiance import DiffuseRadiance
+from model.atmosphere.sky import analytic_sky
+from model.scene.sky_light import DiffuseRadiance
 
 SUN_AZIMUTH_RAD = np.radians(200.0)
 

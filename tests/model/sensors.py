@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from model.sensor.sensor import Sensor, SensorNoise
+from model.sensor import Sensor, SensorNoise
 
 
 def sensor(**changes):

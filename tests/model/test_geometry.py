@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model import geometry
+from model import stokes as geometry
 from model.stokes import aolp_rad, rotate_frame
 
 azimuths = st.floats(-10.0, 10.0)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.quadrature import clenshaw_curtis, gauss_hermite, gauss_legendre, integrate_panels
+from model.numerics import clenshaw_curtis, gauss_hermite, gauss_legendre, integrate_panels
 
 QUIET = np.array([1e-15])
 

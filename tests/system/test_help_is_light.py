@@ -64,12 +64,12 @@ UNUSED = (
     "pvlib",
 )
 # Before its first need: what a sky is solved by, special functions, calibrations, a diagnosis, figures and pictures.
-_SKY = ("model.accuracy.evaluation.light_store", "model.accuracy.predict_to_tolerance", "rigctl.simulated.lit_roof")
+_SKY = ("model.accuracy.errors", "model.accuracy.predict", "rigctl.simulated.lit_roof")
 _DRAWN = ("matplotlib", "reportlab", "jinja2")
 LATER = {
     "stokes": (*_SKY, *_DRAWN, "scipy.special", "rigctl.files.scene_file", "rigctl.comparison.rx_detection"),
     "predict": (*_SKY, *_DRAWN, "scipy", "cv2", "rigctl.runs.run_folder", "rigctl.measurement.measurement"),
-    "acquire": (*_SKY, *_DRAWN, "scipy", "cv2", "urllib.request", "model.processing.diagnosis.diagnosis"),
+    "acquire": (*_SKY, *_DRAWN, "scipy", "cv2", "urllib.request", "model.processing.diagnosis"),
     "compare": ("scipy.special", "numpy.f2py", "calibration.sensor.noise"),
 }
 
@@ -101,7 +101,7 @@ def test_a_prediction_of_stated_light_solves_no_sky_and_opens_no_picture():
 def test_special_functions_are_those_of_scipy_whose_package_can_be_imported_afterwards():
     program = """
 import sys
-from model import special_functions as ours
+from model import numerics as ours
 ours.ndtr(1.0), ours.erfcx(1.0)
 print("scipy.special" in sys.modules)
 import scipy.special as theirs, scipy.stats

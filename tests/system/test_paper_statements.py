@@ -20,7 +20,7 @@ exact SNR of unpolarised light. docs/paper-statements.md has all of them with th
 import numpy as np
 import pytest
 
-from model.atmosphere.lighting.fidelity import Fidelity
+from model.atmosphere.sky import Fidelity
 from model.processing.detection import rx_p_detection
 from rigctl.files.config import Uncertain
 from rigctl.files.scene_file import load_scene

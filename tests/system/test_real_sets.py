@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from model.processing.diagnosis.causes import SHARED as RESPONSES
+from model.processing.fault_fit import SHARED as RESPONSES
 from rigctl.comparison.closed_loop import compare_closed_loop
 from rigctl.comparison.compared_run import ComparedRun
 from rigctl.files.regions import Rectangle, Region

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.flat_field import FlatField, flat_field
+from calibration.polarimeter.pictures import FlatField, flat_field
+from calibration.results import CalibrationError
 from rigctl.calibrations.checked_values import Measured
 from rigctl.errors import DataError
 from rigctl.runs.frame_record import FrameRecord

@@ -5,13 +5,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-from calibration.errors import CalibrationError, RefusedFramesError
-from calibration.flag_order import by_consequence
-from calibration.flags import Flag
-from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
-from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
-from calibration.sensor.light_in_darks import with_pattern
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise
+from calibration.results import CalibrationError, Flag, RefusedFramesError, by_consequence
+from calibration.sensor.levels import LevelStatistics, level_statistics
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
+from calibration.sensor.pattern import FixedPattern, fixed_pattern
 from rigctl.calibrations.noise.noise_frames import FrameGroup, FrameSet
 from rigctl.calibrations.noise.noise_json import noise_json, pattern_json
 from rigctl.console.json_text import Json

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import refused
-from calibration.sensor.exposure_unit import StatedExposures
-from calibration.sensor.frame_statistics import LevelKind
+from calibration.results import refused
+from calibration.sensor.curves import StatedExposures
+from calibration.sensor.levels import LevelKind
 from drivers.cameras.raw_files import RAW_SUFFIXES
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, files_digest

@@ -7,8 +7,8 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-from calibration.sensor.exposure_unit import StatedExposures
-from calibration.sensor.frame_statistics import LevelKind
+from calibration.sensor.curves import StatedExposures
+from calibration.sensor.levels import LevelKind
 from rigctl.calibrations.noise.folder_frames import ListedImage, frame_set
 from rigctl.calibrations.noise.noise_frames import FrameSet, FrameSource
 from rigctl.errors import ConfigError

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
-from calibration.flags import Flag
-from model.sensor.sensor import SensorNoise
+from calibration.results import Flag
+from model.sensor import SensorNoise
 from rigctl.calibrations.checked_values import Bounded, MeasuredOverFrames, UtcText
 from rigctl.calibrations.content_file import read_record
 from rigctl.calibrations.fitness import require_fit

@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.flags import Flag
-from calibration.sensor.exposure_unit import StatedExposures
-from calibration.sensor.frame_statistics import LevelKind
+from calibration.results import Flag
+from calibration.sensor.curves import StatedExposures
+from calibration.sensor.levels import LevelKind
 from model.processing.mosaic import mosaic
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor

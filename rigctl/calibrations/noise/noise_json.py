@@ -7,17 +7,12 @@ from dataclasses import asdict
 import numpy as np
 
 from calibration.estimate import Bound, Estimate
-from calibration.flags import Flag
-from calibration.sensor.brighter_fatter import brighter_fatter
-from calibration.sensor.defects import Defect
+from calibration.results import Flag
+from calibration.sensor.curves import PhotonTransfer, brighter_fatter
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
-from calibration.sensor.first_lines import first_lines
-from calibration.sensor.fixed_pattern import FixedPattern
-from calibration.sensor.noise import NoiseCalibration
-from calibration.sensor.not_known import not_known
-from calibration.sensor.pattern_histogram import PatternHistogram
-from calibration.sensor.photon_transfer import PhotonTransfer
-from calibration.sensor.spectrogram import Spectrogram
+from calibration.sensor.levels import Spectrogram
+from calibration.sensor.noise import NoiseCalibration, first_lines, not_known
+from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram
 from rigctl.calibrations.noise.noise_file import QUANTITIES, SCHEMA_VERSION
 from rigctl.calibrations.noise.noise_frames import FrameSet
 from rigctl.console.json_text import Json
@@ -54,7 +49,7 @@ def noise_json(
             "names": list(calibration.covariance.names),
             "matrix": calibration.covariance.matrix.tolist(),
         },
-        "flags": flags_json(calibration.flags),
+        "flags": flags_json(calibration.results),
         "performance": asdict(calibration.performance),
         "dark_levels": _dark_levels(calibration),
         "photon_transfer": _curve(calibration.transfer),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
-from calibration.flags import Flag
+from calibration.results import Flag
 from rigctl.runs.frame_record import FrameRecord
 
 _NS_PER_S = 1e9

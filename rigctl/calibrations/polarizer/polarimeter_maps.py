@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.analyzer import AnalyzerChannels, analyzer_channels
-from calibration.polarimeter.axis import half_turn
-from calibration.polarimeter.data_reduction import block_means
+from calibration.polarimeter.analyzer import AnalyzerChannels, analyzer_channels, block_means, half_turn
 from rigctl.calibrations.polarizer.generator_file import GeneratorAngle
 from rigctl.calibrations.polarizer.scan_frames import GeneratorCells, dark_frames, generator_cells, scene_frames
 from rigctl.errors import DataError

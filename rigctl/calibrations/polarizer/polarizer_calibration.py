@@ -8,18 +8,20 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.analyzer import (
     AnalyzerChannels,
+    AxisCandidate,
+    AxisFit,
+    DataReduction,
     Extinction,
-    analyzer_channels,
-    extinction,
-    pooled_diattenuation,
-)
-from calibration.polarimeter.axis import AxisCandidate, AxisFit, fit_axis
-from calibration.polarimeter.data_reduction import DataReduction, linear_states, measured_data_reduction
-from calibration.polarimeter.fourier_fit import (
     FourierFit,
     Harmonic,
+    analyzer_channels,
+    extinction,
+    fit_axis,
     fit_fourier,
     harmonics_are_told_apart,
+    linear_states,
+    measured_data_reduction,
+    pooled_diattenuation,
     residual_harmonics,
 )
 from rigctl.calibrations.checked_values import Measured

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.analyzer import Extinction
-from calibration.polarimeter.fourier_fit import Harmonic
+from calibration.polarimeter.analyzer import Extinction, Harmonic
 from rigctl.calibrations.checked_values import Measured
 from rigctl.calibrations.content_file import CalibrationFile, header_of, source_of_run
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, candidate_offset_deg

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from calibration.polarimeter.picture_walk import Wander, fit_wander
-from calibration.polarimeter.registration import Registration, register
+from calibration.polarimeter.pictures import Registration, Wander, fit_wander, register
 from rigctl.calibrations.checked_values import Bounded, NotNegative
 from rigctl.errors import DataError
 from rigctl.runs.frame_record import FrameRecord

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from calibration.polarimeter.picture_walk import Wander
+from calibration.polarimeter.pictures import Wander
 from rigctl.calibrations.checked_values import NotNegative, UtcText, at_least
 from rigctl.calibrations.content_file import CalibrationFile, header_of, read_record, source_of_run
 from rigctl.calibrations.fitness import require_fit

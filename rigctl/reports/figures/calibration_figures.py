@@ -5,9 +5,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
-from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.noise import NoiseCalibration
-from calibration.sensor.performance import temporal_noise_e, total_noise_e
+from calibration.sensor.levels import LevelStatistics
+from calibration.sensor.noise import NoiseCalibration, temporal_noise_e, total_noise_e
 from rigctl.numbers.number_text import to_digits
 from rigctl.reports.figures.figure_style import (
     MEASURED,

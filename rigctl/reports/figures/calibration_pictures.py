@@ -6,10 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from calibration.sensor.defects import Defect
-from calibration.sensor.fixed_pattern import FixedPattern
-from calibration.sensor.pattern_histogram import PatternHistogram
-from calibration.sensor.spectrogram import Spectrogram
+from calibration.sensor.levels import Spectrogram
+from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram
 from rigctl.reports.figures.figure_style import (
     MEASURED,
     PREDICTED,

@@ -8,9 +8,10 @@ from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from model.moments import Moments
-from model.prediction.prediction import RegionPrediction
-from model.prediction.quantity_table import FOLLOWED, QUANTITIES, angle_of
-from model.processing import dolp, normalized_stokes
+from model.prediction import RegionPrediction
+from model.processing import dolp
+from model.processing import dolp_studies as normalized_stokes
+from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.rows import Row, off_prediction

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib import colormaps
 
-from model.prediction.pair_detection import PairDetection
+from model.prediction import PairDetection
 from rigctl.comparison.rx_detection import RxOnRun
 from rigctl.files.choices import RocKind
 from rigctl.reports.figures.figure_style import (

@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from model.prediction.prediction import RegionPrediction
-from model.processing.dolp_against_snr import DolpAgainstSnr
-from model.processing.estimators import EstimatorError
+from model.prediction import RegionPrediction
+from model.processing.dolp_studies import DolpAgainstSnr, EstimatorError
 from rigctl.paper.curves import Panel, PaperFigure
 from rigctl.paper.digitised import DigitisedPoint
 from rigctl.reports.figures.figure_style import (

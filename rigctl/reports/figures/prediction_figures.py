@@ -10,8 +10,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from model.prediction.prediction import LEAST_S0_DN, RegionPrediction
-from model.processing import normalized_stokes
+from model.prediction import LEAST_S0_DN, RegionPrediction
+from model.processing import dolp_studies as normalized_stokes
 from model.processing.dolp import pdf
 from rigctl.files.choices import SnrKind
 from rigctl.prediction.sweep import Sweep

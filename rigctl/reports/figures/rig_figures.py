@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from calibration.polarimeter.axis import AxisFit, half_turn
-from calibration.polarimeter.fourier_fit import SEEN_SIGMAS
+from calibration.polarimeter.analyzer import SEEN_SIGMAS, AxisFit, half_turn
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration, ScanCurve
 from rigctl.devices.characterise import SIDES, Characterisation, Side

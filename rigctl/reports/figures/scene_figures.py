@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
-from model.scene.field_light import FieldLight, Source
+from model.scene.field import FieldLight, Source
 from rigctl.reports.figures.figure_style import (
     MEASURED,
     PREDICTED,

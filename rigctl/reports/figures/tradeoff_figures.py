@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model.accuracy.accurate_prediction import ESTIMATES
-from model.acquisition.frame_order import degrees_text
+from model.accuracy.predict import ESTIMATES
+from model.acquisition import degrees_text
 from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves, DigitPoint
 from rigctl.prediction.accuracy_curves import CurvePoint as CostPoint
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint

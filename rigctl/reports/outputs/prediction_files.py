@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.prediction.pair_detection import PairDetection
-from model.prediction.prediction import RegionPrediction
+from model.prediction import PairDetection, RegionPrediction
 from rigctl.console.json_text import Json
 from rigctl.files.choices import RocKind, SnrKind
 from rigctl.prediction.accuracy_curves import Curves

@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.flags import Flag
-from calibration.sensor.first_lines import first_lines
-from calibration.sensor.fixed_pattern import FixedPattern
-from calibration.sensor.noise import NoiseCalibration
-from calibration.sensor.not_known import not_known
-from calibration.sensor.performance import Performance
+from calibration.results import Flag
+from calibration.sensor.noise import NoiseCalibration, Performance, first_lines, not_known
+from calibration.sensor.pattern import FixedPattern
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration
 from rigctl.calibrations.noise.noise_frames import FrameSource
 from rigctl.reports.figures.calibration_figures import dark_png, linearity_png, photon_transfer_png, snr_png

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping
 
-from model.scene.field_light import FieldLight
+from model.scene.field import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
 from rigctl.comparison.comparison import Comparison

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from calibration.polarimeter.data_reduction import DataReduction
+from calibration.polarimeter.analyzer import DataReduction
 from rigctl.calibrations.content_file import CalibrationFile
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration

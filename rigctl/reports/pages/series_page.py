@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 
-from model.prediction.quantity_table import FOLLOWED
+from model.quantities import FOLLOWED
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.series import SeriesPoint, hours_of
 from rigctl.comparison.verdict import refusals

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from model.accuracy.accurate_prediction import AccuratePrediction
-from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STATISTICS
-from model.accuracy.series_prediction import SeriesCase, SeriesPrediction
+from model.accuracy.chain import Reading
+from model.accuracy.plan import NUMERICAL_SETTINGS, STATISTICS
+from model.accuracy.predict import AccuratePrediction
+from model.accuracy.series import SeriesCase, SeriesPrediction
 from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import size
 from rigctl.prediction.accuracy_curves import CurvePoint, Curves

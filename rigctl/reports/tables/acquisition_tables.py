@@ -5,9 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from model.acquisition.frame_order import degrees_text
-from model.acquisition.session_design import DolpBudget, Session
-from model.acquisition.session_search import Reached
+from model.acquisition import DolpBudget, Reached, Session, degrees_text
 from rigctl.console.json_text import Json
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.reports.table import Column, Table

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.estimate import Estimate
-from calibration.polarimeter.data_reduction import DataReduction
-from calibration.polarimeter.fourier_fit import Harmonic
+from calibration.polarimeter.analyzer import DataReduction, Harmonic
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
-from calibration.sensor.noise import NoiseCalibration
-from calibration.sensor.not_known import not_known
+from calibration.sensor.noise import NoiseCalibration, not_known
 from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
 from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
 from rigctl.reports.table import Column, Shown, Table, text_columns

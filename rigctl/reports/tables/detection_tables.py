@@ -13,7 +13,7 @@ from rigctl.reports.table import Column, Shown, Table
 from rigctl.reports.writers.data_files import csv_rows, json_rows
 
 if TYPE_CHECKING:
-    from model.prediction.pair_detection import PairDetection
+    from model.prediction import PairDetection
     from rigctl.comparison.rx_detection import RxOnRun
 
 SCHEMA_VERSION = 1

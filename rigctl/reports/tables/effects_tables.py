@@ -5,11 +5,9 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from model.accuracy.effect_check import CheckedEffect
-from model.effects.bound import Bound
-from model.effects.decisions import Decision, EffectPlan
-from model.effects.effect_models import EFFECT_MODELS
-from model.effects.names import Effect
+from model.accuracy.effect_estimates import CheckedEffect
+from model.effects.bounds import EFFECT_MODELS
+from model.effects.names import Bound, Decision, Effect, EffectPlan
 from rigctl.comparison.compared_run import EffectsTaken
 from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import NOTHING, size

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from model.scene.field_light import FieldLight, Source
+from model.scene.field import FieldLight, Source
 from model.stokes import aolp_rad, dolp
 from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import size

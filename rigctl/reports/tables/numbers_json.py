@@ -14,10 +14,8 @@ from rigctl.prediction.performance import NO_NOISE, Performance
 from rigctl.reports.writers.data_files import finite
 
 if TYPE_CHECKING:
-    from model.prediction.pair_detection import PairDetection
-    from model.prediction.polarization_strength import PolarizationStrength
-    from model.prediction.prediction import RegionPrediction
-    from model.processing.texture import Texture
+    from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
+    from model.processing.samples import Texture
     from rigctl.measurement.measurement import Measurement
     from rigctl.measurement.region_numbers import MeasuredRegion
     from rigctl.measurement.run_diagnosis import RunDiagnosis

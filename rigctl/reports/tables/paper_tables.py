@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from model.processing.dolp_against_snr import DolpAgainstSnr
-from model.processing.estimators import EstimatorError
+from model.processing.dolp_studies import DolpAgainstSnr, EstimatorError
 from rigctl.console.json_text import Json
 from rigctl.paper.descriptions import DESCRIPTIONS, Description
 from rigctl.paper.numbers import Number

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from model.prediction.pair_detection import PairDetection
-from model.prediction.polarization_strength import PolarizationStrength
-from model.prediction.prediction import RegionPrediction
-from model.prediction.quantity_table import ORDERED
+from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
+from model.quantities import ORDERED
 from rigctl.console.json_text import Json
 from rigctl.files.choices import SnrKind
 from rigctl.numbers.number_text import NO_NUMBER, NOTHING, size, to_digits

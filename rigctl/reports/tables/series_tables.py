@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 
-from model.prediction.quantity_table import FOLLOWED
+from model.quantities import FOLLOWED
 from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.rows import Row
 from rigctl.comparison.series import SeriesDrift, SeriesPoint, mean_row

@@ -2,7 +2,7 @@
 
 import importlib.util
 
-from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
+from model.atmosphere.sky import FIDELITY_LEVELS, Fidelity
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine
 

@@ -9,11 +9,9 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from model.atmosphere.lighting.solve_column import Solver
-from model.atmosphere.solver import solve
-from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
-from model.atmosphere.transfer.solution import ModeBlock, Solution
+from model.atmosphere.layers import Layer, ScatteringMatrix
+from model.atmosphere.sky import Solver
+from model.atmosphere.solver import ModeBlock, Solution, solve
 from rigctl.scene.skies.record_codec import NotStorableError, decode, encode, fingerprint
 
 _MAGIC = b"rigctl sky 1 sha256 "

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.lighting.table_lighting import TableLighting
+from model.atmosphere.sky import TableLighting
 from rigctl.errors import ConfigError, DataError
 from rigctl.storage.array_archive import read_arrays
 

@@ -6,7 +6,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from model.atmosphere.sun import SolarBand
+from model.atmosphere.sky import SolarBand
 
 FloatArray = NDArray[np.float64]
 

@@ -5,11 +5,24 @@ import numpy as np
 import pytest
 
 from benchmarks.trial_pointing import coverage, panel_corners, seen
-from calibration.errors import CalibrationError
-from calibration.pointing.camera_pose import camera_axes, fuse, refraction_rad, wrapped_rad
-from calibration.pointing.lens import Lens, calibrate_lens, plain_lens, rays
-from calibration.pointing.panel_pose import panel_stands
-from calibration.pointing.sources import SunSeen, compass, level, positions, sun_in_picture, way_between
+from calibration.pointing.pose import (
+    Lens,
+    SunSeen,
+    calibrate_lens,
+    camera_axes,
+    compass,
+    fuse,
+    level,
+    panel_stands,
+    plain_lens,
+    positions,
+    rays,
+    refraction_rad,
+    sun_in_picture,
+    way_between,
+    wrapped_rad,
+)
+from calibration.results import CalibrationError
 
 LENS = Lens(parameters=np.array([1500.0, 1500.0, 390.5, 290.5, -0.1, 0.02, 0.0, 0.0]), covariance=np.zeros((8, 8)))
 

@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.analyzer import analyzer_channels, extinction, pooled_diattenuation
-from calibration.polarimeter.axis import fit_axis, half_turn
-from calibration.polarimeter.data_reduction import linear_states, measured_data_reduction
-from calibration.polarimeter.fourier_fit import fit_fourier, harmonics_are_told_apart, residual_harmonics
+from calibration.polarimeter.analyzer import (
+    analyzer_channels,
+    extinction,
+    fit_axis,
+    fit_fourier,
+    half_turn,
+    harmonics_are_told_apart,
+    linear_states,
+    measured_data_reduction,
+    pooled_diattenuation,
+    residual_harmonics,
+)
+from calibration.results import CalibrationError
 
 FloatArray = NDArray[np.float64]
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.picture_walk import fit_wander, moved_back
-from calibration.polarimeter.registration import Registration, register
+from calibration.polarimeter.pictures import Registration, fit_wander, moved_back, register
+from calibration.results import CalibrationError
 
 FloatArray = NDArray[np.float64]
 

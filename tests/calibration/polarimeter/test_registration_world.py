@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.registration import register
+from calibration.polarimeter.pictures import register
 from tests.worldlike import Faults, World, expose
 
 WORLD = World(height=240, width=260, texture=0.3, texture_pixels=3.0, electrons=60000.0)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.errors import RefusedFramesError
-from calibration.sensor.dark_signal import match_darks, mean_sampling_variance
-from calibration.sensor.level_influence import mean_variance_dn2
+from calibration.results import RefusedFramesError
+from calibration.sensor.curves import match_darks, mean_sampling_variance
+from calibration.sensor.judging import mean_variance_dn2
 from calibration.sensor.noise import calibrate_noise
 from tests.calibration.sensor.noise_sets import STACK, Exposure, NoiseSet, Sensor, noise_set
 

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
-from calibration.flags import Flag
-from calibration.sensor.fixed_pattern import fixed_pattern
-from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
-from calibration.sensor.light_in_darks import with_pattern
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise
+from calibration.results import Flag
+from calibration.sensor.levels import LevelKind, LevelStatistics, level_statistics
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise, with_pattern
+from calibration.sensor.pattern import fixed_pattern
 
 FloatArray = NDArray[np.float64]
 Frame = NDArray[np.uint16]

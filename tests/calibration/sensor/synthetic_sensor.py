@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
+from calibration.sensor.levels import LevelKind, LevelStatistics, level_statistics
 
 FloatArray = NDArray[np.float64]
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from calibration.estimate import Estimate
-from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise
-from calibration.sensor.performance import Performance
+from calibration.sensor.levels import LevelStatistics
+from calibration.sensor.noise import NoiseCalibration, Performance, calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
 
 FloatArray = NDArray[np.float64]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from calibration.sensor.dark_influence import dark_influence
-from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
+from calibration.sensor.judging import dark_influence
+from calibration.sensor.levels import LevelStatistics, level_statistics
 
 FloatArray = NDArray[np.float64]
 N_PIXELS = 7680

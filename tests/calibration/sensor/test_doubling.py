@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from calibration.errors import CalibrationError
-from calibration.sensor.doubling import doubling_temperature
+from calibration.results import CalibrationError
+from calibration.sensor.curves import doubling_temperature
 
 TEMPERATURE_C = np.array([0.0, 8.0, 16.0, 24.0, 32.0, 40.0])
 DOUBLING_K = 7.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure, emva1288_figures
-from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
+from calibration.sensor.levels import LevelStatistics, level_statistics
 from tests.calibration.sensor.synthetic_sensor import (
     EXPOSURES_S,
     SATURATING_EXPOSURES_S,

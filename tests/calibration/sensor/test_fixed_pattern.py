@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.sensor.defects import Defect
-from calibration.sensor.fixed_pattern import FixedPattern, fixed_pattern
-from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
-from calibration.sensor.pattern_checks import pattern_flags
-from calibration.sensor.spectrogram import spectrogram
+from calibration.sensor.levels import LevelStatistics, level_statistics, spectrogram
+from calibration.sensor.pattern import Defect, FixedPattern, fixed_pattern, pattern_flags
 
 SHAPE = (120, 160)
 N_PIXELS = SHAPE[0] * SHAPE[1]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
+from calibration.results import CalibrationError
+from calibration.sensor.levels import LevelStatistics, level_statistics
 
 SHAPE = (64, 80)
 N_PIXELS = SHAPE[0] * SHAPE[1]

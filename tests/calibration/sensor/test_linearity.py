@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.sensor.frame_statistics import LevelStatistics
-from calibration.sensor.linearity import LINEARITY_LEVELS, LinearityCurve, fit_linearity
+from calibration.sensor.curves import LINEARITY_LEVELS, LinearityCurve, fit_linearity
+from calibration.sensor.levels import LevelStatistics
 from tests.calibration.sensor.synthetic_sensor import SyntheticCamera, SyntheticSensor
 
 FloatArray = NDArray[np.float64]

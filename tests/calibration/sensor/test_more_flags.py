@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import RefusedFramesError
 from calibration.estimate import Estimate
-from calibration.flags import Flag
-from calibration.sensor.exposure_unit import StatedExposures, impossible_exposures, unusual_dark_current
-from calibration.sensor.frame_statistics import LevelKind, LevelStatistics, level_statistics
+from calibration.results import Flag, RefusedFramesError
+from calibration.sensor.curves import StatedExposures, impossible_exposures, unusual_dark_current
+from calibration.sensor.levels import LevelKind, LevelStatistics, level_statistics
 from calibration.sensor.noise import calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
 

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
-from calibration.sensor.brighter_fatter import brighter_fatter
-from calibration.sensor.frame_statistics import LevelStatistics
+from calibration.sensor.curves import brighter_fatter
+from calibration.sensor.levels import LevelStatistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import (
     EXPOSURES_S,
@@ -33,7 +33,7 @@ N_SEEDS = 60
 
 def estimate(calibration: NoiseCalibration, name: str) -> Estimate:
     found = getattr(calibration, name)
-    assert isinstance(found, Estimate), f"{name} is {found}; flags {[flag.name for flag in calibration.flags]}"
+    assert isinstance(found, Estimate), f"{name} is {found}; flags {[flag.name for flag in calibration.results]}"
     return found
 
 
@@ -150,7 +150,7 @@ def test_saturation_of_the_converter() -> None:
     # The peak is where clipping begins: 4095 DN less black, less about 1.5 of its noise of 32 DN.
     found = estimate(calibration, "saturation_e")
     assert abs(found.value - (4095.0 - 60.0 - 48.0) / 0.25) < np.sqrt(3.0) * found.std_error
-    assert "saturated_levels" in {flag.name for flag in calibration.flags}
+    assert "saturated_levels" in {flag.name for flag in calibration.results}
 
 
 def two_percent_low_at_saturation(signal_dn: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,12 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import RefusedFramesError
 from calibration.estimate import Estimate
-from calibration.flags import Flag
-from calibration.sensor.first_lines import first_lines
-from calibration.sensor.light_in_darks import with_pattern
-from calibration.sensor.noise import NoiseCalibration, calibrate_noise
+from calibration.results import Flag, RefusedFramesError
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise, first_lines, with_pattern
 from tests.calibration.sensor import noise_sets
 from tests.calibration.sensor.drawn_sets import DRAWN_GOOD, DRAWN_WRONG, drawn_ten_errors
 from tests.calibration.sensor.noise_sets import GOOD, NoiseSet, SetMaker, calibrated, names_level

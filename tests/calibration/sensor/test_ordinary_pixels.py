@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.sensor.frame_statistics import LevelStatistics, level_statistics
+from calibration.sensor.levels import LevelStatistics, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
 

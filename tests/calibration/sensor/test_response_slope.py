@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
+from calibration.sensor.curves import PhotonTransfer, response_slope
 from calibration.sensor.noise import calibrate_noise
-from calibration.sensor.photon_transfer import PhotonTransfer
-from calibration.sensor.response_slope import response_slope
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
 
 FULL_DN = 4035.0

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from calibration.sensor.rounding_error import (
+from calibration.sensor.levels import (
     least_noise_dn2,
     mean_rounding_error_dn,
     spatial_rounding_error_dn2,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from calibration.sensor.saturation import saturation_level
+from calibration.sensor.curves import saturation_level
 
 GAIN_DN_PER_E = 0.25
 CEILING_DN = 4000.0

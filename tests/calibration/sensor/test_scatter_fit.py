@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.sensor.scatter_fit import fit_with_scatter
+from calibration.sensor.fits import fit_with_scatter
 
 X = np.linspace(1.0, 12.0, 12)
 LINE = np.column_stack([np.ones_like(X), X])

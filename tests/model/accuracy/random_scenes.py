@@ -4,21 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.profile import AtmosphereState
-from model.atmosphere.transfer.phase import AerosolKind
-from model.geometry import angle_between_rad, direction
-from model.scene.field_of_view import whole_field
-from model.scene.lit_scene import Air, LitRegion, LitScene
-from model.scene.scenario import Readout
-from model.scene.view import View
-from model.sensor.imperfections import Imperfections
-from model.sensor.sensor import Sensor, SensorNoise
-from model.surface.diffuse import DIFFUSE
-from model.surface.pbrdf import Surface
-from model.surface.shadowing import SHADOWING
-from model.surface.tilt import Tilt
+from model.atmosphere.aerosols import AerosolType
+from model.atmosphere.air import AtmosphereState
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import Fidelity
+from model.scene.field import whole_field
+from model.scene.panel import View
+from model.scene.scene import Air, LitRegion, LitScene, Readout
+from model.sensor import Imperfections, Sensor, SensorNoise
+from model.stokes import angle_between_rad, direction
+from model.surface.pbrdf import DIFFUSE, SHADOWING, Surface, Tilt
 from rigctl.scene.skies.solar_band import response_band
 
 _LARGEST_FIELD_RAD = np.radians(30.0)

@@ -5,13 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.effect_check import change, readings_of
-from model.accuracy.effect_estimates import coarse_settings, estimate_effects
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.predict_to_tolerance import predict
-from model.effects.bound import EVERYTHING
-from model.effects.names import ALL, Effect
+from model.accuracy.chain import LightStore, evaluate
+from model.accuracy.effect_estimates import change, coarse_settings, estimate_effects, readings_of
+from model.accuracy.predict import predict
+from model.effects.names import ALL, EVERYTHING, Effect
 from model.effects.planner import plan, plan_of_all
 from tests.model.effects.scenes import COARSE, panel_scene, radiance_scene
 

@@ -2,18 +2,9 @@
 
 import pytest
 
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import (
-    HEMISPHERE,
-    LAYERS,
-    SKY_GRID,
-    STREAMS,
-    TILES,
-    WAVELENGTHS,
-    settings_at,
-)
-from model.accuracy.predict_to_tolerance import predict
+from model.accuracy.chain import differences, evaluate, readings
+from model.accuracy.plan import HEMISPHERE, LAYERS, SKY_GRID, STREAMS, TILES, WAVELENGTHS, settings_at
+from model.accuracy.predict import predict
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
 FINER = {STREAMS: 4, LAYERS: 3, WAVELENGTHS: 6, SKY_GRID: 2, HEMISPHERE: 4, TILES: 5}

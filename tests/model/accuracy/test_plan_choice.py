@@ -2,10 +2,9 @@ from dataclasses import replace
 
 import pytest
 
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.plan_choice import plan_beside
-from model.accuracy.planning.numerical_settings import HEMISPHERE, NUMERICAL_SETTINGS
-from model.accuracy.predict_to_tolerance import predict
+from model.accuracy.chain import LightStore
+from model.accuracy.plan import HEMISPHERE, NUMERICAL_SETTINGS
+from model.accuracy.predict import plan_beside, predict
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 0.03

@@ -3,14 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.accurate_prediction import ESTIMATES
-from model.accuracy.evaluation.chain import STAGES, evaluate
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
-from model.accuracy.predict_to_tolerance import predict, predict_together
-from model.atmosphere.transfer.phase import AerosolKind
-from model.scene.lit_scene import LitRegion
+from model.accuracy.chain import STAGES, LightStore, differences, evaluate, readings
+from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
+from model.accuracy.predict import ESTIMATES, predict, predict_together
+from model.atmosphere.layers import AerosolKind
+from model.scene.scene import LitRegion
 from tests.model.accuracy.random_scenes import random_scene
 
 FINER = dict.fromkeys(NUMERICAL_SETTINGS, 2) | {"wavelengths": 3}

@@ -6,17 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.error_budget import Budget
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import Reading, Value, differences, readings
-from model.accuracy.evaluation.settings import Settings
-from model.accuracy.neighbours import Judged, told_errors
-from model.accuracy.planning.lattice import Cell, lattice
-from model.accuracy.predict_to_tolerance import predict
-from model.accuracy.series_effects import SeriesEffects, TakenEffects
-from model.accuracy.series_to_tolerance import predict_series
-from model.atmosphere.lighting.fidelity import Fidelity, SolverSettings
+from model.accuracy.chain import LightStore, Reading, Settings, Value, differences, evaluate, readings
+from model.accuracy.errors import Budget
+from model.accuracy.predict import predict
+from model.accuracy.series import Cell, Judged, SeriesEffects, TakenEffects, lattice, predict_series, told_errors
+from model.atmosphere.sky import Fidelity, SolverSettings
 from model.effects.names import ALL, Effect
 from model.effects.planner import plan_of_all
 from tests.model.accuracy.random_scenes import random_scene

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.effect_scenes import SETTINGS
-from model.accuracy.effect_check import change, readings_of
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.thin_sky import skylight_bound
-from model.effects.bound import Bound
-from model.effects.effect_models import effect_bounds
-from model.effects.names import ALL, Effect
-from model.effects.sun_light import light_limits
-from model.scene.lit_scene import LitScene
+from model.accuracy.chain import LightStore, evaluate
+from model.accuracy.effect_estimates import change, readings_of, skylight_bound
+from model.effects.bounds import effect_bounds, light_limits
+from model.effects.names import ALL, Bound, Effect
+from model.scene.scene import LitScene
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.scene_prediction import ScenePredictor
 from tests.rigctl.example_files import EXAMPLES

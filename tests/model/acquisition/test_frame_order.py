@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.acquisition.frame_order import PATTERNS, least_drifting_order, mean_moves_rad, mean_places
+from model.acquisition import PATTERNS, least_drifting_order, mean_moves_rad, mean_places
 
 ANGLES = np.radians([0.0, 45.0, 90.0, 135.0])
 

@@ -3,10 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.acquisition.frame_order import PATTERNS
-from model.acquisition.session_design import Disturbances, Session, cycle_light, dolp_budget
+from model.acquisition import PATTERNS, Disturbances, Session, cycle_light, dolp_budget
 from model.moments import Moments
-from model.sensor.electrons import electrons_per_radiance
+from model.sensor import electrons_per_radiance
 from tests.model.sensors import sensor
 
 ANGLES = tuple(np.radians([0.0, 90.0, 45.0, 135.0]))

@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.acquisition.session_design import Disturbances, Session, cycle_light, dolp_budget
-from model.acquisition.session_search import Scheme, Wanted, fewest_cycles, shortest
+from model.acquisition import Disturbances, Scheme, Session, Wanted, cycle_light, dolp_budget, fewest_cycles, shortest
 from model.moments import Moments
 from tests.model.acquisition.test_session_design import ANGLES, LIGHT, drawn_dolp
 from tests.model.sensors import sensor

@@ -3,9 +3,7 @@
 import json
 from pathlib import Path
 
-from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
-from model.atmosphere.aerosol.refractive_index import RefractiveIndex
-from model.atmosphere.aerosol.size_distribution import LogNormal, TabulatedSizes, log_normal
+from model.atmosphere.mie import LogNormal, MieAerosol, ParticleMode, RefractiveIndex, TabulatedSizes, log_normal
 
 _HERE = Path(__file__).parent
 REFERENCE = json.loads((_HERE / "mie_reference.json").read_text())

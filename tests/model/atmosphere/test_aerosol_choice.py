@@ -1,18 +1,12 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.angstrom import angstrom_law, angstrom_ratio
-from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
-from model.atmosphere.aerosol.refractive_index import RefractiveIndex
-from model.atmosphere.aerosol.size_distribution import LogNormal
-from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
-from model.atmosphere.profile import AtmosphereState, column, optical_depth
+from model.atmosphere.aerosols import AerosolType, angstrom_law, angstrom_ratio
+from model.atmosphere.air import AtmosphereState, column, optical_depth
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.mie import LogNormal, MieAerosol, ParticleMode, RefractiveIndex, aerosol_scattering
+from model.atmosphere.sky import FIDELITY_LEVELS, Fidelity, SolarBand, compute_lighting
 from model.atmosphere.solver import solve
-from model.atmosphere.sun import SolarBand
-from model.atmosphere.transfer.phase import AerosolKind
 
 OWN = MieAerosol(
     name="own",

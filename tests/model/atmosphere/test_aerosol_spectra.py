@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.aerosol_spectrum import aerosol_spectra
-from model.atmosphere.profile import AtmosphereState, column, optical_depth
+from model.atmosphere.aerosols import AerosolType
+from model.atmosphere.air import AtmosphereState, aerosol_spectra, column, optical_depth
 
 ENDS = {"shortest_m": 400e-9, "longest_m": 900e-9}
 WAVELENGTHS_M = np.array([400e-9, 437e-9, 550e-9, 601e-9, 694.3e-9, 771e-9, 900e-9])

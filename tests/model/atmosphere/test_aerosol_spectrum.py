@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.choice import chebyshev_wavelengths_m, lagrange_basis
+from model.atmosphere.aerosols import chebyshev_wavelengths_m, lagrange_basis
 
 
 def test_chebyshev_wavelengths_of_the_visible():

@@ -2,8 +2,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from model.atmosphere.transfer.depth import element_edges, slant, source_weights
-from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.layers import Layer, element_edges, slant, source_weights
 
 
 @pytest.mark.parametrize("part", [0.3, 0.5, 1.0])

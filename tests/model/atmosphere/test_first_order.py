@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from model.atmosphere.solver import solve
-from model.atmosphere.transfer.first_order import beam_share, single_scattering
-from model.atmosphere.transfer.layers import Layer
+from model.atmosphere.layers import Layer
+from model.atmosphere.solver import beam_share, single_scattering, solve
 from tests.model.atmosphere.oracles import rayleigh_matrix
 
 LAYERS = [Layer(0.05, 0.02, 0.9, 0.6, 0.95), Layer(0.08, 0.3, 0.94, 0.7, 0.958)]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.transfer.layers import Layer, merge_alike
+from model.atmosphere.layers import Layer, merge_alike
 
 
 def test_alike_neighbours_are_joined():

@@ -1,15 +1,20 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.lighting.analytic_sky import AnalyticLighting, analytic_sky
-from model.atmosphere.lighting.band_lighting import path_radiance, path_transmittance
-from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import FIDELITY_LEVELS, Fidelity
-from model.atmosphere.lighting.single_scattering import single_solution
-from model.atmosphere.lighting.table_lighting import TableLighting
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.sky import (
+    FIDELITY_LEVELS,
+    AnalyticLighting,
+    Fidelity,
+    SolarBand,
+    TableLighting,
+    analytic_sky,
+    compute_lighting,
+    path_radiance,
+    path_transmittance,
+    single_solution,
+)
 from model.atmosphere.solver import solve
-from model.atmosphere.sun import SolarBand
 
 STATE = AtmosphereState(visibility_m=23e3)
 MU0 = np.cos(np.radians(25.0))

@@ -1,13 +1,20 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.mie_aerosol import aerosol_extinction_m2, aerosol_scattering
-from model.atmosphere.aerosol.mie_sphere import efficiencies, sphere_coefficients
-from model.atmosphere.aerosol.models import TABULATED, AerosolType, aerosol_optics
-from model.atmosphere.aerosol.particle_modes import MieAerosol, ParticleMode
-from model.atmosphere.aerosol.presets import preset_aerosol
-from model.atmosphere.aerosol.refractive_index import RefractiveIndex, mixed_index
-from model.atmosphere.aerosol.size_distribution import LogNormal, TabulatedSizes, log_normal
+from model.atmosphere.aerosols import TABULATED, AerosolType, aerosol_optics, preset_aerosol
+from model.atmosphere.mie import (
+    LogNormal,
+    MieAerosol,
+    ParticleMode,
+    RefractiveIndex,
+    TabulatedSizes,
+    aerosol_extinction_m2,
+    aerosol_scattering,
+    efficiencies,
+    log_normal,
+    mixed_index,
+    sphere_coefficients,
+)
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL, REFERENCE, aerosol_of
 
 ANGLE_RAD = np.radians(REFERENCE["angle_deg"])

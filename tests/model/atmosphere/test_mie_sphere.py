@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.atmosphere.aerosol.mie_sphere import amplitude_sums, efficiencies, sphere_coefficients
+from model.atmosphere.mie import amplitude_sums, efficiencies, sphere_coefficients
 from tests.model.atmosphere.mie_cases import REFERENCE
 
 MU = np.array(REFERENCE["mu"])

@@ -3,9 +3,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.phase import AerosolKind, expansion_coefficients, henyey_greenstein, rayleigh_column
-from model.atmosphere.transfer.spherical_functions import stokes_basis
+from model.atmosphere.layers import (
+    AerosolKind,
+    Layer,
+    expansion_coefficients,
+    henyey_greenstein,
+    rayleigh_column,
+    stokes_basis,
+)
 from tests.model.atmosphere.oracles import azimuth_modes, rayleigh_matrix
 
 MOLECULES = Layer(0.3, 0.0, 0.0, 0.0, 0.958)

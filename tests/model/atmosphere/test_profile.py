@@ -1,11 +1,16 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.models import AerosolType, aerosol_optics
-from model.atmosphere.aerosol_profile import aerosol_column
-from model.atmosphere.molecules import pressure_ratio, rayleigh_anisotropy, rayleigh_optical_depth
-from model.atmosphere.ozone import ozone_optical_depth
-from model.atmosphere.profile import AtmosphereState, column, optical_depth
+from model.atmosphere.aerosols import AerosolType, aerosol_column, aerosol_optics
+from model.atmosphere.air import (
+    AtmosphereState,
+    column,
+    optical_depth,
+    ozone_optical_depth,
+    pressure_ratio,
+    rayleigh_anisotropy,
+    rayleigh_optical_depth,
+)
 from model.atmosphere.solver import solve
 
 CLEAR = AtmosphereState(visibility_m=23e3)

@@ -4,15 +4,12 @@ import sys
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.layers import AerosolKind, Layer
+from model.atmosphere.mie import aerosol_scattering
 from model.atmosphere.sasktran2_engine import sasktran2_solution
+from model.atmosphere.sky import Fidelity, SolarBand, compute_lighting
 from model.atmosphere.solver import solve
-from model.atmosphere.sun import SolarBand
-from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.phase import AerosolKind
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL
 
 INSTALLED = importlib.util.find_spec("sasktran2") is not None

@@ -1,12 +1,16 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.matrix_expansion import angular_grid, expand, sphere_sums
-from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.aerosol.mie_sphere import amplitude_sums, efficiencies, sphere_coefficients
-from model.atmosphere.transfer.phase import matrix_column
-from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
-from model.atmosphere.transfer.spherical_functions import matrix_functions, wigner_d
+from model.atmosphere.layers import ScatteringMatrix, matrix_column, matrix_functions, wigner_d
+from model.atmosphere.mie import (
+    aerosol_scattering,
+    amplitude_sums,
+    angular_grid,
+    efficiencies,
+    expand,
+    sphere_coefficients,
+    sphere_sums,
+)
 from tests.model.atmosphere.mie_cases import REFERENCE, aerosol_of
 from tests.model.atmosphere.oracles import rotated_matrix
 

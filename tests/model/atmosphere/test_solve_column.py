@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.atmosphere.lighting.fidelity import SolverSettings
-from model.atmosphere.lighting.single_scattering import single_solution
-from model.atmosphere.lighting.solve_column import solve_column
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import SolverSettings, single_solution, solve_column
 from model.atmosphere.solver import solve
-from model.atmosphere.transfer.phase import AerosolKind
 
 MU = np.array([1.0, 0.7, 0.3, 0.05])
 PHI_RAD = np.array([0.1, 1.0, 2.0, 3.0])

@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.atmosphere.solver import Layer, solve
-from model.atmosphere.transfer.first_order import single_scattering
-from model.atmosphere.transfer.phase import AerosolKind
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.solver import Layer, single_scattering, solve
 
 MU = np.array([0.03, 0.15, 0.4, 0.7, 0.95])
 PHI = np.array([0.0, 0.4, 1.7, 2.9])

@@ -3,14 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.lighting.band_lighting import path_radiance
-from model.atmosphere.lighting.single_scattering import single_solution
+from model.atmosphere.layers import AerosolKind, Layer, ScatteringMatrix, peak_irradiance, with_truncated_matrix
+from model.atmosphere.mie import aerosol_scattering
+from model.atmosphere.sky import path_radiance, single_solution
 from model.atmosphere.solver import solve
-from model.atmosphere.transfer.delta_m_truncation import peak_irradiance, with_truncated_matrix
-from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.phase import AerosolKind
-from model.atmosphere.transfer.scattering_matrix import ScatteringMatrix
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL, REFERENCE, SKY, aerosol_of
 
 SPHERES = AerosolKind.SPHERES

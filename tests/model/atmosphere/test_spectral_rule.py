@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.atmosphere.spectral_rule import spectral_rule
+from model.atmosphere.sky import spectral_rule
 
 WAVELENGTH_M = np.linspace(400e-9, 700e-9, 301)
 # A spectrum that is not smooth: lines of all depths.

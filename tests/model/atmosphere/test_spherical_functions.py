@@ -3,7 +3,7 @@ from math import factorial
 import numpy as np
 import pytest
 
-from model.atmosphere.transfer.spherical_functions import stokes_basis, wigner_d
+from model.atmosphere.layers import stokes_basis, wigner_d
 from tests.model.atmosphere.oracles import azimuth_modes, rotated_matrix
 
 MU = np.array([-1.0, -0.93, -0.3, 0.0, 0.2, 0.77, 1.0])

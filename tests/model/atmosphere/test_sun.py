@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.sun import SolarBand, distance_factor
+from model.atmosphere.sky import SolarBand, distance_factor
 
 
 def test_distance_on_the_25th_of_may():

@@ -4,19 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.accuracy.evaluation.settings import Settings
-from model.atmosphere.lighting.fidelity import Fidelity, SolverSettings
-from model.atmosphere.profile import AtmosphereState
-from model.atmosphere.sun import SolarBand
-from model.atmosphere.transfer.phase import AerosolKind
-from model.scene.field_of_view import FieldPart
-from model.scene.lit_scene import Air, LitRegion, LitScene
-from model.scene.scenario import Readout
-from model.scene.view import View
-from model.sensor.imperfections import PERFECT
-from model.sensor.sensor import Sensor, SensorNoise
-from model.surface.pbrdf import Surface
-from model.surface.tilt import Tilt
+from model.accuracy.chain import Settings
+from model.atmosphere.air import AtmosphereState
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import Fidelity, SolarBand, SolverSettings
+from model.scene.field import FieldPart
+from model.scene.panel import View
+from model.scene.scene import Air, LitRegion, LitScene, Readout
+from model.sensor import PERFECT, Sensor, SensorNoise
+from model.surface.pbrdf import Surface, Tilt
 
 COARSE = Settings(
     wavelengths=2,

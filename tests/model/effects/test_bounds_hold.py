@@ -26,7 +26,7 @@ def test_random_scenes_try_many_effects(score):
 
 
 def test_bound_that_is_too_small_is_found(monkeypatch):
-    monkeypatch.setattr("model.effects.noise_bounds.RegionBounds.temporal_share", lambda *_, **__: 1e-9)
+    monkeypatch.setattr("model.effects.bounds.RegionBounds.temporal_share", lambda *_, **__: 1e-9)
     found = Score()
     for seed in SEEDS:
         if not found.violations:

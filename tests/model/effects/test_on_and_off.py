@@ -5,12 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from model.accuracy.effect_check import change, readings_of
-from model.accuracy.evaluation.chain import evaluate, scenario_of
-from model.accuracy.evaluation.light_store import LightStore
+from model.accuracy.chain import LightStore, evaluate, scenario_of
+from model.accuracy.effect_estimates import change, readings_of
 from model.effects.names import ALL, Effect
 from model.effects.planner import plan
-from model.scene.lit_scene import LitScene
+from model.scene.scene import LitScene
 from tests.model.effects.scenes import COARSE, THIN, panel_scene, radiance_scene
 
 TOLERANCE = 5e-3

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from model.accuracy.evaluation.chain import evaluate
-from model.effects.bound import Bound
-from model.effects.effect_models import EFFECT_MODELS
-from model.effects.names import ALL, Effect
+from model.accuracy.chain import evaluate
+from model.effects.bounds import EFFECT_MODELS
+from model.effects.names import ALL, Bound, Effect
 from model.effects.planner import plan
 from tests.model.effects.scenes import COARSE, panel_scene, radiance_scene
 

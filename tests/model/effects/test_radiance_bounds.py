@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.effects.radiance_bounds import radiance_bounds
-from model.effects.sun_light import light_limits
+from model.effects.bounds import light_limits, radiance_bounds
 from tests.model.effects.scenes import panel_scene
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.effect_scenes import SETTINGS, random_materials
-from model.accuracy.evaluation.chain import evaluate
-from model.effects.sun_light import light_limits
-from model.sensor.imperfections import Imperfections
+from model.accuracy.chain import evaluate
+from model.effects.bounds import light_limits
+from model.sensor import Imperfections
 
 # The limits take four wavelengths; what the polynomial through as many misses of a band is the same on both sides.
 LIGHT_SETTINGS = replace(SETTINGS, wavelengths=4, sky_zeniths=16, sky_azimuths=14)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.prediction.mean_uncertainty import budget, shift_cause
+from model.prediction import budget, shift_cause
 from model.processing.reconstruction import design
 
 PLAN = design(np.deg2rad([0.0, 45.0, 90.0, 135.0]), np.inf)

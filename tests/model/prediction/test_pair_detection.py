@@ -1,15 +1,9 @@
 import numpy as np
 import pytest
 
-from model.prediction.pair_detection import (
-    detections_of_cases,
-    pair_detection,
-    pair_detections,
-    rocs_of_pair,
-)
-from model.prediction.prediction import predict
+from model.prediction import detections_of_cases, pair_detection, pair_detections, predict, rocs_of_pair
 from model.processing.detection import rx_p_detection
-from model.scene.scenario import RegionLight, Scenario
+from model.scene.scene import RegionLight, Scenario
 from tests.model.prediction.test_whole_chain import READOUT, SENSOR
 
 

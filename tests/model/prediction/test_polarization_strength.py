@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.prediction.polarization_strength import noise_equivalent, polarization_strength
+from model.prediction import noise_equivalent, polarization_strength
 from tests.model.prediction.test_pair_detection import predicted
 
 

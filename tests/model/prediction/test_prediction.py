@@ -1,4 +1,4 @@
-from model.prediction.prediction import reason_missing
+from model.prediction import reason_missing
 from tests.model.prediction.test_pair_detection import predicted
 
 

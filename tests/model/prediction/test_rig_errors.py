@@ -3,10 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.prediction.prediction import predict
-from model.prediction.rig_errors import RigErrors, predict_with_errors
-from model.scene.scenario import Readout, RegionLight, Scenario
-from model.sensor.imperfections import Imperfections, drifting_light
+from model.prediction import RigErrors, predict, predict_with_errors
+from model.scene.scene import Readout, RegionLight, Scenario
+from model.sensor import Imperfections, drifting_light
 from tests.model.sensors import sensor
 
 ANGLES = np.deg2rad([0.0, 45.0, 90.0, 135.0])

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from model.moments import Moments
-from model.prediction.prediction import predict
+from model.prediction import predict
 from model.processing import dolp
 from model.processing.detection import rx_p_detection, rx_threshold
-from model.scene.scenario import Readout, RegionLight, Scenario
-from model.sensor.electrons import electrons_per_radiance
-from model.sensor.sensor import Sensor, SensorNoise
+from model.scene.scene import Readout, RegionLight, Scenario
+from model.sensor import Sensor, SensorNoise, electrons_per_radiance
 
 DRAWS = 1_000_000
 # Largest of some 180 scores: 5 standard errors leave one false alarm in ten thousand runs.

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.bayesian_update import MOVED, confusion, update_inputs
+from model.processing.agreement import MOVED, confusion, update_inputs
 
 RNG = np.random.default_rng(12)
 # Eight results, three inputs: the first acts alone, the second and third act alike on all.

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.special import gammaincc
 
-from model.processing.quadratic_forms import chi_square
+from model.processing import quadratic_forms as chi_square
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 3, 4, 13, 40])

@@ -6,9 +6,9 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from model.numerics import erfc
+from model.processing import quadratic_forms as contour_integral
 from model.processing.detection import rx_p_detection, rx_p_miss, rx_roc, rx_threshold
-from model.processing.quadratic_forms import contour_integral
-from model.special_functions import erfc
 from tests.model.processing.quadratic_form_oracles import ray_log_tail
 from tests.model.processing.rx_reference import CASES, column, moments
 

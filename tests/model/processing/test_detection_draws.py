@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from model.processing.detection import rx_p_detection, rx_threshold
-from model.processing.detection_draws import rx_draws
+from model.processing.dolp_studies import rx_draws
 
 MEAN = np.array([880.0, 44.0, 21.0])
 COV = np.array([[91.0, 4.4, 2.1], [4.4, 158.0, 0.0], [2.1, 0.0, 158.0]])

@@ -7,8 +7,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.special import betainc, betaincc
 
-from model.processing.detection import rx_p_detection, rx_threshold
-from model.processing.detection_sample import sample_roc, sample_threshold
+from model.processing.detection import rx_p_detection, rx_threshold, sample_roc, sample_threshold
 from tests.model.processing.rx_reference import HOTELLING
 
 FloatArray = NDArray[np.float64]

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.processing.dolp_against_snr import dolp_against_snr
+from model.processing.dolp_studies import dolp_against_snr
 
 PAPER = (1.0, 0.5, 0.5)
 

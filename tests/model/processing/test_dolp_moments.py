@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.processing import dolp
-from model.processing.dolp_distribution.moment_expansion import second_order
+from model.processing.dolp import second_order
 from tests.model.oracles import covariance
 from tests.model.processing.dolp_reference import case_id, dolp_cases
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.processing.dolp_distribution.double_double import product
+from model.processing.dolp_law import product
 
 number = st.floats(-1e20, 1e20).filter(lambda value: value == 0.0 or abs(value) > 1e-20)
 

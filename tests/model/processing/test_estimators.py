@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from model.processing.estimators import ESTIMATORS, Estimator, bias_and_rms, true_snr
+from model.processing.dolp_studies import ESTIMATORS, Estimator, bias_and_rms, true_snr
 
 # bias and rms error in units of the noise at these true values, to the digits that quadrature gave independently
 TRUE = np.array([0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0])

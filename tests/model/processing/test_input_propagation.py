@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.input_propagation import propagate
+from model.processing.agreement import propagate
 
 
 def _propagate(function, values, cov, **limits):

@@ -8,8 +8,7 @@ import pytest
 from model.moments import Moments
 from model.processing import dolp, maps
 from model.processing.maps import Engine, polarization_maps
-from model.processing.reconstruction import Design, design
-from model.processing.stokes_ratios import aolp_moments_rad
+from model.processing.reconstruction import Design, aolp_moments_rad, design
 
 DOUBLE = np.float64
 # What single precision may lose: of S0 for Stokes parameters, absolute for DoLP, over DoLP for AoLP [rad].

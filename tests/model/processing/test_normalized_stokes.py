@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from model.processing import normalized_stokes
+from model.processing import dolp_studies as normalized_stokes
 from tests.model.oracles import covariance
 
 MEAN = np.array([1.0, 0.3, 0.1])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.processing import dolp
-from model.processing.poisson_dolp import poisson_dolp
+from model.processing.dolp_studies import poisson_dolp
 from model.processing.reconstruction import MODIFIED_PICKERING_RAD, design
 
 PLAN = design(MODIFIED_PICKERING_RAD)

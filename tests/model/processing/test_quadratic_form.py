@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.special import betainc, erfc, ndtr
 
-from model.processing.quadratic_forms import chi_square
-from model.processing.quadratic_forms.quadratic_form import tail_probabilities
+from model.processing import quadratic_forms as chi_square
+from model.processing.quadratic_forms import tail_probabilities
 
 # Two or three roundings in the exponent and in the prefactor.
 ROUNDING = 1e-14

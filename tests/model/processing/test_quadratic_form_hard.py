@@ -4,7 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from model.processing.quadratic_forms.quadratic_form import tail_probabilities
+from model.processing.quadratic_forms import tail_probabilities
 from tests.model.processing.quadratic_form_oracles import mixture_tail, ray_log_tail
 
 # The default tolerance is 1e-10 for half of the nodes in use; rounding of a threshold and of offsets b adds about

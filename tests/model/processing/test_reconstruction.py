@@ -5,13 +5,7 @@ from hypothesis import strategies as st
 
 from model.moments import Moments
 from model.processing.dolp import first_order
-from model.processing.reconstruction import (
-    MODIFIED_PICKERING_RAD,
-    design,
-    equispaced_rad,
-    reconstruct,
-    stokes_moments,
-)
+from model.processing.reconstruction import MODIFIED_PICKERING_RAD, design, equispaced_rad, reconstruct, stokes_moments
 
 PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2)
 FESSENKOV_RAD = (0.0, np.pi / 3, 2 * np.pi / 3)

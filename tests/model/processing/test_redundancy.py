@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.reconstruction import design
-from model.processing.redundancy import pair_sum_excess
+from model.processing.reconstruction import design, pair_sum_excess
 
 PLAN = design(np.deg2rad([0.0, 45.0, 90.0, 135.0]), np.inf)
 RNG = np.random.default_rng(5)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.dolp_distribution.rice import rice_moments
+from model.processing.dolp import rice_moments
 from tests.model.processing.test_dolp_moments import RICE
 
 

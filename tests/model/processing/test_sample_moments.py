@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.processing import sample_moments as sm
+from model.processing import samples as sm
 
 # Scores of REPEATS independent samples: their mean has the standard error 1 / sqrt(REPEATS), their variance
 # sqrt(2 / REPEATS) for normal scores. Five of these are allowed; the seeds are fixed.

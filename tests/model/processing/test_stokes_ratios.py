@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from model.moments import Moments
-from model.processing.stokes_ratios import channel_ratios
+from model.processing.reconstruction import channel_ratios
 
 
 def test_a_common_factor_changes_nothing_and_has_no_error():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.texture import estimate_texture
+from model.processing.samples import estimate_texture
 
 MEAN = np.array([1000.0, 300.0, -200.0])
 NOISE = np.array([[400.0, 50.0, 0.0], [50.0, 700.0, 20.0], [0.0, 20.0, 650.0]])

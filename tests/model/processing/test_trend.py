@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from model.processing.trend import drift_line, rank_correlation
+from model.processing.agreement import drift_line, rank_correlation
 
 
 def test_the_slope_is_that_of_weighted_least_squares():

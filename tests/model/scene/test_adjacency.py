@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.evaluation.chain import evaluate
+from model.accuracy.chain import evaluate
 from model.effects.names import ALL, Effect
-from model.scene.adjacency import BACKSCATTER, forward_scattered
+from model.scene.field import BACKSCATTER, forward_scattered
 from tests.model.effects.scenes import COARSE, panel_scene
 
 

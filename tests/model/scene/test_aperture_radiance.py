@@ -3,14 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.scene.aperture_radiance import aperture_lights
-from model.scene.hemisphere import Rules
-from model.scene.illumination import illuminate
-from model.scene.view import View
+from model.scene.panel import Rules, View, aperture_lights
+from model.scene.sky_light import illuminate
 from model.stokes import aolp_rad, dolp, rotate_frame
-from model.surface.fresnel import mueller_elements
-from model.surface.pbrdf import Surface, mueller
-from model.surface.tilt import Tilt
+from model.surface.pbrdf import Surface, Tilt, mueller, mueller_elements
 from tests.model.made_lighting import MadeLighting, even_sky
 
 PAINT = Surface(n=1.5, slope_rms=0.15, dhr=0.05)

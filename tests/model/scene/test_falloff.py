@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from model.scene.falloff import cosine_fourth
-from model.scene.field_of_view import FieldPart, whole_field
+from model.scene.field import FieldPart, cosine_fourth, whole_field
 
 
 def test_falloff_has_the_moments_of_draws_over_the_picture():

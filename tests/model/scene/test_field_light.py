@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
 
-from model.scene.aperture_radiance import ApertureLight
-from model.scene.field_light import FieldLight, light_over_field, lights_over_tiles
-from model.scene.field_of_view import FieldPart
-from model.scene.hemisphere import Rules
-from model.scene.view import View
+from model.scene.field import FieldLight, FieldPart, light_over_field, lights_over_tiles
+from model.scene.panel import ApertureLight, Rules, View
 
 AXIS = View(zenith_rad=np.radians(40.0), azimuth_rad=0.0)
 NO_TEXTURE = np.zeros((3, 3))

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model import geometry
-from model.scene.field_of_view import FieldPart, off_axis, part_of_picture, tiles, whole_field
-from model.scene.view import View
+from model import stokes as geometry
+from model.scene.field import FieldPart, off_axis, part_of_picture, tiles, whole_field
+from model.scene.panel import View
 
 SQUARE = FieldPart(
     left_rad=-np.radians(7.5), right_rad=np.radians(7.5), bottom_rad=-np.radians(7.5), top_rad=np.radians(7.5)

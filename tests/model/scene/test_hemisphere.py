@@ -3,13 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.scene.hemisphere import Rules, reflected_by_rules, reflected_diffuse
-from model.scene.panel_light import PanelLight
-from model.scene.view import View
+from model.scene.panel import PanelLight, Rules, View, reflected_by_rules, reflected_diffuse
 from model.stokes import dolp
-from model.surface.pbrdf import Surface, mueller
-from model.surface.reflectance import lobe_reflectance
-from model.surface.tilt import Tilt
+from model.surface.pbrdf import Surface, Tilt, lobe_reflectance, mueller
 from tests.model.made_lighting import SUN_AZIMUTH_RAD, even_sky, polarized_sky, skylight
 
 GLOSSY = Surface(n=1.5, slope_rms=0.15)

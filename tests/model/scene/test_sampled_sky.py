@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.lighting.compute_lighting import compute_lighting
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.profile import AtmosphereState
-from model.atmosphere.sun import SolarBand
-from model.atmosphere.transfer.phase import AerosolKind
-from model.scene.sampled_sky import sample_sky
+from model.atmosphere.aerosols import AerosolType
+from model.atmosphere.air import AtmosphereState
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import Fidelity, SolarBand, compute_lighting
+from model.scene.sky_light import sample_sky
 from tests.model.made_lighting import polarized_sky
 
 RANDOM = np.random.default_rng(5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.sensor.electrons import effective_wavelength_m, electrons_per_radiance
+from model.sensor import effective_wavelength_m, electrons_per_radiance
 from tests.model.sensors import sensor
 
 NODES = np.linspace(400e-9, 700e-9, 301)

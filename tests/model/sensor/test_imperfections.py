@@ -7,9 +7,7 @@ import pytest
 
 from model.moments import Moments
 from model.processing.reconstruction import design
-from model.sensor.channels import channel_moments
-from model.sensor.electrons import electrons_per_radiance
-from model.sensor.imperfections import PERFECT, Imperfections, angle_variance
+from model.sensor import PERFECT, Imperfections, angle_variance, channel_moments, electrons_per_radiance
 from tests.model.sensors import sensor
 
 FOUR = np.deg2rad([0.0, 45.0, 90.0, 135.0])

@@ -4,9 +4,7 @@ from scipy.special import ndtr
 
 from model.moments import Moments
 from model.processing.reconstruction import MODIFIED_PICKERING_RAD, design, stokes_moments
-from model.sensor.channels import channel_moments
-from model.sensor.electrons import counts_per_radiance, electrons_per_radiance
-from model.sensor.sensor import aperture_factor
+from model.sensor import aperture_factor, channel_moments, counts_per_radiance, electrons_per_radiance
 from tests.model.sensors import sensor
 
 FOUR = np.array(MODIFIED_PICKERING_RAD)

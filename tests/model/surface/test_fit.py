@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import bdtr, bdtrc, chdtrc
 
-from model.surface.fit import fit_surface
-from model.surface.fit_interval import gauss_interval, profile_interval
-from model.surface.fit_observation import Observation, sunlit
-from model.surface.identifiability import information
+from model.surface.fit import Observation, fit_surface, gauss_interval, information, profile_interval, sunlit
 from model.surface.pbrdf import Surface, mueller
 
 # Sun zenith, camera zenith, phi [deg]: glint, its flanks, and directions without it.

@@ -4,7 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from model.surface import fresnel
+from model.surface import pbrdf as fresnel
 
 
 def textbook(angle_rad: float, n: float, k: float) -> tuple[complex, complex]:

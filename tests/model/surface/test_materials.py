@@ -3,9 +3,17 @@
 import numpy as np
 import pytest
 
-from model.surface.energy import findings
-from model.surface.material_library import MATERIALS, material
-from model.surface.materials import Material, Property, assumed_properties, constant, properties, surface_of
+from model.surface.materials import (
+    MATERIALS,
+    Material,
+    Property,
+    assumed_properties,
+    constant,
+    material,
+    properties,
+    surface_of,
+)
+from model.surface.pbrdf import findings
 
 PLAIN = {"standard_uncertainty": 0.1, "source": "a table", "confidence": "high", "assumed": False}
 

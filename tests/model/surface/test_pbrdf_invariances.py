@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.surface import fresnel
-from model.surface.half_vector import half_vector_geometry
-from model.surface.pbrdf import Surface, mueller
+from model.surface import pbrdf as fresnel
+from model.surface.pbrdf import Surface, half_vector_geometry, mueller
 
 SHADOWS = ("none", "v-cavity", "smith", "smith-correlated")
 MIRROR = np.diag([1.0, 1.0, -1.0])

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from model.surface import fresnel
-from model.surface.half_vector import half_vector_geometry
-from model.surface.pbrdf import Surface, mueller
+from model.surface import pbrdf as fresnel
+from model.surface.pbrdf import Surface, half_vector_geometry, mueller
 
 PAULI = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
 BASIS = np.einsum("iab,jcd->ijacbd", PAULI, PAULI.conj()).reshape(4, 4, 4, 4) / 4.0

@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
-from model.surface.facet_quadrature import facet_nodes
-from model.surface.lobe import Lobe
-from model.surface.pbrdf import Surface, mueller
-from model.surface.reflectance import lobe_reflectance
-from model.surface.reflectance_table import reflectance_table
+from model.surface.pbrdf import Lobe, Surface, facet_nodes, lobe_reflectance, mueller, reflectance_table
 
 REFERENCE = json.loads(Path(__file__).with_name("reference_pbrdf.json").read_text())["dhr"]
 NAMES = {"none": "none", "vcavity": "v-cavity", "smith_sep": "smith", "smith_hc": "smith-correlated"}

@@ -5,9 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from model.surface.energy import findings, hemispherical_reflectance
-from model.surface.pbrdf import Surface, mueller
-from model.surface.reflectance_table import reflectance_table
+from model.surface.pbrdf import Surface, findings, hemispherical_reflectance, mueller, reflectance_table
 
 KINDS = ("lambert", "balance", "coupled", "polarised")
 WHITE = {"n": 1.5, "slope_rms": 0.15, "dhr": 0.8}

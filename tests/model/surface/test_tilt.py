@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.stokes import aolp_rad, rotation
-from model.surface.pbrdf import Surface, mueller
-from model.surface.tilt import Tilt, local_geometry, tilted_mueller
+from model.surface.pbrdf import Surface, Tilt, local_geometry, mueller, tilted_mueller
 from tests.model.surface.oracles import direction, facet_mueller
 
 SURFACE = Surface(n=1.5, k=0.2, slope_rms=0.3)

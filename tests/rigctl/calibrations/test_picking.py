@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.control_chart import control_chart
+from calibration.estimate import control_chart
 from rigctl import cli
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.picking import choose

@@ -47,7 +47,7 @@ def test_verified_bounds_hold_and_times_are_given(capsys):
 
 
 def test_bound_that_does_not_hold_is_an_error(capsys, monkeypatch):
-    monkeypatch.setattr("model.accuracy.effect_check.CheckedEffect.holds", False)
+    monkeypatch.setattr("model.accuracy.effect_estimates.CheckedEffect.holds", False)
     assert main(["effects", str(PANELS), "--verify"]) == 70
     assert "does not hold" in capsys.readouterr().err
 

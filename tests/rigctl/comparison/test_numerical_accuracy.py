@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from model.accuracy.evaluation.quantities import Reading
-from model.effects.bound import Bound
-from model.effects.names import Effect
+from model.accuracy.chain import Reading
+from model.effects.names import Bound, Effect
 from rigctl.comparison.numerical_accuracy import ALLOWED_SHARE, NumericalAccuracy
 from rigctl.comparison.rows import Row
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from model.processing.sample_moments import deviation
+from model.processing.samples import deviation
 from rigctl.comparison.rows import Row, decide, off_prediction, pair, scored
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from calibration.errors import CalibrationError
-from calibration.free_scale import fit_free_scale
+from calibration.radiometric import fit_free_scale
+from calibration.results import CalibrationError
 from rigctl.calibrations.radiometric_file import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.comparison import Comparison, compare_with_scene

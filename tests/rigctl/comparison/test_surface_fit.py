@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.surface.material_library import material
-from model.surface.pbrdf import Surface
-from model.surface.tilt import Tilt, tilted_mueller
+from model.surface.materials import material
+from model.surface.pbrdf import Surface, Tilt, tilted_mueller
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.files.material_file import load_material

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.aerosol.mie_aerosol import aerosol_scattering
-from model.atmosphere.aerosol.size_distribution import number_of_volume
+from model.atmosphere.mie import aerosol_scattering, number_of_volume
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from tests.rigctl.scene_texts import SCENE, written

@@ -3,8 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from model.surface.material_library import MATERIALS, material
-from model.surface.materials import assumed_properties, surface_of
+from model.surface.materials import MATERIALS, assumed_properties, material, surface_of
 from rigctl.errors import ConfigError
 from rigctl.files.material_file import find_material, load_material, material_toml
 from tests.rigctl.example_files import EXAMPLES

@@ -9,8 +9,7 @@ import pytest
 from pvlib import solarposition
 
 from benchmarks.trial_pointing import panel_corners, seen
-from calibration.pointing.camera_pose import camera_axes, direction
-from calibration.pointing.lens import Lens
+from calibration.pointing.pose import Lens, camera_axes, direction
 from rigctl import cli
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import Place

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.flat_field import flat_field
-from model.prediction.prediction import as_processed
-from model.scene.scenario import Readout
-from model.sensor.channels import ChannelMoments
+from calibration.polarimeter.pictures import flat_field
+from calibration.results import CalibrationError
+from model.prediction import as_processed
+from model.scene.scene import Readout
+from model.sensor import ChannelMoments
 from rigctl.calibrations.flat.flat_file import read_fitting_flats
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA

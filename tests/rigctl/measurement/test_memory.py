@@ -21,7 +21,7 @@ _ALL_BYTES = 8 * _PIXELS * FRAMES
 _TRIAL = """
 import json, sys
 from pathlib import Path
-from calibration.sensor.frame_statistics import level_statistics
+from calibration.sensor.levels import level_statistics
 from rigctl.calibrations.noise.noise_frames import run_frames
 from rigctl.calibrations.registration.register_run import register_run
 from rigctl.files.regions import Region

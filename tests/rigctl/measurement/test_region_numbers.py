@@ -3,7 +3,7 @@
 import numpy as np
 
 from model.processing.reconstruction import design
-from model.processing.repeated_pixels import repeated
+from model.processing.samples import repeated
 from rigctl.measurement.region_numbers import measure_region
 
 CYCLES, SIDE, RUNS = 8, 20, 60

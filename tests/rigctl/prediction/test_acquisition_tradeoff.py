@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from model.acquisition.session_design import Disturbances
-from model.acquisition.session_search import Wanted
+from model.acquisition import Disturbances, Wanted
 from rigctl import cli
 from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import ConfigError

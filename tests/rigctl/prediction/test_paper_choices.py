@@ -2,9 +2,8 @@
 
 import pytest
 
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import readings
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
+from model.accuracy.chain import evaluate, readings
+from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.paper_choices import named_choices, settings_by

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from model.prediction.pair_detection import pair_detections
+from model.prediction import pair_detections
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene

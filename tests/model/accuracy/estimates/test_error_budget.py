@@ -2,12 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.accuracy.estimates.error_budget import error_budget
-from model.accuracy.estimates.light_error import LightError
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import Reading
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STREAMS, settings_at
-from model.prediction.prediction import predict
+from model.accuracy.chain import Reading, evaluate
+from model.accuracy.errors import LightError, error_budget
+from model.accuracy.plan import NUMERICAL_SETTINGS, STREAMS, settings_at
+from model.prediction import predict
 from tests.model.accuracy.random_scenes import random_scene
 
 # Two points.

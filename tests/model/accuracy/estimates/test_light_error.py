@@ -4,12 +4,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.error_budget import LitCase, error_budget, error_budgets
-from model.accuracy.estimates.light_error import light_errors, light_errors_of_all
-from model.accuracy.evaluation.chain import evaluate, evaluate_all
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import (
+from model.accuracy.chain import LightStore, differences, evaluate, evaluate_all, readings
+from model.accuracy.errors import LitCase, error_budget, error_budgets, light_errors, light_errors_of_all
+from model.accuracy.plan import (
     HEMISPHERE,
     LAYERS,
     NUMERICAL_SETTINGS,
@@ -19,7 +16,7 @@ from model.accuracy.planning.numerical_settings import (
     WAVELENGTHS,
     settings_at,
 )
-from model.atmosphere.lighting.fidelity import Fidelity
+from model.atmosphere.sky import Fidelity
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-4  # so small that nothing is passed over

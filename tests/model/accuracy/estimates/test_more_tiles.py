@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.more_tiles import Asked, on_more_tiles
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.planning.numerical_settings import HEMISPHERE, NUMERICAL_SETTINGS, settings_at
+from model.accuracy.chain import evaluate
+from model.accuracy.errors import Asked, on_more_tiles
+from model.accuracy.plan import HEMISPHERE, NUMERICAL_SETTINGS, settings_at
 from tests.model.accuracy.random_scenes import random_scene
 
 # A target before a background that fills 20 by 16 deg of the field; two points.

@@ -4,12 +4,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from model.accuracy.estimates.sensitivity import Alternatives, Texture, changes, grown, steps
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.evaluation.quantities import Reading, readings, signed_differences
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
-from model.prediction.pair_detection import pair_detection
-from model.prediction.prediction import predict
+from model.accuracy.chain import Reading, evaluate, readings, signed_differences
+from model.accuracy.errors import Alternatives, Texture, changes, grown, steps
+from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
+from model.prediction import pair_detection, predict
 from tests.model.accuracy.random_scenes import random_scene
 
 TOLERANCE = 1e-3

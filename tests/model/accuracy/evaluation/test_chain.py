@@ -3,14 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.evaluation.chain import evaluate, evaluate_all, scenario_of
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.quantities import differences, readings
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, settings_at
+from model.accuracy.chain import LightStore, differences, evaluate, evaluate_all, readings, scenario_of
+from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
-from model.scene.field_of_view import whole_field
-from model.scene.hemisphere import Rules
+from model.scene.field import whole_field
+from model.scene.panel import Rules
 from tests.model.accuracy.random_scenes import random_scene
 
 CHEAP = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 0.1)

@@ -2,9 +2,7 @@ from itertools import product
 
 import pytest
 
-from model.accuracy.planning.budget_allocation import allocate, expected_s
-from model.accuracy.planning.forecast import forecast
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS
+from model.accuracy.plan import NUMERICAL_SETTINGS, allocate, expected_s, forecast
 from tests.model.accuracy.random_scenes import random_scene
 
 EVEN = dict.fromkeys(NUMERICAL_SETTINGS, 1.0)

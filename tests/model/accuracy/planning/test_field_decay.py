@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from model.accuracy.planning.forecast import decay
-from model.quadrature import gauss_legendre
+from model.accuracy.plan import decay
+from model.numerics import gauss_legendre
 
 
 def over_field(law, per_side):

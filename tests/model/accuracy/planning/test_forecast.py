@@ -3,10 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.evaluation.chain import evaluate
-from model.accuracy.planning.forecast import forecast, seen
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, STREAMS, TILES, WAVELENGTHS, settings_at
-from model.atmosphere.profile import AtmosphereState
+from model.accuracy.chain import evaluate
+from model.accuracy.plan import NUMERICAL_SETTINGS, STREAMS, TILES, WAVELENGTHS, forecast, seen, settings_at
+from model.atmosphere.air import AtmosphereState
 from tests.model.accuracy.random_scenes import random_scene
 
 # A target before a background that fills 20 by 16 deg of the field.

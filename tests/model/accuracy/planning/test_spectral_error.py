@@ -3,11 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.planning.numerical_settings import NUMERICAL_SETTINGS, WAVELENGTHS, at_level, settings_at
-from model.accuracy.planning.spectral_error import spectral_error
-from model.atmosphere.aerosol.models import AerosolType
-from model.atmosphere.profile import AtmosphereState
+from model.accuracy.chain import LightStore
+from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, at_level, settings_at, spectral_error
+from model.atmosphere.aerosols import AerosolType
+from model.atmosphere.air import AtmosphereState
 from rigctl.scene.skies.solar_band import response_band
 from tests.model.accuracy.random_scenes import random_scene
 

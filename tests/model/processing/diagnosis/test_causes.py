@@ -1,6 +1,6 @@
 import numpy as np
 
-from model.processing.diagnosis.causes import Cause, known_causes
+from model.processing.fault_fit import Cause, known_causes
 from model.processing.reconstruction import design
 
 FOUR = np.radians([0.0, 45.0, 90.0, 135.0])

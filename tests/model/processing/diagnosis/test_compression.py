@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from model.processing.diagnosis.compression import jpeg_traces
+from model.processing.jpeg_traces import jpeg_traces
 from tests.worldlike import Faults, expose, random_world
 
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from model.processing.diagnosis.causes import parameter_count, place
-from model.processing.diagnosis.consequences import consequence, stokes_without
-from model.processing.diagnosis.region_residual import region_residual
+from model.processing.diagnosis import consequence, region_residual, stokes_without
+from model.processing.fault_fit import parameter_count, place
 from model.processing.reconstruction import design
 
 PLAN = design(np.radians([0.0, 45.0, 90.0, 135.0]))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.processing.diagnosis.diagnosis import Diagnosis, Term, diagnose
+from model.processing.diagnosis import Diagnosis, Term, diagnose
 from model.processing.reconstruction import design
 from tests.worldlike import Faults, World, expose, other_world, random_world
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from model.processing.diagnosis.causes import SHARED
-from model.processing.diagnosis.diagnosis import Diagnosis, diagnose
+from model.processing.diagnosis import Diagnosis, diagnose
+from model.processing.fault_fit import SHARED
 from model.processing.reconstruction import design
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")

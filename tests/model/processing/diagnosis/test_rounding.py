@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from model.processing.diagnosis.rounding import rounded_parts, rounding_error_rms, rounding_offsets
+from model.processing.fault_fit import rounded_parts, rounding_error_rms, rounding_offsets
 
 
 @pytest.mark.parametrize("std", [0.05, 0.2, 0.45])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from calibration.errors import RefusedFramesError
+from calibration.results import RefusedFramesError
 from rigctl.calibrations.noise.folder_frames import folder_frames
 from rigctl.calibrations.noise.frame_table import table_frames
 from rigctl.calibrations.noise.noise_file import QUANTITIES, read_noise_file

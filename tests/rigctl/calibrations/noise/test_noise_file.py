@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from calibration.sensor.emva1288 import EMVA_SYMBOLS
-from calibration.sensor.frame_statistics import level_statistics
+from calibration.sensor.levels import level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.made_for import MadeFor

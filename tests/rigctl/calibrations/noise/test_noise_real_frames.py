@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.sensor.response_slope import response_slope
+from calibration.sensor.curves import response_slope
 from rigctl.calibrations.noise.calibrate_files import FrameCalibration, calibrate_frames
 from rigctl.calibrations.noise.noise_frames import emva_frames
 

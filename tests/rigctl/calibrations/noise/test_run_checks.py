@@ -2,7 +2,7 @@
 
 import pytest
 
-from calibration.flags import Flag
+from calibration.results import Flag
 from rigctl.calibrations.noise.run_checks import record_flags
 from rigctl.runs.frame_record import FrameRecord
 from tests.rigctl.run_samples import make_record

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.polarimeter.data_reduction import block_means
+from calibration.polarimeter.analyzer import block_means
+from calibration.results import CalibrationError
 from rigctl.calibrations.polarizer import polarimeter_maps as polarimeter_maps_module
 from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import main

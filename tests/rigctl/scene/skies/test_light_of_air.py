@@ -2,13 +2,12 @@ import numpy as np
 import pytest
 from pvlib import spectrum
 
-from model.accuracy.evaluation.light_store import LightStore
-from model.accuracy.evaluation.settings import settings_of_fidelity
-from model.atmosphere.lighting.fidelity import Fidelity
-from model.atmosphere.profile import AtmosphereState, column
+from model.accuracy.chain import LightStore, settings_of_fidelity
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.sky import Fidelity
 from model.atmosphere.solver import solve
-from model.atmosphere.transfer.phase import AerosolKind
-from model.scene.lit_scene import Air
+from model.scene.scene import Air
 from tests.rigctl.scene.skies.flat_bands import flat_band
 
 STATE = AtmosphereState(visibility_m=23e3)

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from model.atmosphere.profile import AtmosphereState, column
+from model.atmosphere.air import AtmosphereState, column
+from model.atmosphere.layers import AerosolKind, Layer
 from model.atmosphere.solver import solve
-from model.atmosphere.transfer.layers import Layer
-from model.atmosphere.transfer.phase import AerosolKind
 from rigctl.scene.skies.sky_store import SkyStore, solver_sources, user_cache_folder
 
 LAYERS = (Layer(tau_rayleigh=0.05, tau_aerosol=0.1, ssa_aerosol=0.9, g_aerosol=0.6, delta=0.96),)
@@ -125,4 +124,4 @@ def test_a_sky_with_scattering_matrices_is_kept_too(tmp_path, solver):
 
 def test_the_solver_that_an_entry_depends_on_is_all_of_its_sources():
     found = solver_sources()
-    assert {"solver.py", "transfer/successive_orders.py", "aerosol/mie_sphere.py"} <= set(found)
+    assert {"solver.py", "layers.py", "mie.py"} <= set(found)

@@ -1,0 +1,126 @@
+"""Errors and flags: how a calibration states what is wrong with its frames."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+# Flags: oddities that a calibration found in the frames that it was given
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flag:
+    """One remark on the frames.
+
+    Attributes
+    ----------
+    name : str
+        What it is, in ``lower_case_with_underscores``; names stay the same from version to version.
+    level : str or None
+        The level that is named; None where it is the whole set.
+    message : str
+        What was found, what is allowed, and what to try.
+    refuses : bool
+        The calibration cannot be right with it, so there is none.
+    """
+
+    name: str
+    level: str | None = None
+    message: str
+    refuses: bool = False
+
+
+# Errors of frames that are unfit for a calibration
+
+
+class CalibrationError(Exception):
+    """Frames do not allow the calibration that was asked for."""
+
+
+class RefusedFramesError(CalibrationError):
+    """Frames show something that makes any number from them wrong.
+
+    Attributes
+    ----------
+    flags : tuple of Flag
+        All that was found, the refusing ones and the others.
+    """
+
+    def __init__(self, flags: tuple[Flag, ...]) -> None:
+        refusing = [f"{flag.name}: {flag.message}" for flag in flags if flag.refuses]
+        super().__init__("the frames are refused:\n  " + "\n  ".join(refusing))
+        self.flags = flags
+
+
+def refused(name: str, message: str) -> RefusedFramesError:
+    """Return the error of frames that one finding alone makes unfit."""
+    return RefusedFramesError((Flag(name=name, message=message, refuses=True),))
+
+
+# Order of flags: first what takes the most from the results
+
+# By what a flag does: numbers that do not exist or are other than they seem, levels that are wrong, numbers that are
+# uncertain, remarks. A name that is not listed is of the third kind.
+_GROUPS: tuple[tuple[str, ...], ...] = (
+    (
+        "gain_changed",
+        "light_or_gain_changed",
+        "wrong_time_unit",
+        "light_in_darks",
+        "dark_current_or_light",
+        "wrong_bit_depth",
+        "quantum_efficiency_above_one",
+        "negative_dark_current",
+        "correlated_noise",
+        "frames_go_together",
+        "banded_light",
+        "colour_mosaic",
+        "missing_codes",
+    ),
+    (
+        "another_gain",
+        "wrong_level",
+        "wrong_dark",
+        "wrong_variance",
+        "wrong_light",
+        "unclear_level",
+        "non_monotonic_sweep",
+    ),
+    (
+        "dark_current_changed",
+        "black_clamp",
+        "quantisation_limited",
+        "too_few_levels",
+        "bent_photon_transfer",
+        "scattered_photon_transfer",
+    ),
+    (),
+    (
+        "read_noise_not_resolved",
+        "dsnu_not_resolved",
+        "prnu_not_resolved",
+        "dark_current_not_resolved",
+        "saturation_not_reached",
+        "single_dark_exposure",
+    ),
+    (
+        "saturated_levels",
+        "exposure_offset",
+        "outlier_pixels",
+        "periodic_pattern",
+        "short_stack",
+        "single_frames",
+        "low_ceiling",
+    ),
+)
+_RANK = {name: rank for rank, names in enumerate(_GROUPS) for name in names}
+_UNLISTED = _GROUPS.index(())
+
+
+def by_consequence(flags: Iterable[Flag]) -> tuple[Flag, ...]:
+    """Return flags with those first that refuse, then those that take most from the results.
+
+    Parameters
+    ----------
+    flags : iterable of Flag
+        In any order; flags of one rank keep theirs.
+    """
+    return tuple(sorted(flags, key=lambda flag: (not flag.refuses, _RANK.get(flag.name, _UNLISTED))))

@@ -1,0 +1,485 @@
+"""Least squares for points with unknown extra scatter, and the influence of single points in closed form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Optional
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+# Linear least squares with points that may scatter more than their own errors say
+
+FloatArray = NDArray[np.float64]
+
+_STEPS = 100
+_CONVERGED = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScatterFit:
+    """A fitted linear model.
+
+    Attributes
+    ----------
+    parameters : (p,) array
+        Best fit.
+    covariance : (p, p) array
+        Covariance of their errors, scatter included.
+    response : (p, n) array
+        Derivative of each parameter by each fitted value: the fit is this matrix times the values.
+    scatter : float
+        Standard deviation of the scatter beyond the sampling errors, in units of the scatter's shape.
+    chi2_per_dof : float or None
+        Of the sampling errors alone; None where there are no more values than parameters.
+    """
+
+    parameters: FloatArray
+    covariance: FloatArray
+    response: FloatArray
+    scatter: float
+    chi2_per_dof: float | None
+
+
+def fit_with_scatter(
+    design: FloatArray, values: FloatArray, *, sampling_covariance: FloatArray, scatter_shape: FloatArray
+) -> ScatterFit:
+    """Return the generalised least-squares fit, with the scatter that makes chi-squared what it should be.
+
+    Parameters
+    ----------
+    design : (n, p) array
+        Columns of the linear model, independent; n >= p.
+    values : (n,) array
+        What is fitted.
+    sampling_covariance : (n, n) array
+        Covariance of the values by their own sampling, positive definite.
+    scatter_shape : (n,) array
+        Standard deviation of one unit of extra, independent scatter of each value, >= 0, not all 0.
+
+    Notes
+    -----
+    The extra scatter is 0 while chi-squared is below its degrees of freedom, else what brings it there. A
+    factor on all error bars would leave a point of small sampling error, such as a long stack, to decide the
+    fit alone; scatter that does not come from sampling is shared by all points.
+
+    References
+    ----------
+    Paule and Mandel, J. Res. NBS 87, 377 (1982), doi:10.6028/jres.087.022.
+    """
+    shape_variance = np.square(scatter_shape)
+    dof: int = len(values) - design.shape[1]
+    scatter_variance, chi2_of_sampling = 0.0, None
+    for _ in range(_STEPS if dof > 0 else 0):
+        chi2, fall = _chi2(
+            design, values, sampling_covariance + np.diag(scatter_variance * shape_variance), shape_variance
+        )
+        chi2_of_sampling = chi2 if chi2_of_sampling is None else chi2_of_sampling
+        before, scatter_variance = scatter_variance, scatter_step(scatter_variance, chi2=chi2, fall=fall, freedom=dof)
+        if abs(scatter_variance - before) <= _CONVERGED * scatter_variance:
+            break
+    covariance = sampling_covariance + np.diag(scatter_variance * shape_variance)
+    response = _response(design, covariance)
+    return ScatterFit(
+        parameters=response @ values,
+        covariance=response @ covariance @ response.T,
+        response=response,
+        scatter=float(np.sqrt(scatter_variance)),
+        chi2_per_dof=None if chi2_of_sampling is None else chi2_of_sampling / dof,
+    )
+
+
+def scatter_step(scatter_variance: float, *, chi2: float, fall: float, freedom: int) -> float:
+    """Return the variance of scatter that brings chi-squared closer to its degrees of freedom, 0 where none is needed.
+
+    Parameters
+    ----------
+    scatter_variance : float
+        The variance that chi-squared is of.
+    chi2, fall : float
+        Chi-squared, and by how much it falls with this variance.
+    freedom : int
+        Its degrees of freedom, > 0.
+
+    Notes
+    -----
+    Newton's step for the inverse of chi-squared, which is concave in the variance: steps come to the root from below.
+    """
+    if fall <= 0.0:
+        return scatter_variance
+    return max(scatter_variance + (chi2 / freedom - 1.0) * chi2 / fall, 0.0)
+
+
+def _chi2(
+    design: FloatArray, values: FloatArray, covariance: FloatArray, shape_variance: FloatArray
+) -> tuple[float, float]:
+    """Return chi-squared of the best fit, and by how much it falls with the variance of the scatter."""
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, np.column_stack([design, values]))
+    basis = np.linalg.qr(white[:, :-1])[0]
+    residual = white[:, -1] - basis @ (basis.T @ white[:, -1])
+    weighted = np.linalg.solve(factor.T, residual)
+    return float(residual @ residual), float(np.square(weighted) @ shape_variance)
+
+
+def _response(design: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the derivative of each parameter by each value."""
+    factor = np.linalg.cholesky(covariance)
+    response: FloatArray = np.linalg.pinv(np.linalg.solve(factor, design)) @ np.linalg.inv(factor)
+    return response
+
+
+# A smooth curve that points may follow, fitted to some of them
+
+Mask = NDArray[np.bool_]
+
+_SCATTER_STEPS = 30
+_CONVERGED_CURVE_MODEL = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CurveModel:
+    """One smooth curve that points may follow.
+
+    Attributes
+    ----------
+    design : (n, p) array
+        Columns of a linear model.
+    scatter_shape : (n,) array
+        Standard deviation of one unit of extra, independent scatter of each point, > 0.
+    first_term_std : float or None
+        What the first term is expected to be at most (one standard deviation about 0); None where it is free.
+    term_sizes : (p,) array or None
+        How large each term may be (one standard deviation about 0), infinite for those that every curve of the set has;
+        None where nothing is known of any.
+    is_usual : bool
+        False for a curve that is believed where it explains more than one wrong point would.
+    is_through_zero : bool
+        True for a curve without an offset.
+    """
+
+    design: FloatArray
+    scatter_shape: FloatArray
+    first_term_std: float | None = None
+    term_sizes: FloatArray | None = None
+    is_usual: bool = True
+    is_through_zero: bool = False
+
+    @property
+    def n_free(self) -> int:
+        """Number of terms of which nothing is expected."""
+        return int(self.design.shape[1]) - (self.first_term_std is not None)
+
+    @property
+    def n_bends(self) -> int:
+        """Number of terms beyond an offset."""
+        return int(self.design.shape[1]) - (not self.is_through_zero)
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """Orthonormal columns of the same curves: equations in them are well conditioned."""
+        return np.linalg.qr(self.design)[0]
+
+    @cached_property
+    def terms_of_basis(self) -> FloatArray:
+        """What one of each column of the basis is in the terms."""
+        return np.linalg.inv(np.linalg.qr(self.design, mode="r"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CurveFit:
+    """A curve through some points.
+
+    Attributes
+    ----------
+    curve : (n,) array
+        The curve at all points.
+    curve_variance : (n,) array
+        Variance of its error there.
+    variance : (n,) array
+        Variance of each point by its sampling and by the scatter.
+    scatter_variance : float
+        Variance of the scatter beyond sampling, in units of the model's shape squared.
+    covariance : (p, p) array
+        Covariance of the errors of the basis' columns.
+    """
+
+    curve: FloatArray
+    curve_variance: FloatArray
+    variance: FloatArray
+    scatter_variance: float
+    covariance: FloatArray
+
+    @property
+    def leverage(self) -> FloatArray:
+        """How much each point decides the curve where it stands, in (0, 1) where it is one of the used."""
+        return self.curve_variance / self.variance
+
+
+def fit_curve(
+    model: CurveModel, values: FloatArray, sampling_variance: FloatArray, *, used: Mask, start: float = 0.0
+) -> CurveFit:
+    """Return the weighted fit through the used points, with the scatter that makes chi-squared what it should be.
+
+    Parameters
+    ----------
+    model : CurveModel
+        The curve.
+    values, sampling_variance : (n,) arrays
+        The points, and the variance of each by its own sampling, > 0.
+    used : (n,) array of bool
+        Those that the curve is fitted to.
+    start : float
+        Variance of the scatter that is tried first.
+    """
+    basis, y, own = model.basis[used], values[used], sampling_variance[used]
+    shape_variance = np.square(model.scatter_shape)
+    shape, known, freedom = shape_variance[used], _known_of_terms(model), len(y) - model.n_free
+    scatter = start
+    for _ in range(_SCATTER_STEPS):
+        weight = 1.0 / (own + scatter * shape)
+        weighted: FloatArray = basis.T * weight
+        information: FloatArray = weighted @ basis + known
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        parameters = covariance @ (weighted @ y)
+        of_each = np.square(y - basis @ parameters) * weight
+        chi2 = float(of_each.sum())
+        if abs(chi2 - freedom) <= _CONVERGED_CURVE_MODEL * freedom or (scatter == 0.0 and chi2 < freedom):
+            break
+        scatter = scatter_step(scatter, chi2=chi2, fall=float(of_each @ (weight * shape)), freedom=freedom)
+    return CurveFit(
+        curve=model.basis @ parameters,
+        curve_variance=np.maximum(np.sum((model.basis @ covariance) * model.basis, axis=1), 0.0),
+        variance=sampling_variance + scatter * shape_variance,
+        scatter_variance=scatter,
+        covariance=covariance,
+    )
+
+
+def _known_of_terms(model: CurveModel) -> FloatArray:
+    """Return what is known of the first term beforehand, as information about the columns of the basis."""
+    first = model.terms_of_basis[0] / (np.inf if model.first_term_std is None else model.first_term_std)
+    known: FloatArray = np.outer(first, first)
+    return known
+
+
+def cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
+    """Return Occam's factor of the terms: by how much the points narrow what each may be.
+
+    Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
+    that are expected to be small: one wrong level at an end, which two terms more can reach, would pass for a curve.
+
+    Parameters
+    ----------
+    model
+        Its terms, and what is known of their sizes.
+    fit
+        Of these terms.
+    """
+    if model.term_sizes is None:
+        return model.n_free * float(np.log(len(fit.curve)))
+    bounded = np.isfinite(model.term_sizes)
+    to_terms = model.terms_of_basis[bounded]
+    left = to_terms @ fit.covariance @ to_terms.T
+    before = left + np.diag(np.square(model.term_sizes[bounded]))
+    return float(np.linalg.slogdet(before)[1] - np.linalg.slogdet(left)[1])
+
+
+# Points that stand off a smooth curve which all others follow: influence of each in closed form
+
+
+# A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
+_ODDS_COST = 2.0 * np.log(100.0)
+# Odds of less than 1 to 10 between two curves do not tell which it is.
+_AS_WELL = 2.0 * np.log(10.0)
+# A point that is off by ten of its own errors is seen to be off by more than this.
+_FAR_SIGMA = 6.0
+# A wrong point may be anywhere within its own size.
+_LARGEST_SHARE = 0.25
+_LEAST_FREEDOM = 3
+# A point that decides the curve more than this has hardly another beside it.
+_LARGEST_LEVERAGE = 1.0 - 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointInfluence:
+    """Each point beside the curve through the others that are not outlying.
+
+    Attributes
+    ----------
+    abscissa, values, variance : (n,) arrays
+        The points, and the variance of each by its own sampling.
+    outlying : (n,) array of bool
+        The point stands off by more than chance allows in the stated share of sets.
+    deviation, std_error : (n,) arrays
+        The point less what the curve through the others has there, and the standard error of this difference.
+    scatter : float
+        Standard deviation of the scatter beyond sampling, in units of the model's shape.
+    model : CurveModel
+        The curve that explains the points at the least cost of terms and of wrong points.
+    cost : float
+        That cost: twice the negative logarithm of the likelihood, with Occam's factors.
+    cost_of_each : (n,) array
+        What each point adds to the cost.
+    rival : PointInfluence or None
+        Another curve with outlying points that explains all as well, where this one has none, or that explains all but
+        a single far one as well: which of the two it is cannot be told.
+    """
+
+    abscissa: FloatArray
+    values: FloatArray
+    variance: FloatArray
+    outlying: Mask
+    deviation: FloatArray
+    std_error: FloatArray
+    scatter: float
+    model: CurveModel
+    cost: float
+    cost_of_each: FloatArray
+    rival: Optional["PointInfluence"] = None
+
+
+def point_influence(
+    models: Sequence[CurveModel],
+    values: FloatArray,
+    sampling_variance: FloatArray,
+    *,
+    abscissa: FloatArray,
+    p_false: float,
+) -> PointInfluence | None:
+    """Return which points stand off the simplest curve that explains the others; None with too few points.
+
+    Parameters
+    ----------
+    models : sequence of CurveModel
+        Curves that are possible; those with so many terms that fewer than three points are left over are passed by.
+    values : (n,) array
+        The points.
+    sampling_variance : (n,) array
+        Variance of each by its own sampling, > 0.
+    abscissa : (n,) array
+        What the models are functions of; kept with the result.
+    p_false : float
+        Chance that any point of a sound set is called outlying, within (0, 1).
+
+    Notes
+    -----
+    Points are taken out one by one, each time the one that is furthest off the others in units of its own error, up
+    to a quarter of them; outlying are all up to the last that is off by more than its limit, so that two wrong points
+    do not hide one another. Residuals of the others come from the diagonal of the hat matrix, no fit is repeated.
+    Limits are quantiles of the normal law for the part of an error that is sampling and of Student's for the part that
+    is estimated from the scatter of the other points, each for one of n points.
+
+    References
+    ----------
+    Rosner, Technometrics 25, 165 (1983), doi:10.1080/00401706.1983.10487848; Cook and Weisberg, Residuals and Influence
+    in Regression (1982), chapter 2.
+    """
+    possible = [model for model in models if len(values) - model.n_free > _LEAST_FREEDOM]
+    found: list[PointInfluence] = []
+    for model in sorted(possible, key=lambda one: not one.is_usual):
+        if model.is_usual or not found or _cheapest(found).outlying.any():
+            found.append(_eliminate(model, values, sampling_variance, abscissa, p_false))
+    return _with_rival(_cheapest(found), found) if found else None
+
+
+def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
+    return min(found, key=lambda one: one.cost)
+
+
+def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
+    """Return the best curve with another that has outlying points, where that explains all, or all others, as well."""
+    if best.outlying.any():
+        return best
+    rivals = [
+        one
+        for one in found
+        if one.outlying.any() and (one.cost < best.cost + _AS_WELL or (one.model.is_usual and _speaks_alone(one, best)))
+    ]
+    return replace(best, rival=_cheapest(rivals)) if rivals else best
+
+
+def _speaks_alone(points: PointInfluence, best: PointInfluence) -> bool:
+    """Return whether a single point, far off the curve of the others, is all that speaks for the best curve."""
+    if np.count_nonzero(points.outlying) != 1:
+        return False
+    own = np.sqrt(points.variance + np.square(points.scatter * points.model.scatter_shape))[points.outlying]
+    of_others = (one.cost - one.cost_of_each[points.outlying][0] for one in (points, best))
+    without, with_it = of_others
+    return bool(abs(points.deviation[points.outlying][0]) > _FAR_SIGMA * own[0]) and without < with_it + _AS_WELL
+
+
+def _eliminate(
+    model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, p_false: float
+) -> PointInfluence:
+    n = len(values)
+    active = np.ones(n, dtype=bool)
+    chosen, fit = active, fit_curve(model, values, sampling, used=active)
+    for _ in range(max(1, int(_LARGEST_SHARE * n))):
+        freedom = int(active.sum()) - model.n_free - 1
+        if freedom < _LEAST_FREEDOM - 1:
+            break
+        worst = _furthest(fit, values, sampling, active, freedom)
+        if fit.leverage[worst] >= _LARGEST_LEVERAGE:
+            # No other point says anything of any of these.
+            break
+        active = active.copy()
+        active[worst] = False
+        others = fit_curve(model, values, sampling, used=active, start=fit.scatter_variance)
+        off, limit = _distance(others, values, sampling, worst, freedom=freedom, p_one=p_false / n)
+        if off > limit:
+            chosen = active
+        elif fit.scatter_variance == 0.0:
+            # Sampling alone explains all: nothing is hidden behind a scatter.
+            break
+        fit = others
+    return _beside_the_others(model, values, sampling, abscissa, chosen)
+
+
+def _furthest(fit: CurveFit, values: FloatArray, sampling: FloatArray, active: Mask, freedom: int) -> int:
+    """Return which of the fitted points is furthest off the others in its own standard errors, by the hat matrix."""
+    square, decides = np.square(values - fit.curve), fit.leverage >= _LARGEST_LEVERAGE
+    spread = square / fit.variance
+    open_ = np.maximum(1.0 - fit.leverage, 1.0 - _LARGEST_LEVERAGE)
+    others = np.maximum((spread[active].sum() - spread / open_) / freedom, 0.0) * fit.variance
+    distance = np.where(decides, -1.0, square / (np.maximum(others, sampling) * open_))
+    return int(np.argmax(np.where(active, distance, -2.0)))
+
+
+def _distance(
+    others: CurveFit, values: FloatArray, sampling: FloatArray, point: int, *, freedom: int, p_one: float
+) -> tuple[float, float]:
+    """Return how far a point is off the fit through others in its own standard errors, and how far it may be.
+
+    The scatter is that of the others alone: where points have unlike errors, that of a wrong one hides it.
+    """
+    error = float(np.sqrt(others.variance[point] + others.curve_variance[point]))
+    by_normal, by_student = -float(ndtri(0.5 * p_one)), -float(stdtrit(freedom, 0.5 * p_one))
+    of_sampling = float(sampling[point] / others.variance[point])
+    limit = float(np.sqrt(by_normal**2 * of_sampling + by_student**2 * (1.0 - of_sampling)))
+    return abs(float(values[point] - others.curve[point])) / error, limit
+
+
+def _beside_the_others(
+    model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, sound: Mask
+) -> PointInfluence:
+    fit = fit_curve(model, values, sampling, used=sound)
+    variance, leverage, residual = fit.variance, fit.leverage, values - fit.curve
+    open_ = np.maximum(1.0 - leverage, 1.0 - _LARGEST_LEVERAGE)
+    wide = np.square(model.scatter_shape * np.median(np.abs(values) / model.scatter_shape)) + sampling
+    of_wrong = np.log(wide) + _ODDS_COST
+    cost = np.where(sound, np.log(variance) + np.square(residual) / variance, of_wrong)
+    unusual = 0.0 if model.is_usual else float(np.median(of_wrong - np.log(variance)))
+    return PointInfluence(
+        abscissa=abscissa,
+        values=values,
+        variance=sampling,
+        outlying=~sound,
+        deviation=np.where(sound, residual / open_, residual),
+        std_error=np.sqrt(np.where(sound, variance / open_, variance * (1.0 + leverage))),
+        scatter=float(np.sqrt(fit.scatter_variance)),
+        model=model,
+        cost=float(cost.sum()) + unusual + cost_of_terms(model, fit),
+        cost_of_each=cost,
+    )

@@ -1,0 +1,393 @@
+"""Fixed pattern of a sensor pixel by pixel: spectrograms, histograms and defects."""
+
+import math
+from dataclasses import dataclass
+from enum import IntFlag
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from calibration.results import Flag
+from calibration.sensor.curves import QUANTISATION_LIMIT_DN2
+from calibration.sensor.levels import LevelPicture, LevelStatistics, Spectrogram, spectral_peak, spectrogram
+
+# Pixels that are not like the others: in the dark, in the light, or in their noise
+
+SingleArray = NDArray[np.float32]
+
+# Normal deviations are larger than this once in 5e8.
+DEFECT_SIGMA = 6.0
+_CHANCE = 2e-9
+_NEIGHBOURHOOD = 5
+_SIGMA_PER_MAD = 1.4826
+# What is smaller is rounding [DN].
+_LEAST_DN = 1.0
+_MANY_PIXELS, _STEP = 100_000, 7
+
+
+class Defect(IntFlag):
+    """Kinds of defect of a pixel; values of a defect map add up."""
+
+    HOT = 1
+    COLD = 2
+    BRIGHT = 4
+    WEAK = 8
+    NOISY = 16
+    JUMPING = 32
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DefectMap:
+    """Which pixels are defect.
+
+    Attributes
+    ----------
+    mask : (H, W) array of uint8
+        Sum of the values of `Defect`, 0 for a good pixel.
+    counts : dict
+        Pixels of each kind, by its name in lower case; a pixel may be of several.
+    n_defect : int
+        Pixels of any kind.
+    dark_limit_dn : float
+        Hot and cold pixels are further from their neighbours than this [DN].
+    response_limit : float
+        Bright and weak pixels are further from their neighbours than this, relative.
+    noise_limit_dn2 : float
+        Noisy pixels have a larger temporal variance in the dark than this [DN^2].
+    """
+
+    mask: NDArray[np.uint8]
+    counts: dict[str, int]
+    n_defect: int
+    dark_limit_dn: float
+    response_limit: float
+    noise_limit_dn2: float
+
+
+def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -> DefectMap:
+    """Return the pixels that are further from the others than 6 standard deviations.
+
+    Parameters
+    ----------
+    dark, flat : LevelPicture
+        Stacks without and with light, of one size.
+    n_dark_frames : int
+        Frames of the dark stack.
+
+    Notes
+    -----
+    Hot and cold: by the dark mean; bright and weak: by the mean with light, dark taken off; each against the median of
+    the 5 x 5 pixels around, so that uneven light does not count, and by a standard deviation from the median absolute
+    deviation, which defects do not widen. Noisy: temporal variance in the dark, against the law of chi-squared with the
+    degrees of freedom of consecutive differences. Jumping: a difference of two frames beyond 6 standard deviations,
+    which may be a cosmic hit. Less than one count is no defect. The more frames a stack has, the smaller the defects
+    that are seen.
+
+    References
+    ----------
+    Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
+    """
+    of_dark = local_deviation(dark.mean_dn)
+    response = flat.mean_dn - dark.mean_dn
+    signal_dn = max(float(np.median(some_pixels(response))), 1.0)
+    of_response = local_deviation(response) / np.float32(signal_dn)
+    limits = _limit(of_dark, least=_LEAST_DN), _limit(of_response, least=_LEAST_DN / signal_dn)
+    noise_limit = _noise_limit(dark.temporal_variance_dn2, n_dark_frames)
+    found = {
+        Defect.HOT: of_dark > limits[0],
+        Defect.COLD: of_dark < -limits[0],
+        Defect.BRIGHT: of_response > limits[1],
+        Defect.WEAK: of_response < -limits[1],
+        Defect.NOISY: dark.temporal_variance_dn2 > noise_limit,
+        Defect.JUMPING: dark.outlier | flat.outlier,
+    }
+    mask = np.zeros(dark.mean_dn.shape, dtype=np.uint8)
+    for defect, where in found.items():
+        mask[where] |= defect.value
+    return DefectMap(
+        mask=mask,
+        counts={str(defect.name).lower(): int(np.count_nonzero(where)) for defect, where in found.items()},
+        n_defect=int(np.count_nonzero(mask)),
+        dark_limit_dn=limits[0],
+        response_limit=limits[1],
+        noise_limit_dn2=noise_limit,
+    )
+
+
+def local_deviation(picture: SingleArray) -> SingleArray:
+    """Return each pixel less the median of the 5 x 5 pixels around it."""
+    deviation: SingleArray = picture - cv2.medianBlur(np.ascontiguousarray(picture), _NEIGHBOURHOOD)
+    return deviation
+
+
+def some_pixels(picture: SingleArray) -> SingleArray:
+    """Return every so many-th pixel of a large picture: their median is as good, and there sooner."""
+    # A step that shares no factor with the usual widths, so that all columns are met.
+    step = _STEP if picture.size > _MANY_PIXELS else 1
+    return picture.ravel()[::step]
+
+
+def _limit(deviation: SingleArray, *, least: float) -> float:
+    some = some_pixels(deviation)
+    return max(DEFECT_SIGMA * _SIGMA_PER_MAD * float(np.median(np.abs(some - np.median(some)))), least)
+
+
+def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
+    """Return the variance that a pixel of median noise has once in 5e8."""
+    differences = n_frames - 1
+    # Consecutive differences share frames: two of n - 1 have a covariance of a quarter of their variance.
+    freedom = 2.0 * differences**2 / (3.0 * n_frames - 4.0)
+    per_freedom = float(np.median(some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
+    # Where rounding hides the noise, half of the pixels may never change, which does not make the others noisy.
+    return max(per_freedom, QUANTISATION_LIMIT_DN2 / freedom) * float(chdtri(freedom, _CHANCE))
+
+
+# Distribution of the pixels' own deviations, for a logarithmic histogram
+
+FloatArray = NDArray[np.float64]
+
+_BINS = 256
+_SIDE = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PatternHistogram:
+    """Counts of pixels by their deviation, beside those of a normal law of the same width.
+
+    Attributes
+    ----------
+    centres : (n,) array
+        Middle of each bin, in the unit of the deviation.
+    counts : (n,) array of int
+        Pixels.
+    normal_counts : (n,) array
+        Pixels by a normal law.
+    sigma : float
+        Its standard deviation, from the quartiles.
+    """
+
+    centres: FloatArray
+    counts: NDArray[np.int64]
+    normal_counts: FloatArray
+    sigma: float
+
+    @property
+    def at_least(self) -> NDArray[np.int64]:
+        """Pixels that deviate as much as each of `reach` or more, to either side."""
+        order = np.argsort(np.abs(self.centres))[::-1]
+        found: NDArray[np.int64] = np.cumsum(self.counts[order])[::-1]
+        return found
+
+    @property
+    def reach(self) -> FloatArray:
+        """Absolute deviations in ascending order."""
+        return np.sort(np.abs(self.centres))
+
+
+def pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> PatternHistogram:
+    """Return the histogram of how far each pixel is from the mean of the 5 x 5 pixels around it.
+
+    Parameters
+    ----------
+    picture : (M, N) array
+        Any unit.
+    quantum : float
+        Smallest step between two means of that many frames, same unit: bins that are no multiple of it would show a
+        comb.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, histograms: high-pass of 5 x 5 pixels, 256 bins or fewer, logarithmic
+    counts, a normal law beside.
+    """
+    kernel = (_SIDE, _SIDE)
+    # The pixel itself is one of 25: without this its deviation would be 4 % too small.
+    deviation = (picture - cv2.blur(picture, kernel)) * np.float32(_SIDE**2 / (_SIDE**2 - 1.0))
+    step = quantum / (_SIDE**2 - 1.0)
+    low, high = float(deviation.min()) - 0.5 * step, float(deviation.max()) + 0.5 * step
+    step *= np.ceil((high - low) / (_BINS * step))
+    size = int((high - low) / step) + 1
+    counts = cv2.calcHist([deviation], [0], None, [size], [low, low + size * step]).ravel()
+    centres = low + step * (np.arange(size) + 0.5)
+    quarter, middle, three_quarters = np.percentile(some_pixels(deviation), (25.0, 50.0, 75.0))
+    # Quartiles of a normal law are 1.349 standard deviations apart.
+    sigma = float(three_quarters - quarter) / 1.349
+    density = np.exp(-0.5 * np.square((centres - middle) / sigma)) / (sigma * np.sqrt(2.0 * np.pi)) if sigma else 0.0
+    return PatternHistogram(
+        centres=centres,
+        counts=counts.astype(np.int64),
+        normal_counts=np.asarray(density * deviation.size * step * np.ones(len(centres))),
+        sigma=sigma,
+    )
+
+
+# The fixed pattern of a sensor pixel by pixel: spectrograms, histograms, defects
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FixedPattern:
+    """Fixed pattern of two stacks.
+
+    Attributes
+    ----------
+    dark, flat : LevelPicture
+        The stacks themselves.
+    n_dark_frames, n_flat_frames : int
+        Frames of each.
+    signal_dn : float
+        Mean of the flat less that of the dark [DN].
+    dark_variance_dn2, response_variance : float
+        Spatial variance of the dark mean [DN^2], and of flat less dark, relative; noise in time taken off.
+    dark_rows, dark_columns : Spectrogram
+        Of the dark mean: horizontal and vertical frequencies [DN].
+    response_rows, response_columns : Spectrogram
+        Of flat less dark, relative to the signal.
+    dark_histogram, response_histogram : PatternHistogram
+        Of deviations from the neighbours, of the dark mean [DN] and of flat less dark, relative to the signal.
+    defects : DefectMap
+        Pixels that are not like the others.
+    """
+
+    dark: LevelPicture
+    flat: LevelPicture
+    n_dark_frames: int
+    n_flat_frames: int
+    signal_dn: float
+    dark_variance_dn2: float
+    response_variance: float
+    dark_rows: Spectrogram
+    dark_columns: Spectrogram
+    response_rows: Spectrogram
+    response_columns: Spectrogram
+    dark_histogram: PatternHistogram
+    response_histogram: PatternHistogram
+    defects: DefectMap
+
+
+def fixed_pattern(dark: LevelStatistics, flat: LevelStatistics) -> FixedPattern | None:
+    """Return the fixed pattern of two levels of one exposure; None if either has no picture, or the flat no light.
+
+    Parameters
+    ----------
+    dark, flat : LevelStatistics
+        Stacks, with their pictures.
+    """
+    signal_dn = flat.mean_dn - dark.mean_dn
+    if dark.picture is None or flat.picture is None or signal_dn <= 0.0:
+        return None
+    response = (flat.picture.mean_dn - dark.picture.mean_dn) / np.float32(signal_dn)
+    return FixedPattern(
+        dark=dark.picture,
+        flat=flat.picture,
+        n_dark_frames=dark.n_frames,
+        n_flat_frames=flat.n_frames,
+        signal_dn=signal_dn,
+        dark_variance_dn2=dark.spatial_variance_dn2,
+        response_variance=(flat.spatial_variance_dn2 - dark.spatial_variance_dn2) / signal_dn**2,
+        dark_rows=spectrogram(dark.picture.mean_dn, along=1),
+        dark_columns=spectrogram(dark.picture.mean_dn, along=0),
+        response_rows=spectrogram(response, along=1),
+        response_columns=spectrogram(response, along=0),
+        dark_histogram=pattern_histogram(dark.picture.mean_dn, quantum=1.0 / dark.n_frames),
+        response_histogram=pattern_histogram(
+            response, quantum=1.0 / math.lcm(dark.n_frames, flat.n_frames) / signal_dn
+        ),
+        defects=defect_map(dark.picture, flat.picture, n_dark_frames=dark.n_frames),
+    )
+
+
+# Findings in the fixed pattern that speak against a calibration, each by its own name
+
+_DEFECT_SHARE = 1e-3
+_DEFECT_VARIANCE = 0.05
+_LONG_STACK = 16
+
+
+def pattern_flags(pattern: FixedPattern) -> tuple[Flag, ...]:
+    """Return what is odd in the fixed pattern.
+
+    Parameters
+    ----------
+    pattern : FixedPattern
+        Of a dark and a flat stack.
+    """
+    found = (_periodic_pattern(pattern), _defect_pixels(pattern), _short_stack(pattern))
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _periodic_pattern(pattern: FixedPattern) -> Flag | None:
+    spectra = {
+        "along dark rows": (pattern.dark_rows, pattern.dark_variance_dn2),
+        "down dark columns": (pattern.dark_columns, pattern.dark_variance_dn2),
+        "along rows with light": (pattern.response_rows, pattern.response_variance),
+        "down columns with light": (pattern.response_columns, pattern.response_variance),
+    }
+    peaks = {
+        name: peak
+        for name, (spectrum, variance) in spectra.items()
+        if (peak := spectral_peak(spectrum, variance=variance)) is not None
+    }
+    if not peaks:
+        return None
+    where = ", ".join(
+        f"{name} at {peak.frequency_per_pixel:.4g} cycles a pixel ({peak.share:.0%} of its variance)"
+        for name, peak in peaks.items()
+    )
+    return Flag(
+        name="periodic_pattern",
+        message=f"the fixed pattern has a period: {where}; DSNU or PRNU hold it, and say less of single pixels: "
+        f"look for interference by supply or cables, several readout channels, or fringes of a window",
+    )
+
+
+def _defect_pixels(pattern: FixedPattern) -> Flag | None:
+    share = pattern.defects.n_defect / pattern.defects.mask.size
+    if share <= _DEFECT_SHARE:
+        return None
+    kinds = ", ".join(f"{count} {name}" for name, count in pattern.defects.counts.items() if count)
+    return Flag(
+        name="defect_pixels",
+        message=f"{share:.2%} of the pixels are not like the others ({kinds}; more than {_DEFECT_SHARE:.1%}): the best "
+        f"DSNU and PRNU leave out those that are 6 standard deviations off, those of EMVA 1288 hold all; leave them "
+        f"out of regions: the defect map says which",
+    )
+
+
+def left_out_flags(dark: LevelStatistics, flat: LevelStatistics) -> tuple[Flag, ...]:
+    """Return a flag if single pixels make a good part of the fixed pattern.
+
+    Parameters
+    ----------
+    dark, flat : LevelStatistics
+        The levels that DSNU and PRNU are taken from.
+    """
+    shares = {
+        name: 1.0 - level.ordinary.variance_dn2 / level.spatial_variance_dn2
+        for name, level in (("dark", dark), ("flat", flat))
+        if level.ordinary.left_out and level.spatial_variance_dn2 > 0.0
+    }
+    if not shares or max(shares.values()) < _DEFECT_VARIANCE:
+        return ()
+    counts = {"dark": dark.ordinary.left_out, "flat": flat.ordinary.left_out}
+    where = " and ".join(
+        f"{counts[name]} in the {name} stack ({share:.0%} of its variance)" for name, share in shares.items()
+    )
+    message = (
+        f"single pixels are more than 6 standard deviations from all others: {where}: hot, dead or "
+        f"otherwise defect; the best DSNU and PRNU leave them out, those of EMVA 1288 hold them; leave them out of "
+        f"regions: --defects writes which"
+    )
+    return (Flag(name="defect_pixels", message=message),)
+
+
+def _short_stack(pattern: FixedPattern) -> Flag | None:
+    if min(pattern.n_dark_frames, pattern.n_flat_frames) >= _LONG_STACK:
+        return None
+    return Flag(
+        name="short_stack",
+        message=f"the fixed pattern is from {pattern.n_flat_frames} flats and {pattern.n_dark_frames} darks, less than "
+        f"the {_LONG_STACK} of EMVA 1288; its temporal noise is taken off, but defects and maps show it: take longer "
+        f"stacks at half of saturation and in the dark",
+    )

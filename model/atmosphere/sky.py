@@ -1,0 +1,1288 @@
+"""Light of the sun and the sky in a band: from solved atmospheres, by formula or from a table.
+
+The radiance over the solar spectrum is smooth in the wavelength, the solar spectrum is not; so that is the measure, and
+the radiance the function that is integrated.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from math import ceil, exp, pi
+from types import MappingProxyType
+from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.atmosphere.air import AtmosphereState, Column, column, kinks_m, optical_depth, ozone_optical_depth
+from model.atmosphere.layers import (
+    AerosolKind,
+    Layer,
+    merge_alike,
+    rayleigh_column,
+    single_peak_irradiance,
+    slant,
+    truncated_by_absorption,
+)
+from model.atmosphere.solver import Solution, gauss_nodes, solve
+
+# Protocol of the light of an atmosphere, from whatever source
+
+
+class Lighting(Protocol):
+    """Light of one sun position in one band: on a target at the ground, and on the way to a sensor.
+
+    Azimuths are phi = azimuth(sun) - azimuth(point of the sky, or sensor as seen from the target), Stokes parameters
+    in the frame of the conventions (S1 > 0 horizontal, S2 > 0 at +45 degrees).
+    """
+
+    @property
+    def direct_irradiance(self) -> float:
+        """Irradiance of the beam at the ground on a plane normal to it [W m-2]."""
+        ...
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky at the ground without the beam, shape (..., 3) [W m-2 sr-1]."""
+        ...
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor at a height over it, seen at a zenith angle."""
+        ...
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below the sensor over a black target, shape (..., 3) [W m-2 sr-1]."""
+        ...
+
+
+# Fidelity levels of an atmosphere: the effort that goes into it, and the accuracy that it buys
+
+
+class Fidelity(StrEnum):
+    """Levels of effort."""
+
+    ANALYTIC = "analytic"
+    SINGLE = "single"
+    FAST = "fast"
+    STANDARD = "standard"
+    TABLE = "table"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverSettings:
+    """Numerical settings of a computed fidelity level.
+
+    Attributes
+    ----------
+    fine_layers
+        Whether the profile is cut in many layers.
+    nodes, element_depth, tolerance
+        As in `model.atmosphere.solver.solve`.
+    matrix_tolerance
+        Of the scattering matrix of spheres, as in `model.atmosphere.mie.aerosol_scattering`.
+    layer_cuts
+        Into how many parts each layer of the profile is cut.
+    extrapolated
+        Whether each of these layers and elements is cut in two in a second solution, and both are extrapolated to
+        layers of no thickness.
+    face_m
+        Height at which a layer ends, for light is read there [m]; 0 for none.
+    """
+
+    fine_layers: bool
+    nodes: int
+    element_depth: float
+    tolerance: float
+    matrix_tolerance: float = 1e-3
+    layer_cuts: int = 1
+    extrapolated: bool = False
+    face_m: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FidelityFacts:
+    """Accuracy of a fidelity level, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
+
+    Of spheres it holds ten degrees and more from the sun (three, but for dust); of dust, the radiance is off by 5 times
+    as much in FAST and 40 times in STANDARD, the degree of polarization by 2 and 3 times. Their scattering matrix costs
+    up to a second more for each wavelength, once.
+
+    Attributes
+    ----------
+    accuracy
+        In words; against the same atmosphere solved without compromise.
+    seconds
+        Time of one wavelength on one core of 2020s, all levels and 171 directions; 0 where nothing is computed.
+    settings
+        What the solver is told; None where it is not called.
+    """
+
+    accuracy: str
+    seconds: float
+    settings: SolverSettings | None
+
+
+STANDARD_SETTINGS = SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5)
+
+FIDELITY_LEVELS: Mapping[Fidelity, FidelityFacts] = MappingProxyType(
+    {
+        Fidelity.ANALYTIC: FidelityFacts(
+            accuracy="geometry of the polarization only: no neutral points, angle of polarization off by up to "
+            "8 deg, degree as given, radiance low by up to a factor 4",
+            seconds=0.02,
+            settings=None,
+        ),
+        Fidelity.SINGLE: FidelityFacts(
+            accuracy="light scattered once is exact; the rest is missing: radiance low by a factor 0.25 to 0.94, "
+            "degree of polarization too high by up to 0.33",
+            seconds=0.02,
+            settings=None,
+        ),
+        Fidelity.FAST: FidelityFacts(
+            accuracy="radiance 0.3 % rms, 0.7 % at most; degree of polarization 1e-3",
+            seconds=0.02,
+            settings=SolverSettings(
+                fine_layers=False, nodes=6, element_depth=0.1, tolerance=1e-3, matrix_tolerance=3e-3
+            ),
+        ),
+        Fidelity.STANDARD: FidelityFacts(
+            accuracy="radiance 2e-4, degree of polarization 1e-4",
+            seconds=0.08,
+            settings=STANDARD_SETTINGS,
+        ),
+        Fidelity.TABLE: FidelityFacts(
+            accuracy="that of the table; between its nodes Stokes parameters are linear",
+            seconds=0.0,
+            settings=None,
+        ),
+    }
+)
+
+
+# Diffuse light of a solved atmosphere, whoever solved it, and the irradiance of the ground by its sky
+
+
+class DiffuseLight(Protocol):
+    """Diffuse light of one sun position, one ground and one wavelength, per unit irradiance of the beam."""
+
+    @property
+    def mu0(self) -> float:
+        """Cosine of the solar zenith angle."""
+        ...
+
+    @property
+    def depth(self) -> float:
+        """Extinction optical depth."""
+        ...
+
+    @property
+    def ground_radiance(self) -> float:
+        """Radiance that leaves the Lambertian ground [sr-1]."""
+        ...
+
+    @property
+    def diffuse_irradiance(self) -> float:
+        """Downward diffuse irradiance at the ground."""
+        ...
+
+    @property
+    def converged(self) -> bool:
+        """True if what was asked for was reached."""
+        ...
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated error of the radiance as a share of its mean."""
+        ...
+
+    def stokes(
+        self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
+    ) -> NDArray[np.float64]:
+        """Stokes radiance as `model.atmosphere.solver.Solution.stokes` has it, shape (..., 3) [sr-1]."""
+        ...
+
+
+_NODES, _AZIMUTHS = 12, 36  # within 1e-3 for a forward peak of the aerosol that an expansion to MATRIX_DEGREE holds
+MATRIX_DEGREE = 17
+
+
+def sky_irradiance(light: DiffuseLight) -> float:
+    """Downward diffuse irradiance at the ground, per unit beam irradiance.
+
+    Parameters
+    ----------
+    light
+        A sky without a sharp aureole (see `model.atmosphere.layers.with_truncated_matrix`).
+    """
+    mu, weights = gauss_nodes(_NODES)
+    phi_rad = 2.0 * pi * np.arange(_AZIMUTHS) / _AZIMUTHS
+    sky = light.stokes(light.depth, mu, phi_rad[:, np.newaxis], looking="up")
+    return 2.0 * pi * float(np.mean(sky[..., 0], axis=0) @ (weights * mu))
+
+
+# An atmosphere that weakens the beam and scatters no light anywhere: where all scattered light is left out
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnlitSolution:
+    """A `model.atmosphere.sky.DiffuseLight` without light.
+
+    Attributes
+    ----------
+    mu0, depth
+        Cosine of the solar zenith angle, and extinction optical depth.
+    """
+
+    mu0: float
+    depth: float
+    ground_radiance: float = 0.0
+    diffuse_irradiance: float = 0.0
+    converged: bool = True
+    error_estimate: float = 0.0
+
+    def stokes(
+        self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
+    ) -> NDArray[np.float64]:
+        """Return zeros, shape (..., 3) [sr-1]."""
+        shape = np.broadcast_shapes(np.shape(tau_above), np.shape(mu), np.shape(phi_rad))
+        return np.zeros((*shape, 3))
+
+
+def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSolution:
+    """Return an atmosphere of the depth of these layers that scatters nothing; called like the solver.
+
+    Parameters
+    ----------
+    layers
+        Homogeneous layers.
+    mu0
+        Cosine of the solar zenith angle, above 0 to 1.
+    """
+    return UnlitSolution(mu0=mu0, depth=float(sum(layer.full_depth for layer in layers)))
+
+
+# The atmosphere in which light is scattered at most once
+
+
+def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: object) -> Solution:
+    """Diffuse light scattered once, and the beam's light off the ground, unscattered since; called like the solver.
+
+    Parameters
+    ----------
+    layers
+        Homogeneous layers from top to bottom.
+    mu0
+        Cosine of the solar zenith angle, above 0 to 1.
+    albedo
+        Albedo of the Lambertian ground, 0 to 1.
+
+    Notes
+    -----
+    Exact for what it contains; the radiance lacks light scattered more often, a quarter to three quarters of it. Its
+    error is not estimated here and stated as 1.
+
+    References
+    ----------
+    Chandrasekhar, Radiative Transfer (1950), section 7.
+    """
+    if not (0.0 < mu0 <= 1.0 and 0.0 <= albedo <= 1.0):
+        raise ValueError(f"single_solution: mu0 = {mu0!r} must be above 0 to 1, albedo = {albedo!r} from 0 to 1")
+    merged = merge_alike(layers)
+    # The sky's irradiance is that of a matrix without its peak, and the peak's.
+    smooth = truncated_by_absorption(merged, degree=MATRIX_DEGREE)
+    sky = sky_irradiance(_beam_only(smooth, mu0=mu0, albedo=0.0))
+    peak = single_peak_irradiance(merged, degree=MATRIX_DEGREE, mu0=mu0)
+    return replace(_beam_only(merged, mu0=mu0, albedo=albedo), diffuse_irradiance=sky + peak)
+
+
+def _beam_only(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
+    """Light scattered once, its irradiance left open."""
+    edges = np.cumsum([0.0, *(layer.depth for layer in layers)])
+    return Solution(
+        layers=tuple(layers),
+        mu0=mu0,
+        edges=edges,
+        blocks=(),
+        ground_radiance=albedo / pi * mu0 * exp(-float(edges[-1]) / mu0),
+        diffuse_irradiance=0.0,
+        orders=1,
+        converged=False,
+        error_estimate=1.0,
+    )
+
+
+# A sky by formula: right in its geometry, rough in its numbers
+
+_GRADATION = (-1.0, -0.32)
+_INDICATRIX = (10.0, -3.0, 0.45)
+
+
+def analytic_sky(
+    *, mu0: float, zenith_radiance: float, dolp_max: float, zenith_rad: ArrayLike, phi_rad: ArrayLike
+) -> NDArray[np.float64]:
+    """Stokes radiance of a clear sky by formula, shape (..., 3), in the unit of the zenith radiance.
+
+    Parameters
+    ----------
+    mu0
+        Cosine of the solar zenith angle, above 0.
+    zenith_radiance
+        S0 at the zenith.
+    dolp_max
+        Degree of polarization 90 degrees from the sun, 0 to 1. Aerosol decides it: 0.15 to 0.25 is usual in haze.
+    zenith_rad, phi_rad
+        Zenith angle of the point, and azimuth of the sun minus that of the point [rad].
+
+    Notes
+    -----
+    Vibration across the scattering plane, as for light scattered once: there are no neutral points beside the sun.
+
+    References
+    ----------
+    ISO 15469:2004 / CIE S 011, sky type 12 (radiance); Rayleigh's law (polarization).
+    """
+    zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
+    mu = np.maximum(np.cos(zenith), 0.0)
+    beam = np.sqrt(1.0 - mu0**2)
+    from_sun = np.arccos(np.clip(mu * mu0 + np.sin(zenith) * beam * np.cos(phi), -1.0, 1.0))
+    radiance = _gradation(mu) * _indicatrix(from_sun)
+    radiance *= zenith_radiance / (_gradation(np.array(1.0)) * _indicatrix(np.arccos(np.array(mu0))))
+    column = rayleigh_column(mu=-mu, beam_mu=-mu0, phi_rad=phi)
+    share = column / column[..., :1] * np.array([1.0, -dolp_max, -dolp_max])
+    return np.asarray(radiance[..., np.newaxis] * share)
+
+
+def _gradation(mu: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiance over zenith angle."""
+    factor, rate = _GRADATION
+    exponent = np.full(mu.shape, -np.inf)
+    np.divide(rate, mu, out=exponent, where=mu > 0.0)
+    return np.asarray(1.0 + factor * np.exp(exponent))
+
+
+def _indicatrix(from_sun_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiance over the angle from the sun."""
+    factor, rate, back = _INDICATRIX
+    peak = np.exp(rate * from_sun_rad) - np.exp(rate * np.pi / 2.0)
+    return np.asarray(1.0 + factor * peak + back * np.cos(from_sun_rad) ** 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalyticLighting:
+    """A sky by formula with the beam and the path of another lighting; a `model.atmosphere.sky.Lighting`.
+
+    Attributes
+    ----------
+    path_and_beam
+        Where all but the sky comes from.
+    mu0
+        Cosine of the solar zenith angle.
+    zenith_radiance
+        S0 at the zenith [W m-2 sr-1].
+    dolp_max
+        Degree of polarization 90 degrees from the sun.
+    """
+
+    path_and_beam: Lighting
+    mu0: float
+    zenith_radiance: float
+    dolp_max: float
+
+    @property
+    def direct_irradiance(self) -> float:
+        """Irradiance of the beam at the ground on a plane normal to it [W m-2]."""
+        return self.path_and_beam.direct_irradiance
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
+
+        References
+        ----------
+        definition: see `analytic_sky`
+        """
+        return analytic_sky(
+            mu0=self.mu0,
+            zenith_radiance=self.zenith_radiance,
+            dolp_max=self.dolp_max,
+            zenith_rad=zenith_rad,
+            phi_rad=phi_rad,
+        )
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor."""
+        return self.path_and_beam.transmittance(height_m=height_m, zenith_rad=zenith_rad)
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1]."""
+        return self.path_and_beam.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad)
+
+
+# Light from a user's own table: another code's, or an all-sky camera's
+
+_TURN = 2.0 * np.pi
+_ROUNDING_RAD = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableLighting:
+    """Light of one sun position in a band, from a table; a `model.atmosphere.sky.Lighting`.
+
+    Attributes
+    ----------
+    direct_irradiance
+        Irradiance of the beam at the ground on a plane normal to it [W m-2].
+    zenith_rad
+        Zenith angles of the sky and of the views, shape (Z,), increasing, two or more [rad].
+    phi_rad
+        Azimuth of the sun minus that of the point or sensor, shape (P,), increasing from 0 to 2 pi, or from 0 to pi
+        for a table of one side of the principal plane, which the other side then mirrors [rad].
+    sky_stokes
+        Radiance of the sky, shape (Z, P, 3) [W m-2 sr-1].
+    height_m
+        Heights of sensors over the ground, shape (H,), increasing from 0, where nothing is added [m].
+    path_transmittance
+        Shape (H, Z), 0 to 1.
+    path_stokes
+        Radiance added below the sensor over a black target, shape (H, Z, P, 3) [W m-2 sr-1].
+
+    Notes
+    -----
+    Stokes parameters are read linearly, turned to a frame that does not depend on azimuth, so that the zenith (where
+    the frame of the conventions turns) is no special point.
+    """
+
+    direct_irradiance: float
+    zenith_rad: NDArray[np.float64]
+    phi_rad: NDArray[np.float64]
+    sky_stokes: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+    path_transmittance: NDArray[np.float64]
+    path_stokes: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.direct_irradiance < np.inf:
+            raise ValueError(
+                f"TableLighting: direct_irradiance = {self.direct_irradiance!r} W m-2, but it must be 0 or more"
+            )
+        for name, axis, least in (("zenith_rad", self.zenith_rad, 2), ("height_m", self.height_m, 1)):
+            if axis.ndim != 1 or axis.size < least or not np.all(np.diff(axis) > 0.0):
+                raise ValueError(f"TableLighting: {name} must hold {least} or more increasing numbers")
+        _check_azimuths(self.phi_rad)
+        self._check_shapes()
+
+    def _check_shapes(self) -> None:
+        """Refuse tables that do not fit their axes, or hold what is no number."""
+        heights, zeniths, azimuths = self.height_m.size, self.zenith_rad.size, self.phi_rad.size
+        wanted = {
+            "sky_stokes": (zeniths, azimuths, 3),
+            "path_transmittance": (heights, zeniths),
+            "path_stokes": (heights, zeniths, azimuths, 3),
+        }
+        for name, shape in wanted.items():
+            table = getattr(self, name)
+            if table.shape != shape or not np.all(np.isfinite(table)):
+                raise ValueError(f"TableLighting: {name} must be finite and of shape {shape}, not {table.shape}")
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
+
+        Raises
+        ------
+        ValueError
+            A zenith angle outside the table.
+
+        References
+        ----------
+        definition: linear interpolation
+        """
+        return _read_directions(
+            self.zenith_rad, *_whole_turn(self.phi_rad, self.sky_stokes), zenith_rad, phi_rad, looking="up"
+        )
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor.
+
+        Raises
+        ------
+        ValueError
+            A height or a zenith angle outside the table.
+
+        References
+        ----------
+        definition: linear interpolation
+        """
+        table = self._at_height(self.path_transmittance, height_m)
+        return _interpolate((self.zenith_rad,), table, np.asarray(zenith_rad, dtype=float)[..., np.newaxis])
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1].
+
+        Raises
+        ------
+        ValueError
+            A height or a zenith angle outside the table.
+
+        References
+        ----------
+        definition: linear interpolation
+        """
+        table = self._at_height(self.path_stokes, height_m)
+        return _read_directions(self.zenith_rad, *_whole_turn(self.phi_rad, table), zenith_rad, phi_rad, looking="down")
+
+    def _at_height(self, table: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+        """Table at one height, linear between the heights of the axis."""
+        if not self.height_m[0] <= height_m <= self.height_m[-1]:
+            raise ValueError(
+                f"height_m = {height_m!r} m, the table holds {self.height_m[0]:.6g} to {self.height_m[-1]:.6g} m"
+            )
+        if self.height_m.size == 1:
+            return np.asarray(table[0])
+        return np.asarray(_between((self.height_m,), table, np.array([[height_m]]))[0])
+
+
+def _check_azimuths(phi_rad: NDArray[np.float64]) -> None:
+    """Refuse azimuths that cover neither a half nor a whole turn."""
+    rising = phi_rad.ndim == 1 and phi_rad.size >= 2 and bool(np.all(np.diff(phi_rad) > 0.0))
+    if not rising or abs(phi_rad[0]) > _ROUNDING_RAD:
+        raise ValueError("TableLighting: phi_rad must increase from 0")
+    if min(abs(phi_rad[-1] - _TURN), abs(phi_rad[-1] - np.pi)) > _ROUNDING_RAD:
+        raise ValueError(f"TableLighting: phi_rad ends at {phi_rad[-1]:.6g} rad, but it must end at pi or 2 pi")
+
+
+def _whole_turn(
+    phi_rad: NDArray[np.float64], stokes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Table (Z, P, 3) over a whole turn; the other side of the principal plane has S2 of the other sign."""
+    if phi_rad[-1] > np.pi + _ROUNDING_RAD:
+        return phi_rad, stokes
+    mirrored = stokes[:, -2::-1] * np.array([1.0, 1.0, -1.0])
+    return np.concatenate([phi_rad, _TURN - phi_rad[-2::-1]]), np.concatenate([stokes, mirrored], axis=1)
+
+
+def _read_directions(
+    zenith_axis_rad: NDArray[np.float64],
+    phi_axis_rad: NDArray[np.float64],
+    stokes: NDArray[np.float64],
+    zenith_rad: ArrayLike,
+    phi_rad: ArrayLike,
+    *,
+    looking: Literal["up", "down"],
+) -> NDArray[np.float64]:
+    """Table (Z, P, 3) at directions."""
+    zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
+    sense = 1.0 if looking == "up" else -1.0
+    fixed = _turned(stokes, -sense * phi_axis_rad)
+    points = np.stack([zenith, np.mod(phi, _TURN)], axis=-1)
+    return _turned(_interpolate((zenith_axis_rad, phi_axis_rad), fixed, points), sense * phi)
+
+
+def _turned(stokes: NDArray[np.float64], angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stokes parameters with their vibration turned counter-clockwise."""
+    cosine, sine = np.cos(2.0 * angle_rad), np.sin(2.0 * angle_rad)
+    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
+    return np.stack([s0 + 0.0 * cosine, cosine * s1 - sine * s2, sine * s1 + cosine * s2], axis=-1)
+
+
+def _interpolate(
+    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Linear interpolation that refuses to leave the table's zenith angles."""
+    zenith, axis = points[..., 0], axes[0]
+    if not np.all((zenith >= axis[0]) & (zenith <= axis[-1])):
+        raise ValueError(
+            f"zenith_rad runs from {np.min(zenith):.6g} to {np.max(zenith):.6g} rad, "
+            f"the table holds {axis[0]:.6g} to {axis[-1]:.6g} rad"
+        )
+    # The last azimuth may be short of a whole turn by rounding.
+    return _between(axes, table, points).reshape((*zenith.shape, *table.shape[len(axes) :]))
+
+
+def _between(
+    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a table linearly between its nodes, and beyond its last ones along the same lines."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    return np.asarray(RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)(points))
+
+
+# Light taken as so much of the one atmosphere and so much of another: how unsure one is of a kind of aerosol
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MixedLighting:
+    """Two lights mixed linearly; a `model.atmosphere.sky.Lighting`.
+
+    No atmosphere is such a mixture, but for light scattered once: the share makes the choice between two atmospheres
+    one number, with a derivative and a standard uncertainty.
+
+    Attributes
+    ----------
+    first, second
+        Lights of one sun position in one band.
+    share
+        Of the second. Outside 0 to 1 the mixture is extrapolated, as a central difference at an end asks for.
+    """
+
+    first: Lighting
+    second: Lighting
+    share: float
+
+    @property
+    def direct_irradiance(self) -> float:
+        """Irradiance of the beam at the ground on a plane normal to it [W m-2]."""
+        return float(self._mixed(np.array(self.first.direct_irradiance), np.array(self.second.direct_irradiance)))
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky; arguments as in `Lighting.sky`."""
+        each = (light.sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for light in (self.first, self.second))
+        return self._mixed(*each)
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance to a sensor; arguments as in `Lighting.transmittance`."""
+        each = (light.transmittance(height_m=height_m, zenith_rad=zenith_rad) for light in (self.first, self.second))
+        return self._mixed(*each)
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor; arguments as in `Lighting.path`."""
+        each = (
+            light.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad) for light in (self.first, self.second)
+        )
+        return self._mixed(*each)
+
+    def _mixed(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray((1.0 - self.share) * first + self.share * second)
+
+
+# The Sun above the atmosphere: its distance, and its spectrum in the band of a sensor
+
+
+def distance_factor(*, day_of_year: float) -> float:
+    """Irradiance outside the atmosphere over that at the mean distance of the Sun, (R0/R)^2.
+
+    Parameters
+    ----------
+    day_of_year
+        1 on the first of January, up to 367.
+
+    Raises
+    ------
+    ValueError
+        The day is outside its range.
+
+    Notes
+    -----
+    Within 1e-3 of an ephemeris.
+
+    References
+    ----------
+    Spencer, Search 2 (1971) 172.
+    """
+    if not 1.0 <= day_of_year < 367.0:
+        raise ValueError(f"day_of_year = {day_of_year!r}, allowed is 1 to 367")
+    angle = 2.0 * np.pi * (day_of_year - 1.0) / 365.0
+    first = 1.000110 + 0.034221 * np.cos(angle) + 0.001280 * np.sin(angle)
+    return float(first + 0.000719 * np.cos(2.0 * angle) + 0.000077 * np.sin(2.0 * angle))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolarBand:
+    """Spectrum of the Sun outside the atmosphere in the band of a sensor.
+
+    Attributes
+    ----------
+    wavelength_m
+        Samples [m], shape (N,), increasing, two or more.
+    irradiance_w_per_m3
+        Spectral irradiance at the actual distance of the Sun [W m-2 per m of wavelength], 0 or more.
+    response
+        Relative response of the sensor, 0 to 1; 1 throughout gives the radiation in the band itself.
+    """
+
+    wavelength_m: NDArray[np.float64]
+    irradiance_w_per_m3: NDArray[np.float64]
+    response: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        count = np.size(self.wavelength_m)
+        shapes = {np.shape(self.wavelength_m), np.shape(self.irradiance_w_per_m3), np.shape(self.response)}
+        if count < 2 or shapes != {(count,)} or not np.all(np.diff(self.wavelength_m) > 0.0):
+            raise ValueError("SolarBand: wants three arrays of one length, 2 or more, over increasing wavelength_m")
+        if not np.all((self.irradiance_w_per_m3 >= 0.0) & np.isfinite(self.irradiance_w_per_m3)):
+            raise ValueError("SolarBand: irradiance_w_per_m3 must be finite and 0 or more")
+        if not np.all((self.response >= 0.0) & (self.response <= 1.0)) or not np.any(self.weighted > 0.0):
+            raise ValueError("SolarBand: response must be 0 to 1, and somewhere above 0 where the Sun shines")
+
+    @property
+    def weighted(self) -> NDArray[np.float64]:
+        """Spectral irradiance times response [W m-3]."""
+        return self.irradiance_w_per_m3 * self.response
+
+    @property
+    def limits_m(self) -> tuple[float, float]:
+        """Shortest and longest wavelength with a response, with the sample beyond on either side [m]."""
+        used = np.flatnonzero(self.response > 0.0)
+        first, last = max(used[0] - 1, 0), min(used[-1] + 1, self.response.size - 1)
+        return float(self.wavelength_m[first]), float(self.wavelength_m[last])
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]."""
+        reach = np.diff(self.wavelength_m)
+        return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
+
+    def integral(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Irradiance in the band after a spectral factor (..., N) [W m-2], by the trapezoidal rule."""
+        return np.asarray(np.sum(self.shares * factor, axis=-1))
+
+
+# Quadrature rule of few wavelengths for a band: Gauss's, for the sun's spectrum itself
+
+FloatArray = NDArray[np.float64]
+
+# Of a share of the band, so that a whole one is not rounded up.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpectralRule:
+    """Wavelengths at which to compute the ratio of radiance to solar irradiance, and what each stands for.
+
+    Attributes
+    ----------
+    wavelength_m
+        Shape (K,), increasing [m].
+    irradiance
+        Irradiance that each stands for, above 0 [W m-2]; they sum to that of the band.
+    """
+
+    wavelength_m: FloatArray
+    irradiance: FloatArray
+
+
+def spectral_rule(
+    *, wavelength_m: FloatArray, irradiance: FloatArray, count: int, kinks_m: Iterable[float] = ()
+) -> SpectralRule:
+    """Return few wavelengths that stand for a spectrum of many.
+
+    Parameters
+    ----------
+    wavelength_m
+        Samples of the spectrum, shape (N,), increasing [m].
+    irradiance
+        Irradiance that each sample stands for, shape (N,), 0 or more and somewhere above [W m-2].
+    count
+        How many wavelengths for the band, 1 or more. For 400 to 700 nm, 2 leave 1e-3 of the sky's radiance and 3 leave
+        2e-4.
+    kinks_m
+        Where the radiance over the spectrum has a kink, as at the entries of a table [m]. Each stretch between them
+        has a rule of its own, with its part of the wavelengths, rounded up.
+
+    Raises
+    ------
+    ValueError
+        The count is below 1, or the spectrum is empty.
+
+    Notes
+    -----
+    K wavelengths integrate polynomials in 1/wavelength up to degree 2K - 1. A stretch with no more samples than
+    wavelengths is taken as it is.
+
+    References
+    ----------
+    Golub & Welsch, Math. Comput. 23 (1969) 221, doi:10.1090/S0025-5718-69-99647-1.
+    """
+    if count < 1:
+        raise ValueError(f"count = {count!r}, allowed is 1 or more")
+    lit = irradiance > 0.0
+    if not np.any(lit):
+        raise ValueError("spectral_rule: a spectrum without light")
+    inverse, weight = 1.0 / wavelength_m[lit], irradiance[lit]
+    stretch = np.searchsorted(np.sort(-1.0 / np.array([*kinks_m], dtype=float)), -inverse)
+    width = abs(float(inverse[-1] - inverse[0])) or 1.0
+    parts = []
+    for own in (stretch == k for k in np.unique(stretch)):
+        share = abs(float(inverse[own][-1] - inverse[own][0])) / width
+        parts.append(_gauss(inverse[own], weight[own], max(ceil(count * share - _ROUNDING), 1)))
+    return SpectralRule(
+        wavelength_m=np.concatenate([1.0 / nodes for nodes, _ in parts]),
+        irradiance=np.concatenate([weights for _, weights in parts]),
+    )
+
+
+def _gauss(inverse: FloatArray, weight: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss's nodes for a sum over samples, falling, and their weights: eigenvalues of Lanczos's tridiagonal matrix."""
+    if inverse.size <= count:
+        return inverse, weight
+    vectors = np.sqrt(weight / np.sum(weight))[:, np.newaxis]
+    scaled = (inverse - np.mean(inverse)) / np.ptp(inverse)
+    jacobi = np.zeros((count, count))
+    for k in range(count):
+        following = scaled * vectors[:, k]
+        jacobi[k, k] = following @ vectors[:, k]
+        # Twice, against rounding.
+        for _ in range(2):
+            following = following - vectors @ (vectors.T @ following)
+        if k + 1 < count:
+            jacobi[k, k + 1] = jacobi[k + 1, k] = np.linalg.norm(following)
+            vectors = np.column_stack([vectors, following / jacobi[k, k + 1]])
+    values, eigen = np.linalg.eigh(jacobi)
+    nodes = values[::-1] * np.ptp(inverse) + np.mean(inverse)
+    return nodes, np.sum(weight) * eigen[0, ::-1] ** 2
+
+
+# One wavelength of an atmosphere, solved with the settings of a fidelity level
+
+Number = TypeVar("Number", float, NDArray[np.float64])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtrapolatedLight:
+    """A `model.atmosphere.sky.DiffuseLight` from two others: Richardson's extrapolation.
+
+    Attributes
+    ----------
+    coarse
+        Light of some layers.
+    fine
+        Of the same layers, each cut in two; so are the solver's elements in each.
+
+    Notes
+    -----
+    What is left of the layers' error falls as the fourth power of their thickness, at their faces. Within a layer
+    it falls as the square: of where in it one reads the light the error is no smooth function.
+
+    References
+    ----------
+    L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307, doi:10.1098/rsta.1911.0009.
+    """
+
+    coarse: DiffuseLight
+    fine: DiffuseLight
+
+    @property
+    def mu0(self) -> float:
+        """Cosine of the solar zenith angle."""
+        return self.fine.mu0
+
+    @property
+    def depth(self) -> float:
+        """Extinction optical depth, that of both."""
+        return self.fine.depth
+
+    @property
+    def ground_radiance(self) -> float:
+        """Radiance that leaves the Lambertian ground [sr-1]."""
+        return _extrapolated(self.coarse.ground_radiance, self.fine.ground_radiance)
+
+    @property
+    def diffuse_irradiance(self) -> float:
+        """Downward diffuse irradiance at the ground."""
+        return _extrapolated(self.coarse.diffuse_irradiance, self.fine.diffuse_irradiance)
+
+    @property
+    def converged(self) -> bool:
+        """True if both have what was asked for."""
+        return self.coarse.converged and self.fine.converged
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated error of the radiance as a share of its mean, but for layers: that of the finer one."""
+        return self.fine.error_estimate
+
+    def stokes(
+        self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
+    ) -> NDArray[np.float64]:
+        """Stokes radiance as `model.atmosphere.solver.Solution.stokes` has it, shape (..., 3) [sr-1]."""
+        coarse, fine = (one.stokes(tau_above, mu, phi_rad, looking=looking) for one in (self.coarse, self.fine))
+        return _extrapolated(coarse, fine)
+
+
+def _extrapolated(coarse: Number, fine: Number) -> Number:
+    return fine + (fine - coarse) / 3.0
+
+
+Light = TypeVar("Light", bound=DiffuseLight, covariant=True)
+
+
+class HowToSolve(TypedDict):
+    """Scene and numerical settings of `model.atmosphere.solver.solve`, which says what they are."""
+
+    mu0: float
+    albedo: float
+    aerosol: AerosolKind
+    nodes: int
+    element_depth: float
+    tolerance: float
+
+
+class _SolverFor(Protocol[Light]):
+    """A call like that of `model.atmosphere.solver.solve`."""
+
+    def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> Light:
+        """Solve one wavelength."""
+        ...
+
+
+# The solver itself, or a store of its solutions that an application puts in its place; and, where only the light
+# counts, also another engine.
+Solver = _SolverFor[Solution]
+LightSolver = _SolverFor[DiffuseLight]
+
+
+def solve_column(
+    solver: LightSolver, column: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
+) -> DiffuseLight:
+    """Return the diffuse light of one wavelength.
+
+    Parameters
+    ----------
+    solver
+        What solves layers.
+    column
+        The atmosphere at this wavelength.
+    settings
+        What the solver is told, and into which layers the atmosphere is cut.
+    mu0
+        Cosine of the solar zenith angle.
+    albedo
+        Of the ground, 0 to 1.
+    aerosol
+        What it does to polarization.
+
+    Raises
+    ------
+    ValueError
+        A number is outside the solver's range.
+    """
+    if settings.extrapolated:
+        plain = replace(settings, extrapolated=False)
+        halved = replace(plain, layer_cuts=2 * plain.layer_cuts, element_depth=0.5 * plain.element_depth)
+        coarse, fine = (
+            solve_column(solver, column, one, mu0=mu0, albedo=albedo, aerosol=aerosol) for one in (plain, halved)
+        )
+        return ExtrapolatedLight(coarse=coarse, fine=fine)
+    return solver(
+        column.layers(
+            fine=settings.fine_layers,
+            aerosol=aerosol,
+            matrix_tolerance=settings.matrix_tolerance,
+            cuts=settings.layer_cuts,
+            face_m=settings.face_m,
+        ),
+        mu0=mu0,
+        albedo=albedo,
+        aerosol=aerosol,
+        nodes=settings.nodes,
+        element_depth=settings.element_depth,
+        tolerance=settings.tolerance,
+    )
+
+
+# Light in a band from a computed atmosphere: few wavelengths, each with its share of the solar spectrum
+
+# Regions of a scene are looked at along the same lines of sight, one after another.
+_KEPT = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandLighting:
+    """Light in a band from solved atmospheres; a `model.atmosphere.sky.Lighting`.
+
+    Attributes
+    ----------
+    columns
+        The atmosphere at each wavelength.
+    solutions
+        Its diffuse light at each wavelength.
+    irradiance
+        Share of each wavelength in the irradiance outside the atmosphere, after ozone [W m-2].
+    direct_irradiance
+        Irradiance of the beam at the ground on a plane normal to it [W m-2].
+    wavelength_error
+        Relative error of the direct irradiance were it taken from these wavelengths: an estimate of what their number
+        costs the diffuse light.
+    """
+
+    columns: tuple[Column, ...]
+    solutions: tuple[DiffuseLight, ...]
+    irradiance: NDArray[np.float64]
+    direct_irradiance: float
+    wavelength_error: float
+    _kept: dict[Hashable, NDArray[np.float64]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated relative error of the diffuse light by solver and wavelengths; the profile has its own."""
+        return max(solution.error_estimate for solution in self.solutions) + self.wavelength_error
+
+    @property
+    def diffuse_irradiance(self) -> float:
+        """Downward diffuse irradiance at the ground [W m-2]."""
+        return float(self.irradiance @ [solution.diffuse_irradiance for solution in self.solutions])
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky at the ground without the beam, shape (..., 3) [W m-2 sr-1].
+
+        Parameters
+        ----------
+        zenith_rad
+            Zenith angle of the point, 0 to pi/2 [rad].
+        phi_rad
+            Azimuth of the sun minus that of the point [rad].
+
+        References
+        ----------
+        [MK14] eq. (3): the downwelled sky radiance.
+        """
+        mu = _cosine(zenith_rad)
+        return self._band([solution.stokes(solution.depth, mu, phi_rad, looking="up") for solution in self.solutions])
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor over a black target, shape (..., 3) [W m-2 sr-1].
+
+        Parameters
+        ----------
+        height_m
+            Height of the sensor over the ground [m], 0 or more.
+        zenith_rad
+            View zenith angle, 0 to pi/2 [rad].
+        phi_rad
+            Azimuth of the sun minus that of the sensor as seen from the target [rad].
+
+        References
+        ----------
+        [MK14] eq. (4).
+        """
+        mu, phi = _cosine(zenith_rad), np.asarray(phi_rad, dtype=float)
+
+        def computed() -> NDArray[np.float64]:
+            return self._band(
+                [
+                    path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi)
+                    for column, solution in zip(self.columns, self.solutions, strict=True)
+                ]
+            )
+
+        return self._once(("path", height_m, mu.shape, mu.tobytes(), phi.shape, phi.tobytes()), computed)
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
+
+        Parameters
+        ----------
+        height_m
+            Height of the sensor over the ground [m], 0 or more.
+        zenith_rad
+            View zenith angle, 0 to pi/2 [rad].
+
+        Notes
+        -----
+        Right for a surface without colour; for another, take the solutions wavelength by wavelength.
+
+        References
+        ----------
+        [MK14] eq. (4).
+        """
+        mu = _cosine(zenith_rad)
+
+        def computed() -> NDArray[np.float64]:
+            beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
+            each = [
+                path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu)
+                for column in self.columns
+            ]
+            return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
+
+        return self._once(("transmittance", height_m, mu.shape, mu.tobytes()), computed)
+
+    def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return an array of its own, computed where none of the last ones is the same."""
+        found = self._kept.get(key)
+        if found is None:
+            found = compute()
+            if len(self._kept) >= _KEPT:
+                self._kept.clear()
+            self._kept[key] = found
+        return found.copy()
+
+    def _band(self, each: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Sum over the wavelengths."""
+        return np.asarray(np.tensordot(self.irradiance, np.array(each), 1))
+
+
+def _cosine(zenith_rad: ArrayLike) -> NDArray[np.float64]:
+    """Cosine of zenith angles that were checked; exactly 0 at the horizon."""
+    zenith = np.asarray(zenith_rad, dtype=float)
+    if not np.all((zenith >= 0.0) & (zenith <= np.pi / 2.0)):
+        raise ValueError("zenith_rad must be 0 to pi/2 rad")
+    return np.asarray(np.sin(np.pi / 2.0 - zenith))
+
+
+def path_transmittance(*, tau_below: ArrayLike, mu: ArrayLike) -> NDArray[np.float64]:
+    """Transmittance from the ground to a sensor.
+
+    Parameters
+    ----------
+    tau_below
+        Optical depth between the ground and the sensor, 0 or more.
+    mu
+        Cosine of the view zenith angle, 0 to 1.
+
+    References
+    ----------
+    [MK14] eq. (4): the transmittance tau of direct and of diffuse reflected light.
+    """
+    return np.exp(-slant(np.asarray(tau_below, dtype=float), np.asarray(mu, dtype=float)))
+
+
+def path_radiance(
+    solution: DiffuseLight, *, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike
+) -> NDArray[np.float64]:
+    """Stokes radiance that the air below a sensor adds over a black target, per unit beam irradiance [sr-1].
+
+    Parameters
+    ----------
+    solution
+        The solved atmosphere; the albedo of its ground is that of the target's surroundings.
+    tau_above
+        Optical depth above the sensor.
+    mu
+        Cosine of the view zenith angle, 0 to 1.
+    phi_rad
+        Azimuth of the sun minus azimuth of the sensor as seen from the target [rad].
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        S0, S1, S2.
+
+    References
+    ----------
+    [MK14] eq. (4): the upwelled radiance; with light from the surroundings scattered into the line of sight.
+    """
+    tau = np.asarray(tau_above, dtype=float)
+    stokes = solution.stokes(tau, mu, phi_rad, looking="down")
+    below = np.maximum(solution.depth - tau, 0.0)
+    stokes[..., 0] -= solution.ground_radiance * path_transmittance(tau_below=below, mu=mu)
+    return stokes
+
+
+# Light in a band, computed with the effort of a fidelity level
+
+
+def compute_lighting(
+    state: AtmosphereState,
+    *,
+    fidelity: Fidelity,
+    band: SolarBand,
+    mu0: float,
+    albedo: float,
+    aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
+    wavelengths: int = 4,
+    split_at_kinks: bool = False,
+    dolp_max: float = 0.2,
+    solver: LightSolver = solve,
+    settings: SolverSettings | None = None,
+) -> BandLighting | AnalyticLighting:
+    """Light of one sun position in a band.
+
+    Parameters
+    ----------
+    state
+        The atmosphere.
+    fidelity
+        Any but TABLE, which is made from a table (`model.atmosphere.sky`).
+    band
+        Spectrum of the sun at its actual distance, and response of the sensor.
+    mu0
+        Cosine of the solar zenith angle, cos(85 deg) to 1.
+    albedo
+        Albedo of the ground around, 0 to 1.
+    aerosol
+        What the aerosol does to polarization.
+    wavelengths
+        How many to compute.
+    split_at_kinks
+        Whether each stretch between the entries of the aerosol's tables has its own part of them, rounded up: pays
+        below an error of 1e-4.
+    dolp_max
+        Largest degree of polarization of the sky; fidelity ANALYTIC alone uses it.
+    solver
+        What solves a wavelength.
+    settings
+        In place of the level's own; where light is scattered once, the layers alone count.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+    """
+    if fidelity is Fidelity.TABLE:
+        raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
+    kind = AerosolKind(aerosol)
+    ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
+    rule = spectral_rule(
+        wavelength_m=band.wavelength_m,
+        irradiance=band.shares * ozone,
+        count=wavelengths,
+        kinks_m=kinks_m(state, aerosol=kind) if split_at_kinks else (),
+    )
+    columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in rule.wavelength_m)
+    own = FIDELITY_LEVELS[fidelity].settings
+    solutions = tuple(
+        solve_column(
+            single_solution if own is None else solver,
+            one,
+            settings or own or STANDARD_SETTINGS,
+            mu0=mu0,
+            albedo=albedo,
+            aerosol=kind,
+        )
+        for one in columns
+    )
+    lighting = _band_lighting(state, band, ozone, rule, columns, solutions)
+    return lighting if fidelity is not Fidelity.ANALYTIC else analytic_lighting(lighting, mu0=mu0, dolp_max=dolp_max)
+
+
+def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:
+    """Return a sky by formula that has the radiance of another at the zenith.
+
+    Parameters
+    ----------
+    path_and_beam
+        The other.
+    mu0
+        Cosine of the solar zenith angle.
+    dolp_max
+        Largest degree of polarization of the sky.
+
+    References
+    ----------
+    definition: see `model.atmosphere.sky`
+    """
+    zenith = float(path_and_beam.sky(zenith_rad=0.0, phi_rad=0.0)[0])
+    return AnalyticLighting(path_and_beam=path_and_beam, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
+
+
+def _band_lighting(
+    state: AtmosphereState,
+    band: SolarBand,
+    ozone: NDArray[np.float64],
+    rule: SpectralRule,
+    columns: tuple[Column, ...],
+    solutions: tuple[DiffuseLight, ...],
+) -> BandLighting:
+    """Wavelengths put together; the beam, which costs nothing, at all samples of the spectrum."""
+    mu0 = solutions[0].mu0
+    used = band.weighted > 0.0
+    depth = np.zeros(used.size)
+    depth[used] = optical_depth(state, wavelength_m=band.wavelength_m[used])
+    direct = float(band.integral(ozone * np.exp(-depth / mu0)))
+    from_nodes = float(rule.irradiance @ [np.exp(-one.depth / mu0) for one in columns])
+    return BandLighting(
+        columns=columns,
+        solutions=solutions,
+        irradiance=rule.irradiance,
+        direct_irradiance=direct,
+        wavelength_error=abs(from_nodes / direct - 1.0),
+    )

@@ -1,0 +1,1914 @@
+"""Bounds of the change of a prediction by each effect that is left out, before anything is solved.
+
+Arguments and result of each are those of `model.effects.bounds.EffectModel.bound`.
+
+Arguments and result of each are those of `model.effects.bounds.EffectModel.bound`.
+
+Arguments and result of each are those of `model.effects.bounds.EffectModel.bound`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model import stokes as geometry
+from model.atmosphere.air import Column, column
+from model.atmosphere.sky import Fidelity, Lighting, SolarBand, SolverSettings, compute_lighting, unlit_solution
+from model.effects.names import ALL, EVERYTHING, NOTHING, UNKNOWN, Bound, Disturbance, Effect
+from model.numerics import chdtri, erfc, expn
+from model.processing.detection import CONDITION_LIMIT
+from model.processing.reconstruction import design
+from model.scene.field import BACKSCATTER, FieldPart, cosine_fourth, half_diagonal_rad, middle, off_axis
+from model.scene.panel import View, aperture_lights
+from model.scene.scene import Air, LightParts, LitRegion, LitScene, RegionLight
+from model.scene.sky_light import illuminate
+from model.sensor import (
+    Imperfections,
+    Sensor,
+    SensorNoise,
+    electrons_per_radiance,
+    saturation_probability,
+    temporal_variance_dn2,
+)
+from model.stokes import analyzer_row
+from model.surface.pbrdf import Surface, Tilt, mueller
+
+# Limits of the light of a region, which bounds of effects are made of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LightLimits:
+    """Limits of a region's radiance [W m-2 sr-1].
+
+    Attributes
+    ----------
+    beams
+        Stokes radiance from the beam at directions of the field, shape (K, 3); of a given radiance that itself.
+    s0_low, s0_high, polarised_low, polarised_high
+        Of these.
+    sky, path, adjacency
+        Upper limits of what sky, path and surroundings add.
+    sky_polarised
+        Upper limit of the polarised light that the sky adds.
+    sky_again, sky_again_polarised
+        The same of light that was scattered more than once, and not only by the ground before; infinite where no
+        useful limit is known.
+    apart
+        Largest difference of the beam's light from its middle, of directions at which it is known.
+    spread
+        Upper limit of the difference between a direction of the field and its middle, over S0.
+    deviation
+        Upper limit of the root of the mean square of that difference.
+    depth, depth_below
+        Largest optical depth in the band, of all air and of that below the camera.
+    texture, field_cov
+        Covariance of the texture and over the field, shape (3, 3), where they are known [(W m-2 sr-1)^2].
+    """
+
+    beams: FloatArray
+    s0_low: float
+    s0_high: float
+    polarised_low: float
+    polarised_high: float
+    sky: float = 0.0
+    sky_polarised: float = 0.0
+    sky_again: float = np.inf
+    sky_again_polarised: float = np.inf
+    path: float = 0.0
+    adjacency: float = 0.0
+    apart: float = 0.0
+    spread: float = 0.0
+    deviation: float = 0.0
+    depth: float = np.inf
+    depth_below: float = np.inf
+    texture: FloatArray | None = None
+    field_cov: FloatArray | None = None
+
+    @property
+    def added(self) -> float:
+        """Upper limit of all that comes beside the beam."""
+        return self.sky + self.path + self.adjacency
+
+
+def known_light(light: RegionLight, *, margin: float = 0.0) -> LightLimits:
+    """Return the limits of a region whose light is known.
+
+    Parameters
+    ----------
+    light
+        Of the region.
+    margin
+        By which its radiance may be off, as a share: what was left out of it, 0 or more.
+    """
+    stokes = np.asarray(light.stokes_radiance, dtype=np.float64)
+    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
+    apart = margin * s0
+    off = np.array([2.0 * apart, 0.0, 0.0])
+    texture = light.texture_rms**2 * np.outer(stokes, stokes) + light.texture_cov
+    return LightLimits(
+        beams=np.stack([stokes - off, stokes + off]),
+        s0_low=s0 - apart,
+        s0_high=s0 + apart,
+        polarised_low=max(polarised - apart, 0.0),
+        polarised_high=polarised + apart,
+        texture=(1.0 + margin) ** 2 * texture,
+        field_cov=light.field_cov,
+    )
+
+
+# Upper bounds of the light that air scatters, from its optical depth alone and without solving anything
+
+
+# Of what is scattered more than once, directions are known to nobody: its phase function is taken as this, and a beam
+# that was scattered once before as turned by up to that angle.
+_SPREAD_PHASE = 2.0
+_TURNED_RAD = np.radians(30.0)
+# Room for interpolation over wavelengths and for the phase functions of spheres, which are no Henyey-Greenstein ones.
+_ROOM = 1.5
+# Parts of a band, each as thick as at its thicker end: a wide one has so many, a narrow one is one.
+_SLICES, _NARROW = 4, 1.05
+# Molecules turn light by any angle with a phase function of 1.5 or less; a little more for their depolarization.
+_MOLECULES = 1.01
+# The largest difference of transmittances T^b - T is at this slant depth.
+_MOST_MIXED = -np.log(BACKSCATTER) / (1.0 - BACKSCATTER)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BandSlice:
+    """Part of a band: its irradiance outside the atmosphere [W m-2], and the air where it is thickest and thinnest."""
+
+    outside: float
+    thick: Column
+    thin: Column
+
+    @cached_property
+    def depth(self) -> float:
+        """Largest optical depth."""
+        return self.thick.depth
+
+    @cached_property
+    def asymmetries(self) -> tuple[float, ...]:
+        """Of its aerosols."""
+        return tuple({one.g for column in (self.thick, self.thin) for one in (column.lower, column.upper)})
+
+    def scattered_once(self, scattering_rad: FloatArray) -> FloatArray:
+        """Return the largest phase function of molecules times their depth, and that of all air times the rest's."""
+        molecules, rest = (
+            max(getattr(column, name) for column in (self.thick, self.thin)) for name in ("tau_rayleigh", "tau_aerosol")
+        )
+        return np.asarray(molecules * _phase((), scattering_rad) + rest * _phase(self.asymmetries, scattering_rad))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AirBounds:
+    """Upper bounds of light, all in band; infinite where nothing is known.
+
+    Attributes
+    ----------
+    slices
+        Parts of the band, in which the bounds add up; none where nothing is known.
+    mu
+        Cosine of the solar zenith angle.
+    ground_albedo
+        Of the ground around.
+    alternative
+        Of another air that it might as well be.
+    """
+
+    slices: tuple[BandSlice, ...]
+    mu: float
+    ground_albedo: float
+    alternative: "AirBounds | None" = None
+
+    @cached_property
+    def received(self) -> float:
+        """Irradiance of the ground by sun and sky [W m-2]."""
+        return self._worst(lambda air: air.total(air.received_of))
+
+    @property
+    def ground_radiance(self) -> float:
+        """Radiance of the ground around [W m-2 sr-1]."""
+        return self._worst(lambda air: air.ground_albedo * air.total(air.received_of) / np.pi)
+
+    @cached_property
+    def sky_actinic(self) -> float:
+        """Sum of the sky's radiance over all directions above a target [W m-2]."""
+
+        def each(part: BandSlice, air: AirBounds) -> float:
+            forward = part.outside * -np.expm1(-part.depth / air.mu)
+            return float(forward + (1.0 - expn(2, part.depth)) * air.actinic_of(part))
+
+        return self._worst(lambda air: _ROOM * air.total(lambda part: each(part, air)))
+
+    @cached_property
+    def depth(self) -> float:
+        """Largest optical depth in the band."""
+        return self._worst(lambda air: max((one.depth for one in air.slices), default=np.inf))
+
+    def depth_below(self, height_m: float) -> float:
+        """Return the largest optical depth in the band between the ground and a height [m]."""
+        return self._worst(
+            lambda air: max((one.depth - one.thick.depth_above(height_m) for one in air.slices), default=np.inf)
+        )
+
+    def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
+
+        Parameters
+        ----------
+        zenith_rad, scattering_rad
+            Zenith angle of a direction, and its angle from the sun; of one shape [rad].
+
+        Notes
+        -----
+        Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
+        molecules and aerosol, nor more than tau / mu of each by its own.
+        """
+        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
+
+        def each(air: AirBounds) -> FloatArray:
+            found = np.full(np.shape(scattering_rad), 0.0 if air.slices else np.inf)
+            for part in air.slices:
+                scattered = -np.expm1(-part.depth * slant)
+                once = np.minimum(
+                    _phase(part.asymmetries, scattering_rad) * scattered, part.scattered_once(scattering_rad) * slant
+                )
+                rest = air.rest_of(part, scattering_rad) * scattered
+                found = found + _ROOM * (part.outside * once + rest) / (4.0 * np.pi)
+            return found
+
+        return each(self) if self.alternative is None else np.maximum(each(self), each(self.alternative))
+
+    def sky_again(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
+
+        Light of the beam that came off the ground, and was scattered once then, is not in it.
+
+        Parameters
+        ----------
+        zenith_rad, scattering_rad
+            As in `sky`.
+        """
+        if self.alternative is not None:
+            return np.full(np.shape(scattering_rad), np.inf)
+        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
+        found = np.full(np.shape(scattering_rad), 0.0 if self.slices else np.inf)
+        for part in self.slices:
+            beam = part.outside * self.mu * np.exp(-part.depth / self.mu)
+            again = self.rest_of(part, scattering_rad) - 2.0 * _SPREAD_PHASE * self.ground_albedo * beam
+            found = found + _ROOM * again * -np.expm1(-part.depth * slant) / (4.0 * np.pi)
+        return found
+
+    def path(self, *, height_m: float, view_zenith_rad: ArrayLike, scattering_rad: ArrayLike) -> float:
+        """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].
+
+        Parameters
+        ----------
+        height_m
+            Of the camera [m].
+        view_zenith_rad, scattering_rad
+            Zenith angles of the camera as seen from the target, and by what sunlight turns into the line of sight;
+            of one shape, the largest bound counts [rad].
+
+        Notes
+        -----
+        The radiance is at most the largest source times 1 - exp(-tau_below / mu_v). The source is, over 4 pi: the beam
+        as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
+        scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
+        """
+        if height_m == 0.0:
+            return 0.0
+        slant, angle = 1.0 / np.cos(view_zenith_rad), np.asarray(scattering_rad, dtype=np.float64)
+
+        def each(air: AirBounds) -> float:
+            found = np.full(angle.shape, 0.0 if air.slices else np.inf)
+            for part in air.slices:
+                above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
+                below = part.depth - part.thick.depth_above(height_m)
+                found = found + air.source_of(part, angle, above) * -np.expm1(-below * slant)
+            return float(np.max(found))
+
+        return self._worst(each)
+
+    def mixed_in(self, *, height_m: float, slant: float) -> float:
+        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1.
+
+        Parameters
+        ----------
+        height_m
+            Of the camera [m].
+        slant
+            One over the cosine of its zenith angle.
+        """
+        if height_m == 0.0:
+            return 0.0
+        way = min(self.depth_below(height_m) * slant, _MOST_MIXED)
+        return float(np.exp(-BACKSCATTER * way) - np.exp(-way))
+
+    def source_of(self, part: BandSlice, scattering_rad: FloatArray, above: float) -> FloatArray:
+        """Return the most that is scattered into a direction, over the depth [W m-2 sr-1]."""
+        beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
+        return np.asarray(_ROOM * (beam + self.rest_of(part, scattering_rad)) / (4.0 * np.pi))
+
+    def rest_of(self, part: BandSlice, scattering_rad: FloatArray) -> FloatArray:
+        """Return the most that is scattered of all but the beam, over the depth and 1 / (4 pi) [W m-2]."""
+        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
+        turned = part.outside * -np.expm1(-part.depth / self.mu) * _phase(part.asymmetries, nearest, turned=True)
+        diffuse = (1.0 - expn(2, 0.5 * part.depth)) * self.actinic_of(part)
+        diffuse += 2.0 * self.ground_albedo * self.received_of(part)
+        return np.asarray(turned + _SPREAD_PHASE * diffuse)
+
+    def received_of(self, part: BandSlice) -> float:
+        """Return what a part of the band brings to the ground [W m-2]."""
+        returned = self.ground_albedo * (1.0 - 2.0 * float(expn(3, part.depth)))
+        return float(part.outside * self.mu / (1.0 - returned))
+
+    def actinic_of(self, part: BandSlice) -> float:
+        """Return the largest actinic flux of a part of the band [W m-2]."""
+        return float((part.outside + 2.0 * self.ground_albedo * self.received_of(part)) / expn(2, 0.5 * part.depth))
+
+    def total(self, each: Callable[[BandSlice], float]) -> float:
+        """Return the sum over the band."""
+        return sum(map(each, self.slices)) if self.slices else np.inf
+
+    def _worst(self, of: Callable[["AirBounds"], float]) -> float:
+        return of(self) if self.alternative is None else max(of(self), of(self.alternative))
+
+
+UNKNOWN_AIR = AirBounds(slices=(), mu=1.0, ground_albedo=1.0)
+
+
+def bound_air(air: Air) -> AirBounds:
+    """Return bounds of the light at the ground.
+
+    Parameters
+    ----------
+    air
+        The air. For a table and for the analytic fidelity level, whose light obeys no conservation of energy, nothing
+        is known.
+
+    Notes
+    -----
+    With irradiance E outside the atmosphere, mu its cosine, depth tau (the largest in a part of the band), ground
+    albedo A: the ground receives G <= E mu / (1 - A s), s = 1 - 2 E3(tau), since what returns to it has been scattered.
+    The actinic flux anywhere is at most (E + 2 A G) / E2(tau / 2): in an isotropically scattering slab at least the
+    share E2(tau / 2) of a source leaves without another scattering. Of it at most 1 - E2(tau) is scattered toward the
+    ground, beside what goes on nearly forward from the beam, at most E (1 - exp(-tau / mu)).
+
+    References
+    ----------
+    Definition; conservation of energy. E_n are the exponential integrals.
+    """
+    if air.alternative is not None:
+        one = bound_air(replace(air, alternative=None, share=0.0))
+        return replace(one, alternative=bound_air(air.alternative))
+    if air.state is None or air.fidelity in (Fidelity.ANALYTIC, Fidelity.TABLE):
+        return UNKNOWN_AIR
+    return AirBounds(slices=_slices(air), mu=float(np.cos(air.sun_zenith_rad)), ground_albedo=air.ground_albedo)
+
+
+def is_narrow(band: SolarBand) -> bool:
+    """Return whether a band is one in which the air is all but the same.
+
+    Parameters
+    ----------
+    band
+        Wavelengths and irradiance.
+    """
+    shortest, longest = band.limits_m
+    return bool(longest <= _NARROW * shortest)
+
+
+def _slices(air: Air) -> tuple[BandSlice, ...]:
+    if air.state is None:
+        raise ValueError("air without a state has no optical depth")
+    shortest, longest = air.band.limits_m
+    edges = np.linspace(shortest, longest, 2 if is_narrow(air.band) else _SLICES + 1)
+    columns = [column(air.state, wavelength_m=float(edge)) for edge in edges]
+    place = np.clip(np.searchsorted(edges, air.band.wavelength_m, side="right") - 1, 0, edges.size - 2)
+    outside = np.bincount(place, weights=air.band.shares, minlength=edges.size - 1)
+    return tuple(
+        BandSlice(
+            outside=float(sent),
+            thick=max(ends, key=lambda one: one.depth),
+            thin=min(ends, key=lambda one: one.depth),
+        )
+        for sent, ends in zip(outside, pairwise(columns), strict=True)
+    )
+
+
+def _phase(asymmetries: tuple[float, ...], scattering_rad: FloatArray, *, turned: bool = False) -> FloatArray:
+    """Largest phase function of molecules and of aerosols (Henyey-Greenstein); of molecules 1.5 for turned light."""
+    cosine = np.cos(scattering_rad)
+    largest = np.asarray(1.5 if turned else _MOLECULES * 0.75 * (1.0 + cosine**2))
+    for g in asymmetries:
+        largest = np.maximum(largest, (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5)
+    return largest
+
+
+# Reflectance of a surface over the sky, as upper limits on a grid, and sums of light over it
+
+# Radiance of the sky by zenith angle and angle from the sun, both of one shape [W m-2 sr-1].
+RadianceOfSky = Callable[[FloatArray, FloatArray], FloatArray]
+
+# Steps over the hemisphere in the search of the largest pBRDF.
+_ZENITHS, _AZIMUTHS = 46, 31
+# Digits of an angle [rad] to which views are one.
+_DIGITS = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PbrdfGrid:
+    """Reflectance times cos(theta_i) over the sky for some views [sr-1].
+
+    Attributes
+    ----------
+    zenith_rad, azimuth_rad
+        Angles from the normal and from the plane of the view, half of it, rising.
+    values
+        View's angle from the normal to the most that is reflected, and the most that is polarised of it, of light of
+        any polarization, shape (2, zeniths, azimuths).
+    """
+
+    zenith_rad: FloatArray
+    azimuth_rad: FloatArray
+    values: Mapping[float, FloatArray]
+
+    @classmethod
+    def of(cls, surface: Surface, theta_r_rad: FloatArray) -> "PbrdfGrid":
+        """Return the grid with the mirror directions of views at some angles from the normal, shape (K,) [rad]."""
+        grid, near = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), surface.slope_rms * np.linspace(-3.0, 3.0, 13)
+        angles = sorted({_rounded(float(angle)) for angle in theta_r_rad})
+        zenith = np.concatenate([grid, *(one + near for one in angles)])
+        zenith = np.unique(np.clip(zenith, 0.0, 0.5 * np.pi - 1e-6))
+        azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
+        azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
+        weight = np.cos(zenith)[:, np.newaxis]
+        matrices = {one: mueller(zenith[:, np.newaxis], one, azimuth, surface=surface) for one in angles}
+        values = {one: _most_reflected(each) * weight for one, each in matrices.items()}
+        return cls(zenith_rad=zenith, azimuth_rad=azimuth, values=values)
+
+    @property
+    def largest(self) -> FloatArray:
+        """The largest of all, and of all that is polarised, shape (2,)."""
+        return np.asarray(np.max([np.max(values, axis=(-2, -1)) for values in self.values.values()], axis=0))
+
+    def reflected(
+        self, sky: RadianceOfSky, views: tuple[View, ...], *, sun_zenith_rad: float, sun_azimuth_rad: float
+    ) -> FloatArray:
+        """Return the largest over views of the sum of the reflectance times a sky, all and what is polarised, (2,).
+
+        Parameters
+        ----------
+        sky
+            Radiance of an unpolarised or polarised sky.
+        views
+            At whose angles the grid was made; of a level surface.
+        sun_zenith_rad, sun_azimuth_rad
+            Of the sun.
+        """
+        zenith, found = self.zenith_rad[:, np.newaxis], []
+        for angle, off_rad in {
+            (_rounded(one.zenith_rad), round(sun_azimuth_rad - one.azimuth_rad, 2)) for one in views
+        }:
+            both_sides = np.zeros(())
+            for side in (self.azimuth_rad, -self.azimuth_rad):
+                toward = np.cos(zenith) * np.cos(sun_zenith_rad)
+                toward = toward + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(side - off_rad)
+                scattering = np.arccos(np.clip(toward, -1.0, 1.0))
+                both_sides = both_sides + sky(np.broadcast_to(zenith, scattering.shape), scattering)
+            rows = _sum(self.values[angle] * both_sides, self.azimuth_rad)
+            found.append(_sum(rows * np.sin(self.zenith_rad), self.zenith_rad))
+        return np.asarray(np.max(found, axis=0))
+
+
+def _most_reflected(mueller: FloatArray) -> FloatArray:
+    """Most of S0 and of polarised light that matrices make of light of any polarization, shape (2, ...)."""
+    rest = mueller[..., 1:, 1:]
+    squares = np.sum(rest**2, axis=(-2, -1))
+    determinant = rest[..., 0, 0] * rest[..., 1, 1] - rest[..., 0, 1] * rest[..., 1, 0]
+    norm = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * determinant**2, 0.0))))
+    total = mueller[..., 0, 0] + np.hypot(mueller[..., 0, 1], mueller[..., 0, 2])
+    return np.stack([total, np.hypot(mueller[..., 1, 0], mueller[..., 2, 0]) + norm])
+
+
+def _rounded(angle_rad: float) -> float:
+    """Return an angle to digits at which lobes differ by less than what the grid is multiplied by."""
+    return round(angle_rad, _DIGITS)
+
+
+def _sum(values: FloatArray, at: FloatArray) -> FloatArray:
+    """Integral over the last axis by the trapezoidal rule."""
+    return np.asarray(0.5 * np.sum((values[..., 1:] + values[..., :-1]) * np.diff(at), axis=-1))
+
+
+# Limits of the light of each region before anything is solved: that of the beam, and at most what air scatters
+
+
+# What the largest pBRDF on a grid is taken times for what its steps miss.
+_MISSED = 1.5
+# Under air as thick as this the sky sends so much that no sharper bound of it helps.
+_THIN = 0.05
+# Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
+# may be off by more than all of it, and polarised by more than 1. Sharp bounds are of no use there, for all of it is
+# next to nothing.
+_NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
+# Over a field the beam's light is known at nine directions; between them it may go this much farther.
+_BETWEEN = 2.0
+# How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
+SKY_ROOM = 5.0
+# The beam sees the depth of all layers and no more.
+_FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, tolerance=1e-3)
+_WITH_BEAM = ("total", "reflected", "reflected_sun")
+
+
+def light_limits(scene: LitScene) -> dict[str, LightLimits]:
+    """Return the limits of each region's light, without solving anything.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    """
+    found = {one.name: known_light(_as_given(one)) for one in scene.regions if one.radiance is not None}
+    materials = [one for one in scene.regions if one.surface is not None]
+    if not materials or scene.air is None:
+        return found
+    limits = bound_air(scene.air)
+    lighting = beam_lighting(scene.air)
+    return found | {one.name: sun_light(scene, one, lighting, limits) for one in materials}
+
+
+def _as_given(region: LitRegion) -> RegionLight:
+    radiance = np.zeros(3) if region.radiance is None else region.radiance
+    return RegionLight(
+        name=region.name,
+        stokes_radiance=radiance,
+        texture_rms=region.texture_rms,
+        texture_cov=region.texture_cov,
+    )
+
+
+def beam_lighting(air: Air) -> Lighting:
+    """Return the light of the beam alone; nothing is solved.
+
+    Parameters
+    ----------
+    air
+        The air.
+
+    Raises
+    ------
+    ValueError
+        There is neither an atmosphere nor a table.
+    """
+    if air.table is not None:
+        return air.table
+    if air.state is None:
+        raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
+    return compute_lighting(
+        air.state,
+        fidelity=air.fidelity,
+        band=air.band,
+        mu0=float(np.cos(air.sun_zenith_rad)),
+        albedo=air.ground_albedo,
+        aerosol=air.aerosol,
+        wavelengths=2 if is_narrow(air.band) else 4,
+        dolp_max=air.dolp_max,
+        solver=unlit_solution,
+        settings=_FEWEST_LAYERS,
+    )
+
+
+def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> LightLimits:
+    """Return the limits of a region's radiance before sky and path are known.
+
+    Parameters
+    ----------
+    scene, region
+        A region that is given by its material.
+    lighting
+        From `beam_lighting`.
+    limits
+        Of the light that the air scatters.
+
+    Raises
+    ------
+    ValueError
+        The scene has no air or view, or the region no surface.
+
+    Notes
+    -----
+    Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
+    most fp = |(F10, F20)| + the norm of the rest of F, which a diffuse term has not. Either is at most the largest of
+    it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid with the mirror
+    direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times the bound of the
+    sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
+
+    References
+    ----------
+    [MK14] eq. (2), (3).
+    """
+    panel = _panel(scene, region)
+    found = _beams_between(_beams(panel, lighting), is_counted=scene.source in _WITH_BEAM)
+    found = _with_sky(found, panel, limits)
+    path = _path(panel, limits)
+    of_beam, of_rest = _spread(found, panel, path=path)
+    return replace(
+        found,
+        path=path,
+        adjacency=_adjacency(scene, panel, limits),
+        spread=_BETWEEN * of_beam + of_rest,
+        deviation=of_beam + of_rest,
+        depth=limits.depth,
+        depth_below=limits.depth_below(panel.views[0].height_m),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Panel:
+    """A region of a material under its air, and views over its part of the field, the middle first."""
+
+    surface: Surface
+    tilt: Tilt
+    views: tuple[View, ...]
+    air: Air
+    sun_azimuth_rad: float
+
+    @property
+    def toward(self) -> FloatArray:
+        """Directions toward the camera, (K, 3)."""
+        return np.stack(
+            [geometry.direction(zenith_rad=one.zenith_rad, azimuth_rad=one.azimuth_rad) for one in self.views]
+        )
+
+    @property
+    def slant(self) -> float:
+        """Longest way through air over that upward."""
+        return 1.0 / min(float(np.cos(view.zenith_rad)) for view in self.views)
+
+
+def _panel(scene: LitScene, region: LitRegion) -> _Panel:
+    air, view, surface, tilt = scene.air, scene.view, region.surface, region.tilt
+    if air is None or view is None or surface is None or tilt is None:
+        raise ValueError(f"region {region.name}: needs air, view, surface and tilt")
+    views = _field_views(view, region.part)
+    return _Panel(surface=surface, tilt=tilt, views=views, air=air, sun_azimuth_rad=scene.sun_azimuth_rad)
+
+
+def _field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
+    """Return the axis or, over a part of the field, its middle, the middles of its edges, and its corners."""
+    if part is None:
+        return (view,)
+    across, upward = middle(part)
+    rights, ups = (
+        (np.tan(low), between, np.tan(high))
+        for low, between, high in ((part.left_rad, across, part.right_rad), (part.bottom_rad, upward, part.top_rad))
+    )
+    others = [(float(x), float(y)) for x in rights for y in ups if (x, y) != (across, upward)]
+    return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
+
+
+def _beams(panel: _Panel, lighting: Lighting) -> FloatArray:
+    """Stokes radiance that the beam sends to each view of a panel, (K, 3)."""
+    illumination = illuminate(
+        lighting,
+        sun_zenith_rad=panel.air.sun_zenith_rad,
+        sun_azimuth_rad=panel.sun_azimuth_rad,
+        ground_albedo=panel.air.ground_albedo,
+        sky=_black_sky,
+    )
+    lights = aperture_lights(
+        illumination, surface=panel.surface, tilt=panel.tilt, views=panel.views, skylight=False, path=False
+    )
+    return np.stack([light.reflected_sun for light in lights])
+
+
+def _black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
+    """Return no light from any direction."""
+    shape = np.broadcast_shapes(np.shape(np.asarray(zenith_rad)), np.shape(np.asarray(phi_rad)))
+    return np.zeros((*shape, 3))
+
+
+def _with_sky(found: LightLimits, panel: _Panel, limits: AirBounds) -> LightLimits:
+    """Limits with those of what the sky adds."""
+    is_level = panel.tilt.tilt_rad == 0.0
+    ground = 0.0 if is_level else 2.0 * np.pi * limits.ground_radiance
+    grid = PbrdfGrid.of(panel.surface, geometry.angle_between_rad(panel.tilt.normal, panel.toward))
+    skies, again = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
+    if is_level and limits.depth < _THIN:
+        sun = {"sun_zenith_rad": panel.air.sun_zenith_rad, "sun_azimuth_rad": panel.sun_azimuth_rad}
+        skies = np.minimum(skies, _MISSED * grid.reflected(limits.sky, panel.views, **sun))
+        again = _MISSED * grid.reflected(limits.sky_again, panel.views, **sun)
+    sky, polarised = skies.tolist()
+    if limits.depth < _NEXT_TO_NONE:
+        sky = polarised = _FEW_DIGITS * sky
+    return replace(
+        found,
+        sky=sky,
+        sky_polarised=min(polarised, sky),
+        sky_again=float(again[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
+        sky_again_polarised=float(again[1]),
+    )
+
+
+def _beams_between(beams: FloatArray, *, is_counted: bool) -> LightLimits:
+    """Limits of the beam's light between directions at which it is known; none where it does not count."""
+    if not is_counted:
+        return LightLimits(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
+    known = float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
+    apart = (_BETWEEN - 1.0) * known
+    polarised = np.hypot(beams[:, 1], beams[:, 2])
+    # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
+    reach = np.array([2.0 * apart, 0.0, 0.0])
+    edges = np.concatenate([beams + reach, beams - reach])
+    return LightLimits(
+        beams=edges,
+        s0_low=max(float(beams[:, 0].min()) - apart, 0.0),
+        s0_high=float(beams[:, 0].max()) + apart,
+        polarised_low=max(float(polarised.min()) - apart, 0.0),
+        polarised_high=float(polarised.max()) + apart,
+        apart=known,
+    )
+
+
+def _spread(light: LightLimits, panel: _Panel, *, path: float) -> tuple[float, float]:
+    """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
+
+    The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
+    """
+    if len(panel.views) == 1:
+        return 0.0, 0.0
+    if light.s0_low <= 0.0:
+        return np.inf, 0.0
+    toward, slant = panel.toward, panel.slant
+    angle = float(np.max(geometry.angle_between_rad(toward[0], toward[1:])))
+    of_beam = light.apart / light.s0_low
+    of_sky = angle * 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) * min(1.0, SKY_ROOM * light.sky / light.s0_low)
+    of_path = angle * (2.0 * slant + 10.0) * min(1.0, path / light.s0_low)
+    return of_beam, of_sky + of_path
+
+
+def _path(panel: _Panel, limits: AirBounds) -> float:
+    sun = geometry.direction(zenith_rad=panel.air.sun_zenith_rad, azimuth_rad=panel.sun_azimuth_rad)
+    return limits.path(
+        height_m=panel.views[0].height_m,
+        view_zenith_rad=np.array([view.zenith_rad for view in panel.views]),
+        scattering_rad=geometry.angle_between_rad(-sun, panel.toward),
+    )
+
+
+def _adjacency(scene: LitScene, panel: _Panel, limits: AirBounds) -> float:
+    """Most that the surroundings add: T^b - T of their light beyond that of the mean ground (`AirBounds.mixed_in`)."""
+    around, ground = scene.imperfections.surround_albedo, panel.air.ground_albedo
+    if around is None or around == ground:
+        return 0.0
+    mixed = limits.mixed_in(height_m=panel.views[0].height_m, slant=panel.slant)
+    return abs(around - ground) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0
+
+
+# Bounds of the radiance and the covariance of a region, known before anything is solved
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RegionBounds:
+    """Limits of one region, in counts [DN]; equal where its radiance is given.
+
+    Attributes
+    ----------
+    s0_low, s0_high, polarised_low, polarised_high
+        Mean of S0, and length of (S1, S2).
+    signal_low, signal_high
+        Mean of each channel, shape (N,).
+    variance_low, variance_high
+        Temporal variance of each channel at these signals, shape (N,) [DN^2].
+    inverse
+        From channels to Stokes parameters, shape (3, N).
+    counts_per_radiance
+        Stokes parameters in counts per Stokes radiance [DN per W m-2 sr-1].
+    noise_low, noise_high
+        Covariance of the Stokes parameters from temporal noise at these signals, shape (3, 3).
+    texture
+        Upper bound of the texture's covariance of the Stokes parameters, shape (3, 3).
+    cov_high
+        Upper bound of their whole covariance.
+    own_high
+        The same without what is a factor common to a pixel's Stokes vector, which its DoLP does not show.
+    cycles
+        Over which means are taken.
+    crosstalk
+        Share by which light that drifts through a cycle mixes the Stokes parameters at most.
+    """
+
+    region: LitRegion
+    s0_low: float
+    s0_high: float
+    polarised_low: float
+    polarised_high: float
+    signal_low: FloatArray
+    signal_high: FloatArray
+    variance_low: FloatArray
+    variance_high: FloatArray
+    inverse: FloatArray
+    counts_per_radiance: float
+    noise_low: FloatArray
+    noise_high: FloatArray
+    texture: FloatArray
+    cov_high: FloatArray
+    own_high: FloatArray
+    cycles: int
+    crosstalk: float
+
+    @property
+    def is_known(self) -> bool:
+        """True if there is light for certain, and not without limit."""
+        return self.s0_low > 0.0 and bool(np.isfinite(self.s0_high))
+
+    @property
+    def is_exact(self) -> bool:
+        """True if the limits are equal."""
+        return self.s0_low == self.s0_high
+
+    def to_channels(self, cov: FloatArray) -> FloatArray:
+        """Return a covariance of Stokes parameters as one of channels, shape (N, N)."""
+        system = np.linalg.pinv(self.inverse)
+        return np.asarray(system @ cov @ system.T)
+
+    @cached_property
+    def share_of_noise(self) -> float:
+        """Share of a temporal variance of 1 DN^2 of every channel; of another it is as much larger."""
+        return self.temporal_share(np.ones_like(self.signal_low))
+
+    @cached_property
+    def share_of_light(self) -> float:
+        """Ratio of a variance of 1 DN^2 of every Stokes parameter to the least noise of a mean over the cycles."""
+        return self.spatial_share(self.to_channels(np.eye(3)), is_part=False)
+
+    def temporal_share(self, variances: FloatArray, *, bright: bool = False) -> float:
+        """Return the share of a part of the temporal variance, in any direction and channel.
+
+        Parameters
+        ----------
+        variances
+            Of the channels, shape (N,) [DN^2].
+        bright
+            Whether the share is largest where the light is.
+        """
+        if not np.any(variances):
+            return 0.0
+        whole, each = (self.noise_high, self.variance_high) if bright else (self.noise_low, self.variance_low)
+        in_stokes = share_of(_of_channels(self.inverse, variances), whole)
+        # Of channels that vary apart the largest ratio is that of one of them.
+        if not np.all(np.isfinite(each)) or np.any((each <= 0.0) & (variances > 0.0)):
+            return np.inf
+        ratios = np.divide(variances, each, out=np.zeros_like(variances), where=variances > 0.0)
+        return max(in_stokes, float(np.max(ratios)))
+
+    def spatial_share(self, cov: FloatArray, *, is_part: bool = True) -> float:
+        """Return the share of a part of the covariance over pixels, of channels, shape (N, N) [DN^2].
+
+        Means over cycles have the least noise beside it, and so the largest share. A part of the whole has a share of
+        r / (1 + r), r being its ratio to the rest; something that is no part has r.
+        """
+        in_stokes = share_of(self.inverse @ cov @ self.inverse.T, self.noise_low / self.cycles)
+        ratio = max(in_stokes, share_of(cov, np.diag(self.variance_low) / self.cycles))
+        return ratio / (1.0 + ratio) if is_part and np.isfinite(ratio) else ratio
+
+
+# One plan asks for the bounds of effects in several groups: records are known by their identity.
+@lru_cache(maxsize=32)
+def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> RegionBounds:
+    """Return the limits of a region.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    region
+        One of its regions.
+    light
+        Limits of its radiance.
+
+    Notes
+    -----
+    Light of sky and path adds to every channel, so that what the beam alone gives is a lower limit; noise grows with
+    the light. Drift, falloff and scatter of angles widen the limits. Drift by d mixes Stokes parameters by W diag(f) M
+    - 1, at most d / 2 times the condition of M.
+    """
+    sensor, readout, session = scene.sensor, scene.readout, scene.imperfections
+    scale = sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * sensor.tau_parallel
+    least, most = (scale * factor for factor in _factors(scene, region))
+    low, high = _signals(scene, light, least, most)
+    plan = design(readout.angles_rad, readout.extinction_ratio)
+    variance_low, variance_high = (
+        temporal_variance_dn2(one, noise=sensor.noise, exposure_s=sensor.exposure_s) for one in (low, high)
+    )
+    noise_low, noise_high = (_of_channels(plan.inverse, one) for one in (variance_low, variance_high))
+    s0_high = most * (light.s0_high + light.added)
+    texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
+    over_field = _over_field(scene, region, light, s0_high=s0_high, scale=most)
+    turned = noise_high + over_field + _scatter_high(scene, texture, plan.inverse, s0_high)
+    apart = _apart_high(region, light, texture, s0_high=s0_high, scale=scale)
+    return RegionBounds(
+        region=region,
+        s0_low=least * light.s0_low,
+        s0_high=s0_high,
+        polarised_low=least * session.kept_polarization * max(light.polarised_low - light.added, 0.0),
+        polarised_high=min(most * (light.polarised_high + light.added), s0_high),
+        signal_low=low,
+        signal_high=high,
+        variance_low=variance_low,
+        variance_high=variance_high,
+        inverse=plan.inverse,
+        counts_per_radiance=scale,
+        noise_low=noise_low,
+        noise_high=noise_high,
+        texture=texture,
+        cov_high=turned + _with_light(scene, texture, plan.inverse, high, s0_high),
+        own_high=turned + _with_light(scene, apart, plan.inverse, np.zeros_like(high), s0_high),
+        cycles=readout.cycles,
+        crosstalk=np.sqrt(2.0) * 0.5 * abs(session.drift) * plan.condition,
+    )
+
+
+def _factors(scene: LitScene, region: LitRegion) -> tuple[float, float]:
+    """Least and largest share of the light on the axis that arrives, with drift and falloff."""
+    session = scene.imperfections
+    least, most = 1.0 - 0.5 * abs(session.drift), 1.0 + 0.5 * abs(session.drift)
+    if session.off_axis_falloff and region.part is not None:
+        least *= cosine_fourth(region.part).mean
+    return least, most
+
+
+def _signals(scene: LitScene, light: LightLimits, least: float, most: float) -> tuple[FloatArray, FloatArray]:
+    """Least and largest mean of each channel, (N,) each, of so many counts per radiance."""
+    sensor, kept = scene.sensor, scene.imperfections.kept_polarization
+    rows = analyzer_row(scene.readout.angles_rad, 1.0, sensor.tau_perpendicular / sensor.tau_parallel)
+    weakened = rows * np.array([1.0, kept, kept])
+    beams = np.concatenate([light.beams @ rows.T, light.beams @ weakened.T])
+    return least * np.maximum(beams.min(axis=0), 0.0), most * (beams.max(axis=0) + light.added)
+
+
+def _of_channels(inverse: FloatArray, variances: FloatArray) -> FloatArray:
+    """Covariance of the Stokes parameters of channels that vary apart; infinite where no limit of one is known."""
+    if not np.all(np.isfinite(variances)):
+        return np.full((3, 3), np.inf)
+    return np.asarray(inverse @ np.diag(variances) @ inverse.T)
+
+
+def share_of(part: FloatArray, whole: FloatArray) -> float:
+    """Return the largest ratio of two quadratic forms along any direction; infinite where the whole has none of it.
+
+    Parameters
+    ----------
+    part, whole
+        Symmetric matrices of one shape (N, N) and unit, of no negative eigenvalue.
+
+    References
+    ----------
+    Definition; the largest eigenvalue of L^-1 P L^-T, L being the Cholesky factor of the whole.
+    """
+    if not np.any(part):
+        return 0.0
+    if not np.all(np.isfinite(part)) or not np.all(np.isfinite(whole)):
+        return np.inf
+    try:
+        root = np.linalg.cholesky(whole)
+    except np.linalg.LinAlgError:
+        return np.inf
+    relative = np.linalg.solve(root, np.linalg.solve(root, part).T)
+    return float(max(np.linalg.eigvalsh(relative)[-1], 0.0))
+
+
+def _texture_high(region: LitRegion, light: LightLimits, *, s0_high: float, scale: float) -> FloatArray:
+    """Upper bound of the texture's covariance, as it is known or as the light allows.
+
+    A factor common to a vector R has the covariance t^2 R R', at most t^2 |R|^2 <= 2 t^2 S0^2 along any direction.
+    """
+    if light.texture is not None:
+        return scale**2 * light.texture
+    if not np.isfinite(s0_high):
+        is_there = region.texture_rms > 0.0 or any(region.texture_diagonal) or bool(np.any(region.texture_cov))
+        return np.full((3, 3), np.inf) if is_there else np.zeros((3, 3))
+    common = 2.0 * (region.texture_rms * s0_high) ** 2 * np.eye(3)
+    own = np.diag(np.square(region.texture_diagonal)) * s0_high**2
+    return np.asarray(common + own + scale**2 * region.texture_cov)
+
+
+def _over_field(scene: LitScene, region: LitRegion, light: LightLimits, *, s0_high: float, scale: float) -> FloatArray:
+    """Upper bound of the covariance over the field of view, by geometry and by the lens."""
+    if not np.isfinite(s0_high * light.deviation):
+        return np.full((3, 3), np.inf)
+    lens = scene.imperfections.off_axis_falloff and region.part is not None
+    var = cosine_fourth(region.part).var if lens and region.part is not None else 0.0
+    geometry = np.zeros((3, 3)) if light.field_cov is None else scale**2 * light.field_cov
+    return np.asarray(geometry + s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
+
+
+def _apart_high(
+    region: LitRegion, light: LightLimits, texture: FloatArray, *, s0_high: float, scale: float
+) -> FloatArray:
+    """Upper bound of the part of the texture that is no factor common to a pixel's Stokes vector.
+
+    What path and surroundings add has no texture: the factor of the rest is off the whole by no more than they are.
+    """
+    if region.radiance is not None:
+        return np.asarray(scale**2 * region.texture_cov + np.diag(np.square(region.texture_diagonal)) * s0_high**2)
+    if light.texture is not None or not np.isfinite(s0_high):
+        return texture
+    untextured = 2.0 * (region.texture_rms * scale * (light.path + light.adjacency)) ** 2 * np.eye(3)
+    return _texture_high(replace(region, texture_rms=0.0), light, s0_high=s0_high, scale=scale) + untextured
+
+
+def _scatter_high(scene: LitScene, texture: FloatArray, inverse: FloatArray, s0_high: float) -> FloatArray:
+    """Upper bound of the covariance from offsets of pixels, shifts and scatter of angles."""
+    noise, session = scene.sensor.noise, scene.imperfections
+    if not np.isfinite(s0_high):
+        return np.full((3, 3), np.inf)
+    frames = inverse.shape[1]
+    turned = (2.0 * session.polarizer_angle_std_rad * s0_high) ** 2
+    shifted = 0.0 if session.misregistration_pixels == 0.0 else float(np.trace(texture))
+    offsets = (noise.gain_dn_per_e * noise.dsnu_e) ** 2 * np.ones((frames, frames))
+    return np.asarray(inverse @ (offsets + (turned + shifted) * np.eye(frames)) @ inverse.T)
+
+
+def _with_light(
+    scene: LitScene, texture: FloatArray, inverse: FloatArray, high: FloatArray, s0_high: float
+) -> FloatArray:
+    """Upper bound of the covariance from texture and from what pixels differ by in their response."""
+    if not np.isfinite(s0_high):
+        return np.full((3, 3), np.inf)
+    prnu, drifted = scene.sensor.noise.prnu, (1.0 + 2.0 * abs(scene.imperfections.drift)) ** 2
+    return np.asarray(drifted * (1.0 + prnu**2) * texture + inverse @ (prnu**2 * np.outer(high, high)) @ inverse.T)
+
+
+# Consequences of an effect: from changes of mean and covariance of a region to bounds of a prediction
+
+
+_ANYTHING = replace(EVERYTHING, detection=0.0)
+# S0 falls this many deviations below its mean in one pixel of three million. Where that is nearer to zero than a
+# quarter of the mean nothing is guaranteed: the pixels' DoLP then has hardly any moments.
+_TAIL = 5.0
+_LARGEST_TAIL = 0.75
+# Polarised light so many deviations above its noise is as good as normal.
+_CLEAR = 8.0
+# Largest share of a covariance for which the bounds below are taken: beyond, they are of no use.
+_LARGEST_SHARE = 0.3
+# Largest density of the distance of a normal vector from a point, times the least of its deviations. It is the Gaussian
+# surface of a ball: 0.59 about the mean, less elsewhere; a slab, the extreme of convex bodies known, has 0.80.
+_SURFACE = 1.0
+# Statistic of a background that is above in one pixel of 1e12.
+_HARDLY, _PASSED = 60.0, 1e-12
+# Means that are computed in two ways differ by rounding, a share of S0 of this size.
+_ROUNDING = 1e-14
+
+
+def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
+    """Return what a disturbance does to the numbers of one region at most; detection is left at 0.
+
+    Parameters
+    ----------
+    bounds
+        The region.
+    found
+        The disturbance.
+
+    Notes
+    -----
+    Covariance: where the eigenvalues of the one covariance over the other lie within 1 - x and 1 + x, the likelihood
+    ratio L of the two normal distributions has var L <= (1 - x^2)^(-3/2) - 1 =: c^2 (chi-square divergence), and by
+    Cauchy and Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2
+    c + c^2 of itself (kurtosis up to 5). Deviations of what is linear change by at most x.
+
+    A factor 1 + e common to a pixel's Stokes vector leaves its DoLP as it is with the rest of its fluctuation over 1 +
+    e: a mixture of distributions, whose divergence is at most the mean of theirs, 6 <e^2>, as of a share of 2 rms(e).
+
+    Mean: with |dS0| <= a S0 and |d(S1, S2)| <= b S0 ratios change by at most (b + a P) / (1 - a): of a factor 1 + a of
+    all of the mean only the noise beside it tells, which is 1 + a times as large in proportion. The deviation of DoLP
+    changes as its gradient does: by no more than (1.42 b / P + 2 a) / (1 - a - b / P) times the largest deviation of a
+    Stokes parameter over the least, both without a factor common to each pixel; and where polarised light is not clear
+    of its noise by no more than the change over the deviation, and the noise beside the factor.
+
+    References
+    ----------
+    Definition; Cauchy-Schwarz with the chi-square divergence of two normal distributions.
+    """
+    if found.is_nothing:
+        return Bound()
+    share = found.share if found.share_of_dolp is None else found.share_of_dolp
+    tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low if bounds.is_known else np.inf
+    if not (
+        tail < _LARGEST_TAIL
+        and found.s0 < 0.5
+        and found.polarised < 0.5
+        and share < _LARGEST_SHARE
+        and found.share < 1.0
+    ):
+        return _ANYTHING
+    shift = (found.s0 + found.polarised) / (1.0 - found.s0)
+    turned = _turned(bounds, found)
+    divergence = _divergence(share)
+    low, high = deviation_limits(bounds)
+    dolp_low = bounds.polarised_low / bounds.s0_high
+    spread = _of_variance(divergence, share)
+    if not spread < 0.5:
+        return _ANYTHING
+    spread += _of_gradient(bounds, found, turned=turned, low=low, dolp_low=dolp_low, tail=tail)
+    if not spread < 0.5:
+        return _ANYTHING
+    snr = _of_mean(found, divergence, high=high, dolp_low=dolp_low, tail=tail)
+    return Bound(
+        radiance=_of_counts(bounds, found, shift),
+        ratios=min(shift / (1.0 - tail) + divergence * high, _of_ratios(found, turned, share, high=high, tail=tail)),
+        # An SNR to first order knows no common factor: it grows as the deviation falls.
+        deviations=max((spread + snr + found.factor) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share),
+    )
+
+
+def detection_bound(
+    target: RegionBounds, of_target: Disturbance, background: RegionBounds, of_background: Disturbance, *, eta: float
+) -> float:
+    """Return what disturbances of target and background do to a probability of detection at most.
+
+    Parameters
+    ----------
+    target, of_target, background, of_background
+        The regions and what is done to them.
+    eta
+        Largest threshold of the statistic.
+
+    Notes
+    -----
+    Target: two distributions whose covariances differ by x have a total variation of at most c / 2, two whose means
+    differ by h deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves
+    the ellipsoid of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell
+    with at most its width times the Gaussian surface of a ball over the least deviation of the target along it. Where
+    the two differ in S0 by many deviations a target is missed so rarely, with and without, that nothing more changes,
+    if the background keeps so much of its covariance that there is such a probability.
+
+    References
+    ----------
+    [MK14] eq. (30); definition of total variation; Ball, Discrete Comput. Geom. 10 (1993) 411 for the surface.
+    """
+    if of_target.is_nothing and of_background.is_nothing:
+        return 0.0
+    if not (target.is_known and background.is_known):
+        return np.inf
+    missed = _missed(target, of_target, background, of_background, eta=eta)
+    if max(of_target.share, of_background.share) >= _LARGEST_SHARE:
+        return missed if missed < 1.0 and _lasts(background, of_background.share) else np.inf
+    moved = _shift_in_deviations(of_target, target, target) + _shift_in_deviations(of_background, background, target)
+    ratio = share_of(background.cov_high, target.noise_low) if of_background.share > 0.0 else 0.0
+    shell = _SURFACE * np.sqrt(eta) * of_background.share * np.sqrt(ratio) if of_background.share > 0.0 else 0.0
+    return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, missed, 1.0))
+
+
+def _missed(
+    target: RegionBounds, of_target: Disturbance, background: RegionBounds, of_background: Disturbance, *, eta: float
+) -> float:
+    """Largest chance of a miss with or without an effect, by S0 alone; of thresholds that background hardly passes."""
+    shifts = [
+        region.s0_high * (found.s0 + found.factor)
+        for region, found in ((target, of_target), (background, of_background))
+    ]
+    apart = max(target.s0_low - background.s0_high, background.s0_low - target.s0_high) - sum(shifts)
+    of_background_s0, of_target_s0 = (
+        np.sqrt(region.cov_high[0, 0] * (1.0 + found.share)) if np.isfinite(found.share) else np.inf
+        for region, found in ((background, of_background), (target, of_target))
+    )
+    clear = apart - np.sqrt(max(eta, _HARDLY)) * of_background_s0
+    if not (np.isfinite(clear) and clear > 0.0):
+        return 1.0
+    return float(erfc(clear / (np.sqrt(2.0) * of_target_s0))) + _PASSED if of_target_s0 > 0.0 else _PASSED
+
+
+def _lasts(background: RegionBounds, share: float) -> bool:
+    """Return whether a covariance that loses this share along any direction is still one that targets are told from."""
+    if not (share < 1.0 and np.all(np.isfinite(background.cov_high))):
+        return False
+    least, most = np.linalg.eigvalsh(background.noise_low)[0], np.linalg.eigvalsh(background.cov_high)[-1]
+    return bool((1.0 - share) * least * CONDITION_LIMIT > most)
+
+
+def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
+    """Return a lower and an upper limit of the deviation of a pixel's DoLP.
+
+    Parameters
+    ----------
+    bounds
+        Of the region, with light for certain.
+
+    References
+    ----------
+    Definition; least and largest eigenvalue of the covariance, with S0 up to five deviations below its mean.
+    """
+    least = np.sqrt(max(float(np.linalg.eigvalsh(bounds.noise_low)[0]), 0.0)) / bounds.s0_high
+    if not np.all(np.isfinite(bounds.cov_high)):
+        return least, np.inf
+    tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low
+    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bounds.own_high)[-1])) / bounds.s0_low / (1.0 - tail)
+    return least, most
+
+
+def _turned(bounds: RegionBounds, found: Disturbance) -> float:
+    """Most that DoLP, S1/S0 and S2/S0 change: what is left of a change of the mean beside a factor common to it."""
+    dolp_high = min(bounds.polarised_high / bounds.s0_low, 1.0)
+    return (found.polarised + found.s0 * dolp_high) / (1.0 - found.s0)
+
+
+def _of_ratios(found: Disturbance, turned: float, share: float, *, high: float, tail: float) -> float:
+    """Change of the ratios of the mean, and of the mean of the pixels' DoLP."""
+    # A factor common to the mean is one of the noise beside it.
+    beside = share + (1.0 + found.s0) ** 2 - 1.0
+    return turned / (1.0 - tail) + _divergence(beside) * high if beside < 1.0 else np.inf
+
+
+def _of_variance(divergence: float, share: float) -> float:
+    """Relative change of a deviation, half of what its variance changes by; infinite where that is too much."""
+    variance = 2.0 * divergence + divergence**2 + share
+    return 0.5 * variance / (1.0 - variance) if variance < 0.5 else np.inf
+
+
+def _of_gradient(
+    bounds: RegionBounds, found: Disturbance, *, turned: float, low: float, dolp_low: float, tail: float
+) -> float:
+    """Relative change of the deviations of DoLP, S1/S0 and S2/S0 by another mean."""
+    if found.s0 == 0.0 and found.polarised == 0.0:
+        return 0.0
+    if low == 0.0 or dolp_low == 0.0:
+        return np.inf
+    # A factor common to a pixel's Stokes vector goes with the mean, and no gradient of a ratio sees it.
+    most = np.sqrt(float(np.linalg.eigvalsh(bounds.own_high)[-1]))
+    # The gradient (-P, u) / S, u a unit vector, turns by the change of polarised light over itself; P changes as much.
+    of_direction = found.polarised / dolp_low
+    if not of_direction + found.s0 < 1.0:
+        return np.inf
+    of_gradient = (np.sqrt(2.0) * of_direction + 2.0 * found.s0) / (1.0 - of_direction - found.s0)
+    by_gradient = most / (low * bounds.s0_high) * of_gradient
+    if (1.0 - tail) * bounds.polarised_low > _CLEAR * most:
+        return float(by_gradient)
+    scaled = (1.0 + found.s0) ** 2 - 1.0
+    by_scale = _of_variance(_divergence(scaled), scaled) if scaled < _LARGEST_SHARE else np.inf
+    return float(max(by_gradient, 1.5 * turned / low + by_scale))
+
+
+def _of_mean(found: Disturbance, divergence: float, *, high: float, dolp_low: float, tail: float) -> float:
+    """Relative change of the mean of the pixels' DoLP: by another distribution, and about another mean.
+
+    The first is the divergence times the deviation over the mean, which is below 1 of any DoLP.
+    """
+    spread = min(divergence, divergence * high / (dolp_low * (1.0 - tail)) if dolp_low > 0.0 else np.inf)
+    if found.s0 + found.polarised == 0.0:
+        return spread
+    if dolp_low == 0.0:
+        return np.inf
+    moved = found.s0 + (found.polarised + _ROUNDING) / dolp_low
+    return float(moved / ((1.0 - found.s0) * (1.0 - tail)) + spread)
+
+
+def _of_counts(bounds: RegionBounds, found: Disturbance, shift: float) -> float:
+    """Change of the Stokes parameters over S0, and of counts each over itself."""
+    moved = shift + found.counts
+    if moved == 0.0:
+        return found.factor
+    darkest = float(np.min(bounds.signal_low))
+    return moved * max(1.0, bounds.s0_high / darkest if darkest > 0.0 else np.inf) + found.factor
+
+
+def _shift_in_deviations(found: Disturbance, moved: RegionBounds, seen: RegionBounds) -> float:
+    """Shift of a mean in deviations of the target."""
+    length = np.hypot(found.s0 + found.factor, found.polarised + found.factor) * moved.s0_high
+    if length == 0.0:
+        return 0.0
+    least = float(np.linalg.eigvalsh(seen.noise_low)[0])
+    return float(length / np.sqrt(least)) if least > 0.0 else np.inf
+
+
+def _divergence(share: float) -> float:
+    """Root of the chi-square divergence of normal distributions of three components; 0 gives 0 without rounding."""
+    return float(np.sqrt(np.expm1(-1.5 * np.log1p(-(share**2)))))
+
+
+# Bounds of what parts of the light, the field and the band change of a region
+
+# Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
+_POWER = 4.2
+# Least bound of skylight in daylight, over the light of the beam.
+_LEAST_SKY = 0.1
+
+
+def skylight(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what the sky adds: the largest reflectance times all of its light (`model.effects.bounds`)."""
+    if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
+        return NOTHING
+    return added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
+
+
+def path_radiance(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what the air adds between region and camera (`model.effects.bounds.path_bound`)."""
+    return added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
+
+
+def adjacency(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
+
+    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
+    """
+    return added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else NOTHING
+
+
+def field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
+
+    Notes
+    -----
+    The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
+    mean square is at most the largest difference of these. The reflected sky changes by at most 2 (1 / m + 4 / mu) of
+    itself per radian, m being the rms slope, the path by 2 / mu + 10.
+    """
+    if light.spread == 0.0:
+        return NOTHING
+    if not (region.is_known and light.spread < 1.0):
+        return UNKNOWN
+    moved = _moved(scene, region, light.spread, light.spread)
+    spread = region.to_channels((light.deviation * region.s0_high) ** 2 * np.eye(3))
+    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
+
+
+def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
+
+    Notes
+    -----
+    Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
+    2 tau / mu_v), and its curvature is at most K (K + 5). At the mean of the band the slope drops out
+    (`model.atmosphere.sky`): with the variance v of the relative wavelength over the band K (K + 5) v / 2 of
+    all that the air scatters, but of no more than there may be of it. The transmittance T of the air below the camera,
+    of slant depth x, changes by 4.2 x per relative wavelength and its curvature is at most 4.2 x (4.2 x + 5); weighted
+    by the beam, whose own slope is at most K, it misses 4.2 x (4.2 x + 5 + 2 K) v / 2 of what is reflected.
+    """
+    if region.region.surface is None or scene.air is None or scene.view is None:
+        return NOTHING
+    air = scene.air
+    if air.table is not None:
+        return NOTHING
+    slant = 1.0 / np.cos(scene.view.zenith_rad)
+    steepness = _steepness(air, light.depth, slant)
+    way = _POWER * light.depth_below * slant
+    variance = _relative_variance(air)
+    scattered = min(region.counts_per_radiance * light.added / region.s0_low, 1.0) if region.is_known else 1.0
+    missed = 0.5 * variance * steepness * (steepness + 5.0) * scattered
+    missed += 0.5 * variance * way * (way + 5.0 + 2.0 * steepness)
+    return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
+
+
+def falloff(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
+
+    Notes
+    -----
+    A factor common to the Stokes vector with mean m and variance v leaves ratios of the mean alone; noise over light
+    changes by at most 1 / m^2 - 1, and v S S' is added to the covariance.
+    """
+    part = region.region.part
+    if part is None or not scene.imperfections.off_axis_falloff:
+        return NOTHING
+    if not region.is_known:
+        return UNKNOWN
+    found = cosine_fourth(part)
+    apart = region.to_channels(found.var / found.mean**2 * 2.0 * region.s0_high**2 * np.eye(3))
+    return Disturbance(factor=1.0 / found.mean - 1.0, share=found.mean**-4 - 1.0 + region.spatial_share(apart))
+
+
+def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
+    """Return whether field or band of a scene in daylight may be found small enough to be left out.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    depth
+        Optical depth of its air, 0.05 or more.
+    tolerance
+        That the sum of what is left out may reach, 0.05 or less.
+
+    Notes
+    -----
+    The bound of skylight is a tenth of the beam's light at the least there: 2.25 depth / mu0^2. With so much of it no
+    bound of skylight is within the tolerance, and this is what the bounds of field and band come to at the least.
+    """
+    air, view = scene.air, scene.view
+    if air is None or view is None:
+        return True
+    slant = 1.0 / np.cos(view.zenith_rad)
+    steepness = _steepness(air, depth, slant)
+    of_band = 0.5 * _relative_variance(air) * steepness * (steepness + 5.0) * _LEAST_SKY
+    fields = [
+        SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
+        for one in scene.regions
+        if one.surface is not None and one.part is not None
+    ]
+    return of_band <= tolerance or 0.0 < max(fields, default=0.0) <= tolerance
+
+
+def _steepness(air: Air, depth: float, slant: float) -> float:
+    """Most by which light that the air scatters changes per relative wavelength, over itself."""
+    return float(_POWER * (1.0 + 2.0 * depth * (1.0 / np.cos(air.sun_zenith_rad) + slant)))
+
+
+def _relative_variance(air: Air) -> float:
+    """Variance over the band of the wavelength over its mean, by its inverse, as at the shortest wavelength."""
+    shares, inverse = air.band.shares, 1.0 / air.band.wavelength_m
+    mean = float(shares @ inverse / np.sum(shares))
+    variance = float(shares @ (inverse / mean - 1.0) ** 2 / np.sum(shares))
+    return variance * float((mean / np.min(inverse[shares > 0.0])) ** 2)
+
+
+def added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
+    """Return what light that is added changes.
+
+    Parameters
+    ----------
+    scene, region
+        A region, and where it is.
+    radiance
+        At most so much [W m-2 sr-1].
+    dolp
+        Share of it that may be polarised.
+    """
+    if radiance == 0.0:
+        return NOTHING
+    if not (region.is_known and np.isfinite(radiance)):
+        return UNKNOWN
+    share = region.counts_per_radiance * radiance / region.s0_low
+    return _moved(scene, region, share, dolp * share) if share < 1.0 else UNKNOWN
+
+
+def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -> Disturbance:
+    """Return a shift of the mean, with what it does to the shot noise and to the texture."""
+    noise = scene.sensor.noise
+    s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
+    counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
+    variance = noise.noise_factor**2 * noise.gain_dn_per_e * counts
+    share = _times(variance, region.share_of_noise) if noise.shot_noise else 0.0
+    texture = _of_texture(scene, region, float(np.hypot(s0, polarised)))
+    return Disturbance(
+        s0=s0,
+        polarised=polarised,
+        share=share + texture + texture**2,
+        share_of_dolp=share + texture / np.sqrt(region.cycles) + texture**2 / region.cycles,
+    )
+
+
+def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
+    """Amplitude b of what texture, pattern and spread over the field, which go with the light, change.
+
+    A part v v' of a covariance C = N + v v' + ... that becomes (v + d) (v + d)' changes x'Cx by 2 (xv) (xd) + (xd)^2.
+    With b the largest of |xd| over the root of x'Nx, and since 2 |xv| times that root is at most x'Cx, it is b + b^2 of
+    x'Cx at most. N is the noise of a mean over cycles: of one cycle b is smaller by the root of their number. Over a
+    field the light of each direction may change by all of the shift.
+    """
+    one, noise = region.region, scene.sensor.noise
+    over_field = 0.0 if one.part is None else 1.0
+    relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
+    return _times(relative * shift * region.s0_high, float(np.sqrt(region.share_of_light))) if relative > 0.0 else 0.0
+
+
+def _times(size: float, share: float) -> float:
+    """Return so many times the share of a unit: none of nothing, and no limit where the size has none."""
+    if size == 0.0:
+        return 0.0
+    return size * share if np.isfinite(size) else np.inf
+
+
+# Bounds of what noise, pattern and texture add to the covariance of a region
+
+# The share that a factor common to a pixel's Stokes vector is of its DoLP, over the factor's root mean square: 2, and
+# room for larger factors, up to a twentieth.
+_OF_FACTOR, _LARGEST_FACTOR = 2.3, 0.05
+
+
+def dark_current(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the share of dark electrons' shot noise: their mean is taken off, and they add to nothing else."""
+    noise = scene.sensor.noise
+    dark_dn = noise.gain_dn_per_e * noise.dark_current_e_per_s * scene.sensor.exposure_s
+    variance = noise.noise_factor**2 * noise.gain_dn_per_e * dark_dn
+    return _temporal(region, np.full_like(region.signal_low, variance))
+
+
+def read_noise(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the share of the read noise."""
+    noise = scene.sensor.noise
+    variance = (noise.noise_factor * noise.gain_dn_per_e * noise.read_noise_e) ** 2
+    return _temporal(region, np.full_like(region.signal_low, variance))
+
+
+def quantisation(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the share of 1/12 DN^2."""
+    noise = scene.sensor.noise
+    return _temporal(region, np.full_like(region.signal_low, noise.noise_factor**2 / 12.0))
+
+
+def shot_noise(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the share of the shot noise of light, which grows with the light: that at its upper limit.
+
+    A covariance of the texture that does not depend on the light is counted beside it.
+    """
+    noise = scene.sensor.noise
+    variance = noise.noise_factor**2 * noise.gain_dn_per_e * region.signal_high
+    return Disturbance(share=region.temporal_share(variance, bright=True)) if np.any(variance) else NOTHING
+
+
+def texture(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the share of the texture at the upper limit of the light, over the noise of a mean over the cycles."""
+    if not np.any(region.texture):
+        return NOTHING
+    if not region.is_known:
+        return Disturbance(share=np.inf)
+    factor = 1.0 + scene.sensor.noise.prnu**2
+    share = region.spatial_share(factor * region.to_channels(region.texture))
+    one, is_still = region.region, scene.imperfections.misregistration_pixels == 0.0
+    if one.radiance is None or not is_still or any(one.texture_diagonal) or one.texture_rms > _LARGEST_FACTOR:
+        # Of a material the path has no texture, and pictures that shift differ in it: it is no common factor there.
+        return Disturbance(share=share)
+    own = region.counts_per_radiance**2 * one.texture_cov
+    rest = region.spatial_share(factor * region.to_channels(own)) if np.any(own) else 0.0
+    return Disturbance(share=share, share_of_dolp=min(rest + _OF_FACTOR * one.texture_rms, share))
+
+
+def nonuniformity(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the share of PRNU and DSNU at the upper limit of the light, in the noise of a mean over the cycles."""
+    noise = scene.sensor.noise
+    if noise.prnu == 0.0 and noise.dsnu_e == 0.0:
+        return NOTHING
+    if not region.is_known:
+        return Disturbance(share=np.inf)
+    ones, gain = np.ones_like(region.signal_high), noise.gain_dn_per_e
+    rest = noise.prnu**2 * region.to_channels(region.cov_high) + (gain * noise.dsnu_e) ** 2 * np.outer(ones, ones)
+    share = region.spatial_share(noise.prnu**2 * np.outer(region.signal_high, region.signal_high) + rest)
+    if noise.prnu > _LARGEST_FACTOR:
+        return Disturbance(share=share)
+    return Disturbance(share=share, share_of_dolp=min(region.spatial_share(rest) + _OF_FACTOR * noise.prnu, share))
+
+
+def saturation(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return the chance that a pixel is clipped: of so many pixels the linear model says nothing.
+
+    No number of a prediction depends on it; it decides whether a warning is given.
+    """
+    if not region.is_known:
+        return Disturbance(counts=1.0)
+    noise = scene.sensor.noise
+    dark_dn = noise.gain_dn_per_e * noise.dark_current_e_per_s * scene.sensor.exposure_s
+    cov = region.to_channels(region.cov_high)
+    chance = saturation_probability(scene.sensor, region.signal_high + dark_dn, region.variance_high, cov)
+    return Disturbance(counts=float(np.max(chance)))
+
+
+def _temporal(region: RegionBounds, variances: np.ndarray) -> Disturbance:
+    return Disturbance(share=region.temporal_share(variances)) if np.any(variances) else NOTHING
+
+
+# Bounds of what a leaking or turned polarizer, pictures that shift, and light that drifts change of a region
+
+
+def leakage(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return what a finite extinction ratio 1/e changes, being calibrated: counts and noise, no Stokes parameter.
+
+    Notes
+    -----
+    Counts grow by at most 2 e of their mean. The inverse divides the noise of S0 by 1 + e and that of S1 and S2 by
+    1 - e: with condition c of the noise's covariance, its share changes by at most 2 e (1 + e) sqrt(c) / (1 - e)^2,
+    beside what 2 e more light brings of shot noise. Where the light is known the two covariances of noise are compared.
+    Where angles scatter or pictures shift, c is that of the whole covariance. Drift, which mixes Stokes parameters by a
+    share x, does so by 2 e / (1 - e) x more or less.
+    """
+    along, across = scene.sensor.tau_parallel, scene.sensor.tau_perpendicular
+    if across == 0.0 and np.isinf(scene.readout.extinction_ratio):
+        return NOTHING
+    if not region.is_known:
+        return UNKNOWN
+    e, noise = across / along, scene.sensor.noise
+    if e >= 0.5:
+        return UNKNOWN
+    mixed = 2.0 * e / (1.0 - e) * region.crosstalk
+    share = max(_leaked_share(scene, region, e), 2.0 * e * (1.0 + 2.0 * e))
+    session = scene.imperfections
+    if not region.is_exact or session.polarizer_angle_std_rad > 0.0 or session.misregistration_pixels > 0.0:
+        least, most = np.linalg.eigvalsh(region.noise_low)[0], np.linalg.eigvalsh(region.cov_high)[-1]
+        turned = 2.0 * e * (1.0 + e) / (1.0 - e) ** 2 * np.sqrt(most / least) if least > 0.0 else np.inf
+        more = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * e * region.s0_high)
+        share = max(share, float(turned) + region.temporal_share(more) * (1.0 + e) / (1.0 - e))
+    share += _of_scene(region, mixed) if mixed > 0.0 else 0.0
+    return Disturbance(counts=2.0 * e, s0=mixed, polarised=mixed, share=share)
+
+
+def polarizer_angle(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return what angles that scatter by s change: exp(-2 s^2) of (S1, S2), and a variance of each channel.
+
+    Notes
+    -----
+    Covariances of what differs over the region keep exp(-4 s^2) of their polarised part. The variance is at most
+    Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the counts, Q^2 being the mean
+    square of the polarised light, texture included.
+    """
+    std_rad, noise = scene.imperfections.polarizer_angle_std_rad, scene.sensor.noise
+    if std_rad == 0.0:
+        return NOTHING
+    if not region.is_known:
+        return UNKNOWN
+    lost = -np.expm1(-2.0 * std_rad**2)
+    polarised = lost * region.polarised_high / region.s0_low / (1.0 - lost)
+    own = region.texture
+    square = region.polarised_high**2 / (1.0 - lost) ** 2 + float(own[1, 1] + own[2, 2])
+    factor = 0.5 * -np.expm1(-8.0 * std_rad**2) + 0.5 * np.expm1(-4.0 * std_rad**2) ** 2
+    drifted = (1.0 + 0.5 * abs(scene.imperfections.drift)) ** 2
+    variances = np.full_like(region.signal_low, 0.25 * drifted * square * factor)
+    ratio = region.temporal_share(variances)
+    share = ratio / (1.0 + ratio) if np.isfinite(ratio) else np.inf
+    gain = np.full_like(
+        region.signal_low, noise.gain_dn_per_e * noise.noise_factor**2 * 0.5 * region.s0_low * polarised
+    )
+    mixed = region.crosstalk * polarised
+    polarised = polarised + mixed
+    return Disturbance(
+        s0=mixed, polarised=polarised, share=share + region.temporal_share(gain) + _of_scene(region, lost)
+    )
+
+
+def misregistration(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return what shifts of the picture take from the correlation of texture between frames.
+
+    Notes
+    -----
+    With kappa the correlation that is kept, (1 - kappa) of the covariance C of the channels goes over to its diagonal:
+    the change lies between -(1 - kappa) C and (1 - kappa) diag C.
+    """
+    kept = scene.imperfections.kept_correlation
+    if kept == 1.0 or not np.any(region.texture):
+        return NOTHING
+    if not region.is_known:
+        return UNKNOWN
+    channels = region.to_channels(region.texture)
+    gained = region.spatial_share((1.0 - kept) * np.diag(np.diag(channels)), is_part=False)
+    return Disturbance(share=gained * (1.0 + scene.sensor.noise.prnu**2) + (1.0 - kept))
+
+
+def drift(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
+    """Return what light that drifts does to the Stokes parameters: W diag(f - 1) applied to the largest counts.
+
+    Notes
+    -----
+    Each frame k has the factor f_k; the change of a Stokes parameter is at most sum |W_jk| |f_k - 1| I_k, and noise and
+    texture change by at most |f_k - 1| and twice that of themselves.
+    """
+    if scene.imperfections.drift == 0.0:
+        return NOTHING
+    if not region.is_known:
+        return UNKNOWN
+    size = 0.5 * abs(scene.imperfections.drift)
+    apart = np.abs(scene.imperfections.light_factors(region.signal_low.size) - 1.0) / (1.0 - size)
+    most = np.abs(region.inverse) @ (apart * region.signal_high) / region.s0_low
+    moved = float(np.hypot(most[1], most[2]))
+    counts = np.full_like(region.signal_low, size)
+    noise = scene.sensor.noise
+    shot = noise.noise_factor**2 * noise.gain_dn_per_e * counts * region.signal_high / (1.0 - size)
+    return Disturbance(
+        s0=float(most[0]),
+        polarised=moved,
+        counts=2.0 * size,
+        share=region.temporal_share(shot) + _of_scene(region, size / (1.0 - size)),
+    )
+
+
+def _of_scene(region: RegionBounds, change: float) -> float:
+    """Share by which texture, pattern and spread over the field change where their amplitudes change by a share."""
+    # Twice for the channels, of which each changes by its own share: |D C^(1/2)| is at most the largest share times it.
+    widest = float(np.linalg.eigvalsh(region.cov_high)[-1])
+    amplitude = np.sqrt(region.spatial_share(region.to_channels(4.0 * change**2 * widest * np.eye(3)), is_part=False))
+    return float(2.0 * amplitude + amplitude**2)
+
+
+def _leaked_share(scene: LitScene, region: RegionBounds, e: float) -> float:
+    """Largest relative change of the noise's covariance, in Stokes parameters and in channels."""
+    noise = scene.sensor.noise
+    ideal = np.diag([1.0 + e, 1.0 - e, 1.0 - e]) @ region.inverse
+    darker = e * (region.s0_high * 0.5) * np.ones_like(region.signal_low)
+    fewer = region.variance_low - noise.noise_factor**2 * noise.gain_dn_per_e * np.minimum(
+        darker * 2.0, region.signal_low
+    )
+    alone = ideal @ np.diag(fewer) @ ideal.T
+    more, less = share_of(alone, region.noise_low), share_of(region.noise_low, alone)
+    in_channels = share_of(np.diag(region.variance_low - fewer), np.diag(region.variance_low))
+    wholly = ideal @ np.diag(region.variance_low) @ ideal.T
+    larger = share_of(wholly, region.noise_low)
+    lowest = 1.0 / less if less > 0.0 else 0.0
+    return float(max(more - 1.0, larger - 1.0, 1.0 - lowest, in_channels))
+
+
+# Table of all effects: what each changes, what computing it costs, how it is bounded and how it is removed
+
+_RECORD = "model.effects.planner"
+_STORE = "model.accuracy.chain"
+_CHAIN = "model.accuracy.chain"
+_LITTLE = "microseconds"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectModel:
+    """An effect: a new one is an entry here, its bound, and the place that computes it.
+
+    Attributes
+    ----------
+    changes
+        What it changes, in words.
+    place
+        The module in which it acts.
+    cost
+        Effort of computing it, in words.
+    of_light
+        True for light before the lens, which costs time: decided before the others.
+    bound
+        Largest change of a region's mean and covariance where it is left out, of the scene, the region's limits in
+        counts [DN] and the limits of its light [W m-2 sr-1]; `NOTHING` where the effect is not there, `UNKNOWN` where
+        no bound is known.
+    removed
+        The scene without it; what is gone from the record is computed by nobody.
+    """
+
+    changes: str
+    place: str = _RECORD
+    cost: str = _LITTLE
+    of_light: bool = False
+    bound: Callable[[LitScene, RegionBounds, LightLimits], Disturbance]
+    removed: Callable[[LitScene], LitScene]
+
+
+def _with_parts(scene: LitScene, parts: LightParts) -> LitScene:
+    return replace(scene, parts=parts)
+
+
+def _with_noise(scene: LitScene, noise: SensorNoise) -> LitScene:
+    return _with_sensor(scene, replace(scene.sensor, noise=noise))
+
+
+def _with_sensor(scene: LitScene, sensor: Sensor) -> LitScene:
+    return replace(scene, sensor=sensor)
+
+
+def _with_session(scene: LitScene, imperfections: Imperfections) -> LitScene:
+    return replace(scene, imperfections=imperfections)
+
+
+def _without_leakage(scene: LitScene) -> LitScene:
+    ideal = replace(scene.readout, extinction_ratio=np.inf)
+    return replace(scene, sensor=replace(scene.sensor, tau_perpendicular=0.0), readout=ideal)
+
+
+def _smooth(region: LitRegion) -> LitRegion:
+    return replace(region, texture_rms=0.0, texture_diagonal=(0.0, 0.0, 0.0), texture_cov=np.zeros((3, 3)))
+
+
+EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
+    {
+        Effect.FIELD_OF_VIEW: EffectModel(
+            changes="mean light and its spread over a region",
+            place=_STORE,
+            cost="a light for each tile",
+            of_light=True,
+            bound=field_of_view,
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, field_of_view=False)),
+        ),
+        Effect.TEXTURE: EffectModel(
+            changes="covariance over pixels",
+            bound=texture,
+            removed=lambda scene: replace(scene, regions=tuple(_smooth(region) for region in scene.regions)),
+        ),
+        Effect.SKYLIGHT: EffectModel(
+            changes="mean light",
+            place=_STORE,
+            cost="sky, and an integral over it a view",
+            of_light=True,
+            bound=skylight,
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, skylight=False)),
+        ),
+        Effect.PATH_RADIANCE: EffectModel(
+            changes="mean light",
+            place=_STORE,
+            cost="one ray a view",
+            of_light=True,
+            bound=path_radiance,
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, path_radiance=False)),
+        ),
+        Effect.LEAKAGE: EffectModel(changes="counts, noise of S1 and S2", bound=leakage, removed=_without_leakage),
+        Effect.DARK_CURRENT: EffectModel(
+            changes="temporal noise",
+            bound=dark_current,
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, dark_current_e_per_s=0.0)),
+        ),
+        Effect.SHOT_NOISE: EffectModel(
+            changes="temporal noise",
+            bound=shot_noise,
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, shot_noise=False)),
+        ),
+        Effect.READ_NOISE: EffectModel(
+            changes="temporal noise",
+            bound=read_noise,
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, read_noise_e=0.0)),
+        ),
+        Effect.QUANTISATION: EffectModel(
+            changes="temporal noise",
+            bound=quantisation,
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, quantisation=False)),
+        ),
+        Effect.WAVELENGTHS: EffectModel(
+            changes="light of sky and path",
+            place=_CHAIN,
+            cost="a solution for each",
+            of_light=True,
+            bound=wavelengths,
+            removed=lambda scene: _with_parts(scene, replace(scene.parts, wavelengths=False)),
+        ),
+        Effect.POLARIZER_ANGLE: EffectModel(
+            changes="degree of polarization, temporal noise",
+            bound=polarizer_angle,
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, polarizer_angle_std_rad=0.0)),
+        ),
+        Effect.MISREGISTRATION: EffectModel(
+            changes="correlation of texture between frames",
+            bound=misregistration,
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, misregistration_pixels=0.0)),
+        ),
+        Effect.DRIFT: EffectModel(
+            changes="mean Stokes parameters",
+            bound=drift,
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, drift=0.0)),
+        ),
+        Effect.NONUNIFORMITY: EffectModel(
+            changes="covariance over pixels",
+            bound=nonuniformity,
+            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, prnu=0.0, dsnu_e=0.0)),
+        ),
+        Effect.SATURATION: EffectModel(
+            changes="warnings; the share of pixels for which the model is void",
+            bound=saturation,
+            removed=lambda scene: _with_sensor(scene, replace(scene.sensor, saturates=False)),
+        ),
+        Effect.FALLOFF: EffectModel(
+            changes="counts and their spread over a region",
+            place=_CHAIN,
+            bound=falloff,
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, off_axis_falloff=False)),
+        ),
+        Effect.ADJACENCY: EffectModel(
+            changes="mean light",
+            place=_CHAIN,
+            of_light=True,
+            bound=adjacency,
+            removed=lambda scene: _with_session(scene, replace(scene.imperfections, surround_albedo=None)),
+        ),
+    }
+)
+
+
+def effect_bounds(
+    scene: LitScene, limits: Mapping[str, LightLimits], effects: frozenset[Effect] = ALL
+) -> dict[Effect, Bound]:
+    """Return for each effect how much leaving it out can change.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    limits
+        Region to the limits of its light, as `model.effects.bounds.light_limits` gives them.
+    effects
+        Which.
+    """
+    regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
+    found: dict[Effect, Bound] = {}
+    for effect in (one for one in Effect if one in effects):
+        bound = EFFECT_MODELS[effect].bound
+        changes = {name: bound(scene, region, limits[name]) for name, region in regions.items()}
+        found[effect] = _worst(scene, regions, changes)
+    return found
+
+
+def _worst(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:
+    """Worst bound of all regions, and of detection between them."""
+    worst = Bound()
+    for name, region in regions.items():
+        worst = worst.worse(bound_of(region, found[name]))
+    # The area under the curve is a mean over thresholds: that of its mean distance is covered too.
+    eta = max(3.0, float(chdtri(3, min(scene.p_false_alarm)))) if scene.p_false_alarm else 3.0
+    for target, background in scene.pairs:
+        detection = detection_bound(regions[target], found[target], regions[background], found[background], eta=eta)
+        worst = worst.worse(Bound(detection=detection))
+    return worst

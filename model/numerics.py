@@ -1,0 +1,286 @@
+"""Quadrature rules, adaptive integration, and special functions of scipy that are imported at the first call."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib import import_module
+from importlib.util import find_spec, module_from_spec
+from threading import RLock
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Special functions of scipy, imported at the first call and without the package about them: many starts call none
+
+FloatArray = NDArray[np.float64]
+
+_PACKAGE, _COMPILED = "scipy.special", "scipy.special._ufuncs"
+_IMPORTING = RLock()
+
+
+class SpecialFunction:
+    """A function of `scipy.special`, by its name and with its arguments."""
+
+    def __init__(self, name: str) -> None:
+        """Set the name."""
+        self._name = name
+
+    def __call__(self, *arguments: Any, **options: Any) -> FloatArray:
+        """Return what the function returns."""
+        found: FloatArray = self._function(*arguments, **options)
+        return found
+
+    @cached_property
+    def _function(self) -> Any:
+        with _IMPORTING:
+            return getattr(_module(), self._name)
+
+
+def _module() -> ModuleType:
+    """Return the compiled module of these functions; the package where it is there already, or cannot do without.
+
+    The package would import numpy's compiler of Fortran and its tests, to serve other kinds of arrays: 0.15 s.
+    """
+    spec = None if _PACKAGE in sys.modules or _COMPILED in sys.modules else find_spec(_PACKAGE)
+    if spec is not None:
+        sys.modules[_PACKAGE] = package = module_from_spec(spec)
+        package.__dict__["__getattr__"] = _of_package
+        try:
+            return import_module(_COMPILED)
+        except ImportError:
+            pass
+        finally:
+            del sys.modules[_PACKAGE]
+    return sys.modules.get(_COMPILED) or import_module(_PACKAGE)
+
+
+def _of_package(name: str) -> Any:
+    """Return what another thread wants of the package in the moment in which its place is taken by an empty one."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    with _IMPORTING:
+        return getattr(import_module(_PACKAGE), name)
+
+
+betainccinv = SpecialFunction("betainccinv")
+betaincinv = SpecialFunction("betaincinv")
+chdtri = SpecialFunction("chdtri")
+erfc = SpecialFunction("erfc")
+erfcx = SpecialFunction("erfcx")
+expn = SpecialFunction("expn")
+fdtrc = SpecialFunction("fdtrc")
+fdtri = SpecialFunction("fdtri")
+gamma = SpecialFunction("gamma")
+gammaincc = SpecialFunction("gammaincc")
+gammainccinv = SpecialFunction("gammainccinv")
+gammaincinv = SpecialFunction("gammaincinv")
+gammaln = SpecialFunction("gammaln")
+i0e = SpecialFunction("i0e")
+i1e = SpecialFunction("i1e")
+ndtr = SpecialFunction("ndtr")
+ndtri = SpecialFunction("ndtri")
+
+
+# Quadrature rules, and adaptive integration of many one-dimensional integrals at once
+
+IntArray = NDArray[np.int64]
+
+_MAX_HALVINGS = 48
+# Panels open at once, per domain: more than any integrand here needs, so what asks for more is noise.
+_MAX_OPEN = 300
+
+
+@dataclass(frozen=True, kw_only=True)
+class PanelIntegrals:
+    """Integrals of several functions over several domains.
+
+    Parameters
+    ----------
+    value
+        Shape (M, F): F integrals over each of M domains.
+    size
+        Integrals of the absolute values, same shape: what cancellation is measured against.
+    error
+        Estimated error, same shape: difference of the two nested rules, which bounds the finer one's.
+    """
+
+    value: FloatArray
+    size: FloatArray
+    error: FloatArray
+
+
+@cache
+def gauss_hermite(count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights for the mean of a function of a standard normal variable.
+
+    Parameters
+    ----------
+    count
+        Number of nodes, > 0; exact for polynomials of degree 2 count - 1.
+
+    Returns
+    -------
+    nodes, weights
+        Shape (count,); the weights sum to 1.
+
+    References
+    ----------
+    Definition (probabilists' Hermite polynomials).
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(count)
+    return nodes, weights / np.sum(weights)
+
+
+@cache
+def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights for the integral over the interval from 0 to 1.
+
+    Parameters
+    ----------
+    count
+        Number of nodes, > 0; exact for polynomials of degree 2 count - 1.
+
+    Returns
+    -------
+    nodes, weights
+        Shape (count,); the weights sum to 1.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+@cache
+def clenshaw_curtis(degree: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights of the Clenshaw-Curtis rule on [-1, 1].
+
+    Parameters
+    ----------
+    degree
+        Even, >= 2; there are degree + 1 nodes, every other one belonging to the rule of half the degree.
+
+    Returns
+    -------
+    nodes, weights
+        Shape (degree + 1,); the weights sum to 2.
+
+    References
+    ----------
+    C. W. Clenshaw and A. R. Curtis, Numer. Math. 2 (1960) 197, doi:10.1007/BF01386223.
+    """
+    angle = np.pi * np.arange(degree + 1) / degree
+    even = np.arange(0, degree + 1, 2)
+    # Integral of the Chebyshev polynomial T_k is 2 / (1 - k^2) for even k; end terms of both sums count half.
+    half = np.where((even == 0) | (even == degree), 0.5, 1.0)
+    weights = (2.0 / degree) * np.cos(np.outer(angle, even)) @ (half * 2.0 / (1.0 - even**2))
+    weights[[0, -1]] *= 0.5
+    return np.cos(angle), weights
+
+
+def integrate_panels(
+    function: Callable[[IntArray, FloatArray], FloatArray],
+    *,
+    cuts: FloatArray,
+    tolerance: float,
+    noise: FloatArray,
+    degree: int = 24,
+) -> PanelIntegrals:
+    """Return integrals of vector-valued functions over domains cut into panels, by adaptive halving.
+
+    Parameters
+    ----------
+    function
+        Of (domain index, abscissae): index has shape (K,), abscissae (K, n); returns (F, K, n).
+    cuts
+        Ends of the panels, shape (M, L + 1), not decreasing along the last axis. They must show the function's
+        features: a peak much narrower than its panel may be missed. Panels of no width cost nothing.
+    tolerance
+        Wanted error, relative to the integral of the absolute value.
+    noise
+        Rounding error of the function relative to its size, per domain, shape (M,): halving stops there.
+    degree
+        Of the Clenshaw-Curtis rule in a panel, a multiple of 4; the nested rule has half of it.
+
+    Returns
+    -------
+    PanelIntegrals
+        For M domains.
+
+    Notes
+    -----
+    A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral
+    over the number of panels, or to `noise`. After 48 halvings, or with 300 panels open per domain, what is
+    left is accepted as it is; the result's `error` tells.
+    """
+    owner, lower, upper = _nonempty_panels(cuts)
+    total = _Totals(cuts.shape[0])
+    for halving in range(_MAX_HALVINGS + 1):
+        value, size, error = _panel(function, owner, lower, upper, degree)
+        allowed = _allowance(total, owner, size, tolerance / cuts.shape[1])
+        good = np.all(error <= np.maximum(allowed, noise[owner] * size), axis=0)
+        if halving == _MAX_HALVINGS or owner.size > _MAX_OPEN * cuts.shape[0]:
+            good[:] = True
+        total.add(owner[good], value[:, good], size[:, good], error[:, good])
+        if np.all(good):
+            break
+        owner, lower, upper = _halves(owner[~good], lower[~good], upper[~good])
+    return PanelIntegrals(value=total.value.T, size=total.size.T, error=total.error.T)
+
+
+class _Totals:
+    """Running sums over accepted panels."""
+
+    def __init__(self, domains: int) -> None:
+        self.domains = domains
+        self.value = np.zeros((1, domains))
+        self.size = np.zeros((1, domains))
+        self.error = np.zeros((1, domains))
+
+    def add(self, owner: IntArray, value: FloatArray, size: FloatArray, error: FloatArray) -> None:
+        self.value = self.value + self.by_domain(owner, value)
+        self.size = self.size + self.by_domain(owner, size)
+        self.error = self.error + self.by_domain(owner, error)
+
+    def by_domain(self, owner: IntArray, rows: FloatArray) -> FloatArray:
+        return np.stack([np.bincount(owner, weights=row, minlength=self.domains) for row in rows])
+
+
+def _nonempty_panels(cuts: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    lower, upper = cuts[:, :-1], cuts[:, 1:]
+    domain, panel = np.nonzero(upper > lower)
+    return domain, lower[domain, panel], upper[domain, panel]
+
+
+def _panel(
+    function: Callable[[IntArray, FloatArray], FloatArray],
+    owner: IntArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    degree: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    nodes, weights = clenshaw_curtis(degree)
+    half = 0.5 * (upper - lower)
+    # From each end, so that a panel beside zero keeps the relative precision of its abscissae.
+    from_lower = lower[:, None] + half[:, None] * (1.0 + nodes)
+    from_upper = upper[:, None] - half[:, None] * (1.0 - nodes)
+    near_lower = np.abs(lower) <= np.abs(upper)
+    values = function(owner, np.where(near_lower[:, None], from_lower, from_upper))
+    fine = values @ weights * half
+    coarse = values[..., ::2] @ clenshaw_curtis(degree // 2)[1] * half
+    return fine, np.abs(values) @ weights * half, np.abs(fine - coarse)
+
+
+def _allowance(total: _Totals, owner: IntArray, size: FloatArray, tolerance: float) -> FloatArray:
+    known = total.size + total.by_domain(owner, size)
+    return np.asarray(tolerance * known[:, owner])
+
+
+def _halves(owner: IntArray, lower: FloatArray, upper: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    middle = 0.5 * (lower + upper)
+    return (
+        np.concatenate([owner, owner]),
+        np.concatenate([lower, middle]),
+        np.concatenate([middle, upper]),
+    )

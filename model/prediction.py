@@ -1,0 +1,934 @@
+"""Prediction of counts, Stokes parameters, DoLP and detection of a scenario, with the errors of the rig."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, permutations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.moments import Moments, checked_pair
+from model.processing import dolp
+from model.processing.detection import condition_warnings, rx_roc
+from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
+from model.scene.scene import Readout, RegionLight, Scenario
+from model.sensor import ChannelMoments, channel_moments
+from model.stokes import checked_stokes, require_positive_intensity
+
+# Uncertainty budget of a region's mean, by cause
+
+FloatArray = NDArray[np.float64]
+
+# A degree of polarization below this is what rounding leaves of none.
+_ROUNDING = 1e-12
+
+
+def noise_causes(
+    channels: ChannelMoments, *, gain_dn_per_e: float, noise_factor: float, pixels: float, cycles: int
+) -> dict[str, FloatArray]:
+    """Return the covariance of the mean of a region's channels, by cause.
+
+    Parameters
+    ----------
+    channels
+        Moments of single pixels, N channels.
+    gain_dn_per_e
+        Gain of the sensor, > 0.
+    noise_factor
+        Kn of [MK14] eq. (32), >= 0.
+    pixels
+        Independent pixels that the mean is taken over, > 0.
+    cycles
+        Frames a channel, >= 1.
+
+    Returns
+    -------
+    dict
+        "shot" (of light and dark current), "read" (with rounding to whole counts), "fixed pattern" and "texture" to
+        covariance, shape (N, N) [DN^2].
+
+    References
+    ----------
+    [MK14] eq. (10), (19), (20).
+    """
+    temporal = np.asarray(channels.temporal_var_dn2)
+    shot = np.minimum(noise_factor**2 * gain_dn_per_e * (channels.mean_dn + channels.dark_signal_dn), temporal)
+    frames = pixels * cycles
+    return {
+        "shot": np.diag(shot) / frames,
+        "read": np.diag(temporal - shot) / frames,
+        "fixed pattern": np.asarray(channels.fixed_pattern_cov_dn2) / pixels,
+        "texture": np.asarray(channels.scene_cov_dn2) / pixels,
+    }
+
+
+def budget(mean_dn: FloatArray, causes: Mapping[str, FloatArray], *, plan: Design) -> dict[str, dict[str, float]]:
+    """Return the standard uncertainty that each cause gives the polarization of a region's mean.
+
+    Parameters
+    ----------
+    mean_dn
+        Mean channels, shape (N,), dark level taken off.
+    causes
+        Name to covariance of that mean, shape (N, N).
+    plan
+        Angles and inverse.
+
+    Returns
+    -------
+    dict
+        Quantity ("s0" as a share of S0, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty, to first
+        order; without polarization there is no "dolp" and no "aolp_deg".
+
+    Raises
+    ------
+    ValueError
+        There is no light.
+
+    References
+    ----------
+    [MK14] eq. (22), (25); the signs and squares of (25)-(28) as derivatives of DoLP by S0, S1 and S2.
+    """
+    gradients = _gradients(plan.inverse @ mean_dn)
+    return {
+        quantity: {cause: _deviation(plan.inverse.T @ gradient, cov) for cause, cov in causes.items()}
+        for quantity, gradient in gradients.items()
+    }
+
+
+def shift_cause(pictures: FloatArray, inside: NDArray[np.bool_], *, shift_pixels: FloatArray) -> FloatArray:
+    """Return the covariance that shifts between pictures give the mean of a region in each of them.
+
+    Parameters
+    ----------
+    pictures
+        Mean picture of each channel, shape (N, H, W).
+    inside
+        Pixels of the region, shape (H, W).
+    shift_pixels
+        How far each picture may lie from its place, in x and y, shape (N, 2).
+
+    Returns
+    -------
+    array of float64, shape (N, N)
+        Diagonal: the mean gradient of the region times the shift, squared.
+
+    References
+    ----------
+    Definition, to first order in the shift.
+    """
+    images = np.asarray(pictures, dtype=np.float64)
+    down, right = (np.asarray(np.gradient(images, axis=axis)) for axis in (1, 2))
+    moved = np.stack([right[:, inside].mean(axis=1), down[:, inside].mean(axis=1)], axis=1) * shift_pixels
+    return np.diag(np.sum(moved**2, axis=1))
+
+
+def _deviation(gradient: FloatArray, cov: FloatArray) -> float:
+    # What is common to all channels leaves only rounding of a ratio, of either sign.
+    return math.sqrt(max(float(gradient @ cov @ gradient), 0.0))
+
+
+def _gradients(stokes: FloatArray) -> dict[str, FloatArray]:
+    """Return the derivatives of each quantity by S0, S1 and S2."""
+    s0, s1, s2 = stokes
+    if not s0 > 0.0:
+        raise ValueError(f"S0 is {s0:.3g}; a share of it needs light")
+    found = {
+        "s0": np.array([1.0, 0.0, 0.0]) / s0,
+        "s1n": np.array([-s1 / s0, 1.0, 0.0]) / s0,
+        "s2n": np.array([-s2 / s0, 0.0, 1.0]) / s0,
+    }
+    polarised = float(np.hypot(s1, s2))
+    if polarised > _ROUNDING * s0:
+        found["dolp"] = np.array([-polarised / s0, s1 / polarised, s2 / polarised]) / s0
+        found["aolp_deg"] = (90.0 / np.pi) * np.array([0.0, -s2, s1]) / polarised**2
+    return found
+
+
+# Prediction of a scenario: counts, Stokes parameters, DoLP and their deviations, per region
+
+
+# Less is no light: squares of what is divided by it would not be numbers.
+LEAST_S0_DN = 1e-100
+# Moments of DoLP exist if they do to this tolerance, whatever looser one they are computed to: what a coarse prediction
+# gives no finer one takes away, down to fifty times this.
+_EXISTING_TO = 1e-6
+
+# quantity -> statistic -> number. Quantities: dn_ANGLE, and those of `model.quantities`.
+# Statistics: "mean"; "std" over the pixels of one frame or cycle; "std_temporal" of one pixel from repeat to repeat;
+# "std_spatial_mean" over the pixels of the mean of all repeats.
+Quantities = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionPrediction:
+    """Prediction of one region.
+
+    Parameters
+    ----------
+    channels
+        Moments of the counts behind each polarizer angle.
+    stokes_dn
+        Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
+    stokes_noise_dn2
+        Covariance that temporal noise alone gives the Stokes parameters of one cycle, shape (3, 3) [DN^2].
+    dolp_method
+        How mean and deviation of the pixels' DoLP were found.
+    dolp_mean_error, dolp_std_error
+        Their absolute errors as that method estimates them itself; not a number where they do not exist.
+    quantities
+        Everything a measurement is set beside. Where moments of DoLP do not exist they are left out.
+    warnings
+        Where the model is void or poor, in words.
+    """
+
+    channels: ChannelMoments
+    stokes_dn: Moments
+    stokes_noise_dn2: FloatArray
+    dolp_method: str
+    dolp_mean_error: float
+    dolp_std_error: float
+    quantities: Quantities
+    warnings: tuple[str, ...]
+
+    @property
+    def dolp_error(self) -> float:
+        """The larger of the two errors."""
+        return max(self.dolp_mean_error, self.dolp_std_error)
+
+
+def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionPrediction]:
+    """Return what the model predicts for each region of a scenario.
+
+    Parameters
+    ----------
+    scenario
+        Light, sensor and readout.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    Returns
+    -------
+    dict
+        Region name to prediction, in the order of the scenario.
+
+    References
+    ----------
+    [MK14] eq. (10)-(29).
+    """
+    return predict_all((scenario,), tolerance=tolerance)[0]
+
+
+def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tuple[dict[str, RegionPrediction], ...]:
+    """Return what `predict` does for each of several scenarios, with the laws of DoLP of all regions at once.
+
+    Parameters
+    ----------
+    scenarios
+        Light, sensor and readout of each.
+    tolerance
+        As in `predict`.
+
+    References
+    ----------
+    [MK14] eq. (10)-(29).
+    """
+    found = [
+        (place, region.name, _of_region(region, one, plan))
+        for place, (one, plan) in enumerate(zip(scenarios, _designs(scenarios), strict=True))
+        for region in one.regions
+    ]
+    laws = _distributions([moments.stokes for _, _, moments in found], tolerance)
+    predictions: tuple[dict[str, RegionPrediction], ...] = tuple({} for _ in scenarios)
+    for (place, name, moments), law in zip(found, laws, strict=True):
+        predictions[place][name] = _completed(moments, law)
+    return predictions
+
+
+def _designs(scenarios: Sequence[Scenario]) -> list[Design]:
+    """Design of each scenario; made once for those that are read out alike."""
+    made: dict[object, Design] = {}
+    found = []
+    for one in scenarios:
+        angles_rad, extinction_ratio = one.readout.angles_rad, one.readout.extinction_ratio
+        key = (np.asarray(angles_rad).tobytes(), extinction_ratio)
+        if key not in made:
+            made[key] = design(angles_rad, extinction_ratio)
+        found.append(made[key])
+    return found
+
+
+def predict_region(
+    channels: ChannelMoments, *, plan: Design, channel_names: tuple[str, ...], cycles: int, tolerance: float = 1e-6
+) -> RegionPrediction:
+    """Return what follows from the moments of a region's channels.
+
+    Parameters
+    ----------
+    channels
+        From the sensor model, or with mean and scene covariance as they were measured.
+    plan
+        Polarizer angles and the inverse in use, N channels.
+    channel_names
+        N names, used as keys of the counts.
+    cycles
+        Number of repeats that a mean is taken over, >= 1.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    References
+    ----------
+    [MK14] eq. (19)-(29).
+    """
+    moments = _linear_moments(channels, plan, channel_names, cycles)
+    return _completed(moments, _distributions([moments.stokes], tolerance)[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _LinearMoments:
+    """What follows linearly from the moments of a region's channels."""
+
+    channels: ChannelMoments
+    plan: Design
+    stokes: Moments
+    noise_dn2: FloatArray
+    quantities: Quantities
+
+
+def _linear_moments(
+    channels: ChannelMoments, plan: Design, channel_names: tuple[str, ...], cycles: int
+) -> _LinearMoments:
+    temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
+    spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
+    covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
+    stokes_mean = plan.inverse @ channels.mean_dn
+    stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
+    quantities = _linear(channel_names, channels.mean_dn, covs)
+    quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
+    return _LinearMoments(
+        channels=channels,
+        plan=plan,
+        stokes=Moments(mean=stokes_mean, cov=stokes_covs["std"]),
+        noise_dn2=stokes_covs["std_temporal"],
+        quantities=quantities,
+    )
+
+
+def _completed(moments: _LinearMoments, distribution: "_Distribution") -> RegionPrediction:
+    """Prediction of a region with the law of its DoLP."""
+    quantities, stokes = moments.quantities, moments.stokes
+    if stokes.mean[0] > LEAST_S0_DN:
+        quantities |= _ratios(stokes)
+    if distribution.exists:
+        quantities["dolp_pixels"] = {"mean": distribution.mean, "std": distribution.std}
+        if distribution.std > 0.0:
+            quantities["dolp_snr"] = {"mean": distribution.mean / distribution.std} | quantities.get("dolp_snr", {})
+    missing = (
+        () if distribution.exists else (f"mean and deviation of the pixels' DoLP do not exist: {distribution.reason}",)
+    )
+    return RegionPrediction(
+        channels=moments.channels,
+        stokes_dn=stokes,
+        stokes_noise_dn2=moments.noise_dn2,
+        dolp_method=distribution.method,
+        dolp_mean_error=distribution.mean_error,
+        dolp_std_error=distribution.std_error,
+        quantities=quantities,
+        warnings=(*moments.channels.warnings, *moments.plan.warnings, *missing),
+    )
+
+
+def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
+    """Return the quantities that a region lacks, wholly or in part, each with the reason.
+
+    Parameters
+    ----------
+    prediction
+        Of the region.
+    """
+    s0 = float(prediction.stokes_dn.mean[0])
+    if not s0 > LEAST_S0_DN:
+        lost = ("s1n", "s2n", "dolp", "aolp_deg", "dolp_pixels", "dolp_snr")
+        return dict.fromkeys(lost, _no_light(s0))
+    found = {}
+    if "aolp_deg" not in prediction.quantities:
+        found["aolp_deg"] = found["dolp.std"] = "unpolarised light has no angle, and no first-order deviation of DoLP"
+        found["dolp_snr.first_order"] = found["dolp.std"]
+    if "dolp_pixels" not in prediction.quantities:
+        found["dolp_pixels"] = found["dolp_snr.mean"] = prediction.warnings[-1]
+    elif "mean" not in prediction.quantities.get("dolp_snr", {}):
+        found["dolp_snr.mean"] = "nothing fluctuates: the deviation of DoLP is 0"
+    return found
+
+
+def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
+    """Return moments of channels with what flat fields and interpolation do to them.
+
+    Parameters
+    ----------
+    channels
+        As frames have them; without the response of pixels where a flat field takes it away.
+    readout
+        Its `noise_factor` and `flat_error`.
+
+    Notes
+    -----
+    The error of a flat field is a pattern of each angle by itself: unlike the response that it takes away, it shows in
+    DoLP.
+    """
+    if readout.noise_factor is not None:
+        channels = replace(channels, temporal_var_dn2=channels.temporal_var_dn2 * readout.noise_factor)
+    if readout.flat_error is None:
+        return channels
+    added = np.square(channels.mean_dn * readout.flat_error)[:, None] * np.eye(channels.mean_dn.size)
+    return replace(channels, fixed_pattern_cov_dn2=channels.fixed_pattern_cov_dn2 + added)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Distribution:
+    """Mean and deviation of the pixels' DoLP, or why there are none."""
+
+    mean: float
+    std: float
+    mean_error: float
+    std_error: float
+    method: str
+    exists: bool
+    reason: str
+
+
+def _distributions(several: Sequence[Moments], tolerance: float) -> list[_Distribution]:
+    """Law of DoLP of each, all at once; none where there is no light."""
+    lit = [k for k, one in enumerate(several) if one.mean[0] > LEAST_S0_DN]
+    laws = [_dark(float(one.mean[0])) for one in several]
+    if lit:
+        means, covs = (np.stack([getattr(several[k], name) for k in lit]) for name in ("mean", "cov"))
+        found = dolp.moments(means, covs, tolerance=tolerance, existing_to=_EXISTING_TO)
+        for place, k in enumerate(lit):
+            laws[k] = _Distribution(
+                mean=float(found.mean[place]),
+                std=float(found.std[place]),
+                mean_error=float(found.mean_error[place]),
+                std_error=float(found.std_error[place]),
+                method=str(found.method[place]),
+                exists=bool(found.exists[place]),
+                reason=str(found.reason[place]),
+            )
+    return laws
+
+
+def _no_light(s0: float) -> str:
+    return f"the mean of S0 is {s0:.3g} DN, {'as good as' if s0 > 0.0 else 'not above'} 0"
+
+
+def _dark(s0: float) -> _Distribution:
+    return _Distribution(
+        mean=np.nan,
+        std=np.nan,
+        mean_error=np.nan,
+        std_error=np.nan,
+        method="none",
+        exists=False,
+        reason=_no_light(s0),
+    )
+
+
+def _of_region(region: RegionLight, scenario: Scenario, plan: Design) -> _LinearMoments:
+    readout = scenario.readout
+    channels = channel_moments(
+        region.aperture_moments(),
+        angles_rad=readout.angles_rad,
+        sensor=scenario.sensor,
+        flat_fielded=readout.flat_error is not None,
+        imperfections=scenario.imperfections,
+        smooth_cov=region.smooth_cov(),
+    )
+    return _linear_moments(as_processed(channels, readout), plan, readout.channel_names, readout.cycles)
+
+
+def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:
+    deviations = {kind: _deviations(cov) for kind, cov in covs.items()}
+    return {
+        name: {"mean": float(mean[k])} | {kind: float(each[k]) for kind, each in deviations.items()}
+        for k, name in enumerate(names)
+    }
+
+
+def _deviations(cov: FloatArray) -> FloatArray:
+    """Return standard deviations; a variance that is negative by rounding, where nothing fluctuates, is none."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(cov), 0.0)))
+
+
+def _ratios(stokes: Moments) -> Quantities:
+    """Return what does not depend on the scale of the counts: of the mean, with first-order deviations of a pixel."""
+    normalized = normalized_moments(stokes)
+    deviations = _deviations(normalized.cov)
+    found = {
+        "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
+        "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
+    }
+    is_polarised = float(np.hypot(stokes.mean[1], stokes.mean[2])) > _ROUNDING * float(stokes.mean[0])
+    return found | (_polarised_ratios(stokes) if is_polarised else {"dolp": {"mean": 0.0}})
+
+
+def _polarised_ratios(stokes: Moments) -> Quantities:
+    aolp = aolp_moments_rad(stokes)
+    first = dolp.first_order(stokes.mean, stokes.cov)
+    first_std = float(np.sqrt(first.variance))
+    return {
+        "dolp": {"mean": float(first.mean), "std": first_std},
+        "aolp_deg": {
+            "mean": float(np.rad2deg(aolp.mean[0])),
+            "std": float(np.rad2deg(np.sqrt(aolp.cov[0, 0]))),
+        },
+    } | ({"dolp_snr": {"first_order": float(first.mean) / first_std}} if first_std > 0.0 else {})
+
+
+# Strength of the polarization of a predicted region: the distribution of its DoLP, and its noise floor
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarizationStrength:
+    """Strength and certainty of the polarization of a region, of one cycle.
+
+    Parameters
+    ----------
+    probabilities, quantiles
+        Quantiles of the pixels' DoLP given S0 > 0; they exist whether or not moments do.
+    nedolp
+        First-order noise-equivalent DoLP from temporal noise: the deviation of DoLP that unpolarised light of this
+        intensity would show. None where nothing is known of temporal noise.
+    unpolarised_mean
+        Mean DoLP that unpolarised light of this intensity shows by noise alone; not a number where it does not exist.
+    """
+
+    probabilities: FloatArray
+    quantiles: FloatArray
+    nedolp: float | None
+    unpolarised_mean: float
+
+
+def polarization_strength(
+    prediction: RegionPrediction, *, probabilities: Sequence[float] = (0.025, 0.5, 0.975)
+) -> PolarizationStrength:
+    """Return the distribution of a region's DoLP in a few numbers, and its noise floor.
+
+    Parameters
+    ----------
+    prediction
+        Of the region.
+    probabilities
+        For which to give quantiles, each in (0, 1).
+
+    Raises
+    ------
+    ValueError
+        The mean of S0 is not above 0.
+
+    References
+    ----------
+    [MK14] section IV-A; definition.
+    """
+    stokes = prediction.stokes_dn
+    is_known = bool(np.any(prediction.stokes_noise_dn2))
+    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6) if is_known else None
+    levels = np.asarray(probabilities, dtype=np.float64)
+    return PolarizationStrength(
+        probabilities=levels,
+        quantiles=np.asarray(dolp.quantile(levels, stokes.mean, stokes.cov)),
+        nedolp=None if floor is None else float(floor.first_order),
+        unpolarised_mean=np.nan if floor is None else float(floor.mean),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseEquivalent:
+    """DoLP from noise alone, each of shape (...).
+
+    Parameters
+    ----------
+    first_order
+        sqrt((var S1 + var S2) / 2) / S0: deviation of DoLP to first order as DoLP goes to 0, rms over the
+        directions of polarization. The usual NEDoLP.
+    worst_direction
+        The same for the direction of polarization with the largest variance.
+    mean, std
+        Mean and standard deviation of the DoLP that is measured of unpolarized light, by quadrature; 1.2533 and
+        0.6551 times `first_order` for equal variances and S0 known. Not a number where DoLP has no moments.
+    """
+
+    first_order: FloatArray
+    worst_direction: FloatArray
+    mean: FloatArray
+    std: FloatArray
+
+
+def noise_equivalent(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9) -> NoiseEquivalent:
+    """Return the noise-equivalent DoLP for given intensity and covariance.
+
+    Parameters
+    ----------
+    stokes_mean
+        Shape (..., 3); only S0 > 0 is used, S1 and S2 are taken to be zero.
+    stokes_cov
+        Covariance of the noise, shape (..., 3, 3), in the square of the unit of `stokes_mean`.
+    tolerance
+        Relative error allowed of the exact values.
+
+    Returns
+    -------
+    NoiseEquivalent
+        Of first order and exact.
+
+    Raises
+    ------
+    ValueError
+        If the arguments are no mean and covariance, or S0 is not positive.
+    """
+    mean, cov = checked_pair(checked_stokes(stokes_mean), stokes_cov)
+    require_positive_intensity(mean)
+    s0 = mean[..., 0]
+    exact = dolp.moments(mean * np.array([1.0, 0.0, 0.0]), cov, tolerance=tolerance)
+    values = np.linalg.eigvalsh(cov[..., 1:, 1:])
+    return NoiseEquivalent(
+        first_order=np.sqrt(np.maximum(np.sum(values, axis=-1), 0.0) / 2.0) / s0,
+        worst_direction=np.sqrt(np.maximum(values[..., -1], 0.0)) / s0,
+        mean=exact.mean,
+        std=exact.std,
+    )
+
+
+# Prediction for a rig that is not quite as recorded: axes turned, exposure off
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RigErrors:
+    """Errors of a rig against what was recorded of it.
+
+    Parameters
+    ----------
+    turned_rad
+        True angle of the polarizer's axis less the recorded one, by frame of a cycle, shape (N,) [rad].
+    exposure_ratio
+        True exposure over the recorded one, > 0.
+    """
+
+    turned_rad: FloatArray
+    exposure_ratio: float
+
+
+def predict_with_errors(
+    scenario: Scenario, errors: RigErrors, *, tolerance: float = 1e-6
+) -> dict[str, RegionPrediction]:
+    """Return what the model predicts where the light goes through the true rig and the processing takes the recorded.
+
+    Parameters
+    ----------
+    scenario
+        With the recorded angles and exposure.
+    errors
+        Of the rig.
+    tolerance
+        Relative tolerance of mean and deviation of the pixels' DoLP.
+
+    Raises
+    ------
+    ValueError
+        Errors do not fit the angles, or leave no light.
+
+    Notes
+    -----
+    Without errors it is `model.prediction.predict`; what the session adds acts as there. The frames of
+    every cycle have the same errors.
+
+    References
+    ----------
+    [MK14] eq. (11)-(29).
+    """
+    angles_rad = scenario.readout.angles_rad
+    if errors.turned_rad.shape != angles_rad.shape:
+        raise ValueError(
+            f"turned_rad {errors.turned_rad.shape} does not fit {angles_rad.size} angles; allowed is one for each"
+        )
+    if not errors.exposure_ratio > 0.0:
+        raise ValueError(f"exposure_ratio = {errors.exposure_ratio}; it has to be above 0")
+    plan = design(angles_rad, scenario.readout.extinction_ratio)
+    return {
+        region.name: predict_region(
+            _channels(region, scenario, errors),
+            plan=plan,
+            channel_names=scenario.readout.channel_names,
+            cycles=scenario.readout.cycles,
+            tolerance=tolerance,
+        )
+        for region in scenario.regions
+    }
+
+
+def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> ChannelMoments:
+    sensor = replace(scenario.sensor, exposure_s=scenario.sensor.exposure_s * errors.exposure_ratio)
+    angles_rad = scenario.readout.angles_rad + errors.turned_rad
+    seen = channel_moments(
+        region.aperture_moments(),
+        angles_rad=angles_rad,
+        sensor=sensor,
+        flat_fielded=scenario.readout.flat_error is not None,
+        imperfections=scenario.imperfections,
+        smooth_cov=region.smooth_cov(),
+    )
+    return as_processed(seen, scenario.readout)
+
+
+# Performance of the RX detector between the regions of a predicted scene
+
+# Target, background, and region to prediction.
+PairCase = tuple[str, str, Mapping[str, RegionPrediction]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairDetection:
+    """RX detection of one region on another, by the exact distribution.
+
+    Parameters
+    ----------
+    target, background
+        Names.
+    p_false_alarm, p_detection, p_miss
+        Shape (K,); the last, 1 less the second, has its own digits where next to nothing is missed.
+    auc
+        Area under the whole curve.
+    p_detection_error, auc_error
+        Absolute errors of both, as the integral estimates them itself; shape (K,) and a number.
+    warnings
+        What limits the result.
+    """
+
+    target: str
+    background: str
+    p_false_alarm: FloatArray
+    p_detection: FloatArray
+    p_miss: FloatArray
+    auc: float
+    p_detection_error: FloatArray
+    auc_error: float
+    warnings: tuple[str, ...]
+
+
+def pair_detections(
+    predictions: Mapping[str, RegionPrediction], p_false_alarm: Sequence[float]
+) -> tuple[PairDetection, ...]:
+    """Return what the RX detector does for every ordered pair of regions, on Stokes parameters of one cycle.
+
+    Parameters
+    ----------
+    predictions
+        Region to prediction.
+    p_false_alarm
+        Shape (K,), each in (0, 1).
+
+    Returns
+    -------
+    tuple of PairDetection
+        Not a number, with the reason among its warnings, where a background's covariance is singular.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    return detections_of_sweep((predictions,), p_false_alarm)[0]
+
+
+def detections_of_sweep(
+    alternatives: Sequence[Mapping[str, RegionPrediction]], p_false_alarm: Sequence[float]
+) -> tuple[tuple[PairDetection, ...], ...]:
+    """Return what `pair_detections` does for each of several sets of predictions, in about the time of one.
+
+    Parameters
+    ----------
+    alternatives
+        Each from region to prediction, all with the same regions.
+    p_false_alarm
+        As in `pair_detections`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    pairs = tuple(permutations(alternatives[0], 2)) if alternatives else ()
+    return detections_of_pairs(pairs, alternatives, p_false_alarm)
+
+
+def detections_of_pairs(
+    pairs: Sequence[tuple[str, str]],
+    alternatives: Sequence[Mapping[str, RegionPrediction]],
+    p_false_alarm: Sequence[float],
+    *,
+    tolerance: float = 1e-10,
+) -> tuple[tuple[PairDetection, ...], ...]:
+    """Return what `pair_detection` does for each pair in each of several sets of predictions.
+
+    Parameters
+    ----------
+    pairs
+        Target and background.
+    alternatives
+        Each from region to prediction.
+    p_false_alarm, tolerance
+        As in `pair_detection`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    cases = [(target, background, one) for one in alternatives for target, background in pairs]
+    found = iter(detections_of_cases(cases, p_false_alarm, tolerance=tolerance))
+    return tuple(tuple(islice(found, len(pairs))) for _ in alternatives)
+
+
+def detections_of_cases(
+    cases: Sequence[PairCase], p_false_alarm: Sequence[float], *, tolerance: float = 1e-10
+) -> tuple[PairDetection, ...]:
+    """Return what `pair_detection` does for each of several cases, together where all exist.
+
+    Parameters
+    ----------
+    cases
+        Target, background, and region to prediction of each.
+    p_false_alarm, tolerance
+        As in `pair_detection`.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    if len(cases) < 2:
+        return tuple(pair_detection(*one, p_false_alarm, tolerance=tolerance) for one in cases)
+    try:
+        return _together(cases, p_false_alarm, tolerance=tolerance)
+    except (ValueError, ArithmeticError):
+        # One that cannot be had is refused together with all others: it is looked for in either half.
+        half = len(cases) // 2
+        parts = (detections_of_cases(some, p_false_alarm, tolerance=tolerance) for some in (cases[:half], cases[half:]))
+        return tuple(one for part in parts for one in part)
+
+
+def pair_detection(
+    target: str,
+    background: str,
+    predictions: Mapping[str, RegionPrediction],
+    p_false_alarm: Sequence[float],
+    *,
+    tolerance: float = 1e-10,
+) -> PairDetection:
+    """Return what the RX detector does for one region on another, on Stokes parameters of one cycle.
+
+    Parameters
+    ----------
+    target, background
+        Names of regions.
+    predictions
+        Region to prediction.
+    p_false_alarm
+        Shape (K,), each in (0, 1).
+    tolerance
+        Relative, of the tail that is integrated, 1e-12 to 0.01.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B.
+    """
+    try:
+        return _together(((target, background, predictions),), p_false_alarm, tolerance=tolerance)[0]
+    except (ValueError, ArithmeticError) as error:
+        rates = np.asarray(p_false_alarm, dtype=np.float64)
+        nothing = np.full(rates.shape, np.nan)
+        return PairDetection(
+            target=target,
+            background=background,
+            p_false_alarm=rates,
+            p_detection=nothing,
+            p_miss=nothing,
+            auc=np.nan,
+            p_detection_error=nothing,
+            auc_error=np.nan,
+            warnings=(
+                f"{background} cannot be a background: {error}"
+                if isinstance(error, ValueError)
+                else f"{target} on {background}: {error}",
+            ),
+        )
+
+
+def rocs_of_pair(
+    target: str,
+    background: str,
+    alternatives: Sequence[Mapping[str, RegionPrediction]],
+    p_false_alarm: Sequence[float] | FloatArray,
+    *,
+    kind: Literal["stokes", "intensity"],
+    tolerance: float = 1e-10,
+) -> tuple[PairDetection, ...]:
+    """Return what `pair_detection` does, on Stokes parameters or on the counts behind each angle of the polarizer.
+
+    Parameters
+    ----------
+    target, background
+        Names of regions.
+    alternatives
+        One or more sets of predictions, each from region to prediction; all take about the time of one.
+    p_false_alarm, tolerance
+        As in `pair_detection`.
+    kind
+        "stokes", three components, or "intensity", one for each angle.
+
+    References
+    ----------
+    [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
+    """
+    if kind == "intensity":
+        alternatives = [
+            {name: replace(one[name], stokes_dn=_counts(one[name])) for name in (target, background)}
+            for one in alternatives
+        ]
+    rates = np.asarray(p_false_alarm).tolist()
+    return detections_of_cases([(target, background, one) for one in alternatives], rates, tolerance=tolerance)
+
+
+def _counts(prediction: RegionPrediction) -> Moments:
+    """Return mean and covariance of the counts of single pixels of one cycle, [MK14] eq. (18), (20)."""
+    channels = prediction.channels
+    noise = np.diag(channels.temporal_var_dn2)
+    return Moments(mean=channels.mean_dn, cov=channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2 + noise)
+
+
+def _together(
+    cases: Sequence[PairCase], p_false_alarm: Sequence[float], *, tolerance: float
+) -> tuple[PairDetection, ...]:
+    """Return detection of all cases by one integral; ValueError where a background's covariance is singular."""
+    rates = np.asarray(p_false_alarm, dtype=np.float64)
+    targets = [predictions[target].stokes_dn for target, _, predictions in cases]
+    backgrounds = [predictions[background].stokes_dn for _, background, predictions in cases]
+    moments = (
+        np.stack([getattr(one, moment) for one in several])
+        for several in (targets, backgrounds)
+        for moment in ("mean", "cov")
+    )
+    curves = rx_roc(rates[:, np.newaxis], *moments, tolerance=tolerance)
+    p_detection_error = curves.error * np.maximum(curves.p_detection, curves.p_miss)
+    auc_error = curves.auc_error * np.minimum(curves.auc, 1.0 - curves.auc)
+    return tuple(
+        PairDetection(
+            target=target,
+            background=background,
+            p_false_alarm=rates,
+            p_detection=curves.p_detection[:, k],
+            p_miss=curves.p_miss[:, k],
+            auc=float(curves.auc[k]),
+            p_detection_error=p_detection_error[:, k],
+            auc_error=float(auc_error[k]),
+            warnings=condition_warnings(curves.background_condition[k]),
+        )
+        for k, (target, background, _) in enumerate(cases)
+    )

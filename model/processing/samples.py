@@ -1,0 +1,757 @@
+"""Moments of the pixels of a region with standard errors: repeatability, texture and distribution.
+
+Every standard error here is taken from the scatter of the pixels themselves, not from an assumed distribution, and
+holds for pixels that are independent of each other: `effective_pixels` says how far they are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.moments import Moments
+from model.processing import dolp
+from model.stokes import dolp as degree_of_polarization
+
+# Mean and deviation of the pixels of a region, each with its standard error
+
+FloatArray = NDArray[np.float64]
+
+# A correlation of neighbours is taken for one when it exceeds this many of its own standard errors.
+_CORRELATION_SIGNIFICANCE = 5.0
+# Side of the blocks whose means tell how many independent pixels there are [pixels].
+_BLOCK_SIDE = 16
+_LEAST_BLOCKS = 12
+# Regions up to this side are looked at lag by lag, larger ones by their blocks [pixels].
+_MOST_LAGS = 256
+# Correlation that counts as none, and its own standard errors; share of all pairs that may be taken for correlated.
+_NO_CORRELATION, _LAG_SIGNIFICANCE, _MOST_PAIRS = 0.02, 2.0, 0.25
+# Share of the largest variance below which a component is rounding.
+_NOTHING = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """A number found from a sample, with the standard error that the sample gives for it."""
+
+    value: float
+    std_error: float
+
+
+def mean_moments(values: ArrayLike) -> Moments:
+    """Return the mean of vectors over pixels, with the covariance of that mean.
+
+    Parameters
+    ----------
+    values
+        One vector a pixel, shape (n, P) with P >= 2 pixels last; any unit.
+
+    Returns
+    -------
+    Moments
+        Mean, shape (n,), and its covariance: the pixels' sample covariance over P.
+    """
+    array = _checked(values, least=2)
+    cov = np.atleast_2d(np.cov(array)) / array.shape[1]
+    return Moments(mean=array.mean(axis=1), cov=cov)
+
+
+def region_mean_moments(values: ArrayLike, inside: NDArray[np.bool_]) -> Moments:
+    """Return the mean of vectors over the pixels of a region, which may be alike, with the covariance of that mean.
+
+    Parameters
+    ----------
+    values
+        One vector a pixel, shape (n, P), P >= 4; any unit.
+    inside
+        Where the pixels are, shape (H, W), P of them.
+
+    Notes
+    -----
+    Light that varies alike in all channels, and each principal component of the rest, has its own number of
+    independent pixels: texture makes neighbours alike in what channels share, and says nothing of what their ratios
+    are left with.
+    """
+    array = _checked(values, least=4)
+    moments = mean_moments(array)
+    total = float(moments.mean.sum())
+    factor = array.sum(axis=0) / total if total > 0.0 else np.zeros(array.shape[1])
+    rest = array - moments.mean[:, None] * (factor if total > 0.0 else 1.0)
+    variances, vectors = np.linalg.eigh(np.atleast_2d(np.cov(rest)) / array.shape[1])
+    cov = moments.cov + np.outer(moments.mean, moments.mean) * _excess(factor, inside)
+    for component, vector, variance in zip(vectors.T @ rest, vectors.T, variances, strict=True):
+        if variance > _NOTHING * variances[-1]:
+            cov = cov + np.outer(vector, vector) * _excess(component, inside)
+    return Moments(mean=moments.mean, cov=cov)
+
+
+def _excess(values: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Return by how much the variance of the mean is larger than that of pixels that are independent."""
+    image = np.zeros(inside.shape)
+    image[inside] = values
+    alike = values.size / effective_pixels(image, inside)
+    return (alike - 1.0) * float(np.var(values, ddof=1)) / values.size if alike > 1.0 else 0.0
+
+
+def deviation(values: ArrayLike) -> Sample:
+    """Return the standard deviation of pixels and its standard error.
+
+    Parameters
+    ----------
+    values
+        Shape (P,), P >= 4; any unit.
+
+    Returns
+    -------
+    Sample
+        Deviation (P - 1 in its denominator); its error from the fourth central moment m4 of the same pixels,
+        sqrt((m4 - m2^2) / P) / (2 sqrt(m2)), so that no distribution is assumed. Of equal values both are 0.
+
+    References
+    ----------
+    Definition; delta method on the sample variance.
+    """
+    array = _checked(np.atleast_2d(np.asarray(values, dtype=np.float64)), least=4)[0]
+    squared = (array - array.mean()) ** 2
+    return _root_of_mean(squared, correction=array.size / (array.size - 1))
+
+
+def temporal_deviation(repeats: ArrayLike) -> Sample:
+    """Return the deviation from frame to frame of a pixel, from the differences of consecutive repeats.
+
+    Parameters
+    ----------
+    repeats
+        Shape (R, P): R >= 2 repeats of P >= 4 pixels, in the order of time; any unit.
+
+    Returns
+    -------
+    Sample
+        Root of half the mean squared difference, the mean difference of each pair taken off: neither a pattern
+        that stands still nor a flicker common to all pixels adds to it.
+
+    Raises
+    ------
+    ValueError
+        There are fewer repeats or pixels, or a value is not finite.
+
+    Notes
+    -----
+    Differences that share a frame are correlated; the standard error is taken over pixels, from what each pixel
+    gives after all its repeats, and so needs no knowledge of that.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs); definition.
+    """
+    array = _checked(repeats, least=4)
+    if array.shape[0] < 2:
+        raise ValueError(f"repeats has {array.shape[0]} repeat; a temporal deviation needs at least 2")
+    differences = np.diff(array, axis=0)
+    differences -= differences.mean(axis=1, keepdims=True)
+    return deviation_of_squares(np.mean(differences**2, axis=0) / 2.0)
+
+
+def deviation_of_squares(per_pixel: FloatArray) -> Sample:
+    """Return the deviation from frame to frame by half the mean squared difference of each pixel, shape (P,).
+
+    The mean over the pixels was taken off each difference, as in `temporal_deviation`.
+
+    Parameters
+    ----------
+    per_pixel
+        Half the mean squared difference of consecutive repeats, shape (P,), P >= 2, in the square of any unit.
+    """
+    return _root_of_mean(per_pixel, correction=per_pixel.size / (per_pixel.size - 1))
+
+
+def mean_over_deviation(values: ArrayLike) -> Sample:
+    """Return mean over deviation of pixels, a signal-to-noise ratio, and its standard error.
+
+    Parameters
+    ----------
+    values
+        Shape (P,), P >= 4, not all equal.
+
+    Returns
+    -------
+    Sample
+        R = m / s with variance (1 - R g + R^2 (k - 1) / 4) / P, where g is the skewness and k the kurtosis of the
+        pixels: numerator and denominator share them.
+
+    Raises
+    ------
+    ValueError
+        All values are equal: the ratio does not exist.
+
+    References
+    ----------
+    [MK14] eq. (29); delta method.
+    """
+    array = _checked(np.atleast_2d(np.asarray(values, dtype=np.float64)), least=4)[0]
+    centred = array - array.mean()
+    spread = float(np.sqrt(np.mean(centred**2)))
+    if spread == 0.0:
+        raise ValueError("values are all equal; a ratio of mean to deviation needs values that differ")
+    ratio = float(array.mean()) / spread
+    skewness = float(np.mean(centred**3)) / spread**3
+    kurtosis = float(np.mean(centred**4)) / spread**4
+    variance = (1.0 - ratio * skewness + ratio**2 * (kurtosis - 1.0) / 4.0) / array.size
+    unbiased = ratio * np.sqrt((array.size - 1) / array.size)
+    return Sample(value=float(unbiased), std_error=float(np.sqrt(max(variance, 0.0))))
+
+
+def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Return how many independent pixels a region is worth for a mean.
+
+    Parameters
+    ----------
+    image
+        What is averaged, shape (H, W).
+    inside
+        The region, shape (H, W), at least 4 pixels.
+
+    Returns
+    -------
+    float
+        The number of pixels where neighbours show no correlation; else the pixel variance over the variance of
+        their mean, and at least 1. That variance is of correlations summed up to where they end; of the means of
+        blocks of 16 x 16 pixels where the region is large, or where they do not end within it.
+
+    Notes
+    -----
+    Texture, a lens's blur and interpolation make neighbours alike, and a standard error that counts each of them
+    is too small. Of large regions correlation over more than a block is not seen.
+
+    References
+    ----------
+    Batch means; truncated sum of autocovariances, the mean's own variance put back; definition.
+    """
+    count = int(inside.sum())
+    if not _neighbours_are_alike(image, inside):
+        return float(count)
+    rows, columns = np.nonzero(inside)
+    if max(np.ptp(rows), np.ptp(columns)) < _MOST_LAGS:
+        cut = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+        worth, is_whole = _pixels_by_lags(image[cut], inside[cut])
+        blocks = _block_means(image, inside)[0].size
+        return worth if is_whole or blocks >= _LEAST_BLOCKS else min(worth, float(max(blocks, 1)))
+    means, sizes = _block_means(image, inside)
+    if means.size < _LEAST_BLOCKS:
+        return float(max(means.size, 1))
+    pixel_variance = float(np.var(image[inside]))
+    block_variance = float(np.var(means, ddof=1))
+    if block_variance == 0.0:
+        return float(count)
+    alike = max(block_variance * float(sizes.mean()) / pixel_variance, 1.0)
+    return max(count / alike, 1.0)
+
+
+def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
+    """Return whether the correlation of neighbours along rows or columns exceeds what independent pixels would show."""
+    centred = np.where(inside, image - image[inside].mean(), 0.0)
+    variance = float(np.sum(centred**2)) / inside.sum()
+    if variance == 0.0:
+        return False
+    for along in ((slice(None), slice(1, None)), (slice(1, None), slice(None))):
+        before = tuple(slice(None, -1) if part.start == 1 else part for part in along)
+        pairs = int(np.sum(inside[along] & inside[before]))
+        product = float(np.sum(centred[along] * centred[before]))
+        if pairs > 0 and product / (pairs * variance) > _CORRELATION_SIGNIFICANCE / np.sqrt(pairs):
+            return True
+    return False
+
+
+def _pixels_by_lags(image: FloatArray, inside: NDArray[np.bool_]) -> tuple[float, bool]:
+    """Return how many independent pixels a region is worth, and whether correlations end within it.
+
+    Deviations from the region's own mean are less alike than those from the true one, by the variance of the mean.
+    """
+    count = int(inside.sum())
+    centred = np.where(inside, image - image[inside].mean(), 0.0)
+    variance = float(np.sum(centred**2)) / count
+    products, pairs = _by_distance(centred), _by_distance(inside.astype(np.float64))
+    product, share, of_mean, is_whole = products[0], pairs[0] / count**2, products[0] / count**2, False
+    for here, held in zip(products[1:], pairs[1:], strict=True):
+        alike = (here + of_mean * held) / (max(held, 1.0) * variance)
+        is_whole = alike < max(_NO_CORRELATION, _LAG_SIGNIFICANCE * np.sqrt(2.0 / max(held, 1.0)))
+        if is_whole or share + held / count**2 > _MOST_PAIRS:
+            break
+        product, share = product + here, share + held / count**2
+        of_mean = product / count**2 / (1.0 - share)
+    # A variance of few independent parts (1 / share) is itself not known: Student's distribution is wider by so much.
+    of_mean /= 1.0 - 2.0 * min(share, _MOST_PAIRS)
+    return (float(min(max(variance / of_mean, 1.0), count)) if of_mean > 0.0 else float(count)), is_whole
+
+
+def _by_distance(image: FloatArray) -> FloatArray:
+    """Return the sums of products of two pixels, by how many rows or columns they are apart, whichever is more."""
+    shape = (2 * image.shape[0], 2 * image.shape[1])
+    apart = [np.abs(np.fft.fftfreq(size, 1.0 / size)).astype(np.intp) for size in shape]
+    products = np.fft.irfft2(np.abs(np.fft.rfft2(image, s=shape)) ** 2, s=shape)
+    sums = np.bincount(np.maximum(apart[0][:, None], apart[1][None, :]).ravel(), products.ravel())
+    return np.asarray(sums, dtype=np.float64)
+
+
+def _block_means(image: FloatArray, inside: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return mean and size of each block of the region that is at least half full."""
+    rows, columns = np.nonzero(inside)
+    blocks = (rows // _BLOCK_SIDE) * (image.shape[1] // _BLOCK_SIDE + 1) + columns // _BLOCK_SIDE
+    sizes = np.bincount(blocks).astype(np.float64)
+    sums = np.bincount(blocks, weights=image[rows, columns])
+    full = sizes >= _BLOCK_SIDE**2 / 2
+    return sums[full] / sizes[full], sizes[full]
+
+
+def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
+    """Return the root of the mean of per-pixel variances, its error by the delta method."""
+    root = float(np.sqrt(per_pixel.mean() * correction))
+    if root == 0.0:
+        return Sample(value=0.0, std_error=0.0)
+    error_of_mean = float(per_pixel.std(ddof=1)) / np.sqrt(per_pixel.size)
+    return Sample(value=root, std_error=float(error_of_mean / (2.0 * root)))
+
+
+def _checked(values: ArrayLike, *, least: int) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] < least:
+        raise ValueError(f"values has shape {array.shape}; needed are at least {least} pixels on the last axis")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"values holds {int(np.sum(~np.isfinite(array)))} numbers that are not finite")
+    return array
+
+
+# What the means of a region do not repeat from cycle to cycle, beyond the noise of their pixels
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repeatability:
+    """Relative standard errors of the mean of all cycles.
+
+    Attributes
+    ----------
+    own
+        Of each angle by itself; ratios of angles have it too.
+    common
+        Of all angles alike, as of light that drifts; ratios have none of it.
+    """
+
+    own: float = 0.0
+    common: float = 0.0
+
+    def cov(self, mean: FloatArray) -> FloatArray:
+        """Return the covariance of the means of the angles, shape (N, N)."""
+        return np.diag(np.square(mean * self.own)) + np.outer(mean, mean) * self.common**2
+
+
+def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeatability:
+    """Return what differs from cycle to cycle, and is not the noise of the pixels.
+
+    Parameters
+    ----------
+    pixels
+        Cycles, angles, pixels, shape (C, N, P); dark level off.
+    noise_inflation
+        How many times the variance of a mean over the pixels is that of as many independent ones, by their noise.
+
+    Returns
+    -------
+    Repeatability
+        Nothing where there is one cycle, or no light.
+
+    Notes
+    -----
+    The factor of each cycle that all angles share is taken out by least squares; what is left, of (C - 1) (N - 1)
+    degrees of freedom, is each angle's own. A factor that drifts reaches the angles of one cycle one after the other:
+    in which order is not asked, so its slope counts for each angle as if it came at a time of its own.
+
+    What cannot be below 0 is on average 0.4 standard errors too large where there is nothing; half of one, that which
+    noise alone gives, is taken off. It is missed where as little is there: errors of means are 3 % too small at most.
+
+    References
+    ----------
+    Definition; analysis of variance of a two-way layout.
+    """
+    means = pixels.mean(axis=2)
+    if len(means) < 2:
+        return Repeatability()
+    # The noise of the pixels makes means differ too, and is in their errors already.
+    return repeatability_of(means, pixels.var(axis=0, ddof=1).mean(axis=1) / pixels.shape[2] * noise_inflation)
+
+
+def repeatability_of(means: FloatArray, noise: FloatArray) -> Repeatability:
+    """Return the same by the means over the pixels and what the pixels' noise makes of their variance.
+
+    Parameters
+    ----------
+    means
+        Cycles, angles, shape (C, N).
+    noise
+        Variance of such a mean by the noise of its pixels, shape (N,).
+    """
+    cycles, angles = means.shape
+    level = means.mean(axis=0)
+    light = float(level @ level)
+    if cycles < 2 or not light > 0.0:
+        return Repeatability()
+    noise_of_factor = float(level**2 @ noise) / light**2
+    share = float(np.sum(level**4)) / light**2
+    factor = (means - level) @ level / light
+    left = means - level * (1.0 + factor[:, np.newaxis])
+    noise_left = float(noise.sum()) - noise_of_factor * light
+    own = 0.0
+    if angles > 1:
+        by_chance = 0.5 * noise_left * np.sqrt(2.0 / ((cycles - 1) * (angles - 1)))
+        excess = float(np.sum(left**2)) / (cycles - 1) - noise_left - by_chance
+        own = max(excess, 0.0) / (light * (1.0 - share))
+    # Of the factor's variance, what the angles' own errors and the noise leave.
+    of_others = noise_of_factor + own * share
+    common = max(float(np.var(factor, ddof=1)) - of_others, 0.0)
+    time = np.arange(cycles) - 0.5 * (cycles - 1)
+    slope2 = max((float(time @ factor) / float(time @ time)) ** 2 - of_others / float(time @ time), 0.0)
+    drifted = slope2 * (angles**2 - 1) / (12.0 * angles**2)
+    return Repeatability(own=float(np.sqrt(own / cycles + drifted)), common=float(np.sqrt(common / cycles)))
+
+
+# The pixels of a region over many cycles, as far as its numbers need them: held at once, or cycle by cycle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RepeatedPixels:
+    """Pixels of a region over all cycles.
+
+    Attributes
+    ----------
+    cycles : int
+        How many.
+    first, mean : (N, P) array
+        Of the first cycle, and the mean over all.
+    stokes_first, stokes_mean : (3, P) array
+        Stokes parameters of the same.
+    repeatability : Repeatability
+        What the means over the pixels do not repeat.
+    temporal, temporal_stokes : tuple of Sample
+        Deviation of a pixel from cycle to cycle, of each channel and each Stokes parameter; none with one cycle.
+    """
+
+    cycles: int
+    first: FloatArray
+    mean: FloatArray
+    stokes_first: FloatArray
+    stokes_mean: FloatArray
+    repeatability: Repeatability
+    temporal: tuple[Sample, ...]
+    temporal_stokes: tuple[Sample, ...]
+
+
+def repeated(pixels: FloatArray, inverse: FloatArray, *, noise_inflation: float = 1.0) -> RepeatedPixels:
+    """Return what the numbers of a region need of its pixels, all of which are held at once.
+
+    Parameters
+    ----------
+    pixels
+        Cycles, angles, pixels, shape (C, N, P), P >= 4; dark level off.
+    inverse
+        From the angles to Stokes parameters, shape (3, N).
+    noise_inflation
+        As of `repeatability`.
+    """
+    stokes = np.einsum("kn,cnp->ckp", inverse, pixels)
+    many = pixels.shape[0] > 1
+    return RepeatedPixels(
+        cycles=pixels.shape[0],
+        first=pixels[0],
+        mean=pixels.mean(axis=0),
+        stokes_first=stokes[0],
+        stokes_mean=stokes.mean(axis=0),
+        repeatability=repeatability(pixels, noise_inflation=noise_inflation),
+        temporal=tuple(temporal_deviation(pixels[:, k]) for k in range(pixels.shape[1]) if many),
+        temporal_stokes=tuple(temporal_deviation(stokes[:, k]) for k in range(3) if many),
+    )
+
+
+class RunningPixels:
+    """Takes cycle after cycle, and keeps what does not grow with them but for the means over the pixels.
+
+    Some 50 numbers a pixel at four angles. What it gives differs from `repeated` by rounding alone.
+    """
+
+    def __init__(self, inverse: FloatArray, *, noise_inflation: float = 1.0) -> None:
+        self._inverse, self._noise_inflation = inverse, noise_inflation
+        self._means: list[FloatArray] = []
+        self._channels, self._stokes = _Running(), _Running()
+        self._squares: FloatArray | None = None
+
+    def add(self, pixels: FloatArray) -> None:
+        """Take the next cycle, shape (N, P)."""
+        self._means.append(pixels.mean(axis=1))
+        off = None if self._squares is None else pixels - self._channels.mean
+        self._channels.add(pixels)
+        self._stokes.add(np.asarray(self._inverse @ pixels))
+        if off is None or self._squares is None:
+            self._squares = np.zeros_like(pixels)
+        else:
+            # Welford's: the sum of squares about a mean that moves.
+            self._squares += off * (pixels - self._channels.mean)
+
+    def result(self) -> RepeatedPixels:
+        """Return what the numbers of a region need.
+
+        Raises
+        ------
+        ValueError
+            Nothing was taken.
+        """
+        if self._squares is None:
+            raise ValueError("there are no cycles")
+        means, pixels = np.array(self._means), self._squares.shape[1]
+        cycles = len(means)
+        noise = self._squares.mean(axis=1) / max(cycles - 1, 1) / pixels
+        return RepeatedPixels(
+            cycles=cycles,
+            first=self._channels.first,
+            mean=self._channels.mean,
+            stokes_first=self._stokes.first,
+            stokes_mean=self._stokes.mean,
+            repeatability=repeatability_of(means, noise * self._noise_inflation),
+            temporal=self._channels.temporal(cycles),
+            temporal_stokes=self._stokes.temporal(cycles),
+        )
+
+
+class _Running:
+    """First, mean and squared steps of vectors of pixels."""
+
+    def __init__(self) -> None:
+        self._cycles = 0
+        self.first = self.mean = self._before = self._steps = np.empty((0, 0))
+
+    def add(self, values: FloatArray) -> None:
+        self._cycles += 1
+        if self._cycles == 1:
+            self.first, self.mean, self._steps = values, values.copy(), np.zeros_like(values)
+        else:
+            step = values - self._before
+            step -= step.mean(axis=1, keepdims=True)
+            self._steps += np.square(step, out=step)
+            self.mean += (values - self.mean) / self._cycles
+        self._before = values
+
+    def temporal(self, cycles: int) -> tuple[Sample, ...]:
+        if cycles < 2:
+            return ()
+        return tuple(deviation_of_squares(steps / (cycles - 1) / 2.0) for steps in self._steps)
+
+
+# The texture of a region, Sigma_v, out of the spread of its pixels: what is left when the noise is taken off
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texture:
+    """Covariance of the light over a region's pixels, estimated.
+
+    Parameters
+    ----------
+    cov
+        Estimate, shape (n, n), positive semi-definite; in the square of the pixels' unit.
+    std_error
+        Standard error of each element, shape (n, n), before any repair.
+    rank_one_share
+        Largest eigenvalue over the trace: 1 where all components vary together, as for a common factor such as albedo;
+        1/n where they vary alike and independently. Not a number where there is no texture.
+    common_factor_rms
+        Relative rms of a factor common to all components that explains the spread along the mean; the rest of `cov`
+        is what such a factor does not explain.
+    removed_variance
+        Sum of the negative eigenvalues that were set to zero, as a positive number: 0 where nothing was repaired.
+    """
+
+    cov: FloatArray
+    std_error: FloatArray
+    rank_one_share: float
+    common_factor_rms: float
+    removed_variance: float
+
+    @property
+    def remark(self) -> str:
+        """Remark on the repair, in words; empty where there was none."""
+        if self.removed_variance == 0.0:
+            return ""
+        return (
+            f"the noise explains more than the whole spread in some direction: {self.removed_variance:.3g} of variance "
+            "was set to zero there"
+        )
+
+
+def estimate_texture(
+    pixels_of_mean: ArrayLike, noise_cov: ArrayLike, *, repeats: int, pattern_cov: ArrayLike
+) -> Texture:
+    """Return the texture of a region from the spread of the mean of its repeats.
+
+    Parameters
+    ----------
+    pixels_of_mean
+        Channels or Stokes parameters of each pixel in the mean of all repeats, shape (n, P), P >= 4; dark level off.
+    noise_cov
+        Covariance that temporal noise gives one repeat, shape (n, n): diag(sigma_n^2), or W diag(sigma_n^2) W'.
+    repeats
+        Number of repeats in the mean, >= 1.
+    pattern_cov
+        Covariance of the sensor's fixed pattern at this signal, shape (n, n); zero where frames are flat-fielded or
+        the pattern is to stay in.
+
+    Returns
+    -------
+    Texture
+        Sample covariance less noise_cov / repeats less pattern_cov, with negative eigenvalues set to zero.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not fit, there are fewer than 4 pixels, or fewer than one repeat.
+
+    Notes
+    -----
+    Standard errors come from the scatter of the products of deviations, (d_i d_j) over pixels, so they hold for any
+    distribution of independent pixels; the error of the noise that is taken off is not in them. A region that served
+    for this estimate does not test it: use another half or another run.
+
+    References
+    ----------
+    [MK14] eq. (10), which leaves the estimate to its reference [56]; definition.
+    """
+    pixels = np.asarray(pixels_of_mean, dtype=np.float64)
+    if pixels.ndim != 2 or pixels.shape[1] < 4 or repeats < 1:
+        raise ValueError(f"pixels_of_mean has shape {pixels.shape}, repeats is {repeats}; needed are (n, P >= 4) and 1")
+    off = pixels - pixels.mean(axis=1, keepdims=True)
+    products = off[:, None, :] * off[None, :, :]
+    sample = products.sum(axis=2) / (pixels.shape[1] - 1)
+    raw = sample - np.asarray(noise_cov, dtype=np.float64) / repeats - np.asarray(pattern_cov, dtype=np.float64)
+    values, vectors = np.linalg.eigh(0.5 * (raw + raw.T))
+    kept = np.maximum(values, 0.0)
+    cov = (vectors * kept) @ vectors.T
+    mean = pixels.mean(axis=1)
+    return Texture(
+        cov=cov,
+        std_error=products.std(axis=2, ddof=1) / np.sqrt(pixels.shape[1]),
+        rank_one_share=float(kept[-1] / kept.sum()) if kept[-1] > 0.0 else float("nan"),
+        common_factor_rms=float(np.sqrt(mean @ cov @ mean) / (mean @ mean)),
+        removed_variance=float(-np.minimum(values, 0.0).sum()),
+    )
+
+
+# Check of the DoLP of a region's pixels against the distribution that the region's own Stokes moments give
+
+
+# Pairs (i, j) of a symmetric 3 x 3 matrix that are free.
+_FREE = tuple((i, j) for i in range(3) for j in range(i, 3))
+# Step of a numerical derivative in units of the pixels' own deviation.
+_STEP = 1e-3
+_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistributionCheck:
+    """One statistic of the pixels' DoLP, by the distribution and by the pixels, with the error of the difference."""
+
+    predicted: float
+    measured: float
+    std_error: float
+
+
+def check_dolp_distribution(
+    frame_stokes: ArrayLike, mean_stokes: ArrayLike, added_cov: ArrayLike
+) -> dict[str, DistributionCheck]:
+    """Return mean, deviation and SNR of the pixels' DoLP beside those of the Gaussian distribution of their moments.
+
+    Parameters
+    ----------
+    frame_stokes
+        Stokes parameters of one cycle's pixels, shape (3, P), every S0 above 0; any unit.
+    mean_stokes
+        The same pixels in the mean of all cycles, shape (3, P); equal to `frame_stokes` where there is one cycle.
+    added_cov
+        What the noise of one cycle adds to the covariance of the mean of all, shape (3, 3); zero where there is one.
+
+    Returns
+    -------
+    dict
+        "mean", "std" and "snr".
+
+    Raises
+    ------
+    ValueError
+        The distribution has no moments: S0 is not bounded away from zero.
+
+    Notes
+    -----
+    Both sides come from the same pixels, so the error of the difference is far smaller than that of either. It is
+    taken from the scatter of each pixel's influence on the difference (infinitesimal jackknife).
+
+    References
+    ----------
+    [MK14] eq. (21)-(29); Efron, B. (1982), "The Jackknife, the Bootstrap and Other Resampling Plans",
+    doi:10.1137/1.9781611970319.
+    """
+    frame, mean = np.asarray(frame_stokes, dtype=np.float64), np.asarray(mean_stokes, dtype=np.float64)
+    moments = _pack(mean.mean(axis=1), np.cov(mean, bias=True))
+    added = np.asarray(added_cov, dtype=np.float64)
+    distribution = _distribution(moments, added)
+    influence_of_moments = _influence_on_moments(mean, moments).T @ _gradient(moments, added).T
+    values = np.asarray(degree_of_polarization(frame.T))
+    found = _statistics(float(values.mean()), float(values.std()))
+    influence = _influence_on_statistics(values) - influence_of_moments
+    errors = influence.std(axis=0) / np.sqrt(values.size)
+    return {
+        name: DistributionCheck(predicted=float(distribution[k]), measured=float(found[k]), std_error=float(errors[k]))
+        for k, name in enumerate(("mean", "std", "snr"))
+    }
+
+
+def _statistics(mean: float, std: float) -> FloatArray:
+    return np.array([mean, std, mean / std])
+
+
+def _distribution(packed: FloatArray, added: FloatArray) -> FloatArray:
+    distribution = dolp.moments(packed[:3], _unpack_cov(packed) + added, tolerance=_TOLERANCE)
+    if not bool(distribution.exists):
+        raise ValueError(f"mean and deviation of the pixels' DoLP do not exist: {distribution.reason}")
+    return _statistics(float(distribution.mean), float(distribution.std))
+
+
+def _pack(mean: FloatArray, cov: FloatArray) -> FloatArray:
+    return np.concatenate([mean, [cov[i, j] for i, j in _FREE]])
+
+
+def _unpack_cov(packed: FloatArray) -> FloatArray:
+    cov = np.empty((3, 3))
+    for value, (i, j) in zip(packed[3:], _FREE, strict=True):
+        cov[i, j] = cov[j, i] = value
+    return cov
+
+
+def _influence_on_moments(pixels: FloatArray, packed: FloatArray) -> FloatArray:
+    """Return how much each pixel shifts each of the nine moments, shape (9, P)."""
+    off = pixels - packed[:3, None]
+    products = np.stack([off[i] * off[j] for i, j in _FREE])
+    return np.concatenate([off, products - packed[3:, None]])
+
+
+def _influence_on_statistics(values: FloatArray) -> FloatArray:
+    """Return how much each pixel shifts mean, deviation and their ratio, shape (P, 3)."""
+    mean, std = values.mean(), values.std()
+    on_mean = values - mean
+    on_std = (on_mean**2 - std**2) / (2.0 * std)
+    return np.stack([on_mean, on_std, on_mean / std - mean * on_std / std**2], axis=1)
+
+
+def _gradient(packed: FloatArray, added: FloatArray) -> FloatArray:
+    """Return the derivative of the distribution's three statistics by the nine moments, shape (3, 9)."""
+    deviations = np.sqrt(np.diag(_unpack_cov(packed) + added))
+    scales = np.concatenate([deviations, [deviations[i] * deviations[j] for i, j in _FREE]])
+    columns = []
+    for k, scale in enumerate(scales):
+        step = np.zeros(9)
+        step[k] = _STEP * scale
+        columns.append((_distribution(packed + step, added) - _distribution(packed - step, added)) / (2.0 * step[k]))
+    return np.stack(columns, axis=1)

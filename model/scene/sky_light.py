@@ -1,0 +1,610 @@
+"""Sky and aureole sampled for a scene, and the light that falls on a panel."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import ArrayLike, NDArray
+
+from model import stokes as geometry
+from model.atmosphere.sky import Lighting
+from model.numerics import gauss_legendre
+from model.surface.pbrdf import Tilt
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+
+# Protocol of a sky, computed, sampled or made up
+
+FloatArray = NDArray[np.float64]
+
+
+class Sky(Protocol):
+    """Stokes radiance of the sky by direction; `model.atmosphere.sky.Lighting.sky` is one."""
+
+    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+        """Return S0, S1, S2 in the frame of each direction's own azimuth, shape (..., 3) [W m-2 sr-1]."""
+        ...
+
+
+# The bright ring around the sun, as a function of the angle from it
+
+
+# Asymmetries of the functions of the angle from the sun of which an aureole is put together.
+_ASYMMETRIES = np.array([0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998])
+_AUREOLE_SAMPLES = 60
+_AUREOLE_EDGE_RAD = float(np.radians(60.0))
+# Nearer to the zenith the ring of the sun's own zenith angle is too small to show the aureole.
+_HIGH_SUN_RAD = float(np.radians(15.0))
+_FIT_STEPS = 2000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Aureole:
+    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions, and a correction.
+
+    Attributes
+    ----------
+    sun_zenith_rad
+        Where the sun is [rad].
+    asymmetries, weights
+        Of the functions, shape (K,), weights above 0.
+    correction
+        Logarithm of what the sum is to be multiplied by, over the square root of the angle from the sun in radians;
+        None for none. The aureole of large particles has rings that the sum does not follow.
+    """
+
+    sun_zenith_rad: float
+    asymmetries: FloatArray
+    weights: FloatArray
+    correction: "CubicSpline | None" = None
+
+    def __call__(self, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
+        """Return the radiance of the sum in directions [W m-2 sr-1]."""
+        across = np.sin(zenith_rad) * np.sin(self.sun_zenith_rad) * (1.0 - np.cos(phi_rad))
+        cosine = np.cos(zenith_rad - self.sun_zenith_rad) - across
+        smooth = np.asarray(_henyey_greenstein(self.asymmetries, cosine) @ self.weights)
+        if self.correction is None:
+            return smooth
+        root = np.sqrt(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        return np.asarray(smooth * np.exp(self.correction(np.minimum(root, self.correction.x[-1]))))
+
+
+# Even in all directions.
+NO_AUREOLE = Aureole(sun_zenith_rad=0.0, asymmetries=np.zeros(1), weights=np.ones(1))
+
+
+def aureole_of(sky: Sky, sun_zenith_rad: float) -> Aureole:
+    """Return the sum of functions that is closest to a sky around the sun, in relative terms; even where it is black.
+
+    Parameters
+    ----------
+    sun_zenith_rad
+        Where the sun is [rad].
+
+    References
+    ----------
+    Definition: least squares with weights of 0 or more.
+    """
+    share = (np.arange(_AUREOLE_SAMPLES) / (_AUREOLE_SAMPLES - 1)) ** 2
+    if sun_zenith_rad > _HIGH_SUN_RAD:
+        from_sun = min(2.0 * sun_zenith_rad, _AUREOLE_EDGE_RAD) * share
+        # Two directions of one zenith angle: sin(from_sun / 2) = sin(zenith) sin(phi / 2).
+        phi = 2.0 * np.arcsin(np.minimum(np.sin(0.5 * from_sun) / np.sin(sun_zenith_rad), 1.0))
+        radiance = sky(zenith_rad=sun_zenith_rad, phi_rad=phi)[:, 0]
+    else:
+        from_sun = 0.5 * _AUREOLE_EDGE_RAD * share
+        zenith = sun_zenith_rad - from_sun
+        radiance = sky(zenith_rad=np.abs(zenith), phi_rad=np.where(zenith < 0.0, np.pi, 0.0))[:, 0]
+    if not np.all(radiance > 0.0):
+        return NO_AUREOLE
+    from scipy.interpolate import CubicSpline
+    from scipy.optimize import nnls
+
+    columns = _henyey_greenstein(_ASYMMETRIES, np.cos(from_sun)) / radiance[:, np.newaxis]
+    scale = np.max(columns, axis=0)
+    weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale
+    used = weights > 0.0
+    left = np.log(radiance / (_henyey_greenstein(_ASYMMETRIES[used], np.cos(from_sun)) @ weights[used]))
+    return Aureole(
+        sun_zenith_rad=sun_zenith_rad,
+        asymmetries=_ASYMMETRIES[used],
+        weights=weights[used],
+        correction=CubicSpline(np.sqrt(from_sun), left * _faded(from_sun / from_sun[-1]), bc_type="clamped"),
+    )
+
+
+def _faded(share: FloatArray) -> FloatArray:
+    """Weight that falls smoothly from 1 at the middle of the aureole to 0 at its edge."""
+    step = np.clip(2.0 * share - 1.0, 0.0, 1.0)
+    return np.asarray(1.0 - step**2 * (3.0 - 2.0 * step))
+
+
+def _henyey_greenstein(asymmetries: FloatArray, cosine: FloatArray) -> FloatArray:
+    """Henyey-Greenstein functions of mean 1, shape (..., K)."""
+    squares = asymmetries**2
+    return np.asarray((1.0 - squares) / (1.0 + squares - 2.0 * asymmetries * cosine[..., np.newaxis]) ** 1.5)
+
+
+# A computed sky kept on a grid of directions, so that reading it again costs next to nothing
+
+
+# Directions between the grid's at which it is set beside the sky itself: steps of the grid in azimuth, and zenith
+# angles around the sun's and down to the horizon.
+_PROBED_STEPS = (0.05, 0.5, 1.5, 4.5)
+_PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 0.0, 0.7, 2.5, 9.0])
+_PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
+# Depths of air that are tried, by which a sky brightens toward the horizon.
+_DEPTHS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7, 1.2)
+# Cosine of the zenith angle at the horizon: below that of any angle that a double can hold.
+_LEVEL = 1e-18
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MixedSky:
+    """Two skies mixed linearly.
+
+    Attributes
+    ----------
+    first, second
+        The skies, under the same sun.
+    share
+        Of the second.
+    """
+
+    first: Sky
+    second: Sky
+    share: float
+
+    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+        """Return the Stokes radiance of the mixture; arguments as those of its skies."""
+        first, second = (sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for sky in (self.first, self.second))
+        return (1.0 - self.share) * first + self.share * second
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledSky:
+    """A sky on a grid; call it like the sky it was made from.
+
+    Attributes
+    ----------
+    series
+        Coefficients of S0 over the aureole, of S1, and of S2 over sin(phi), all over the brightening, by the degrees of
+        Chebyshev polynomials of 1 - 4 zenith / pi and of cos(phi), shape (3, Z, A).
+    aureole
+        What S0 was divided by.
+    depth
+        Of the air by which the sky brightens toward the horizon, as `_brightening`; 0 for none.
+    relative_error
+        Largest difference from the sky at directions between the grid's, over S0 there; down to 2 deg above the
+        horizon. Below that it is up to four times as much.
+    """
+
+    series: FloatArray
+    aureole: Aureole
+    depth: float
+    relative_error: float
+
+    def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
+        """Return the Stokes radiance of the sky.
+
+        Parameters
+        ----------
+        zenith_rad
+            Zenith angle of the point, 0 to pi/2 [rad].
+        phi_rad
+            Azimuth of the sun minus that of the point [rad].
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            S0, S1, S2 [W m-2 sr-1].
+
+        Raises
+        ------
+        ValueError
+            A point below the horizon.
+
+        References
+        ----------
+        Trefethen, Approximation Theory and Approximation Practice (SIAM, 2013), doi:10.1137/1.9781611975949, ch. 3.
+        """
+        zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
+        if not np.all((zenith >= 0.0) & (zenith <= 0.5 * np.pi)):
+            raise ValueError("zenith_rad must be 0 to pi/2 rad: there is no sky below the horizon")
+        upward, around = (degrees - 1 for degrees in self.series.shape[1:])
+        at_phi = self.series @ chebvander(np.cos(phi.ravel()), around).T
+        even: FloatArray = np.einsum("kzr,zr->rk", at_phi, chebvander(1.0 - 4.0 / np.pi * zenith.ravel(), upward).T)
+        even *= _brightening(zenith.ravel(), self.depth)[:, np.newaxis]
+        even[:, 0] *= self.aureole(zenith_rad=zenith.ravel(), phi_rad=phi.ravel())
+        even[:, 2] *= np.sin(phi.ravel())
+        return even.reshape(*zenith.shape, 3)
+
+
+def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
+    """Return a sky sampled over the hemisphere, with an estimate of what the samples miss.
+
+    Parameters
+    ----------
+    sky
+        Symmetric about the principal plane, as every plane-parallel atmosphere makes it: S2(-phi) = -S2(phi).
+    sun_zenith_rad
+        Where the sky changes fastest [rad].
+    zeniths, azimuths
+        Steps of the grid from the zenith to the horizon, and from the sun's azimuth to the opposite one, 4 or more.
+
+    Raises
+    ------
+    ValueError
+        Too few steps.
+
+    Notes
+    -----
+    Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
+    series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
+    out first, as it shows on the ring of the sun's own zenith angle, and how thin air brightens toward the horizon:
+    a polynomial would follow neither, and leave ripples over all of the sky that no rule of few nodes integrates.
+    """
+    nodes_rad, phi_rad = _grid(zeniths, azimuths)
+    samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
+    probes = _probes(sky, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
+
+    def best(aureoles: Iterable[Aureole], depths: Iterable[float]) -> SampledSky:
+        found = [_over(aureole, depth, nodes_rad, phi_rad, samples) for aureole in aureoles for depth in depths]
+        every = (replace(one, relative_error=probes.largest(one)) for one in found)
+        return min(every, key=lambda one: one.relative_error)
+
+    # Without an aureole what is divided out may bend the sky more than the sky itself; so may the brightening.
+    aureole = aureole_of(sky, sun_zenith_rad)
+    depth = best((aureole,), (0.0, *_thin_depth(nodes_rad, samples), *_DEPTHS)).depth
+    return best((aureole, NO_AUREOLE), (depth, 0.0))
+
+
+def _over(
+    aureole: Aureole, depth: float, nodes_rad: FloatArray, phi_rad: FloatArray, samples: FloatArray
+) -> SampledSky:
+    """Sky of samples, shape (Z, A, 3), whose light is divided by a brightening and its radiance by an aureole."""
+    smooth = samples / _brightening(nodes_rad, depth)[:, np.newaxis, np.newaxis]
+    smooth[..., 0] /= aureole(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
+    return SampledSky(series=_series(smooth), aureole=aureole, depth=depth, relative_error=0.0)
+
+
+def _thin_depth(nodes_rad: FloatArray, samples: FloatArray) -> tuple[float, ...]:
+    """Depth of air that is thinner than those tried, from the horizon and the node above it; none for other air.
+
+    Such a sky falls off by orders of magnitude between the two, and no polynomial follows another depth than its own.
+    """
+    above, level = np.mean(samples[-2:, :, 0], axis=1).tolist()
+    if not 0.0 < above < level:
+        return ()
+    depth = -float(np.cos(nodes_rad[-2]) * np.log1p(-above / level))
+    return (depth,) if depth < _DEPTHS[0] else ()
+
+
+def _brightening(zenith_rad: FloatArray, depth: float) -> FloatArray:
+    """Light that an even layer of some depth scatters once, over that at the horizon; 1 throughout for none."""
+    if depth == 0.0:
+        return np.ones(zenith_rad.shape)
+    return np.asarray(-np.expm1(-depth / np.maximum(np.cos(zenith_rad), _LEVEL)))
+
+
+def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
+    """Return a sky without an aureole sampled over the hemisphere, such as the difference of two skies.
+
+    Parameters
+    ----------
+    sky, zeniths, azimuths
+        As in `sample_sky`. What the samples miss is not estimated.
+
+    Raises
+    ------
+    ValueError
+        Too few steps.
+    """
+    nodes_rad, phi_rad = _grid(zeniths, azimuths)
+    series = _series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
+    return SampledSky(series=series, aureole=NO_AUREOLE, depth=0.0, relative_error=0.0)
+
+
+def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
+    """Zenith angles, Chebyshev points, and azimuths."""
+    for name, steps in (("zeniths", zeniths), ("azimuths", azimuths)):
+        if steps < 4:
+            raise ValueError(f"sample_sky: {name} = {steps}, allowed is 4 or more")
+    nodes_rad = 0.25 * np.pi * (1.0 - np.cos(np.pi * np.arange(zeniths + 1) / zeniths))
+    return nodes_rad, np.pi * np.arange(azimuths + 1) / azimuths
+
+
+def _series(samples: FloatArray) -> FloatArray:
+    """Coefficients of samples (Z, A, 3) on the grid, as `SampledSky` has them."""
+    steps = samples.shape[1] - 1
+    from scipy.fft import dst
+
+    sines = dst(samples[:, 1:-1, 2], type=1, axis=1) / steps
+    # sin(m phi) over sin(phi) is twice the sum of cos(j phi) for the j below m that are odd where m is even.
+    degree = np.arange(steps + 1)[:, np.newaxis]
+    mode = np.arange(1, steps)
+    below = np.where((degree < mode) & ((mode - degree) % 2 == 1), np.where(degree == 0, 1.0, 2.0), 0.0)
+    around = [*np.moveaxis(_cosines(samples[..., :2], axis=1), -1, 0), sines @ below.T]
+    return _cosines(np.stack(around), axis=1)
+
+
+def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
+    """Coefficients of cos(m t), t from 0 to pi, of samples along an axis, both ends among them."""
+    from scipy.fft import dct
+
+    modes = np.moveaxis(dct(samples, type=1, axis=axis), axis, 0) / (samples.shape[axis] - 1)
+    modes[[0, -1]] *= 0.5
+    return np.moveaxis(modes, 0, axis)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Probes:
+    """A sky itself at directions between those of its grid."""
+
+    zenith_rad: FloatArray
+    phi_rad: FloatArray
+    exact: FloatArray
+
+    def largest(self, sampled: SampledSky) -> float:
+        """Largest difference of the grid, over the sky's S0."""
+        apart = sampled(zenith_rad=self.zenith_rad, phi_rad=self.phi_rad) - self.exact
+        lit = self.exact[..., 0] > 0.0
+        return float(np.max(np.max(np.abs(apart), axis=-1)[lit] / self.exact[lit, 0], initial=0.0))
+
+
+def _probes(sky: Sky, *, sun_zenith_rad: float, step_rad: float) -> _Probes:
+    beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
+    zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), step_rad * np.array(_PROBED_STEPS))
+    return _Probes(zenith_rad=zenith, phi_rad=phi, exact=sky(zenith_rad=zenith, phi_rad=phi))
+
+
+# Diffuse radiance that falls on a panel beside the beam, and quadrature over the directions from which it comes
+
+
+# A direction that rounding put this far below the horizon is on it.
+_HORIZON = 1e-12
+# A panel whose normal is closer than this to the zenith has no uphill.
+_LEVEL_DIFFUSE_RADIANCE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nodes:
+    """Directions of the world that a panel faces.
+
+    Attributes
+    ----------
+    zenith_rad, azimuth_rad
+        Shape (R,) [rad].
+    weight
+        Solid angles times the cosine on the panel, shape (R,) [sr].
+    """
+
+    zenith_rad: FloatArray
+    azimuth_rad: FloatArray
+    weight: FloatArray
+
+    def at(self, chosen: NDArray[np.intp]) -> "Nodes":
+        """Return some of the nodes, in an order of their own."""
+        return Nodes(
+            zenith_rad=self.zenith_rad[chosen], azimuth_rad=self.azimuth_rad[chosen], weight=self.weight[chosen]
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DiffuseRadiance:
+    """Downwelling diffuse radiance of the sky above the horizon, and that of a Lambertian ground below it.
+
+    Attributes
+    ----------
+    sun_azimuth_rad
+        Clockwise from north [rad].
+    ground_radiance
+        Unpolarized radiance of the ground around [W m-2 sr-1]; only a tilted panel sees it.
+    relative_error
+        Of the sky as it is given here, over its mean radiance.
+    """
+
+    sky: Sky
+    sun_azimuth_rad: float
+    ground_radiance: float = 0.0
+    relative_error: float = 0.0
+    # By tilt and order: what all views of all panels that lie alike see of it.
+    _on_nodes: dict[tuple[Tilt, int], FloatArray] = field(default_factory=dict, init=False, repr=False)
+
+    def stokes(self, *, zenith_rad: FloatArray, azimuth_rad: FloatArray) -> FloatArray:
+        """Return the light from directions (R,) in each one's own frame, shape (R, 3) [W m-2 sr-1]."""
+        found = np.zeros((zenith_rad.size, 3))
+        above = np.cos(zenith_rad) >= -_HORIZON
+        zenith = np.minimum(zenith_rad[above], 0.5 * np.pi)
+        found[above] = self.sky(zenith_rad=zenith, phi_rad=self.sun_azimuth_rad - azimuth_rad[above])
+        found[~above, 0] = self.ground_radiance
+        return found
+
+    def on_nodes(self, tilt: Tilt, order: int) -> FloatArray:
+        """Return the light on the nodes of a panel's hemisphere, shape (R, 3) [W m-2 sr-1]; not to be written to."""
+        if (tilt, order) not in self._on_nodes:
+            nodes = hemisphere_nodes(tilt, order)
+            self._on_nodes[tilt, order] = self.stokes(zenith_rad=nodes.zenith_rad, azimuth_rad=nodes.azimuth_rad)
+        return self._on_nodes[tilt, order]
+
+
+def nodes_toward(direction: FloatArray, *, solid_angle: FloatArray, cosine: FloatArray) -> Nodes:
+    """Return nodes of directions that a panel faces.
+
+    Parameters
+    ----------
+    direction
+        Unit vectors: east, north, up; shape (R, 3).
+    solid_angle
+        Of each, shape (R,) [sr].
+    cosine
+        Of the angle from the panel's normal, shape (R,), above 0.
+    """
+    east, north, up = direction.T
+    return Nodes(
+        zenith_rad=np.arctan2(np.hypot(east, north), up),
+        azimuth_rad=np.arctan2(east, north),
+        weight=solid_angle * cosine,
+    )
+
+
+@lru_cache(maxsize=64)
+def hemisphere_nodes(tilt: Tilt, order: int) -> Nodes:
+    """Return directions over the hemisphere that a panel faces.
+
+    Parameters
+    ----------
+    tilt
+        How the panel stands.
+    order
+        Nodes of each stretch of a meridian, and of each half turn about the normal.
+
+    Notes
+    -----
+    Each half turn about the normal, uphill and downhill, has its own nodes, and each meridian is cut at the horizon,
+    so that no rule reaches across an edge of the light.
+
+    References
+    ----------
+    Definition: Gauss-Legendre rules.
+    """
+    node, weight = gauss_legendre(order)
+    around = np.concatenate([np.pi * (node - 0.5), np.pi * (node + 0.5)])
+    share = np.pi * np.tile(weight, 2)
+    # Where cos(theta) cos(tilt) + sin(theta) sin(tilt) cos(around) = 0.
+    rise, run = float(np.cos(tilt.tilt_rad)), float(np.sin(tilt.tilt_rad)) * np.cos(around)
+    horizon = np.arctan2(abs(rise), np.where(run * rise < 0.0, np.abs(run), 0.0))
+    parts = [(np.zeros_like(horizon), horizon), (horizon, np.full_like(horizon, 0.5 * np.pi))]
+    theta = np.concatenate([low[:, np.newaxis] + (high - low)[:, np.newaxis] * node for low, high in parts])
+    ring = np.concatenate([(share * (high - low))[:, np.newaxis] * weight for low, high in parts])
+    solid_angle = ring * np.sin(theta)
+    uphill = np.array([0.0, 0.0, 1.0]) - rise * tilt.normal
+    level = geometry.direction(zenith_rad=0.5 * np.pi, azimuth_rad=tilt.azimuth_rad)
+    length = float(np.linalg.norm(uphill))
+    along = uphill / length if length > _LEVEL_DIFFUSE_RADIANCE else level
+    flat = geometry.direction(zenith_rad=theta, azimuth_rad=np.tile(around, 2)[:, np.newaxis])
+    axes = np.stack([np.cross(along, tilt.normal), along, tilt.normal])
+    kept = solid_angle > 0.0
+    return nodes_toward(flat[kept] @ axes, solid_angle=solid_angle[kept], cosine=np.cos(theta[kept]))
+
+
+# Sun, sky and air of a scene together
+
+# Largest zenith angle of the sun for which a plane-parallel atmosphere holds [rad].
+LARGEST_SUN_ZENITH_RAD = float(np.radians(85.0))
+_IRRADIANCE_NODES = 32
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Illumination:
+    """Sun, sky and air of a scene.
+
+    Attributes
+    ----------
+    lighting
+        Beam, transmittance and path.
+    diffuse_radiance
+        What shines on a panel but the beam.
+    sky_irradiance
+        Of the sky on level ground [W m-2].
+    sun_zenith_rad, sun_azimuth_rad
+        Where the sun is, azimuth clockwise from north [rad].
+    """
+
+    lighting: Lighting
+    diffuse_radiance: DiffuseRadiance
+    sky_irradiance: float
+    sun_zenith_rad: float
+    sun_azimuth_rad: float
+
+    @property
+    def direct_horizontal_irradiance(self) -> float:
+        """Irradiance of the beam on level ground [W m-2]."""
+        return self.lighting.direct_irradiance * float(np.cos(self.sun_zenith_rad))
+
+
+def illuminate(
+    lighting: Lighting,
+    *,
+    sun_zenith_rad: float,
+    sun_azimuth_rad: float,
+    ground_albedo: float,
+    sky: Sky | None = None,
+    sky_error: float = 0.0,
+) -> Illumination:
+    """Return the illumination of a scene.
+
+    Parameters
+    ----------
+    lighting
+        Light of this sun position in the sensor's band.
+    sun_zenith_rad
+        0 to 85 deg [rad].
+    sun_azimuth_rad
+        Clockwise from north [rad].
+    ground_albedo
+        Of the ground around, which a tilted panel sees, 0 to 1.
+    sky
+        What stands for the lighting's sky, a `model.scene.sky_light.SampledSky` of it for one; None for itself.
+    sky_error
+        Relative error of that stand-in.
+
+    Raises
+    ------
+    ValueError
+        The sun is too low, or the albedo outside its range.
+    """
+    require_sun_zenith(sun_zenith_rad)
+    if not 0.0 <= ground_albedo <= 1.0:
+        raise ValueError(f"ground_albedo = {ground_albedo!r}, allowed is 0 to 1")
+    seen = lighting.sky if sky is None else sky
+    from_sky = _sky_irradiance(seen)
+    received = from_sky + lighting.direct_irradiance * float(np.cos(sun_zenith_rad))
+    diffuse_radiance = DiffuseRadiance(
+        sky=seen,
+        sun_azimuth_rad=sun_azimuth_rad,
+        ground_radiance=ground_albedo / np.pi * received,
+        relative_error=sky_error,
+    )
+    return Illumination(
+        lighting=lighting,
+        diffuse_radiance=diffuse_radiance,
+        sky_irradiance=from_sky,
+        sun_zenith_rad=sun_zenith_rad,
+        sun_azimuth_rad=sun_azimuth_rad,
+    )
+
+
+def require_sun_zenith(sun_zenith_rad: float) -> None:
+    """Refuse a sun for which no atmosphere of this model holds.
+
+    Parameters
+    ----------
+    sun_zenith_rad
+        Zenith angle of the sun [rad].
+
+    Raises
+    ------
+    ValueError
+        It is not 0 to 85 deg.
+    """
+    if not 0.0 <= sun_zenith_rad <= LARGEST_SUN_ZENITH_RAD + 1e-12:
+        raise ValueError(
+            f"solar zenith = {np.degrees(sun_zenith_rad):.2f} deg, allowed is 0 to 85 deg: a plane-parallel atmosphere "
+            "is wrong for a lower sun, and there is no beam below the horizon. Take another time"
+        )
+
+
+def _sky_irradiance(sky: Sky) -> float:
+    """Irradiance of a sky on level ground, by Gauss nodes in zenith angle and even azimuths."""
+    node, weight = gauss_legendre(_IRRADIANCE_NODES)
+    zenith = 0.5 * np.pi * node
+    azimuth = 2.0 * np.pi * (np.arange(_IRRADIANCE_NODES) + 0.5) / _IRRADIANCE_NODES
+    s0 = sky(zenith_rad=zenith[:, np.newaxis], phi_rad=azimuth)[..., 0]
+    # cos sin = sin(2 zenith) / 2, and half a right angle for the interval of the nodes.
+    return float(0.5 * np.pi**2 * weight @ (np.mean(s0, axis=1) * np.sin(2.0 * zenith)))
