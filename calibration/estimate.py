@@ -50,44 +50,21 @@ class Bound:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointCovariance:
-    """Covariance of the errors of several estimates.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The quantities, in the order of the rows.
-    matrix : (n, n) array
-        Covariance of the errors; an element has the product of the units of its two quantities. The diagonal
-        holds the squares of the standard errors.
-    """
+    """Covariance of the errors of several estimates."""
 
     names: tuple[str, ...]
     matrix: NDArray[np.float64]
 
 
 def percent_with_error(value: float, std_error: float) -> str:
-    """Return a share and its standard error in percent, both to the second digit of the error.
-
-    Parameters
-    ----------
-    value, std_error : float
-        Relative; the error > 0 or not finite.
-    """
+    """Return a share and its standard error in percent, both to the second digit of the error."""
     digits = 1 - math.floor(math.log10(100.0 * std_error)) if 0.0 < std_error < np.inf else 2
     digits = min(max(digits, 0), _MOST_DIGITS)
     return f"{value:+.{digits}%} +- {std_error:.{digits}%}"
 
 
 def number_with_error(value: float, std_error: float, *, sign: Literal["", "+"] = "") -> str:
-    """Return a number and its standard error, both to the second digit of the error.
-
-    Parameters
-    ----------
-    value, std_error : float
-        In one unit.
-    sign : {"", "+"}
-        Whether a number above 0 has its sign too.
-    """
+    """Return a number and its standard error, both to the second digit of the error."""
     digits = 1 - math.floor(math.log10(std_error)) if 0.0 < std_error < np.inf else _MOST_DIGITS + 1
     if digits > _MOST_DIGITS:
         return f"{value:{sign}.3g} +- {std_error:.2g}"
@@ -107,18 +84,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlChart:
-    """Control limits of repeated calibrations.
-
-    Attributes
-    ----------
-    lower, upper : (N,) arrays
-        Limits of each value: the weighted mean of all, and three standard errors of the difference from it.
-    is_inside : (N,) array of bool
-        The value lies between them.
-    drift_per_year, drift_error : float or None
-        Slope of the weighted straight line and its standard error, widened by the scatter about it; None of fewer than
-        three values, or of one time.
-    """
+    """Control limits of repeated calibrations."""
 
     lower: FloatArray
     upper: FloatArray

@@ -32,27 +32,6 @@ _MOST_ORDERED = 7
 def mean_places(angles: int, *, cycles: int, pattern: Pattern) -> FloatArray:
     """Return the mean place of each angle's frames in the session, from the middle of the session.
 
-    Parameters
-    ----------
-    angles
-        Number of angles in a cycle, 1 or more.
-    cycles
-        How many times all are gone through, 1 or more.
-    pattern
-        Order of the frames.
-
-    Returns
-    -------
-    ndarray, shape (angles,)
-        In frames, in the order in which the angles are first taken; the sum is 0.
-
-    Raises
-    ------
-    ValueError
-        No angle, or no cycle.
-
-    Notes
-    -----
     Light that changes linearly in time moves the mean of an angle's counts by this place times the change in a frame.
     Going on in cycles leaves the places of one cycle; going back and forth an even number of times leaves none.
     """
@@ -66,25 +45,6 @@ def mean_places(angles: int, *, cycles: int, pattern: Pattern) -> FloatArray:
 def mean_moves_rad(angles_rad: ArrayLike, *, cycles: int, pattern: Pattern) -> FloatArray:
     """Return by how much the polarizer was turned into each angle, in the mean over its frames.
 
-    Parameters
-    ----------
-    angles_rad
-        Shape (N,), in the order in which they are first taken [rad].
-    cycles, pattern
-        As in `mean_places`.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        [rad]; a frame that is taken where the one before was counts as 0, and so does the first of all.
-
-    Raises
-    ------
-    ValueError
-        No angle, or no cycle.
-
-    Notes
-    -----
     The way back to the first angle is taken to be as long as the way there, as of a stage that counts from its home.
     """
     angles = np.asarray(angles_rad, dtype=np.float64)
@@ -357,21 +317,10 @@ def dolp_budget(light: CycleLight, session: Session, disturbances: Disturbances,
 def dolp_sigma(light: CycleLight, *, cycles: int, pixels: int = 1) -> float:
     """Return the standard deviation that temporal noise gives DoLP from the mean of cycles and pixels.
 
-    Parameters
-    ----------
-    light
-        Of one cycle.
-    cycles, pixels
-        How many of each are averaged, 1 or more.
-
-    Notes
-    -----
     What was computed is kept: a search asks for the same light and number again, with other times and orders.
     By the exact distribution, not the first order: for weak polarization it is 0.655 times the usual NEDoLP, not it.
     Not a number where no standard deviation exists.
 
-    References
-    ----------
     [MK14] eq. (25).
     """
     found = dolp.moments(light.stokes_dn, light.noise_cov_dn2 / (cycles * pixels), tolerance=1e-6)
@@ -500,22 +449,6 @@ class Reached:
 def detection(target: CycleLight, background: CycleLight, *, cycles: int, p_false_alarm: float) -> float:
     """Return the probability to detect a pixel of one region among those of another in the mean of cycles.
 
-    Parameters
-    ----------
-    target, background
-        What one cycle shows of them.
-    cycles
-        How many are averaged, 1 or more.
-    p_false_alarm
-        In (0, 1).
-
-    Raises
-    ------
-    ValueError
-        The background has no covariance to stand out from.
-
-    References
-    ----------
     [MK14] eq. (30).
     """
     found = rx_p_detection(

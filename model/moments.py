@@ -49,25 +49,7 @@ class Moments:
 
 
 def checked_pair(mean: ArrayLike, cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance as float64 arrays whose shapes fit each other.
-
-    Parameters
-    ----------
-    mean
-        Shape (..., n).
-    cov
-        Shape (..., n, n).
-
-    Returns
-    -------
-    tuple of ndarray
-        Both arrays with their own leading axes (which broadcast).
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit or a value is not finite.
-    """
+    """Return mean and covariance as float64 arrays whose shapes fit each other."""
     mean_array = np.asarray(mean, dtype=np.float64)
     cov_array = np.asarray(cov, dtype=np.float64)
     if mean_array.ndim < 1 or cov_array.shape[-2:] != (mean_array.shape[-1],) * 2:
@@ -83,20 +65,7 @@ def checked_pair(mean: ArrayLike, cov: ArrayLike) -> tuple[FloatArray, FloatArra
 
 
 def require_covariance(cov: FloatArray, *, name: str) -> None:
-    """Raise unless every matrix is symmetric and positive semi-definite up to rounding.
-
-    Parameters
-    ----------
-    cov
-        Shape (..., n, n), finite.
-    name
-        What the caller calls it, for the message.
-
-    Raises
-    ------
-    ValueError
-        If asymmetric by more than 1e-12 of the trace, or with an eigenvalue below -1e-12 of the trace.
-    """
+    """Raise unless every matrix is symmetric and positive semi-definite up to rounding."""
     if cov.size == 0:
         return
     scale = np.sum(np.abs(np.diagonal(cov, axis1=-2, axis2=-1)), axis=-1)
@@ -114,24 +83,7 @@ def require_covariance(cov: FloatArray, *, name: str) -> None:
 
 
 def covariance_factor(cov: ArrayLike) -> FloatArray:
-    """Return a matrix F with F F' = cov, for singular covariances too.
-
-    Parameters
-    ----------
-    cov
-        Covariance, shape (..., n, n), positive semi-definite up to rounding.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., n, n). Columns are eigenvectors times the root of their eigenvalue; eigenvalues negative
-        by rounding count as zero.
-
-    Raises
-    ------
-    ValueError
-        If `cov` is not a covariance.
-    """
+    """Return a matrix F with F F' = cov, for singular covariances too."""
     array = np.asarray(cov, dtype=np.float64)
     require_covariance(array, name="cov")
     values, vectors = np.linalg.eigh(array)
@@ -165,26 +117,8 @@ def propagate_linear(moments: Moments, matrix: ArrayLike) -> Moments:
 def propagate_first_order(moments: Moments, value: ArrayLike, jacobian: ArrayLike) -> Moments:
     """Return the first-order moments of a smooth function f(x) from those of x.
 
-    Parameters
-    ----------
-    moments
-        Moments of x, n components.
-    value
-        f at the mean of x, shape (..., m).
-    jacobian
-        df/dx at the mean of x, shape (..., m, n).
-
-    Returns
-    -------
-    Moments
-        Mean f(mu), covariance J Sigma J'.
-
-    Notes
-    -----
     The error is of second order in the deviations of x; nothing here estimates it.
 
-    References
-    ----------
     [MK14] eq. (24)-(25) for DoLP; definition.
     """
     # Where what varies most drops out of f, as a common factor does of a ratio, J Sigma J' is left with rounding that

@@ -95,17 +95,7 @@ _MAX_OPEN = 300
 
 @dataclass(frozen=True, kw_only=True)
 class PanelIntegrals:
-    """Integrals of several functions over several domains.
-
-    Parameters
-    ----------
-    value
-        Shape (M, F): F integrals over each of M domains.
-    size
-        Integrals of the absolute values, same shape: what cancellation is measured against.
-    error
-        Estimated error, same shape: difference of the two nested rules, which bounds the finer one's.
-    """
+    """Integrals of several functions over several domains."""
 
     value: FloatArray
     size: FloatArray
@@ -116,18 +106,6 @@ class PanelIntegrals:
 def gauss_hermite(count: int) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights for the mean of a function of a standard normal variable.
 
-    Parameters
-    ----------
-    count
-        Number of nodes, > 0; exact for polynomials of degree 2 count - 1.
-
-    Returns
-    -------
-    nodes, weights
-        Shape (count,); the weights sum to 1.
-
-    References
-    ----------
     Definition (probabilists' Hermite polynomials).
     """
     nodes, weights = np.polynomial.hermite_e.hermegauss(count)
@@ -136,18 +114,7 @@ def gauss_hermite(count: int) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights for the integral over the interval from 0 to 1.
-
-    Parameters
-    ----------
-    count
-        Number of nodes, > 0; exact for polynomials of degree 2 count - 1.
-
-    Returns
-    -------
-    nodes, weights
-        Shape (count,); the weights sum to 1.
-    """
+    """Return nodes and weights for the integral over the interval from 0 to 1."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
@@ -156,18 +123,6 @@ def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
 def clenshaw_curtis(degree: int) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights of the Clenshaw-Curtis rule on [-1, 1].
 
-    Parameters
-    ----------
-    degree
-        Even, >= 2; there are degree + 1 nodes, every other one belonging to the rule of half the degree.
-
-    Returns
-    -------
-    nodes, weights
-        Shape (degree + 1,); the weights sum to 2.
-
-    References
-    ----------
     C. W. Clenshaw and A. R. Curtis, Numer. Math. 2 (1960) 197, doi:10.1007/BF01386223.
     """
     angle = np.pi * np.arange(degree + 1) / degree
@@ -189,27 +144,6 @@ def integrate_panels(
 ) -> PanelIntegrals:
     """Return integrals of vector-valued functions over domains cut into panels, by adaptive halving.
 
-    Parameters
-    ----------
-    function
-        Of (domain index, abscissae): index has shape (K,), abscissae (K, n); returns (F, K, n).
-    cuts
-        Ends of the panels, shape (M, L + 1), not decreasing along the last axis. They must show the function's
-        features: a peak much narrower than its panel may be missed. Panels of no width cost nothing.
-    tolerance
-        Wanted error, relative to the integral of the absolute value.
-    noise
-        Rounding error of the function relative to its size, per domain, shape (M,): halving stops there.
-    degree
-        Of the Clenshaw-Curtis rule in a panel, a multiple of 4; the nested rule has half of it.
-
-    Returns
-    -------
-    PanelIntegrals
-        For M domains.
-
-    Notes
-    -----
     A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral
     over the number of panels, or to `noise`. After 48 halvings, or with 300 panels open per domain, what is
     left is accepted as it is; the result's `error` tells.

@@ -224,15 +224,6 @@ def predict(scenario: Scenario, *, tolerance: float = 1e-6) -> dict[str, RegionP
 def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tuple[dict[str, RegionPrediction], ...]:
     """Return what `predict` does for each of several scenarios, with the laws of DoLP of all regions at once.
 
-    Parameters
-    ----------
-    scenarios
-        Light, sensor and readout of each.
-    tolerance
-        As in `predict`.
-
-    References
-    ----------
     [MK14] eq. (10)-(29).
     """
     found = [
@@ -366,15 +357,6 @@ def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
 def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
     """Return moments of channels with what flat fields and interpolation do to them.
 
-    Parameters
-    ----------
-    channels
-        As frames have them; without the response of pixels where a flat field takes it away.
-    readout
-        Its `noise_factor` and `flat_error`.
-
-    Notes
-    -----
     The error of a flat field is a pattern of each angle by itself: unlike the response that it takes away, it shows in
     DoLP.
     """
@@ -545,19 +527,7 @@ def polarization_strength(
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseEquivalent:
-    """DoLP from noise alone, each of shape (...).
-
-    Parameters
-    ----------
-    first_order
-        sqrt((var S1 + var S2) / 2) / S0: deviation of DoLP to first order as DoLP goes to 0, rms over the
-        directions of polarization. The usual NEDoLP.
-    worst_direction
-        The same for the direction of polarization with the largest variance.
-    mean, std
-        Mean and standard deviation of the DoLP that is measured of unpolarized light, by quadrature; 1.2533 and
-        0.6551 times `first_order` for equal variances and S0 known. Not a number where DoLP has no moments.
-    """
+    """DoLP from noise alone, each of shape (...)."""
 
     first_order: FloatArray
     worst_direction: FloatArray
@@ -566,27 +536,7 @@ class NoiseEquivalent:
 
 
 def noise_equivalent(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9) -> NoiseEquivalent:
-    """Return the noise-equivalent DoLP for given intensity and covariance.
-
-    Parameters
-    ----------
-    stokes_mean
-        Shape (..., 3); only S0 > 0 is used, S1 and S2 are taken to be zero.
-    stokes_cov
-        Covariance of the noise, shape (..., 3, 3), in the square of the unit of `stokes_mean`.
-    tolerance
-        Relative error allowed of the exact values.
-
-    Returns
-    -------
-    NoiseEquivalent
-        Of first order and exact.
-
-    Raises
-    ------
-    ValueError
-        If the arguments are no mean and covariance, or S0 is not positive.
-    """
+    """Return the noise-equivalent DoLP for given intensity and covariance."""
     mean, cov = checked_pair(checked_stokes(stokes_mean), stokes_cov)
     require_positive_intensity(mean)
     s0 = mean[..., 0]
@@ -792,15 +742,6 @@ def detections_of_cases(
 ) -> tuple[PairDetection, ...]:
     """Return what `pair_detection` does for each of several cases, together where all exist.
 
-    Parameters
-    ----------
-    cases
-        Target, background, and region to prediction of each.
-    p_false_alarm, tolerance
-        As in `pair_detection`.
-
-    References
-    ----------
     [MK14] eq. (30), section IV-B.
     """
     if len(cases) < 2:

@@ -7,21 +7,7 @@ _COUNTS, _RATIO = "dn_", "ratio_"
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A quantity of a region.
-
-    Attributes
-    ----------
-    name
-        As it stands in files.
-    label
-        As figures write it.
-    turn
-        After which it is the same again, in its own unit; None for a number on a line.
-    is_share
-        Whether it is a share of S0 or of one, so that an error of its mean is absolute; that of all else is relative.
-    is_followed
-        Whether series, trends and rankings of inputs follow its mean.
-    """
+    """A quantity of a region."""
 
     name: str
     label: str

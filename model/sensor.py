@@ -151,27 +151,8 @@ class Sensor:
 def aperture_factor(sensor: Sensor) -> float:
     """Return the squared sine of the half angle of the light cone at a pixel, times cos^4 of the field.
 
-    Parameters
-    ----------
-    sensor
-        Uses `f_number`, `aperture` and `field_angle_rad`.
-
-    Returns
-    -------
-    float
-        Image irradiance is pi times radiance times this, in (0, 1].
-
-    Raises
-    ------
-    ValueError
-        For an unknown form, or the sine condition below f/0.5.
-
-    Notes
-    -----
     The two forms differ by (1 + 4 f#^2) / (4 f#^2), 6 % at f/2.
 
-    References
-    ----------
     [MK14] eq. (17) for the thin lens; definition.
     """
     vignetting = float(np.cos(sensor.field_angle_rad)) ** 4
@@ -213,18 +194,6 @@ _PLANCK_J_S, _LIGHT_M_PER_S = 6.62607015e-34, 299_792_458.0
 def photon_conversion(sensor: Sensor) -> float:
     """Return pi A t sin^2 / (h c): electrons per radiance and wavelength of a pixel with unit efficiency.
 
-    Parameters
-    ----------
-    sensor
-        Pixel, exposure and aperture.
-
-    Returns
-    -------
-    float
-        [e- per (W m-2 sr-1) m].
-
-    References
-    ----------
     [MK14] eq. (17), with pi.
     """
     irradiance = np.pi * aperture_factor(sensor)
@@ -235,23 +204,9 @@ def photon_conversion(sensor: Sensor) -> float:
 def electrons_per_radiance(sensor: Sensor) -> float:
     """Return the photo-electrons of a pixel and frame per unit of band radiance behind the polarizer.
 
-    Parameters
-    ----------
-    sensor
-        Optics, exposure and quantum efficiency; the polarizer is not in this factor.
-
-    Returns
-    -------
-    float
-        [e- per W m-2 sr-1]; linear in exposure, pixel area and quantum efficiency.
-
-    Notes
-    -----
     Differs from [MK14]: eq. (17) as printed lacks pi. With one effective wavelength the relative error is
     lambda_used / lambda_effective - 1, see `model.sensor`.
 
-    References
-    ----------
     [MK14] eq. (17).
     """
     efficiency = sensor.optics_transmittance * sensor.quantum_efficiency
@@ -431,27 +386,9 @@ def drifting_light(drift: float, order: ArrayLike) -> FloatArray:
 def angle_variance(second_moment: FloatArray, *, angles_rad: FloatArray, std_rad: float) -> FloatArray:
     """Return the variance of S1 cos 2 psi + S2 sin 2 psi where psi is normal about each angle.
 
-    Parameters
-    ----------
-    second_moment
-        Second moments of the Stokes vector, mean mean' + covariance, shape (..., 3, 3).
-    angles_rad
-        Mean angles, shape (N,) [rad].
-    std_rad
-        Standard deviation of each [rad], >= 0.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., N), within-vector variance averaged over the vectors.
-
-    Notes
-    -----
     With u the value at the mean angle, w that 45 deg on, and q = exp(-8 s^2):
     u^2 (1 - sqrt q)^2 / 2 + w^2 (1 - q) / 2. For small s it is (2 s w)^2.
 
-    References
-    ----------
     Definition: moments of cos and sin of a normal angle.
     """
     # expm1 keeps the digits of a small scatter.
@@ -513,17 +450,6 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
 def unquantised_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
     """Return what `temporal_variance_dn2` does before rounding, and without the noise factor [DN^2].
 
-    Parameters
-    ----------
-    signal_dn
-        Mean counts without the dark level [DN], 0 or more; broadcasts with the exposure.
-    noise
-        Of the sensor.
-    exposure_s
-        Above 0 [s].
-
-    References
-    ----------
     [MK14] eq. (19).
     """
     gain = noise.gain_dn_per_e
@@ -537,19 +463,6 @@ def saturation_probability(
 ) -> FloatArray:
     """Return the larger of the chances of clipping in the converter and in the pixel's well.
 
-    Parameters
-    ----------
-    sensor
-        With its well and its converter.
-    level
-        Mean counts without the black level, dark signal included, shape (..., N) [DN].
-    unquantised_var
-        Temporal variance before rounding, shape (..., N) [DN^2].
-    spatial_cov
-        Covariance over the pixels, shape (..., N, N) [DN^2].
-
-    References
-    ----------
     Definition; counts are taken as normal.
     """
     noise = sensor.noise
@@ -620,35 +533,6 @@ def channel_moments(
 ) -> ChannelMoments:
     """Return mean and covariance of the counts behind a polarizer at each angle.
 
-    Parameters
-    ----------
-    aperture
-        Moments of the Stokes radiance at the aperture over the region, shape (..., 3)
-        [W m-2 sr-1, in band]: light and scene texture, no sensor noise.
-    angles_rad
-        Angles of the polarizer axis, one per frame, shape (N,) [rad].
-    sensor
-        Optics, exposure, polarizer and noise.
-    flat_fielded
-        True if frames are divided by a flat field: PRNU is then zero.
-    imperfections
-        Of the session: angles that scatter, pictures that shift, light that drifts act here.
-    smooth_cov
-        The part of the aperture's covariance that varies so slowly over the picture that a shift leaves it alone;
-        None for none of it.
-
-    Returns
-    -------
-    ChannelMoments
-        With the three sources of covariance apart.
-
-    Raises
-    ------
-    ValueError
-        If the mean light behind the polarizer is negative at an angle (DoLP of the aperture moments above 1).
-
-    Notes
-    -----
     The law of total covariance is exact here, since the variance of counts is linear in the light: the scene
     adds its own covariance and the temporal variance is taken at the mean.
 
@@ -661,8 +545,6 @@ def channel_moments(
     They are therefore fully correlated between angles: prnu^2 (s s' + Sigma_scene) + (gain dsnu)^2 1 1'.
     A PRNU pattern moves DoLP by nothing at first order; a DSNU pattern acts like an error of S0.
 
-    References
-    ----------
     [MK14] eq. (11)-(20), (32).
     """
     angles = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))

@@ -66,28 +66,6 @@ def aolp_rad(stokes: ArrayLike) -> FloatArray:
 def analyzer_row(angle_rad: ArrayLike, tau_parallel: ArrayLike = 1.0, tau_perpendicular: ArrayLike = 0.0) -> FloatArray:
     """Return the row of the system matrix of a linear polarizer in front of a detector.
 
-    Parameters
-    ----------
-    angle_rad
-        Angle of the transmission axis [rad], counter-clockwise from horizontal as the camera sees the scene.
-    tau_parallel
-        Power transmittance for light polarized along the axis, 0 to 1.
-    tau_perpendicular
-        Power transmittance for light polarized across the axis, 0 to `tau_parallel`.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3): 1/2 [a + b, (a - b) cos 2 psi, (a - b) sin 2 psi]; its product with the Stokes
-        parameters is the intensity behind the polarizer.
-
-    Raises
-    ------
-    ValueError
-        If the transmittances are outside 0 <= tau_perpendicular <= tau_parallel <= 1.
-
-    References
-    ----------
     [MK14] eq. (11)-(14).
     """
     along = np.asarray(tau_parallel, dtype=np.float64)
@@ -122,42 +100,13 @@ def rotation(angle_rad: ArrayLike) -> FloatArray:
 
 
 def rotate_frame(stokes: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
-    """Return the same light's Stokes parameters in axes turned by an angle.
-
-    Parameters
-    ----------
-    stokes
-        Shape (..., 3).
-    angle_rad
-        Angle [rad] by which the new horizontal axis is turned counter-clockwise from the old one.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3); the angle of polarization is lower by `angle_rad`, intensity and DoLP are unchanged.
-    """
+    """Return the same light's Stokes parameters in axes turned by an angle."""
     turned: FloatArray = np.einsum("...ij,...j->...i", rotation(angle_rad), checked_stokes(stokes))
     return turned
 
 
 def checked_stokes(stokes: ArrayLike) -> FloatArray:
-    """Return Stokes parameters as a float64 array with a last axis of length 3.
-
-    Parameters
-    ----------
-    stokes
-        Shape (..., 3).
-
-    Returns
-    -------
-    ndarray
-        The same values.
-
-    Raises
-    ------
-    ValueError
-        If the last axis is not 3 long.
-    """
+    """Return Stokes parameters as a float64 array with a last axis of length 3."""
     array = np.asarray(stokes, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ValueError(f"stokes has shape {array.shape}; allowed is (..., 3), that is S0, S1, S2")
@@ -165,18 +114,7 @@ def checked_stokes(stokes: ArrayLike) -> FloatArray:
 
 
 def require_positive_intensity(stokes: FloatArray) -> None:
-    """Raise unless S0 is positive everywhere.
-
-    Parameters
-    ----------
-    stokes
-        Shape (..., 3).
-
-    Raises
-    ------
-    ValueError
-        If a value of S0 is zero, negative or not a number.
-    """
+    """Raise unless S0 is positive everywhere."""
     bad = ~(stokes[..., 0] > 0.0)
     if np.any(bad):
         raise ValueError(
@@ -197,25 +135,7 @@ def _require_transmittances(along: FloatArray, across: FloatArray) -> None:
 
 
 def direction(*, zenith_rad: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
-    """Return the unit vector of a direction given by its angles.
-
-    Parameters
-    ----------
-    zenith_rad
-        Angle from up [rad].
-    azimuth_rad
-        Clockwise from north [rad].
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3): east, north, up; the angles broadcast.
-
-    Raises
-    ------
-    ValueError
-        If an angle is not finite.
-    """
+    """Return the unit vector of a direction given by its angles."""
     zenith, azimuth = np.broadcast_arrays(_angle("zenith_rad", zenith_rad), _angle("azimuth_rad", azimuth_rad))
     sine = np.sin(zenith)
     return np.stack([sine * np.sin(azimuth), sine * np.cos(azimuth), np.cos(zenith)], axis=-1)
@@ -224,18 +144,6 @@ def direction(*, zenith_rad: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
 def angle_between_rad(first: ArrayLike, second: ArrayLike) -> FloatArray:
     """Return the angle between two directions.
 
-    Parameters
-    ----------
-    first, second
-        Unit vectors, shape (..., 3), broadcast.
-
-    Returns
-    -------
-    ndarray
-        Shape (...), [rad], 0 to pi; keeps its digits at 0 and at pi, where an arccosine would lose half of them.
-
-    References
-    ----------
     Definition: 2 atan2(|a - b|, |a + b|).
     """
     a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
@@ -246,25 +154,6 @@ def angle_between_rad(first: ArrayLike, second: ArrayLike) -> FloatArray:
 def horizontal_axis(azimuth_rad: ArrayLike, *, travels_to_target: bool) -> FloatArray:
     """Return h, the horizontal axis of the Stokes parameters of a ray between target and a point of an azimuth.
 
-    Parameters
-    ----------
-    azimuth_rad
-        Azimuth of the point (sun, sky or camera) as seen from the target, clockwise from north [rad].
-    travels_to_target
-        True for light that comes from the point, False for light that goes to it.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3). Defined by the azimuth also for a point at the zenith.
-
-    Raises
-    ------
-    ValueError
-        If an angle is not finite.
-
-    References
-    ----------
     Definition: unit(up x k).
     """
     azimuth = _angle("azimuth_rad", azimuth_rad)
@@ -273,21 +162,7 @@ def horizontal_axis(azimuth_rad: ArrayLike, *, travels_to_target: bool) -> Float
 
 
 def axis_rotation_rad(from_axis: ArrayLike, to_axis: ArrayLike, *, travel: ArrayLike) -> FloatArray:
-    """Return the angle by which one transverse axis is turned from another.
-
-    Parameters
-    ----------
-    from_axis, to_axis
-        Unit vectors perpendicular to the ray, shape (..., 3).
-    travel
-        Unit vector k along which the light travels, shape (..., 3).
-
-    Returns
-    -------
-    ndarray
-        Shape (...), [rad], in [-pi, pi], counter-clockwise for who looks back along the ray to its source; the
-        argument of `model.stokes.rotation`.
-    """
+    """Return the angle by which one transverse axis is turned from another."""
     start, end = np.asarray(from_axis, dtype=np.float64), np.asarray(to_axis, dtype=np.float64)
     upright = np.cross(np.asarray(travel, dtype=np.float64), start)
     return np.asarray(np.arctan2(np.sum(upright * end, axis=-1), np.sum(start * end, axis=-1)))

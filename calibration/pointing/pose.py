@@ -78,15 +78,7 @@ def plain_lens(focal_px: float, focal_std_px: float, width: int, height: int) ->
 
 
 def rays(pixels: FloatArray, lens: Lens) -> FloatArray:
-    """Return the unit vectors, right, down, forward, along which pixels look; shape (n, 3).
-
-    Parameters
-    ----------
-    pixels
-        Places in the picture, right and down, shape (n, 2) [px].
-    lens
-        Of the camera.
-    """
+    """Return the unit vectors, right, down, forward, along which pixels look; shape (n, 3)."""
     flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2).astype(np.float64), lens.matrix, lens.distortion)[:, 0]
     vectors = np.column_stack((flat, np.ones(len(flat))))
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

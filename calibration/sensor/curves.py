@@ -30,15 +30,6 @@ _ALIKE_LEVELS = 2
 def sample_ceiling_dn(levels: Sequence[LevelStatistics], *, bit_depth: int) -> int:
     """Return the value at which a saturated pixel stands [DN].
 
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    bit_depth : int
-        Bits per sample that are stated.
-
-    Notes
-    -----
     Full scale, unless no sample reaches it and flats end at a smaller value: one of them with half of its samples
     there, or two with 0.1 % each. A black level that is taken off after the converter does that, and some firmware.
     """
@@ -69,15 +60,7 @@ _FALL = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class SaturationLevel:
-    """The signal of largest variance, between two levels of a sweep.
-
-    Attributes
-    ----------
-    signal_dn, std_error_dn : float
-        Middle of the interval, and the standard deviation of a value evenly likely within it [DN].
-    lower, upper : int
-        The two levels that enclose it.
-    """
+    """The signal of largest variance, between two levels of a sweep."""
 
     signal_dn: float
     std_error_dn: float
@@ -88,23 +71,12 @@ class SaturationLevel:
 def saturation_level(*, signal_dn: FloatArray, variance_dn2: FloatArray) -> SaturationLevel | None:
     """Return the signal at which the temporal variance is largest, None if the sweep does not show it rise and fall.
 
-    Parameters
-    ----------
-    signal_dn : (n,) array
-        Mean less dark mean [DN], ascending.
-    variance_dn2 : (n,) array
-        Temporal variance less that of the dark [DN^2].
-
-    Notes
-    -----
     The variance rises with the signal and then falls within a few of its own square roots; between two levels
     of a sweep its course is not known. What is known: the peak is below the first level
     whose variance is a tenth less than the largest that was seen (less than that may be scatter), and not below the
     signal at which the rise, in proportion from the level before, has that largest variance. The
     result is the middle of this interval, and its error is the interval's.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 6.7, which takes the sampled level itself.
     """
     peak = int(np.argmax(variance_dn2))
@@ -133,15 +105,7 @@ _WILD, _WILDER = 0.03, 6.0
 
 @dataclass(frozen=True, kw_only=True)
 class LightStability:
-    """Wander of a frame's mean beyond the noise of its pixels.
-
-    Attributes
-    ----------
-    relative : float
-        Standard deviation in proportion to the signal: a lamp that flickers.
-    constant_dn : float
-        Standard deviation that is the same at all signals: black level, beat of the mains with the exposure [DN].
-    """
+    """Wander of a frame's mean beyond the noise of its pixels."""
 
     relative: float
     constant_dn: float
@@ -155,15 +119,6 @@ class LightStability:
 def light_stability(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -> LightStability:
     """Return how much the means of frames wander that should be alike.
 
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        Flats below saturation.
-    signal_dn : (n,) array
-        Their means, dark taken off [DN].
-
-    Notes
-    -----
     Least squares of the variances of frame means, less the noise of pixels, on 1 and signal^2, each weighted as a
     variance of its own size scatters; a part below 0 is none.
     """
@@ -183,17 +138,6 @@ def wander_variance_dn2(
 ) -> FloatArray:
     """Return the variance of a single frame's mean by wander of the light, for each level [DN^2].
 
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        By ascending mean.
-    signal_dn : (n,) array
-        Their means, dark taken off [DN].
-    stability : LightStability
-        Of all of them.
-
-    Notes
-    -----
     By the two parts of the stability, or by what five neighbouring levels show where that is more: the beat of a lamp
     with the exposure follows neither part.
     """
@@ -240,27 +184,7 @@ _MOST_TERMS = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DarkSignal:
-    """Dark signal against exposure.
-
-    Attributes
-    ----------
-    mean_fit : ScatterFit
-        Mean [DN]: value at no exposure, then slope [DN/s] where it can be had.
-    variance_fit : ScatterFit or None
-        Temporal variance, rounding included [DN^2]: value at no exposure, then slope [DN^2/s], where the dark current
-        changed slope against the mean [DN]; None where `quantisation_limited`.
-    has_slope : bool
-        There are two exposures or more, all known, and one dark current describes them.
-    is_curved : bool
-        The mean is no straight line of the exposure: the dark current changed while the frames were taken.
-    means_dn, variances_dn2 : (n,) arrays
-        Each level's.
-    variance_covariance_dn4 : (n, n) array
-        Covariance of the errors of the variances, scatter included.
-    quantisation_limited : bool
-        The noise is too small against one count to be measured. The variances are then the middle of what they
-        may be, and their covariance says so.
-    """
+    """Dark signal against exposure."""
 
     mean_fit: ScatterFit
     variance_fit: ScatterFit | None
@@ -286,18 +210,9 @@ class DarkSignal:
 def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
     """Return the straight lines through mean and variance of dark levels.
 
-    Parameters
-    ----------
-    darks : sequence of LevelStatistics
-        At least one.
-
-    Notes
-    -----
     With one exposure, or unknown ones, the lines have no slope, and what dark current does within that
     exposure counts as black level and read noise.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, sections 6.5 and 7.1.
     """
     exposures = [dark.exposure_s for dark in darks]
@@ -393,11 +308,6 @@ def mean_sampling_variance(darks: Sequence[LevelStatistics]) -> FloatArray:
     """Return the variance of each level's mean: noise of its pixels, wander of whole frames, and rounding.
 
     Dark current may dither the rounding of long exposures alone: the mean of the short ones is then off.
-
-    Parameters
-    ----------
-    darks
-        Statistics of each level; the result is theirs, in order [DN^2].
     """
     noise = np.array([dark.temporal_variance_dn2 / dark.n_pixels for dark in darks])
     freedom = np.array([dark.n_frames - 1 for dark in darks])
@@ -459,15 +369,7 @@ def _smoothed_variance_error(darks: Sequence[LevelStatistics], model_dn2: FloatA
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DarkMatch:
-    """Which darks stand for the dark part of which flat.
-
-    Attributes
-    ----------
-    weights : (n_flat, n_dark) array
-        Each row sums to 1: the mix of dark levels that belongs to a flat.
-    covered : (n_flat,) array of bool
-        The flat's exposure lies within those of the darks.
-    """
+    """Which darks stand for the dark part of which flat."""
 
     weights: FloatArray
     covered: NDArray[np.bool_]
@@ -476,13 +378,6 @@ class DarkMatch:
 def match_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics]) -> DarkMatch:
     """Return the dark levels of the same exposure, interpolated between neighbours where there are none.
 
-    Parameters
-    ----------
-    flats, darks : sequences of LevelStatistics
-        At least one dark.
-
-    Notes
-    -----
     Outside of the darks' exposures the nearest one is taken; where an exposure is not known, all of them.
     """
     frames = np.array([float(dark.n_frames) for dark in darks])
@@ -516,23 +411,7 @@ _STEP_OF_ERROR = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearityCurve:
-    """The response `signal = x (1 + quadratic x + cubic x^2)`, x [DN] proportional to the light.
-
-    Attributes
-    ----------
-    light : {"exposure", "photons"}
-        What the light was taken to be proportional to.
-    quadratic_per_dn, cubic_per_dn2 : float
-        The two terms.
-    covariance : (2, 2) array
-        Of their errors.
-    relative_scatter : float
-        Scatter of the levels about the curve beyond their noise: flicker and drift of the lamp.
-    dn_per_photon : float or None
-        Slope of the curve at no signal, where photons are stated [DN].
-    dn_per_photon_std_error : float
-        Its standard error, without that of the photons; 0 where there is none [DN].
-    """
+    """The response `signal = x (1 + quadratic x + cubic x^2)`, x [DN] proportional to the light."""
 
     light: LightKind
     quadratic_per_dn: float
@@ -568,17 +447,6 @@ def fit_linearity(
 ) -> LinearityCurve | None:
     """Return the response of a sensor, None where the light of the levels is not known or takes too few values.
 
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        Levels below saturation.
-    signal_dn : (n,) array
-        Their means, dark taken off, > 0 [DN].
-    noise_dn2 : (n,) array
-        Variance of these by the noise of pixels [DN^2].
-
-    Notes
-    -----
     Fitted is a cubic in the light with an offset: an exposure is often longer or shorter than stated by a fixed
     time. Offset and slope then say where the light is 0, and the cubic is written about that point. Scatter
     of the lamp is estimated from the levels, in proportion to the signal; a lamp that is unsteady makes the
@@ -675,23 +543,7 @@ _END_LEVELS, _CUT_OFF = 4, 0.3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TransferPoints:
-    """The points of a photon-transfer curve, by ascending signal.
-
-    Attributes
-    ----------
-    signal_dn : (n,) array
-        Mean of each flat level less that of its dark [DN].
-    variance_dn2 : (n,) array
-        Temporal variance of each flat level less that of its dark [DN^2].
-    flat_variance_dn2, flat_std_error_dn2 : (n,) arrays
-        Temporal variance of the flat itself, and its sampling error [DN^2].
-    dark_covariance_dn4 : (n, n) array
-        Covariance of the errors that the points have from their darks [DN^4].
-    black_error_dn : float
-        Standard error that all signals share from the rounding of dark frames without noise [DN].
-    saturated : (n,) array of bool
-        More than 0.1 % of the samples are at the ceiling.
-    """
+    """The points of a photon-transfer curve, by ascending signal."""
 
     signal_dn: FloatArray
     variance_dn2: FloatArray
@@ -711,19 +563,7 @@ class TransferPoints:
 def transfer_points(
     flats: Sequence[LevelStatistics], dark: DarkSignal, match: DarkMatch, *, ceiling_dn: int
 ) -> TransferPoints:
-    """Return the points of the photon-transfer curve.
-
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        By ascending mean.
-    dark : DarkSignal
-        The dark levels.
-    match : DarkMatch
-        Which darks belong to which flat.
-    ceiling_dn : int
-        Sample of a saturated pixel [DN].
-    """
+    """Return the points of the photon-transfer curve."""
     signal = np.array([flat.mean_dn for flat in flats]) - match.weights @ dark.means_dn
     total = np.array([flat.temporal_variance_dn2 for flat in flats]) - _breakthrough_dn2(flats, signal)
     return TransferPoints(
@@ -753,37 +593,14 @@ def _breakthrough_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray) -
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UsablePoints:
-    """Points of a photon-transfer curve that a fit may use.
-
-    Attributes
-    ----------
-    mask : (n,) array of bool
-        Up to 80 % of saturation.
-    saturation : SaturationLevel or None
-        Where the variance is largest; None where it never falls.
-    """
+    """Points of a photon-transfer curve that a fit may use."""
 
     mask: NDArray[np.bool_]
     saturation: SaturationLevel | None
 
 
 def usable_points(points: TransferPoints, *, full_signal_dn: float, light: FloatArray | None = None) -> UsablePoints:
-    """Return the points up to 80 % of saturation with less than 0.1 % of their samples at the ceiling.
-
-    Parameters
-    ----------
-    points : TransferPoints
-        The curve, by ascending signal.
-    full_signal_dn : float
-        Signal that reaches the ceiling [DN]; it stands for saturation where the curve does not reach it.
-    light : (n,) array or None
-        What the light of the levels is proportional to, where that is known.
-
-    Raises
-    ------
-    RefusedFramesError
-        No level is brighter than its dark and below saturation.
-    """
+    """Return the points up to 80 % of saturation with less than 0.1 % of their samples at the ceiling."""
     saturation = _saturation(points, ~_spikes(points) & ~_proportional_end(points, light))
     top_dn = RANGE_OF_SATURATION * (saturation.signal_dn if saturation else full_signal_dn)
     used = (points.signal_dn > 0.0) & (points.signal_dn <= top_dn) & (points.flat_variance_dn2 > 0.0)
@@ -802,15 +619,6 @@ def beyond_range(points: TransferPoints, usable: UsablePoints, *, full_signal_dn
     """Return by how much of itself the mean of each point may bend, that is too bright for the fit and not saturated.
 
     It is 0 for all others; 1 % of the mean up to 95 % of saturation, 1.5 % there.
-
-    Parameters
-    ----------
-    points : TransferPoints
-        The curve, by ascending signal.
-    usable : UsablePoints
-        The points of the fit.
-    full_signal_dn : float
-        Signal that reaches the ceiling [DN].
     """
     share = points.signal_dn / (usable.saturation.signal_dn if usable.saturation else full_signal_dn)
     beyond = ~points.saturated & (points.flat_variance_dn2 > 0.0) & (share > RANGE_OF_SATURATION) & (share < 1.0)
@@ -952,21 +760,6 @@ def fit_photon_transfer(
 ) -> PhotonTransfer:
     """Return gain and bend of a photon-transfer curve.
 
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        The flats of the points, in their order.
-    points : TransferPoints
-        The curve, by ascending signal.
-    usable : UsablePoints
-        The points to use.
-    mean_variance_dn2 : (n,) array
-        Variance of each level's mean by noise and by wander of the light from frame to frame [DN^2].
-    wrong_light : (n,) array of bool or None
-        Levels whose exposure or photons are not to be believed: they are left out of the response.
-
-    Notes
-    -----
     Used are levels up to 80 % of saturation with less than 0.1 % of their samples at the ceiling. No intercept:
     the dark is taken off at the same exposure.
 
@@ -984,8 +777,6 @@ def fit_photon_transfer(
     independent of a lamp that drifts evenly during the sweep. Without a response, from 8 levels on, the cubic
     term is fitted too. Each term makes the standard error of the gain larger by the first's: 1, 2, 3.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 6.6, which has no weights, no bend and no errors.
     """
     used = usable.mask
@@ -1051,15 +842,7 @@ def _fit_terms(
 
 @dataclass(frozen=True, kw_only=True)
 class BrighterFatter:
-    """Relative change of the temporal variance by spreading charge.
-
-    Attributes
-    ----------
-    value, std_error : float
-        At `signal_dn`; below 0 where charge of a bright pixel goes to its neighbours.
-    signal_dn : float
-        Signal of the brightest point of the fit [DN].
-    """
+    """Relative change of the temporal variance by spreading charge."""
 
     value: float
     std_error: float
@@ -1103,13 +886,7 @@ _TERMS_RESPONSE_SLOPE = 3
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseSlope:
-    """Slope of the response at a signal, relative to signal over light.
-
-    Attributes
-    ----------
-    value, std_error : float
-        1 for a linear sensor.
-    """
+    """Slope of the response at a signal, relative to signal over light."""
 
     value: float
     std_error: float
@@ -1118,15 +895,6 @@ class ResponseSlope:
 def response_slope(transfer: PhotonTransfer, signal_dn: float) -> ResponseSlope:
     """Return (d signal / d light) / (signal / light): contrast between pixels is seen as many times as large.
 
-    Parameters
-    ----------
-    transfer : PhotonTransfer
-        The photon-transfer curve, and the response of the sensor where it is known.
-    signal_dn : float
-        Signal, dark taken off, > 0 [DN].
-
-    Notes
-    -----
     From mean against light, or from the photon-transfer curve, whichever is known better. A lamp that drifts evenly
     bends the first as a sensor does, charge that spreads bends the second; what they disagree by is in the error of the
     first. Where light is not known: from the curve; with fewer levels than show a bend, 1.
@@ -1223,15 +991,7 @@ _ANYWHERE = StatedExposures()
 
 
 def impossible_exposures(levels: Sequence[LevelStatistics], *, stated: StatedExposures = _ANYWHERE) -> tuple[Flag, ...]:
-    """Return a refusing flag if no camera's sweep has such exposures.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    stated : StatedExposures
-        Where their exposures are from.
-    """
+    """Return a refusing flag if no camera's sweep has such exposures."""
     longest_s = _longest_s(levels)
     if longest_s is None or _SHORTEST_S <= longest_s <= _LONGEST_S:
         return ()
@@ -1256,17 +1016,7 @@ def is_absurd(dark_current_e_per_s: Estimate | None) -> bool:
 def implausible_unit(
     levels: Sequence[LevelStatistics], dark_current_e_per_s: Estimate | None, *, stated: StatedExposures = _ANYWHERE
 ) -> tuple[Flag, ...]:
-    """Return a flag if exposures are unusual and the dark current that they give is no camera's.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    dark_current_e_per_s : Estimate or None
-        By the dark mean, as these exposures have it.
-    stated : StatedExposures
-        Where their exposures are from.
-    """
+    """Return a flag if exposures are unusual and the dark current that they give is no camera's."""
     longest_s = _longest_s(levels)
     if longest_s is None or dark_current_e_per_s is None or not is_absurd(dark_current_e_per_s):
         return ()
@@ -1293,15 +1043,7 @@ def implausible_unit(
 def unusual_dark_current(
     dark_current_e_per_s: Estimate | None, *, stated: StatedExposures = _ANYWHERE
 ) -> tuple[Flag, ...]:
-    """Return a flag if a dark current is one of other cameras than usual, as exposures in another unit make it.
-
-    Parameters
-    ----------
-    dark_current_e_per_s : Estimate or None
-        By the dark mean, as these exposures have it.
-    stated : StatedExposures
-        Where their exposures are from.
-    """
+    """Return a flag if a dark current is one of other cameras than usual, as exposures in another unit make it."""
     if dark_current_e_per_s is None:
         return ()
     found, reach = dark_current_e_per_s, _BOUND_SIGMA * dark_current_e_per_s.std_error

@@ -21,31 +21,7 @@ _LEAST_PAIRS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EmvaSweep:
-    """Points that the standard fits its lines through.
-
-    Attributes
-    ----------
-    signal_dn, variance_dn2 : (n,) arrays
-        Mean and temporal variance of the flats, those of the dark of the same exposure taken off; by ascending
-        signal [DN, DN^2].
-    light : (n,) array or None
-        What the light on a pixel is proportional to: photons where known, else the exposure if that differs
-        from flat to flat.
-    light_is_photons : bool
-        `light` is in photons.
-    wander : float
-        Standard deviation of a level's mean from frame to frame, relative; over the square root of two.
-    exposure_s, dark_mean_dn, dark_variance_dn2 : (m,) arrays
-        Dark levels by ascending exposure; exposure is 0 where it is not known.
-    saturation : int or None
-        The flat of largest variance; None where the variance does not fall.
-    full_signal_dn : float
-        Signal that reaches the ceiling [DN].
-    n_frames : (n,) array of int
-        Frames of each flat and of its dark.
-    n_dark_frames : int
-        Frames of all dark levels.
-    """
+    """Points that the standard fits its lines through."""
 
     signal_dn: FloatArray
     variance_dn2: FloatArray
@@ -74,15 +50,6 @@ class EmvaSweep:
 def emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> EmvaSweep:
     """Return the sweep of a set of levels.
 
-    Parameters
-    ----------
-    flats, darks : sequences of LevelStatistics
-        At least one of each.
-    ceiling_dn : int
-        Sample of a saturated pixel [DN].
-
-    Notes
-    -----
     Where three levels or more are pairs, the others are left to the fixed pattern, as in the standard's own
     data sets; else all levels are points.
     """
@@ -147,15 +114,6 @@ _LINEARITY_RANGE = (0.05, 0.95)
 def temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
     """Return the figures that come from means and temporal variances; those that do not exist are left out.
 
-    Parameters
-    ----------
-    sweep : EmvaSweep
-        All levels.
-    flats, darks : (n,), (m,) arrays of bool
-        The levels to use; the rest is left out, to see how much hangs on it. Saturation is that of all.
-
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, sections 6.5 to 6.9 and 7.1.
     """
     chosen = flats & (sweep.signal_dn <= GAIN_RANGE * sweep.saturation_signal_dn)
@@ -180,13 +138,7 @@ def temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str,
 
 
 def is_capped(sweep: EmvaSweep) -> bool:
-    """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place.
-
-    Parameters
-    ----------
-    sweep : EmvaSweep
-        All levels.
-    """
+    """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place."""
     every = np.ones(len(sweep.exposure_s), dtype=bool)
     return _dark_line(sweep, sweep.dark_variance_dn2, every)[0] < QUANTISATION_LIMIT_DN2
 
@@ -239,13 +191,6 @@ def linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
     None where there is no saturation, no light that is known, or fewer than three levels. The line is fitted
     with weights 1 / signal^2.
 
-    Parameters
-    ----------
-    sweep
-        Means of the levels over the light.
-
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 6.8.
     """
     if sweep.light is None or sweep.saturation is None:
@@ -334,15 +279,6 @@ def emva1288_figures(
 ) -> dict[str, EmvaFigure | None]:
     """Return the numbers of EMVA 1288 Release 4.0 Linear, each under a name of `EMVA_SYMBOLS`.
 
-    Parameters
-    ----------
-    flats, darks : sequences of LevelStatistics
-        At least one of each, of one camera at one gain.
-    ceiling_dn : int
-        Sample of a saturated pixel [DN].
-
-    Notes
-    -----
     A number that the levels do not give is None: those in photons where photons are not known, those of
     saturation where the variance never falls, a fixed pattern whose variance is not above 0.
 
@@ -355,8 +291,6 @@ def emva1288_figures(
 
     Differs from the standard: saturation that the sweep does not reach is not reported.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear.
     """
     sweep = emva_sweep(flats, darks, ceiling_dn=ceiling_dn)

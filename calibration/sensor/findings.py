@@ -42,13 +42,7 @@ _BRIGHT = 0.25
 
 
 def row_column_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
-    """Return what is odd in the noise of neighbours, and in the means of every second pixel.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    """
+    """Return what is odd in the noise of neighbours, and in the means of every second pixel."""
     found = (
         _correlated_noise(levels),
         _smoothed_darks(levels),
@@ -233,13 +227,7 @@ _UNEVEN_SIGMA = 5.0
 
 
 def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
-    """Return what is odd in how frames of a level, and levels, differ.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    """
+    """Return what is odd in how frames of a level, and levels, differ."""
     found = (
         _swapped(levels),
         _unsteady(levels),
@@ -251,15 +239,7 @@ def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
 
 
 def light_course_flags(levels: Sequence[LevelStatistics], *, wrong: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
-    """Return what is odd in the course of the light from level to level.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    wrong : sequence of LevelStatistics
-        Those of them whose exposure or light is known to be wrong.
-    """
+    """Return what is odd in the course of the light from level to level."""
     others = [level for level in levels if not any(level is one for one in wrong)]
     found = (_non_monotonic(levels, wrong), _not_proportional(others))
     return tuple(flag for flag in found if flag is not None)
@@ -463,15 +443,7 @@ _MISSING_CODES, _STRETCHED = 0.05, 0.5
 
 
 def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
-    """Return what is wrong with the samples as integers.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels.
-    bit_depth : int
-        Bits per sample that are stated.
-    """
+    """Return what is wrong with the samples as integers."""
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
     found = (
         _left_justified(levels),
@@ -694,19 +666,7 @@ _CLAMP_SIGMA = 5.0
 def curve_flags(
     flats: Sequence[LevelStatistics], transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch
 ) -> tuple[Flag, ...]:
-    """Return what is odd in the fits.
-
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        In the order of the curve's points.
-    transfer : PhotonTransfer
-        The curve.
-    dark : DarkSignal
-        The dark levels.
-    match : DarkMatch
-        Which darks belong to which flat.
-    """
+    """Return what is odd in the fits."""
     found = (
         _not_photon_noise(transfer),
         _too_few_levels(transfer),
@@ -929,15 +889,7 @@ def _black_clamp(transfer: PhotonTransfer, dark: DarkSignal) -> Flag | None:
 
 
 def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
-    """Return what is odd in the parameters.
-
-    Parameters
-    ----------
-    dark_current_e_per_s : Estimate or None
-        By the dark mean.
-    quantum_efficiency : Estimate or None
-        Electrons per photon, where photons are stated.
-    """
+    """Return what is odd in the parameters."""
     found = (_negative(dark_current_e_per_s), _too_efficient(quantum_efficiency))
     return tuple(flag for flag in found if flag is not None)
 

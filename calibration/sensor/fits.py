@@ -19,21 +19,7 @@ _CONVERGED = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScatterFit:
-    """A fitted linear model.
-
-    Attributes
-    ----------
-    parameters : (p,) array
-        Best fit.
-    covariance : (p, p) array
-        Covariance of their errors, scatter included.
-    response : (p, n) array
-        Derivative of each parameter by each fitted value: the fit is this matrix times the values.
-    scatter : float
-        Standard deviation of the scatter beyond the sampling errors, in units of the scatter's shape.
-    chi2_per_dof : float or None
-        Of the sampling errors alone; None where there are no more values than parameters.
-    """
+    """A fitted linear model."""
 
     parameters: FloatArray
     covariance: FloatArray
@@ -47,25 +33,10 @@ def fit_with_scatter(
 ) -> ScatterFit:
     """Return the generalised least-squares fit, with the scatter that makes chi-squared what it should be.
 
-    Parameters
-    ----------
-    design : (n, p) array
-        Columns of the linear model, independent; n >= p.
-    values : (n,) array
-        What is fitted.
-    sampling_covariance : (n, n) array
-        Covariance of the values by their own sampling, positive definite.
-    scatter_shape : (n,) array
-        Standard deviation of one unit of extra, independent scatter of each value, >= 0, not all 0.
-
-    Notes
-    -----
     The extra scatter is 0 while chi-squared is below its degrees of freedom, else what brings it there. A
     factor on all error bars would leave a point of small sampling error, such as a long stack, to decide the
     fit alone; scatter that does not come from sampling is shared by all points.
 
-    References
-    ----------
     Paule and Mandel, J. Res. NBS 87, 377 (1982), doi:10.6028/jres.087.022.
     """
     shape_variance = np.square(scatter_shape)
@@ -93,17 +64,6 @@ def fit_with_scatter(
 def scatter_step(scatter_variance: float, *, chi2: float, fall: float, freedom: int) -> float:
     """Return the variance of scatter that brings chi-squared closer to its degrees of freedom, 0 where none is needed.
 
-    Parameters
-    ----------
-    scatter_variance : float
-        The variance that chi-squared is of.
-    chi2, fall : float
-        Chi-squared, and by how much it falls with this variance.
-    freedom : int
-        Its degrees of freedom, > 0.
-
-    Notes
-    -----
     Newton's step for the inverse of chi-squared, which is concave in the variance: steps come to the root from below.
     """
     if fall <= 0.0:
@@ -140,24 +100,7 @@ _CONVERGED_CURVE_MODEL = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveModel:
-    """One smooth curve that points may follow.
-
-    Attributes
-    ----------
-    design : (n, p) array
-        Columns of a linear model.
-    scatter_shape : (n,) array
-        Standard deviation of one unit of extra, independent scatter of each point, > 0.
-    first_term_std : float or None
-        What the first term is expected to be at most (one standard deviation about 0); None where it is free.
-    term_sizes : (p,) array or None
-        How large each term may be (one standard deviation about 0), infinite for those that every curve of the set has;
-        None where nothing is known of any.
-    is_usual : bool
-        False for a curve that is believed where it explains more than one wrong point would.
-    is_through_zero : bool
-        True for a curve without an offset.
-    """
+    """One smooth curve that points may follow."""
 
     design: FloatArray
     scatter_shape: FloatArray
@@ -189,21 +132,7 @@ class CurveModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveFit:
-    """A curve through some points.
-
-    Attributes
-    ----------
-    curve : (n,) array
-        The curve at all points.
-    curve_variance : (n,) array
-        Variance of its error there.
-    variance : (n,) array
-        Variance of each point by its sampling and by the scatter.
-    scatter_variance : float
-        Variance of the scatter beyond sampling, in units of the model's shape squared.
-    covariance : (p, p) array
-        Covariance of the errors of the basis' columns.
-    """
+    """A curve through some points."""
 
     curve: FloatArray
     curve_variance: FloatArray
@@ -220,19 +149,7 @@ class CurveFit:
 def fit_curve(
     model: CurveModel, values: FloatArray, sampling_variance: FloatArray, *, used: Mask, start: float = 0.0
 ) -> CurveFit:
-    """Return the weighted fit through the used points, with the scatter that makes chi-squared what it should be.
-
-    Parameters
-    ----------
-    model : CurveModel
-        The curve.
-    values, sampling_variance : (n,) arrays
-        The points, and the variance of each by its own sampling, > 0.
-    used : (n,) array of bool
-        Those that the curve is fitted to.
-    start : float
-        Variance of the scatter that is tried first.
-    """
+    """Return the weighted fit through the used points, with the scatter that makes chi-squared what it should be."""
     basis, y, own = model.basis[used], values[used], sampling_variance[used]
     shape_variance = np.square(model.scatter_shape)
     shape, known, freedom = shape_variance[used], _known_of_terms(model), len(y) - model.n_free
@@ -269,13 +186,6 @@ def cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
 
     Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
     that are expected to be small: one wrong level at an end, which two terms more can reach, would pass for a curve.
-
-    Parameters
-    ----------
-    model
-        Its terms, and what is known of their sizes.
-    fit
-        Of these terms.
     """
     if model.term_sizes is None:
         return model.n_free * float(np.log(len(fit.curve)))
@@ -304,28 +214,7 @@ _LARGEST_LEVERAGE = 1.0 - 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointInfluence:
-    """Each point beside the curve through the others that are not outlying.
-
-    Attributes
-    ----------
-    abscissa, values, variance : (n,) arrays
-        The points, and the variance of each by its own sampling.
-    outlying : (n,) array of bool
-        The point stands off by more than chance allows in the stated share of sets.
-    deviation, std_error : (n,) arrays
-        The point less what the curve through the others has there, and the standard error of this difference.
-    scatter : float
-        Standard deviation of the scatter beyond sampling, in units of the model's shape.
-    model : CurveModel
-        The curve that explains the points at the least cost of terms and of wrong points.
-    cost : float
-        That cost: twice the negative logarithm of the likelihood, with Occam's factors.
-    cost_of_each : (n,) array
-        What each point adds to the cost.
-    rival : PointInfluence or None
-        Another curve with outlying points that explains all as well, where this one has none, or that explains all but
-        a single far one as well: which of the two it is cannot be told.
-    """
+    """Each point beside the curve through the others that are not outlying."""
 
     abscissa: FloatArray
     values: FloatArray
@@ -350,29 +239,12 @@ def point_influence(
 ) -> PointInfluence | None:
     """Return which points stand off the simplest curve that explains the others; None with too few points.
 
-    Parameters
-    ----------
-    models : sequence of CurveModel
-        Curves that are possible; those with so many terms that fewer than three points are left over are passed by.
-    values : (n,) array
-        The points.
-    sampling_variance : (n,) array
-        Variance of each by its own sampling, > 0.
-    abscissa : (n,) array
-        What the models are functions of; kept with the result.
-    p_false : float
-        Chance that any point of a sound set is called outlying, within (0, 1).
-
-    Notes
-    -----
     Points are taken out one by one, each time the one that is furthest off the others in units of its own error, up
     to a quarter of them; outlying are all up to the last that is off by more than its limit, so that two wrong points
     do not hide one another. Residuals of the others come from the diagonal of the hat matrix, no fit is repeated.
     Limits are quantiles of the normal law for the part of an error that is sampling and of Student's for the part that
     is estimated from the scatter of the other points, each for one of n points.
 
-    References
-    ----------
     Rosner, Technometrics 25, 165 (1983), doi:10.1080/00401706.1983.10487848; Cook and Weisberg, Residuals and Influence
     in Regression (1982), chapter 2.
     """

@@ -61,13 +61,6 @@ class DarkInfluence:
 def dark_influence(darks: Sequence[LevelStatistics]) -> tuple[DarkInfluence, ...] | None:
     """Return each dark level beside the others; None with fewer than five.
 
-    Parameters
-    ----------
-    darks : sequence of LevelStatistics
-        Dark levels.
-
-    Notes
-    -----
     Means follow a polynomial of the exposure. Variances follow one too, or a straight line of the mean: however a dark
     current changes, its electrons add to the variance what they add to the mean.
     """
@@ -122,8 +115,6 @@ def _line_of_all(exposures: FloatArray, values: FloatArray) -> FloatArray:
     A variance that is low by chance claims a small error by its own measure; by what is usual for all, one of a long
     exposure would do so too, where dark current makes most of the noise.
 
-    References
-    ----------
     Sen, J. Am. Stat. Assoc. 63, 1379 (1968), doi:10.1080/01621459.1968.10480934.
     """
     first, second = np.triu_indices(len(exposures), k=1)
@@ -186,15 +177,7 @@ _OFFSET, _BEND_OF_RESPONSE, _BEND_OF_NOISE = 0.02, 0.1, 0.2
 
 
 def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None:
-    """Return each used point of a photon-transfer curve beside the curve through the others.
-
-    Parameters
-    ----------
-    points
-        Of the curve.
-    used
-        Levels that stand on it, shape (K,).
-    """
+    """Return each used point of a photon-transfer curve beside the curve through the others."""
     signal, variance = points.signal_dn[used], points.variance_dn2[used]
     gain = float(np.median(variance / signal))
     dark = float(np.median(points.flat_variance_dn2[used] - variance))
@@ -214,15 +197,7 @@ def noise_influence(points: TransferPoints, used: Mask) -> PointInfluence | None
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightInfluence:
-    """The means of flats beside the response to the light.
-
-    Attributes
-    ----------
-    light : {"exposure", "photons"}
-        What the light was taken to be proportional to.
-    points : PointInfluence
-        Of the levels that were judged.
-    """
+    """The means of flats beside the response to the light."""
 
     light: LightName
     points: PointInfluence
@@ -233,17 +208,6 @@ def light_influence(
 ) -> tuple[LightInfluence, ...]:
     """Return the flats beside the response to their light, the light that they follow best first.
 
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        Below saturation.
-    signal_dn : (n,) array
-        Their means, dark taken off, > 0 [DN].
-    own_dn2 : (n,) array
-        Variance of these by noise, rounding and wander of the light [DN^2].
-
-    Notes
-    -----
     Exposures, photons, both or neither may be stated. Scatter of the levels beyond their own errors is in proportion to
     the signal (the lamp) or, where that explains more than one wrong level would, the same at all (steps of exposures).
     """
@@ -265,40 +229,18 @@ def _photons(flats: Sequence[LevelStatistics]) -> FloatArray:
 
 
 def stated_light(flats: Sequence[LevelStatistics]) -> FloatArray | None:
-    """Return photons or exposures of flats, None where neither is known of all or they do not differ.
-
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        In any order.
-    """
+    """Return photons or exposures of flats, None where neither is known of all or they do not differ."""
     known = [light for light in (_photons(flats), _exposures(flats)) if not np.isnan(light).any()]
     return next((light for light in known if len(np.unique(light)) > len(light) // 2), None)
 
 
 def is_lamp_sweep(flats: Sequence[LevelStatistics]) -> bool:
-    """Return whether the light of flats was varied by the lamp, at one exposure or at unknown ones.
-
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        In any order.
-    """
+    """Return whether the light of flats was varied by the lamp, at one exposure or at unknown ones."""
     return len(flats) > 1 and len({flat.exposure_s for flat in flats}) <= max(1, len(flats) // 4)
 
 
 def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
-    """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2].
-
-    Parameters
-    ----------
-    flats
-        Statistics of each level.
-    signal_dn
-        Mean of each level, dark level off, shape (K,) [DN].
-    stability
-        How the light wanders.
-    """
+    """Return the variance of the means of flats by noise of pixels, rounding and wander of the light [DN^2]."""
     temporal = np.array([flat.temporal_variance_dn2 for flat in flats])
     spatial = np.array([max(flat.ordinary.variance_dn2, 0.0) for flat in flats])
     n_frames = np.array([float(flat.n_frames) for flat in flats])
@@ -356,17 +298,7 @@ _SIGMA = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A step of points that otherwise follow a smooth curve.
-
-    Attributes
-    ----------
-    place : int
-        First point behind it.
-    relative, std_error : float
-        Its height over the shape of a step, and its standard error.
-    is_real : bool
-        Higher than chance makes in the stated share of sets.
-    """
+    """A step of points that otherwise follow a smooth curve."""
 
     place: int
     relative: float
@@ -390,21 +322,6 @@ def largest_step(
 ) -> Step | None:
     """Return the step that explains most of what points are off a smooth curve by; None with too few points.
 
-    Parameters
-    ----------
-    design : (n, p) array
-        Columns of the smooth curve.
-    values, variance : (n,) arrays
-        Points in the order in which a step may have come, and the variance of each.
-    shape : (n,) array
-        What a step of 1 adds to the points behind it.
-    least_share : float
-        Share of the variances that is sampling, within (0, 1]; the rest may be the step itself.
-    place : int or None
-        Where the step is; None looks for it.
-
-    Notes
-    -----
     Each step is one more column of the linear model, and what it takes off chi-squared is known in closed form. The
     errors are by the scatter about curve and step, never less than by sampling.
     """
@@ -438,15 +355,7 @@ def largest_step(
 
 @dataclass(frozen=True, kw_only=True)
 class GainChange:
-    """A change of gain or lamp during the sweep.
-
-    Attributes
-    ----------
-    by_noise, by_light, by_dark : Step or None
-        The step of the variance against the mean, of the mean against the light, and of the variance of darks.
-    gain_error : float
-        Relative error that the gain has from it.
-    """
+    """A change of gain or lamp during the sweep."""
 
     by_noise: Step | None
     by_light: Step | None
@@ -460,13 +369,7 @@ class GainChange:
 
 
 def is_large(step: Step | None) -> bool:
-    """Return whether there is a step, and a larger one than a lamp or a bend makes.
-
-    Parameters
-    ----------
-    step : Step or None
-        None where it is not known.
-    """
+    """Return whether there is a step, and a larger one than a lamp or a bend makes."""
     return step is not None and step.is_real and abs(step.relative) > _LEAST_STEP
 
 
@@ -475,17 +378,6 @@ def gain_change(
 ) -> GainChange | None:
     """Return the change of gain or lamp between two halves of a sweep, None where there is none.
 
-    Parameters
-    ----------
-    noise : PointInfluence or None
-        Variance against mean.
-    light : LightInfluence or None
-        Mean against light.
-    by_dark : Step or None
-        The largest step of the temporal variance of darks against their exposure.
-
-    Notes
-    -----
     Another gain changes mean over light and variance over mean by the same share, another light the first alone. Where
     the noise is too coarse to tell, the gain is uncertain by all that the light changed.
     """
@@ -526,15 +418,7 @@ def _step(points: PointInfluence, *, terms: int, place: int | None = None) -> St
 
 
 def change_flag(change: GainChange, levels: Sequence[LevelStatistics]) -> Flag:
-    """Return what is to be said of a change; it refuses the set where it is one of the gain.
-
-    Parameters
-    ----------
-    change : GainChange
-        The change.
-    levels : sequence of LevelStatistics
-        The levels that it was found in.
-    """
+    """Return what is to be said of a change; it refuses the set where it is one of the gain."""
     noise, light = change.by_noise, change.by_light
     of_noise = (
         "" if noise is None else f"variance over mean changes by {percent_with_error(noise.relative, noise.std_error)}"
@@ -578,19 +462,7 @@ _USUAL_SHUTTER_S = 3e-6
 
 @dataclass(frozen=True, kw_only=True)
 class LevelInfluence:
-    """One flat beside what all others say of it.
-
-    Attributes
-    ----------
-    variance_off, variance_std_error : float or None
-        Temporal variance off the curve through the others against their means, relative; None where not judged.
-    mean_off, mean_std_error : float or None
-        Mean off the response of the others to their light, relative.
-    gain_shift_errors : float or None
-        Change of the gain by leaving the level out, in the gain's standard errors.
-    cause : str or None
-        Name of the flag that names it; None where it is sound.
-    """
+    """One flat beside what all others say of it."""
 
     variance_off: float | None = None
     variance_std_error: float | None = None
@@ -602,17 +474,7 @@ class LevelInfluence:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatVerdicts:
-    """All flats, in their order.
-
-    Attributes
-    ----------
-    levels : tuple of LevelInfluence
-        Each beside the others.
-    wrong_noise, wrong_light : (n,) arrays of bool
-        Left out of the gain; left out of the response to light and of the quantum efficiency.
-    flags : tuple of Flag
-        One for each level that is named.
-    """
+    """All flats, in their order."""
 
     levels: tuple[LevelInfluence, ...]
     wrong_noise: Mask
@@ -630,19 +492,6 @@ def flat_verdicts(
 ) -> FlatVerdicts:
     """Return what is wrong with which flat.
 
-    Parameters
-    ----------
-    flats : sequence of LevelStatistics
-        In the order of the curve's points.
-    judged, lit : (n,) arrays of bool
-        Those that `noise` holds, and those that `light` holds: all of the former and more.
-    noise : PointInfluence or None
-        Variance against mean.
-    light : sequence of LightInfluence
-        Mean against exposure and photons.
-
-    Notes
-    -----
     Variance against mean needs no light: a level that is off there has another noise. One that is off the light alone
     has a mean that its noise confirms, and what is stated of its light is wrong. Off on both by the same share: mean
     goes with gain, variance with its square, so variance over mean is off as much as mean over light: another gain.
@@ -849,19 +698,7 @@ def _cause_of_variance(noise: tuple[float, float] | None) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JudgedCurve:
-    """The curve of the sound levels.
-
-    Attributes
-    ----------
-    transfer : PhotonTransfer
-        Its fit.
-    levels : tuple of LevelInfluence
-        Each flat beside the others.
-    stability : LightStability
-        Of the light from frame to frame.
-    flags : tuple of Flag
-        One for each level that is named.
-    """
+    """The curve of the sound levels."""
 
     transfer: PhotonTransfer
     levels: tuple[LevelInfluence, ...]
@@ -882,13 +719,7 @@ def sound_darks(darks: Sequence[LevelStatistics]) -> tuple[list[LevelStatistics]
 
 
 def dark_step(darks: Sequence[LevelStatistics]) -> Step | None:
-    """Return the largest step of the temporal variance of darks against their exposure, None where that is not known.
-
-    Parameters
-    ----------
-    darks : sequence of LevelStatistics
-        Dark levels.
-    """
+    """Return the largest step of the temporal variance of darks against their exposure, None if it is not known."""
     known = [dark for dark in darks if dark.exposure_s is not None and dark.temporal_variance_dn2 > 0.0]
     if len(known) < len(darks):
         return None
@@ -928,24 +759,6 @@ def judged_curve(
 ) -> JudgedCurve:
     """Return the photon-transfer curve through the levels that all others confirm.
 
-    Parameters
-    ----------
-    flats, darks : sequences of LevelStatistics
-        Flats by ascending mean; darks as `dark` was fitted from.
-    dark : DarkSignal
-        The dark levels.
-    match : DarkMatch
-        Which darks belong to which flat.
-    ceiling_dn : int
-        Sample of a saturated pixel [DN].
-
-    Raises
-    ------
-    RefusedFramesError
-        No level can be used.
-
-    Notes
-    -----
     A level that is off on an axis is left out of the fit on this axis, and of nothing else. Levels between the range of
     the fit and saturation are no part of any, but their light is judged.
     """

@@ -22,13 +22,6 @@ _HALVINGS = 30
 def least_noise_dn2(variance_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
     """Return the least noise in time before rounding that a measured variance may come of [DN^2].
 
-    Parameters
-    ----------
-    variance_dn2, spatial_dn2 : arrays
-        Variance in time as measured, rounding included; variance from pixel to pixel, >= 0 [DN^2].
-
-    Notes
-    -----
     Noise that hardly dithers is seen larger by up to its rounding error, where the mean is half-way between two
     counts; taken at its face it would promise a dither that is not there. What is seen at most grows with the noise, so
     that halving an interval finds the root.
@@ -44,17 +37,8 @@ def least_noise_dn2(variance_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatA
 def mean_rounding_error_dn(noise_dn2: FloatArray) -> FloatArray:
     """Return the rms error that rounding leaves in a mean, over all places between two counts [DN].
 
-    Parameters
-    ----------
-    noise_dn2 : array
-        Variance before rounding, in time and from pixel to pixel, >= 0 [DN^2].
-
-    Notes
-    -----
     The first harmonic: exp(-2 pi^2 noise) sin(2 pi mean) / pi.
 
-    References
-    ----------
     Widrow and Kollar, Quantization Noise (2008), chapter 4.
     """
     error: FloatArray = np.exp(-2.0 * np.pi**2 * noise_dn2) / (np.pi * np.sqrt(2.0))
@@ -64,17 +48,8 @@ def mean_rounding_error_dn(noise_dn2: FloatArray) -> FloatArray:
 def variance_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
     """Return the rms error that rounding leaves in a variance in time beyond 1/12 DN^2, over all places [DN^2].
 
-    Parameters
-    ----------
-    temporal_dn2, spatial_dn2 : arrays
-        Variance before rounding in time, and from pixel to pixel, >= 0 [DN^2]. The second only spreads the places.
-
-    Notes
-    -----
     The first harmonic: (4 noise + 1 / pi^2) exp(-2 pi^2 noise) cos(2 pi mean).
 
-    References
-    ----------
     Widrow and Kollar, Quantization Noise (2008), chapter 4.
     """
     decay = np.exp(-2.0 * np.pi**2 * (temporal_dn2 + spatial_dn2))
@@ -85,13 +60,6 @@ def variance_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArra
 def spatial_rounding_error_dn2(temporal_dn2: FloatArray, spatial_dn2: FloatArray) -> FloatArray:
     """Return the rms error that rounding leaves in a variance from pixel to pixel, over all places [DN^2].
 
-    Parameters
-    ----------
-    temporal_dn2, spatial_dn2 : arrays
-        Variance before rounding in time, and from pixel to pixel, >= 0 [DN^2].
-
-    Notes
-    -----
     Where rounding moves means by exp(-2 pi^2 noise) sin(2 pi mean) / pi, pixels that differ are pushed together or
     apart by its slope: twice the covariance of place and move, by Stein's lemma.
     """
@@ -108,17 +76,7 @@ _BLOCK_PIXELS = 49152
 
 @dataclass(frozen=True, kw_only=True)
 class VarianceMoments:
-    """Means over pixels of temporal and spatial variance, and the covariance of their errors.
-
-    Attributes
-    ----------
-    n_pixels : int
-        Pixels.
-    temporal_dn2, spatial_dn2 : float
-        Variances [DN^2].
-    temporal_error_dn4, spatial_error_dn4, covariance_dn4 : float
-        Variances of the errors of these two, and their covariance [DN^4].
-    """
+    """Means over pixels of temporal and spatial variance, and the covariance of their errors."""
 
     n_pixels: int
     temporal_dn2: float
@@ -129,17 +87,7 @@ class VarianceMoments:
 
 
 def variance_moments(square_sums: SingleArray, deviations: SingleArray, *, n_frames: int) -> VarianceMoments:
-    """Return temporal and spatial variance of a level.
-
-    Parameters
-    ----------
-    square_sums : array of float32
-        Sum over consecutive frames of the squared difference of each pixel, the mean difference taken off [DN^2].
-    deviations : array of float32
-        Mean of each pixel less that of all, same shape [DN].
-    n_frames : int
-        At least 2.
-    """
+    """Return temporal and spatial variance of a level."""
     n = deviations.size
     sums = sum(starmap(_sums, _blocks(square_sums.ravel(), deviations.ravel())), np.zeros(5))
     # The mean of each takes one degree of freedom.
@@ -195,23 +143,7 @@ _ROWS_APART = 4
 
 @dataclass(frozen=True, kw_only=True)
 class SampleTally:
-    """Integer facts over all frames of one level.
-
-    Attributes
-    ----------
-    min_dn, max_dn : int
-        Smallest and largest sample.
-    zero_fraction : float
-        Share of samples that are 0.
-    max_fraction : float
-        Share of samples that are equal to `max_dn`.
-    used_bits : int
-        Bitwise or of all samples: a bit that is never set in it is never set in any sample.
-    missing_codes : float
-        Share of the values that the first frame should have by its neighbouring values, and that never occur in it.
-    digests : tuple of (int, int)
-        One a frame, its sum and the checksum of every fourth row; frames in which all samples are equal have none.
-    """
+    """Integer facts over all frames of one level."""
 
     min_dn: int
     max_dn: int
@@ -289,20 +221,7 @@ _PIXELS = 98304
 
 @dataclass(frozen=True, kw_only=True)
 class RowColumnNoise:
-    """From the difference of two frames, its mean taken off.
-
-    Attributes
-    ----------
-    horizontal, vertical : float
-        Correlation of the noise of a pixel with that of its neighbour to the right, and below.
-    std_error : float
-        Of these two, where noise is independent from pixel to pixel.
-    row_variance_dn2, column_variance_dn2 : float
-        Variance that all pixels of a row, and of a column, have in common in one frame [DN^2]; may be below 0 by
-        its error.
-    row_std_error_dn2, column_std_error_dn2 : float
-        Of these two, where noise is independent from pixel to pixel [DN^2].
-    """
+    """From the difference of two frames, its mean taken off."""
 
     horizontal: float
     vertical: float
@@ -318,15 +237,6 @@ def row_column_noise(
 ) -> RowColumnNoise:
     """Return what pixels share of the noise in time.
 
-    Parameters
-    ----------
-    first, second : (H, W) arrays of uint16
-        Two frames of one level [DN].
-    outlier : (H, W) array of bool or None
-        Pixels to leave out.
-
-    Notes
-    -----
     A sensor's noise is independent from pixel to pixel. Neighbours share noise where a camera filters, interpolates
     colours or compresses, and where charge spreads; the gain of a photon-transfer curve is then wrong by as much.
     """
@@ -370,15 +280,7 @@ _SIGMA_OF_MEDIAN = 1.4826
 
 @dataclass(frozen=True, kw_only=True)
 class ImageLag:
-    """Correlation of a pixel's noise from one frame to the next.
-
-    Attributes
-    ----------
-    share : float
-        0 where frames are independent.
-    std_error : float
-        Of this, where they are.
-    """
+    """Correlation of a pixel's noise from one frame to the next."""
 
     share: float
     std_error: float
@@ -392,13 +294,6 @@ def shown_rows(frame: NDArray[np.uint16]) -> NDArray[np.uint16]:
 def image_lag(first: NDArray[np.uint16], second: NDArray[np.uint16], third: NDArray[np.uint16]) -> ImageLag | None:
     """Return how much of the noise goes over from frame to frame, None where there is no noise.
 
-    Parameters
-    ----------
-    first, second, third : (H, W) arrays of uint16
-        Three frames of one level, one after the other [DN].
-
-    Notes
-    -----
     Two differences that follow one another share the middle frame: of independent frames their correlation is -1/2. A
     camera that mixes each frame with the one before, share a, has -(1 - a) / 2, and a variance that is smaller than
     the sensor's by (1 - a) / (1 + a); differences show only (1 - a)^2 / (1 - a^2) of it.
@@ -586,21 +481,8 @@ class PatternParts:
 def pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise_dn2: float) -> PatternParts:
     """Return the parts of the spatial variance that rows, columns and pixels have.
 
-    Parameters
-    ----------
-    picture_dn : (M, N) array of float32
-        Mean picture of a level [DN].
-    spatial_variance_dn2 : float
-        Its variance, temporal noise taken off [DN^2].
-    noise_dn2 : float
-        Temporal variance that is left in a pixel of the mean picture [DN^2].
-
-    Notes
-    -----
     A picture of one row, one column or 2 x 2 pixels has no parts that could be told apart; all of it counts as pixels'.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 8.2: the means of rows and of columns hold their own pattern
     and a share of the pixels', which three linear equations take apart.
     """
@@ -621,13 +503,6 @@ def pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise
 def small_scale_variance(picture_dn: SingleArray) -> float | None:
     """Return the variance of pixels about the mean of their block, noise included [DN^2]; None for a tiny picture.
 
-    Parameters
-    ----------
-    picture_dn : (M, N) array of float32
-        Mean picture of a level, its mean taken off [DN].
-
-    Notes
-    -----
     Blocks have a sixteenth of the shorter side; the last rows and columns that fill none are left out.
     """
     side = _block_side(picture_dn.shape)
@@ -654,15 +529,7 @@ def _block_side(shape: tuple[int, ...]) -> int:
 
 
 def mosaic_contrast(picture_dn: SingleArray, *, mean_dn: float) -> float:
-    """Return the largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean.
-
-    Parameters
-    ----------
-    picture_dn : (M, N) array of float32
-        Mean picture of a level, its mean taken off or not [DN]. The last row and column of an odd number are left out.
-    mean_dn : float
-        Mean of the level [DN].
-    """
+    """Return the largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean."""
     rows, columns = (size - size % 2 for size in picture_dn.shape)
     if rows * columns == 0 or mean_dn <= 0.0:
         return 0.0
@@ -710,15 +577,7 @@ class Spectrogram:
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralPeak:
-    """A frequency that stands out.
-
-    Attributes
-    ----------
-    frequency_per_pixel : float
-        [1/pixel].
-    share : float
-        Part of the variance of the fixed pattern that it has.
-    """
+    """A frequency that stands out."""
 
     frequency_per_pixel: float
     share: float
@@ -727,15 +586,6 @@ class SpectralPeak:
 def spectrogram(picture: NDArray[np.float32], *, along: int) -> Spectrogram:
     """Return the spectrogram of a picture.
 
-    Parameters
-    ----------
-    picture : (M, N) array
-        Any unit; its mean is taken off.
-    along : {0, 1}
-        1: of rows, with horizontal frequencies; 0: of columns, with vertical ones.
-
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, spectrograms: mean over rows of the squared Fourier amplitude over its
     length.
     """
@@ -756,15 +606,6 @@ def spectrogram(picture: NDArray[np.float32], *, along: int) -> Spectrogram:
 def spectral_peak(found: Spectrogram, *, variance: float) -> SpectralPeak | None:
     """Return the frequency that has most of a fixed pattern, None where none has a tenth of it.
 
-    Parameters
-    ----------
-    found : Spectrogram
-        Of the pattern.
-    variance : float
-        Of the pattern, noise in time taken off, in the square of its unit.
-
-    Notes
-    -----
     Lines of one pattern (columns) have one power for each frequency, exponentially distributed: the largest of 300 has
     6 times the mean, 2 % of the variance. With few frequencies the limit is higher by so much.
     """
@@ -795,19 +636,7 @@ _ROUNDING_STD_DN = 12.0**-0.5
 
 @dataclass(frozen=True, kw_only=True)
 class OrdinaryPattern:
-    """The fixed pattern without defects.
-
-    Attributes
-    ----------
-    variance_dn2, std_error_dn2 : float
-        Variance from pixel to pixel of what stays the same in time [DN^2]; may be below 0 by its error.
-    temporal_cov_dn4 : float
-        Covariance of its error with that of the temporal variance [DN^4].
-    small_scale_variance_dn2 : float
-        The same without what is smooth on a sixteenth of the picture [DN^2].
-    left_out : int
-        Pixels that are more than 6 standard deviations from the others, as the median absolute deviation has it.
-    """
+    """The fixed pattern without defects."""
 
     variance_dn2: float
     std_error_dn2: float
@@ -825,21 +654,7 @@ def ordinary_pattern(
     small_scale_dn2: float | None,
     n_frames: int,
 ) -> OrdinaryPattern:
-    """Return the fixed pattern of a level without its defect pixels.
-
-    Parameters
-    ----------
-    squares, deviations : (H, W) arrays of float32
-        Sum of the squared differences of each pixel [DN^2], and its mean less that of all [DN].
-    kept : (H, W) array of bool or None
-        Pixels without an outlier in time; None means all.
-    moments : VarianceMoments
-        Of the pixels without an outlier, defects among them.
-    small_scale_dn2 : float or None
-        What `small_scale_variance` says of all pixels [DN^2].
-    n_frames : int
-        At least 2.
-    """
+    """Return the fixed pattern of a level without its defect pixels."""
     noise_dn2 = moments.temporal_dn2 / n_frames
     defect = _defects(deviations, least_std_dn=float(np.hypot(np.sqrt(noise_dn2), _ROUNDING_STD_DN)))
     left_out = 0
@@ -884,17 +699,7 @@ _SHARED_SIGMA = 5.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LevelPicture:
-    """A level pixel by pixel.
-
-    Attributes
-    ----------
-    mean_dn : (H, W) array of float32
-        Mean over frames; pixels with an outlier have the mean of the others [DN].
-    temporal_variance_dn2 : (H, W) array of float32
-        Variance in time, from consecutive differences [DN^2].
-    outlier : (H, W) array of bool
-        The pixel jumped by more than noise does.
-    """
+    """A level pixel by pixel."""
 
     mean_dn: NDArray[np.float32]
     temporal_variance_dn2: NDArray[np.float32]

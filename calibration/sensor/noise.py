@@ -74,13 +74,6 @@ def measured_covariance(
     less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level
     [DN], slope of the dark mean [DN/s]; zeros for what does not exist.
 
-    Parameters
-    ----------
-    flats, darks, transfer, dark, match, spatial
-        As in `calibration.sensor.noise.measure`.
-
-    Notes
-    -----
     To first order in the errors. Each is linear in temporal and spatial variances and means of the levels. A
     level's mean is taken as independent of its variances, which holds for noise without skewness, and the
     error of a flat's mean is neglected: against that of its variance it is the square root of the gain over
@@ -157,19 +150,7 @@ def _rounding_dn4(levels: Sequence[LevelStatistics]) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """Results of the levels, in DN.
-
-    Attributes
-    ----------
-    values : (7,) array
-        In the order of `calibration.sensor.noise`.
-    covariance : (7, 7) array
-        Of their errors.
-    signal_dn : float
-        Signal of the flat level that the fixed pattern is taken from [DN].
-    n_gain, n_dark, n_flat_pattern, n_dark_pattern : int
-        Frames behind the gain, the dark lines, and the fixed pattern with and without light.
-    """
+    """Results of the levels, in DN."""
 
     values: FloatArray
     covariance: FloatArray
@@ -187,17 +168,7 @@ def choose_spatial_levels(
     transfer: PhotonTransfer,
     match: DarkMatch,
 ) -> SpatialLevels:
-    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark.
-
-    Parameters
-    ----------
-    flats, darks
-        Statistics of each level.
-    transfer
-        The curve, and which levels stand on it.
-    match
-        Which darks are of which flat.
-    """
+    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark."""
     signal = transfer.points.signal_dn
     middle_dn = float(signal[transfer.used].max()) / (2.0 * RANGE_OF_SATURATION)
     flat = max(
@@ -217,21 +188,7 @@ def measure(
     match: DarkMatch,
     spatial: SpatialLevels,
 ) -> Measured:
-    """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance.
-
-    Parameters
-    ----------
-    flats, darks
-        Statistics of each level.
-    transfer
-        The fitted curve.
-    dark
-        The fitted dark signal.
-    match
-        Which darks are of which flat.
-    spatial
-        Levels from which non-uniformity is taken.
-    """
+    """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance."""
     dark_spatial = np.array([level.ordinary.variance_dn2 for level in darks])
     flat_weights = match.weights[spatial.flat]
     values, covariance = np.zeros(N_MEASURED), np.zeros((N_MEASURED, N_MEASURED))
@@ -314,17 +271,7 @@ class _Parameter:
 def noise_parameters(
     measured: Measured, *, has_read_noise: bool, has_dark_current: bool, longest_dark_s: float | None = None
 ) -> NoiseParameters:
-    """Return the parameters in electrons.
-
-    Parameters
-    ----------
-    measured : Measured
-        What the levels gave.
-    has_read_noise, has_dark_current : bool
-        True where the dark levels allow these two.
-    longest_dark_s : float or None
-        Longest exposure of a dark level, where it is known [s].
-    """
+    """Return the parameters in electrons."""
     parameters = [_gain(measured)]
     bounds = _bounds(measured, has_read_noise=has_read_noise)
     no_read_noise = _unseen_read_noise(measured) if has_read_noise else None
@@ -533,24 +480,9 @@ def performance(
 ) -> Performance:
     """Return the figures of merit of a sensor.
 
-    Parameters
-    ----------
-    transfer : PhotonTransfer
-        The photon-transfer curve.
-    dark : DarkSignal
-        The dark levels.
-    gain : Estimate
-        [DN/e-].
-    read_noise_e, saturation_e : Estimate or None
-        [e-].
-
-    Notes
-    -----
     Rounding counts as noise here: it is in what a pixel gives. In the dynamic range the gain cancels but for half an
     electron, so its error is that of saturation and of the dark noise in counts.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear; the threshold here without its approximation.
     """
     threshold = None if read_noise_e is None else _threshold(gain, read_noise_e)
@@ -1115,19 +1047,7 @@ _DARK_CURRENT = "dark_current_e_per_s"
 
 @dataclass(frozen=True, kw_only=True)
 class DarkLight:
-    """Light in a dark stack by the pattern of the response to light in it.
-
-    Attributes
-    ----------
-    light : Estimate
-        Light that would make as much of the pattern [DN].
-    covariance : Estimate
-        Of what pixels differ by in the dark and in their response, over the signal: of the unit of a squared PRNU.
-    is_seen : bool
-        It is no chance, and not what pixels with unlike gains make of dark current.
-    excludes_light : bool
-        There is no sign of any, and light that makes all of the dark signal would be seen.
-    """
+    """Light in a dark stack by the pattern of the response to light in it."""
 
     light: Estimate
     covariance: Estimate
@@ -1138,15 +1058,6 @@ class DarkLight:
 def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | None:
     """Return the light in a dark stack, None where the response has no pattern to know it by.
 
-    Parameters
-    ----------
-    pattern : FixedPattern
-        Of a dark and a flat stack.
-    black_level_dn : float
-        Dark mean at no exposure [DN].
-
-    Notes
-    -----
     Dark current has its own pattern from pixel to pixel, light has that of the response (PRNU), and so has dark current
     where each pixel has a gain of its own. With r the relative response, d the dark mean less its local mean,
     cov(d, r) = light var(r) - noise / signal, where the noise of the dark mean enters r by the dark that was taken off.

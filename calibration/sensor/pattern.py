@@ -40,23 +40,7 @@ class Defect(IntFlag):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DefectMap:
-    """Which pixels are defect.
-
-    Attributes
-    ----------
-    mask : (H, W) array of uint8
-        Sum of the values of `Defect`, 0 for a good pixel.
-    counts : dict
-        Pixels of each kind, by its name in lower case; a pixel may be of several.
-    n_defect : int
-        Pixels of any kind.
-    dark_limit_dn : float
-        Hot and cold pixels are further from their neighbours than this [DN].
-    response_limit : float
-        Bright and weak pixels are further from their neighbours than this, relative.
-    noise_limit_dn2 : float
-        Noisy pixels have a larger temporal variance in the dark than this [DN^2].
-    """
+    """Which pixels are defect."""
 
     mask: NDArray[np.uint8]
     counts: dict[str, int]
@@ -69,15 +53,6 @@ class DefectMap:
 def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -> DefectMap:
     """Return the pixels that are further from the others than 6 standard deviations.
 
-    Parameters
-    ----------
-    dark, flat : LevelPicture
-        Stacks without and with light, of one size.
-    n_dark_frames : int
-        Frames of the dark stack.
-
-    Notes
-    -----
     Hot and cold: by the dark mean; bright and weak: by the mean with light, dark taken off; each against the median of
     the 5 x 5 pixels around, so that uneven light does not count, and by a standard deviation from the median absolute
     deviation, which defects do not widen. Noisy: temporal variance in the dark, against the law of chi-squared with the
@@ -85,8 +60,6 @@ def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) ->
     which may be a cosmic hit. Less than one count is no defect. The more frames a stack has, the smaller the defects
     that are seen.
 
-    References
-    ----------
     Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
     """
     of_dark = local_deviation(dark.mean_dn)
@@ -189,16 +162,6 @@ class PatternHistogram:
 def pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> PatternHistogram:
     """Return the histogram of how far each pixel is from the mean of the 5 x 5 pixels around it.
 
-    Parameters
-    ----------
-    picture : (M, N) array
-        Any unit.
-    quantum : float
-        Smallest step between two means of that many frames, same unit: bins that are no multiple of it would show a
-        comb.
-
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, histograms: high-pass of 5 x 5 pixels, 256 bins or fewer, logarithmic
     counts, a normal law beside.
     """
@@ -306,13 +269,7 @@ _LONG_STACK = 16
 
 
 def pattern_flags(pattern: FixedPattern) -> tuple[Flag, ...]:
-    """Return what is odd in the fixed pattern.
-
-    Parameters
-    ----------
-    pattern : FixedPattern
-        Of a dark and a flat stack.
-    """
+    """Return what is odd in the fixed pattern."""
     found = (_periodic_pattern(pattern), _defect_pixels(pattern), _short_stack(pattern))
     return tuple(flag for flag in found if flag is not None)
 
@@ -356,13 +313,7 @@ def _defect_pixels(pattern: FixedPattern) -> Flag | None:
 
 
 def left_out_flags(dark: LevelStatistics, flat: LevelStatistics) -> tuple[Flag, ...]:
-    """Return a flag if single pixels make a good part of the fixed pattern.
-
-    Parameters
-    ----------
-    dark, flat : LevelStatistics
-        The levels that DSNU and PRNU are taken from.
-    """
+    """Return a flag if single pixels make a good part of the fixed pattern."""
     shares = {
         name: 1.0 - level.ordinary.variance_dn2 / level.spatial_variance_dn2
         for name, level in (("dark", dark), ("flat", flat))

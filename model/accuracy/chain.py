@@ -221,13 +221,7 @@ _LIKELY_ORDER = 34
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightRequest:
-    """Light of a region given by its material that is asked for.
-
-    Attributes
-    ----------
-    region, settings, air, view, sun_azimuth_rad, parts, rules
-        As `LightStore.region` takes them.
-    """
+    """Light of a region given by its material that is asked for."""
 
     region: LitRegion
     settings: "Settings"
@@ -266,20 +260,7 @@ class LightRequest:
 
 
 def lights_of(illumination: "Illumination", requests: Sequence[LightRequest]) -> tuple[FieldLight, ...]:
-    """Return lights that differ in the view alone, in few passes; without known rules by some that suffice for all.
-
-    Parameters
-    ----------
-    illumination
-        Sun, sky and air.
-    requests
-        One or more.
-
-    Raises
-    ------
-    ValueError
-        The region's radiance is given, or a number is outside its range.
-    """
+    """Return lights that differ in the view alone, in few passes; without known rules by some that suffice for all."""
     one = requests[0]
     surface, tilt, settings = one.region.surface, one.region.tilt, one.settings
     if surface is None or tilt is None:
@@ -326,13 +307,7 @@ def passes(group: Mapping[object, LightRequest]) -> Iterator[tuple[object, ...]]
 
 
 def sky_key(air: Air, settings: "Settings", parts: LightParts) -> object:
-    """Return what tells a sky from others.
-
-    Parameters
-    ----------
-    air, settings, parts
-        As `model.accuracy.chain.LightStore.illumination` takes them.
-    """
+    """Return what tells a sky from others."""
     numbers = (
         settings.wavelengths,
         settings.split_at_kinks,
@@ -634,17 +609,6 @@ def light_requests(scene: "LitScene", settings: "Settings", rules: Mapping[str, 
 def region_light(seen: "LitScene", region: "LitRegion", field: "FieldLight") -> RegionLight:
     """Return what a prediction takes of the light of a region over its part of the field.
 
-    Parameters
-    ----------
-    seen
-        The scene with the effects that act.
-    region
-        Of the scene, given by its material.
-    field
-        Its light.
-
-    References
-    ----------
     [MK14] eq. (7)-(10).
     """
     whole = field.moments(

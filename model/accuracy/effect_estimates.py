@@ -301,15 +301,7 @@ def _without_detection(found: Estimate) -> Estimate:
 
 
 def coarse_settings(scene: LitScene, *, wavelengths: int) -> Settings:
-    """Return the settings of the coarse chain.
-
-    Parameters
-    ----------
-    scene
-        Its sensor's height is where a layer ends.
-    wavelengths
-        1, or 2 to tell what one of them misses.
-    """
+    """Return the settings of the coarse chain."""
     lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), _STATISTICS, face_m=scene.sensor_height_m)
     return replace(
         lowest,

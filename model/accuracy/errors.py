@@ -62,17 +62,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinesOfSight:
-    """Lines of sight of a region given by its material.
-
-    Attributes
-    ----------
-    lights
-        What was found along them: of one tile, or of two corners of the field and its middle, the last.
-    finer
-        The same by finer rules of the hemisphere integral; of one tile itself.
-    sun_azimuth_rad
-        Clockwise from north [rad].
-    """
+    """Lines of sight of a region given by its material."""
 
     region: LitRegion
     lights: tuple[ApertureLight, ...]
@@ -94,15 +84,7 @@ class LinesOfSight:
 
 
 def reflected_by_all(several: Sequence[LinesOfSight], sky: Sky) -> list[FloatArray]:
-    """Return what regions send of a sky to the camera, by the rules that were used, each (V, 3).
-
-    Parameters
-    ----------
-    several
-        Under this sky; of one panel, by the same rules, all in one pass.
-    sky
-        Light of each direction.
-    """
+    """Return what regions send of a sky to the camera, by the rules that were used, each (V, 3)."""
     groups: dict[object, list[int]] = defaultdict(list)
     for place, lines in enumerate(several):
         region = lines.region
@@ -133,30 +115,14 @@ def _ends(several: Sequence[LinesOfSight]) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Way:
-    """What the air does along lines of sight.
-
-    Attributes
-    ----------
-    path
-        Adds, shape (V, 3).
-    transmittance
-        Lets through, shape (V,).
-    """
+    """What the air does along lines of sight."""
 
     path: FloatArray
     transmittance: FloatArray
 
 
 def ways_to_camera(several: Sequence[LinesOfSight], lighting: Lighting) -> list[Way]:
-    """Return what the air does along the lines of sight of several regions, all in one pass.
-
-    Parameters
-    ----------
-    several
-        From one height.
-    lighting
-        The air.
-    """
+    """Return what the air does along the lines of sight of several regions, all in one pass."""
     if not several:
         return []
     views = [view for lines in several for view in lines.views]
@@ -170,17 +136,7 @@ def ways_to_camera(several: Sequence[LinesOfSight], lighting: Lighting) -> list[
 
 
 def lines_of_sight(scene: LitScene, region: LitRegion, light: FieldLight) -> LinesOfSight:
-    """Return where to look for a region.
-
-    Parameters
-    ----------
-    scene
-        For the sun's azimuth.
-    region
-        Given by its material.
-    light
-        What was found.
-    """
+    """Return where to look for a region."""
     per_side, tiles = isqrt(len(light.lights)), dict(enumerate(light.lights))
     middle = (per_side // 2) * (per_side + 1)
     chosen = tuple(dict.fromkeys((0, len(tiles) - 1, middle)))
@@ -196,15 +152,7 @@ def lines_of_sight(scene: LitScene, region: LitRegion, light: FieldLight) -> Lin
 
 
 class Asked(NamedTuple):
-    """A region of which the light is asked for.
-
-    Attributes
-    ----------
-    scene, result
-        What was evaluated, and what was found.
-    name
-        Of the region, which is given by its material.
-    """
+    """A region of which the light is asked for."""
 
     scene: LitScene
     result: ChainResult
@@ -242,18 +190,6 @@ class Asked(NamedTuple):
 def on_more_tiles(several: Sequence[Asked]) -> list[RegionLight | None]:
     """Return the light of each of several regions over one more tile along each side; None for a point.
 
-    Parameters
-    ----------
-    several
-        Those of one panel under one sky are computed in one pass.
-
-    Raises
-    ------
-    ValueError
-        The radiance of a region is given.
-
-    References
-    ----------
     Definition; rules of the hemisphere integral as for the tiles.
     """
     groups: dict[object, list[tuple[int, tuple[Tile, ...]]]] = defaultdict(list)
@@ -309,15 +245,7 @@ _BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pair:
-    """Two lightings whose difference stands for an error.
-
-    Attributes
-    ----------
-    one, other
-        The lightings.
-    factor
-        By what their difference is to be multiplied.
-    """
+    """Two lightings whose difference stands for an error."""
 
     one: Lighting
     other: Lighting
@@ -329,17 +257,6 @@ def refined_references(
 ) -> dict[str, Pair]:
     """Return setting to a pair of lightings that shows its error.
 
-    Parameters
-    ----------
-    air, plan, settings
-        As they were evaluated.
-    lighting
-        What was found.
-    store
-        Solves, and keeps the solutions.
-
-    Notes
-    -----
     Light scattered once has no streams, and a table has neither.
     """
     if isinstance(lighting, MixedLighting) and air.alternative is not None:
@@ -354,13 +271,6 @@ def refined_references(
 def ends_of_band(lighting: Lighting) -> tuple[Lighting, ...]:
     """Return the shortest and the longest wavelength of computed light, each standing for all of its band.
 
-    Parameters
-    ----------
-    lighting
-        Of two mixed ones the first is taken; a sky by formula, and one wavelength, are their only end.
-
-    Notes
-    -----
     At the longest the air is thinnest: its sky is brighter toward the horizon, and changes faster, than at any other.
     """
     one = lighting.first if isinstance(lighting, MixedLighting) else lighting
@@ -450,18 +360,7 @@ _PARTS: dict[Source, frozenset[str]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightError:
-    """Estimated error of the light of a region.
-
-    Attributes
-    ----------
-    together
-        Errors of S0, S1 and S2 that come together, with their signs, shape (K, 3) [W m-2 sr-1]; those of different
-        rows may add up or not.
-    apart
-        What each component may be off by beside that, of any sign, each 0 or more, shape (3,).
-    field
-        How far the error of each component may differ over the field, shape (3,) [W m-2 sr-1].
-    """
+    """Estimated error of the light of a region."""
 
     together: FloatArray
     apart: FloatArray
@@ -519,15 +418,7 @@ def light_errors(
 def light_errors_of_all(
     cases: Sequence[tuple[LitScene, ChainResult]], plan: Plan, store: LightStore, *, tolerance: float
 ) -> list[dict[str, dict[str, LightError]]]:
-    """Return what `light_errors` does for each of several scenes, with one path for all and like regions together.
-
-    Parameters
-    ----------
-    cases
-        Scenes under one sky, from one height, of one source of light, and what one plan found of them.
-    plan, store, tolerance
-        As in `light_errors`.
-    """
+    """Return what `light_errors` does for each of several scenes, with one path for all and like regions together."""
     (scene, result), errors = cases[0], [_no_errors() for _ in cases]
     if result.illumination is None or scene.air is None:
         return errors
@@ -739,15 +630,7 @@ _ELSEWHERE = 0.3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Steps:
-    """Steps of the light of a region, one of each component.
-
-    Attributes
-    ----------
-    sizes
-        Of S0, S1 and S2, with their signs, shape (3,) [W m-2 sr-1]; none is 0.
-    lights
-        The region's light with each of them.
-    """
+    """Steps of the light of a region, one of each component."""
 
     sizes: FloatArray
     lights: tuple[RegionLight, ...]
@@ -762,15 +645,7 @@ class Steps:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Texture:
-    """Texture of a region, which what the surface reflects carries.
-
-    Attributes
-    ----------
-    rms, diagonal
-        As `model.scene.field.FieldLight.moments` takes them.
-    reflected
-        Mean Stokes radiance that the surface reflects, shape (3,) [W m-2 sr-1].
-    """
+    """Texture of a region, which what the surface reflects carries."""
 
     rms: float
     diagonal: tuple[float, float, float]
@@ -790,17 +665,6 @@ NO_STEPS = Steps(sizes=np.zeros(0), lights=())
 def steps(region: RegionLight, texture: Texture, *, tolerance: float) -> Steps:
     """Return steps small beside what bends the curve of a quantity, and large beside its rounding; none in the dark.
 
-    Parameters
-    ----------
-    region
-        Light of a region.
-    texture
-        Its texture.
-    tolerance
-        That is asked for.
-
-    References
-    ----------
     Definition: one-sided differences, of light that the surface reflects. Toward more polarization, where DoLP bends so
     that they are rather too large; toward less near a degree of 1, beyond which there is no light.
     """
@@ -817,15 +681,7 @@ def steps(region: RegionLight, texture: Texture, *, tolerance: float) -> Steps:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Alternatives:
-    """Other lights of the regions of a case.
-
-    Attributes
-    ----------
-    scene, result
-        What was evaluated, and what was found.
-    lights
-        Region to its other lights; of all others the light stays.
-    """
+    """Other lights of the regions of a case."""
 
     scene: LitScene
     result: ChainResult
@@ -838,13 +694,7 @@ class Alternatives:
 
 
 def changes(cases: Sequence[Alternatives]) -> list[dict[str, list[dict[Reading, float]]]]:
-    """Return region to the changes of the readings for each other light of it; infinite where a reading is lost.
-
-    Parameters
-    ----------
-    cases
-        One or more, of the same tolerances of DoLP and ROC: all are predicted together.
-    """
+    """Return region to the changes of the readings for each other light of it; infinite where a reading is lost."""
     alone = iter(_predicted([(case.result, light) for case in cases for _, light in case.each]))
     predicted = [[(name, light, next(alone)) for name, light in case.each] for case in cases]
     pairs = [
@@ -920,15 +770,6 @@ def over_field(region: RegionLight) -> FloatArray:
 def grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
     """Return a covariance whose deviations have grown by the sizes of an error along each of its principal axes.
 
-    Parameters
-    ----------
-    cov
-        Positive semi-definite, shape (3, 3).
-    sizes
-        Of the error's components, each 0 or more and one above, shape (3,).
-
-    References
-    ----------
     Definition: axes and deviations in units of the sizes, each deviation by 1.
     """
     unit = np.maximum(sizes, _ELSEWHERE * np.max(sizes))
@@ -952,15 +793,7 @@ _DIMMER = "dimmer"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Budget:
-    """Estimated numerical errors of a prediction, in the units of a tolerance.
-
-    Attributes
-    ----------
-    by_setting
-        Setting to reading to error; readings that a setting does not touch are left out.
-    total
-        Reading to the sum over the settings: all are of one kind, may have one sign, and are added as they are.
-    """
+    """Estimated numerical errors of a prediction, in the units of a tolerance."""
 
     by_setting: Mapping[str, Mapping[Reading, float]]
     total: Mapping[Reading, float]
@@ -972,15 +805,7 @@ class Budget:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LitCase:
-    """A case whose light has errors that are known.
-
-    Attributes
-    ----------
-    scene, result
-        What was evaluated, and what was found.
-    lights
-        Setting to region to the error of its light.
-    """
+    """A case whose light has errors that are known."""
 
     scene: LitScene
     result: ChainResult
@@ -1018,15 +843,7 @@ def error_budget(
 
 
 def error_budgets(cases: Sequence[LitCase], *, tolerance: float, tiles: bool = True) -> list[Budget]:
-    """Return what `error_budget` does for each of several cases, all in few array passes.
-
-    Parameters
-    ----------
-    cases
-        Evaluated with the same tolerances of DoLP and ROC.
-    tolerance, tiles
-        As in `error_budget`.
-    """
+    """Return what `error_budget` does for each of several cases, all in few array passes."""
     asked = [
         (place, region)
         for place, case in enumerate(cases)
@@ -1066,17 +883,7 @@ def _budget(case: LitCase, tried: Mapping[str, "_Tried"], changed: Mapping[str, 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Tried:
-    """Other lights of a region, by which its errors are carried to what a user reads.
-
-    Attributes
-    ----------
-    errors
-        Setting to the error of the light, where there is one.
-    steps
-        Of each component.
-    others
-        The light with its covariance as wide as the errors may make it, as dim, and over one more tile along each side.
-    """
+    """Other lights of a region, by which its errors are carried to what a user reads."""
 
     errors: Mapping[str, LightError]
     steps: Steps

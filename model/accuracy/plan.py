@@ -46,17 +46,7 @@ STREAMS, LAYERS, WAVELENGTHS, SKY_GRID, HEMISPHERE, TILES, DOLP, ROC = (
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """One position of a setting.
-
-    Attributes
-    ----------
-    label
-        In words.
-    error
-        Likely relative error of the light, or of what the setting acts on.
-    effort
-        By what the time of its stage is likely to be multiplied, over the lowest level.
-    """
+    """One position of a setting."""
 
     label: str
     error: float
@@ -65,19 +55,7 @@ class Level:
 
 @dataclass(frozen=True, kw_only=True)
 class NumericalSetting:
-    """One thing that costs time and buys accuracy.
-
-    Attributes
-    ----------
-    name, stage
-        Of the setting, and the stage of `model.accuracy.chain` whose time it costs.
-    convergence
-        How its error falls.
-    estimate
-        How the error of a result is estimated.
-    levels
-        From cheap to fine.
-    """
+    """One thing that costs time and buys accuracy."""
 
     name: str
     stage: str
@@ -237,17 +215,7 @@ def streams(level: int) -> int:
 
 
 def at_level(settings: Settings, setting: str, level: int) -> Settings:
-    """Return settings with one setting of the sky at another level.
-
-    Parameters
-    ----------
-    settings
-        To be changed.
-    setting
-        STREAMS, LAYERS or WAVELENGTHS.
-    level
-        Its new level.
-    """
+    """Return settings with one setting of the sky at another level."""
     if setting == STREAMS:
         return replace(settings, solver=replace(settings.solver, nodes=_STREAMS[level]))
     if setting == WAVELENGTHS:
@@ -281,17 +249,7 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectralError:
-    """Relative errors of a band's light, by the wavelengths that stand for it.
-
-    Attributes
-    ----------
-    scattered
-        Of light that the air scatters: of S0, S1 and S2 alike.
-    by_component
-        Of S1 and S2 beside that.
-    rule
-        The wavelengths.
-    """
+    """Relative errors of a band's light, by the wavelengths that stand for it."""
 
     scattered: float
     by_component: float
@@ -305,50 +263,19 @@ class SpectralError:
         return float(self._all.irradiance @ self._all.depth / np.sum(self._all.irradiance))
 
     def transmittance(self, *, slant: float) -> float:
-        """Return the relative error of the beam's mean transmittance, with its sign.
-
-        Parameters
-        ----------
-        slant
-            Depth of the path over that of the whole column, 0 or more.
-        """
+        """Return the relative error of the beam's mean transmittance, with its sign."""
         few, all_of_it = self._few.transmittance(slant), self._all.transmittance(slant)
         return few / all_of_it - 1.0
 
 
 def spectral_error(air: Air, settings: Settings) -> SpectralError:
-    """Return what the wavelengths of some settings leave out, before anything is solved.
-
-    Parameters
-    ----------
-    air, settings
-        As in `spectral_errors`.
-
-    Raises
-    ------
-    ValueError
-        The air is a table.
-    """
+    """Return what the wavelengths of some settings leave out, before anything is solved."""
     return spectral_errors(air, (settings,))[0]
 
 
 def spectral_errors(air: Air, several: Sequence[Settings]) -> tuple[SpectralError, ...]:
     """Return what `spectral_error` does for each of several settings.
 
-    Parameters
-    ----------
-    air
-        Atmosphere and band; no table.
-    several
-        Their wavelengths count.
-
-    Raises
-    ------
-    ValueError
-        The air is a table.
-
-    Notes
-    -----
     The functions are light scattered once, on a slant depth m tau, by molecules or by aerosol at one of three angles,
     without and with a share that is scattered twice; each without and with the loss of the beam on its whole way. The
     largest error of them is taken.
@@ -451,17 +378,7 @@ _OF_TERM, _LEAST_ASYMMETRY = 0.5, 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """Likely errors and efforts of a scene.
-
-    Attributes
-    ----------
-    errors
-        Setting to the likely relative error of the light at each of its levels, falling.
-    efforts
-        Setting to by what the time of its stage is multiplied at each of its levels, over the lowest.
-    under_sky
-        Scenes that share the time of one sky.
-    """
+    """Likely errors and efforts of a scene."""
 
     errors: Mapping[str, tuple[float, ...]]
     efforts: Mapping[str, tuple[float, ...]]
@@ -475,17 +392,6 @@ class Forecast:
 def forecast(scene: LitScene, effects: frozenset[Effect] = ALL, *, under_sky: int = 1) -> Forecast:
     """Return the likely errors and efforts of all levels of all settings.
 
-    Parameters
-    ----------
-    scene
-        To be predicted.
-    effects
-        That act; without that of the wavelengths nothing is asked of the band.
-    under_sky
-        Scenes that share the time of its sky, such as those of a sweep of the camera.
-
-    Notes
-    -----
     The wavelengths are looked at for the scene itself: a narrow band needs one where a wide one needs four. So are the
     streams: the terms of a Henyey-Greenstein function fall as powers of its asymmetry.
     """
@@ -501,13 +407,7 @@ def forecast(scene: LitScene, effects: frozenset[Effect] = ALL, *, under_sky: in
 
 
 def unused(effects: frozenset[Effect]) -> frozenset[str]:
-    """Return the settings that say nothing where only some effects act: each is then at its lowest level.
-
-    Parameters
-    ----------
-    effects
-        That act.
-    """
+    """Return the settings that say nothing where only some effects act: each is then at its lowest level."""
     rests_on = {
         WAVELENGTHS: {Effect.WAVELENGTHS},
         TILES: {Effect.FIELD_OF_VIEW},
@@ -522,15 +422,6 @@ def unused(effects: frozenset[Effect]) -> frozenset[str]:
 def seen(ahead: Forecast, scene: LitScene, result: ChainResult) -> Forecast:
     """Return a forecast with the convergence of the tiles as a field shows it that was seen already.
 
-    Parameters
-    ----------
-    ahead
-        Before.
-    scene, result
-        What was evaluated, and what was found.
-
-    References
-    ----------
     Definition: an error of tiles falls with each more as the degrees of the field do.
     """
     fields = [np.stack([getattr(one, scene.source) for one in light.lights]) for light in result.lights.values()]
@@ -587,13 +478,6 @@ def _of_wavelengths(air: Air) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def decay(values: FloatArray) -> float | None:
     """Return by how much each degree of a field over tiles is below the one before; None for tiles too few to tell.
 
-    Parameters
-    ----------
-    values
-        Of the tiles, row by row, shape (n * n, 3).
-
-    Notes
-    -----
     Of the last three degrees, for odd and even ones may fall apart; of three tiles a side of the two there are.
     """
     per_side = isqrt(len(values))
@@ -605,13 +489,7 @@ def decay(values: FloatArray) -> float | None:
 
 
 def last_degree(values: FloatArray) -> float:
-    """Return the size of the highest degree of a field over tiles, over the mean of S0; 0 in the dark.
-
-    Parameters
-    ----------
-    values
-        Of the tiles, row by row, shape (n * n, 3).
-    """
+    """Return the size of the highest degree of a field over tiles, over the mean of S0; 0 in the dark."""
     s0 = float(np.mean(values[:, 0]))
     return float(np.sqrt(np.trace(_by_degree(_coefficients(values))[-1]))) / s0 if s0 > 0.0 else 0.0
 
@@ -647,17 +525,7 @@ _READING = 0.6
 
 
 def expected_s(scene: LitScene, plan: Plan, ahead: Forecast) -> float:
-    """Return the time that a plan is likely to take, of a sky that several scenes share a share [s].
-
-    Parameters
-    ----------
-    scene
-        To be evaluated.
-    plan
-        Level of each setting.
-    ahead
-        What each level is likely to cost.
-    """
+    """Return the time that a plan is likely to take, of a sky that several scenes share a share [s]."""
     effort = {name: ahead.efforts[name][level] for name, level in plan.items()}
     solver = effort[STREAMS] * effort[LAYERS]
     sky = _SOLVED_S * solver + _READ_S * effort[SKY_GRID] * float(solver**_READING)
@@ -671,27 +539,10 @@ def allocate(
 ) -> dict[str, int]:
     """Return the cheapest plan whose expected errors sum to no more than is allowed, or the finest of all.
 
-    Parameters
-    ----------
-    scene
-        To be evaluated.
-    ahead
-        Likely error and effort of each level.
-    scales
-        By what the likely error of each setting is to be multiplied.
-    allowed
-        Sum of errors.
-    start
-        Levels not to go below; None for the lowest.
-
-    Notes
-    -----
     From the lowest levels that setting is raised, again and again, and by as many levels, which takes off most error
     per second; in the end what the last steps made superfluous is taken back. For errors that fall as powers of the
     time this ends where each error times its power is in proportion to its time.
 
-    References
-    ----------
     Definition: steepest descent.
     """
     lowest = dict.fromkeys(NUMERICAL_SETTINGS, 0) if start is None else dict(start)

@@ -93,15 +93,7 @@ _MANY, _SHARED_AIM = 10, 0.1
 
 
 def kept_forecast(scene: LitScene, effects: frozenset[Effect], store: LightStore, *, under_sky: int = 1) -> Forecast:
-    """Return the forecast of a scene, made once for all under its sky.
-
-    Parameters
-    ----------
-    scene, effects, under_sky
-        As `model.accuracy.plan.forecast` takes them.
-    store
-        Keeps it.
-    """
+    """Return the forecast of a scene, made once for all under its sky."""
     air = None if scene.air is None else scene.air.key
     return store.once(("forecast", air, effects, under_sky), lambda: forecast(scene, effects, under_sky=under_sky))
 
@@ -109,16 +101,7 @@ def kept_forecast(scene: LitScene, effects: frozenset[Effect], store: LightStore
 def first_plan(
     scene: LitScene, *, tolerance: float, store: LightStore, effects: frozenset[Effect] = ALL, under_sky: int = 1
 ) -> dict[str, int]:
-    """Return the plan to begin with, of a scene of which nothing is known yet.
-
-    Parameters
-    ----------
-    scene, tolerance, store, effects
-        As `model.accuracy.predict.predict` takes them.
-    under_sky
-        Scenes under its sky. Where they are many it is solved so that it will do for all of them: a sky that is made
-        once costs less than one that is made again, finer, for the next of them.
-    """
+    """Return the plan to begin with, of a scene of which nothing is known yet."""
     ahead, left_out = kept_forecast(scene, effects, store, under_sky=under_sky), unused(effects)
     are_many = under_sky >= _MANY
     likely = {} if are_many else _LIKELY
@@ -145,15 +128,6 @@ def plan_beside(
 ) -> dict[str, int]:
     """Return the plan for a scene much like one that was predicted, were the errors of both as large.
 
-    Parameters
-    ----------
-    scene, tolerance, store, effects
-        As `model.accuracy.predict.predict` takes them.
-    neighbour
-        What was predicted, and the errors that were estimated.
-
-    References
-    ----------
     Definition: the likely errors of the scene, scaled as those of its neighbour were, for those readings that a
     setting, or all together, act on most.
     """
@@ -192,17 +166,7 @@ def _least_beside(scene: LitScene, neighbour: AccuratePrediction, left_out: froz
 def finer_plan(
     scene: LitScene, ahead: Forecast, plan: dict[str, int], budget: Budget, tolerance: float
 ) -> dict[str, int]:
-    """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none.
-
-    Parameters
-    ----------
-    scene, tolerance
-        As `model.accuracy.predict.predict` takes them.
-    ahead
-        Forecast, with what was seen of the scene.
-    plan, budget
-        That was evaluated, and the errors that were estimated.
-    """
+    """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none."""
     allowed, finer = _AIM * tolerance, plan
     for key in (key for key, error in budget.total.items() if error > tolerance):
         scales = _scales(ahead, plan, budget, key)
@@ -297,20 +261,7 @@ def predict_together(
     estimated_only: bool = False,
     clock: Clock = time.perf_counter,
 ) -> tuple[AccuratePrediction, ...]:
-    """Return what `predict` does for each of several scenes, with the first evaluation and the errors of all at once.
-
-    Parameters
-    ----------
-    scenes
-        Under one sky, from one height, with the same regions and pairs.
-    tolerance, start, store, effects, estimated_only, clock
-        As in `predict`.
-
-    Raises
-    ------
-    ValueError
-        As `predict`.
-    """
+    """Return what `predict` does for each of several scenes, with the first evaluation and errors of all at once."""
     if not SMALLEST <= tolerance <= LARGEST:
         raise ValueError(f"tolerance = {tolerance:g}, allowed is {SMALLEST:g} to {LARGEST:g}")
     is_deep = optical_depth(scenes[0]) > DEEPEST

@@ -54,13 +54,7 @@ _STEPS_OF_MORE = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """Part of a grid.
-
-    Attributes
-    ----------
-    low, high
-        Its corners of least and of greatest place along every axis; both belong to it.
-    """
+    """Part of a grid."""
 
     low: Index
     high: Index
@@ -99,13 +93,7 @@ class Cell:
 
 
 def lattice(shape: Index) -> tuple[Cell, ...]:
-    """Return the cells of a grid.
-
-    Parameters
-    ----------
-    shape
-        Cases along each axis, each 1 or more.
-    """
+    """Return the cells of a grid."""
     steps = _STEPS.get(sum(size > 1 for size in shape), _STEPS_OF_MORE)
 
     def ends(size: int) -> list[tuple[int, int]]:
@@ -138,13 +126,6 @@ _NEAR_RAD, _SLOPES = float(np.radians(15.0)), 4.0
 def companions(scene: LitScene, result: ChainResult) -> dict[str, float]:
     """Return numbers that grow with the error of a setting: of the sky's grid, and of the tiles of each field.
 
-    Parameters
-    ----------
-    scene, result
-        What was evaluated, and what was found.
-
-    Notes
-    -----
     They are no errors. Where one is larger than in a neighbouring scene of which errors are known, the scene is harder
     than that.
     """
@@ -158,17 +139,7 @@ def companions(scene: LitScene, result: ChainResult) -> dict[str, float]:
 
 
 def is_harder(own: Companions, others: Sequence[Companions], *, margin: float, negligible: float) -> bool:
-    """Return whether a scene is harder than all neighbours of which the errors are known.
-
-    Parameters
-    ----------
-    own, others
-        Companions of the scene and of its neighbours.
-    margin
-        By which it may be above them.
-    negligible
-        Below which a companion says nothing.
-    """
+    """Return whether a scene is harder than all neighbours of which the errors are known."""
     return any(
         number > max(negligible, margin * max(one.get(name, 0.0) for one in others)) for name, number in own.items()
     )
@@ -177,17 +148,7 @@ def is_harder(own: Companions, others: Sequence[Companions], *, margin: float, n
 def carried_errors(
     neighbours: Sequence[tuple[ChainResult, LightErrors]], result: ChainResult, *, margin: float
 ) -> dict[str, dict[str, LightError]]:
-    """Return the errors of the light of a scene by those of its neighbours, in proportion to S0.
-
-    Parameters
-    ----------
-    neighbours
-        What was found, with setting to region to the error of its light, one or more.
-    result
-        What was found of the scene; of the same regions.
-    margin
-        By which the largest of them is multiplied.
-    """
+    """Return the errors of the light of a scene by those of its neighbours, in proportion to S0."""
     settings = neighbours[0][1]
     found: dict[str, dict[str, LightError]] = {setting: {} for setting in settings}
     for name, light in result.lights.items():
@@ -205,13 +166,6 @@ def carried_errors(
 def from_glint_rad(scene: LitScene) -> float:
     """Return how far the sun is from being mirrored to the camera by a region, the least of all; pi where it is far.
 
-    Parameters
-    ----------
-    scene
-        Its regions, sun and camera.
-
-    Notes
-    -----
     At the mirror direction the lobe has the beam over the field and the aureole before it: what was found on either
     side does not tell of it.
     """
@@ -243,17 +197,7 @@ _MARGIN = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class TakenEffects:
-    """Effects that act in one scene of a series.
-
-    Attributes
-    ----------
-    acting
-        Those that act.
-    left_out
-        Those that a rule left out, and no request.
-    spent
-        What that may change, in the units of the tolerance.
-    """
+    """Effects that act in one scene of a series."""
 
     acting: frozenset[Effect] = ALL
     left_out: frozenset[Effect] = frozenset()
@@ -330,17 +274,7 @@ _SATURATED = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """A scene with error estimates of its own.
-
-    Attributes
-    ----------
-    found
-        Its prediction.
-    effects
-        That act.
-    companions
-        What its evaluation tells for nothing.
-    """
+    """A scene with error estimates of its own."""
 
     found: AccuratePrediction
     effects: TakenEffects
@@ -353,15 +287,7 @@ class Judged:
 
 
 def told_errors(neighbours: Sequence[Judged], numbers: Readings) -> dict[Reading, float]:
-    """Return the errors of a scene as those of its neighbours tell, of readings of which they do.
-
-    Parameters
-    ----------
-    neighbours
-        One or more, between which it lies; it was evaluated with the finest of their plans.
-    numbers
-        Of the scene.
-    """
+    """Return the errors of a scene as those of its neighbours tell, of readings of which they do."""
     told = {}
     for key, number in numbers.items():
         errors = [error for one in neighbours for error in _carried(key, number, one)]
@@ -373,17 +299,7 @@ def told_errors(neighbours: Sequence[Judged], numbers: Readings) -> dict[Reading
 def propagated_errors(
     neighbours: Sequence[Judged], cases: Sequence[tuple[LitScene, ChainResult]], *, tolerance: float
 ) -> list[dict[Reading, float]]:
-    """Return the errors of scenes by those of the light of their neighbours, carried to the numbers of each.
-
-    Parameters
-    ----------
-    neighbours
-        As in `told_errors`.
-    cases
-        What was evaluated by one plan, and what was found.
-    tolerance
-        That is asked for.
-    """
+    """Return the errors of scenes by those of the light of their neighbours, carried to the numbers of each."""
     known = [(one.found.result, one.found.light) for one in neighbours]
     lit = [
         LitCase(scene=scene, result=result, lights=carried_errors(known, result, margin=MARGIN))
@@ -536,15 +452,7 @@ _PLANNED = 2
 
 
 class SeriesEvaluation:
-    """Cases of a series that are judged or evaluated by their neighbours, and the time that was taken.
-
-    Attributes
-    ----------
-    judged
-        Place to what was found.
-    taken
-        Stage to its time, that of the error estimates beside them [s].
-    """
+    """Cases of a series that are judged or evaluated by their neighbours, and the time that was taken."""
 
     def __init__(
         self,
@@ -571,17 +479,7 @@ class SeriesEvaluation:
     def judge_all(
         self, places: Iterable[Index], plan: Plan | None = None, *, share: float = _OF_TOLERANCE
     ) -> list[Judged]:
-        """Return cases that are judged: predicted with their errors, which are held against the whole tolerance.
-
-        Parameters
-        ----------
-        places
-            Of the cases; those under one sky with the same effects are evaluated together, by one plan.
-        plan
-            To begin with; None for one beside the nearest judged case.
-        share
-            Of the tolerance, to which those are predicted that were not judged before.
-        """
+        """Return cases that are judged: predicted with their errors, which are held against the whole tolerance."""
         places = list(places)
         groups: dict[tuple[object, float | None, TakenEffects], list[Index]] = defaultdict(list)
         for place in dict.fromkeys(places):
@@ -595,17 +493,7 @@ class SeriesEvaluation:
     def between(
         self, places: Sequence[Index], effects: frozenset[Effect], corners: Sequence[Judged]
     ) -> dict[Index, ChainResult]:
-        """Return what the plan, the rules and the statistics of their neighbours find of cases.
-
-        Parameters
-        ----------
-        places
-            Of the cases, from one height.
-        effects
-            That act.
-        corners
-            Judged cases, between which they lie.
-        """
+        """Return what the plan, the rules and the statistics of their neighbours find of cases."""
         lights = [corner.found.result.lights for corner in corners]
         same = all(corner.effects.acting == effects for corner in corners)
         scenes = [self._scenes[place] for place in places]
@@ -625,15 +513,7 @@ class SeriesEvaluation:
     def carried_errors(
         self, results: Mapping[Index, ChainResult], corners: Sequence[Judged]
     ) -> dict[Index, dict[Reading, float]]:
-        """Return the errors of cases by those of the light of their neighbours.
-
-        Parameters
-        ----------
-        results
-            What was found of cases by their neighbours.
-        corners
-            These.
-        """
+        """Return the errors of cases by those of the light of their neighbours."""
         begun, cases = self._clock(), [(self._scenes[place], result) for place, result in results.items()]
         errors = propagated_errors(corners, cases, tolerance=self._tolerance)
         self._count({ESTIMATES: self._clock() - begun})

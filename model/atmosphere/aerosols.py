@@ -71,17 +71,7 @@ TABULATED = frozenset({AerosolType.RURAL, AerosolType.TROPOSPHERIC})
 
 @dataclass(frozen=True, kw_only=True)
 class AerosolOptics:
-    """Optical properties of an aerosol at one wavelength.
-
-    Attributes
-    ----------
-    extinction
-        Relative to that at 550 nm.
-    ssa
-        Single-scattering albedo.
-    g
-        Asymmetry.
-    """
+    """Optical properties of an aerosol at one wavelength."""
 
     extinction: float
     ssa: float
@@ -91,20 +81,6 @@ class AerosolOptics:
 def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity: float) -> AerosolOptics:
     """Optical properties of the rural or the tropospheric aerosol at one wavelength.
 
-    Parameters
-    ----------
-    kind, relative_humidity
-        As in `relative_extinction`.
-    wavelength_m
-        [m], 0.2e-6 to 1.06e-6.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
-    References
-    ----------
     Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
     """
     extinction, absorption, asymmetry = (float(_read(row, wavelength_m)) for row in _table(kind, relative_humidity))
@@ -114,26 +90,8 @@ def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity:
 def relative_extinction(*, kind: AerosolType, wavelength_m: ArrayLike, relative_humidity: float) -> NDArray[np.float64]:
     """Extinction of a standard aerosol over that at 550 nm.
 
-    Parameters
-    ----------
-    kind
-        Rural or tropospheric.
-    wavelength_m
-        [m], 0.2e-6 to 1.06e-6.
-    relative_humidity
-        0 to 0.8. The tropospheric aerosol is that of 0.7 in any case.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
-    Notes
-    -----
     Logarithms are linear in the wavelength, and in the logarithm of 1 - humidity.
 
-    References
-    ----------
     Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
     """
     return _read(_table(kind, relative_humidity)[0], wavelength_m)
@@ -298,20 +256,6 @@ REFERENCE_WAVELENGTH_M = 550e-9
 def angstrom_ratio(*, exponent: float, wavelength_m: ArrayLike) -> NDArray[np.float64]:
     """Optical depth over that at 550 nm.
 
-    Parameters
-    ----------
-    exponent
-        Angstrom's exponent, -1 to 4; the depth falls like the wavelength to the power -exponent.
-    wavelength_m
-        [m], above 0.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
-    References
-    ----------
     Angstrom, Geogr. Ann. 11 (1929) 156.
     """
     wavelength = np.asarray(wavelength_m, dtype=float)
@@ -355,15 +299,7 @@ _SPECTRUM_NODES = 8
 
 
 def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
-    """Spheres of an aerosol; those of one's own are as they are given, at any humidity.
-
-    Parameters
-    ----------
-    choice
-        Spheres of one's own, or the name of a kind.
-    relative_humidity
-        0 to 0.8; of no meaning for one's own.
-    """
+    """Spheres of an aerosol; those of one's own are as they are given, at any humidity."""
     if isinstance(choice, MieAerosol):
         return choice
     return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
@@ -372,24 +308,7 @@ def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol
 def optics_of(
     choice: AerosolChoice, *, wavelength_m: float, relative_humidity: float, angstrom_exponent: float | None
 ) -> AerosolOptics:
-    """Optical properties of an aerosol at one wavelength: from its table where it has one, otherwise by Mie's theory.
-
-    Parameters
-    ----------
-    choice
-        Which aerosol.
-    wavelength_m
-        [m].
-    relative_humidity
-        At the ground.
-    angstrom_exponent
-        Of the extinction in place of its own spectrum; or None.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-    """
+    """Optical properties of an aerosol at one wavelength: from its table if it has one, otherwise by Mie's theory."""
     extinction = float(
         extinction_of(
             choice,
@@ -411,8 +330,6 @@ def extinction_of(
 ) -> NDArray[np.float64]:
     """Extinction of an aerosol over that at 550 nm; arguments as in `optics_of`, but for many wavelengths.
 
-    Notes
-    -----
     Of spheres, beyond eight wavelengths, a polynomial in 1/wavelength through eight that are computed.
     """
     if angstrom_exponent is not None:
@@ -435,15 +352,7 @@ def extinction_of(
 
 
 def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
-    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m].
-
-    Parameters
-    ----------
-    choice
-        Spheres of one's own, or the name of a kind.
-    relative_humidity
-        0 to 0.8.
-    """
+    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
     if choice in TABULATED:
         return frozenset(table_wavelengths_m())
     modes = spheres_of(choice, relative_humidity=relative_humidity).modes
@@ -461,20 +370,6 @@ def _logarithm(spheres: MieAerosol, wavelength_m: float) -> float:
 def chebyshev_wavelengths_m(*, shortest_m: float, longest_m: float, count: int) -> NDArray[np.float64]:
     """Wavelengths at which to compute what is smooth over a band, increasing [m].
 
-    Parameters
-    ----------
-    shortest_m, longest_m
-        Ends of the band [m].
-    count
-        How many, 1 or more.
-
-    Raises
-    ------
-    ValueError
-        The band or the count is empty.
-
-    References
-    ----------
     definition: zeros of the Chebyshev polynomial
     """
     if not 0.0 < shortest_m < longest_m:
@@ -486,15 +381,7 @@ def chebyshev_wavelengths_m(*, shortest_m: float, longest_m: float, count: int) 
 
 
 def lagrange_basis(*, nodes_m: NDArray[np.float64], wavelength_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Polynomials in 1/wavelength that are 1 at one node and 0 at the others, shape (nodes, N).
-
-    Parameters
-    ----------
-    nodes_m
-        Distinct wavelengths [m].
-    wavelength_m
-        Where to read the polynomials [m], shape (N,).
-    """
+    """Polynomials in 1/wavelength that are 1 at one node and 0 at the others, shape (nodes, N)."""
     node, target = 1e-6 / nodes_m, 1e-6 / wavelength_m
     basis = np.ones((node.size, target.size))
     for i in range(node.size):
@@ -530,17 +417,7 @@ _REFERENCE_VISIBILITY_M = 23e3
 
 @dataclass(frozen=True, kw_only=True)
 class AerosolColumn:
-    """Extinction of the aerosol at 550 nm, exponential between the heights of a table.
-
-    Attributes
-    ----------
-    height_m
-        Heights above the ground, increasing from 0 [m].
-    extinction_per_m
-        At these heights, before scaling [m-1], above 0; there is no aerosol above the last.
-    scale
-        Factor on the extinction, 0 or more.
-    """
+    """Extinction of the aerosol at 550 nm, exponential between the heights of a table."""
 
     height_m: NDArray[np.float64]
     extinction_per_m: NDArray[np.float64]
@@ -564,25 +441,9 @@ class AerosolColumn:
 def aerosol_column(*, visibility_m: float | None = None, optical_depth: float | None = None) -> AerosolColumn:
     """Aerosol over height for a visibility at the ground, or for an optical depth at 550 nm.
 
-    Parameters
-    ----------
-    visibility_m
-        Meteorological range [m], 2e3 to 50e3; or None.
-    optical_depth
-        Vertical optical depth at 550 nm, 0 or more; or None. Scales the column of 23 km at all heights.
-
-    Raises
-    ------
-    ValueError
-        Not exactly one is given, or it is outside its range.
-
-    Notes
-    -----
     Up to 4 km extinction is linear in 1/visibility between the tabulated 2, 5, 10, 23 and 50 km. The optical depth
     that a "visibility" stands for differs by 30 % between codes: 0.324 here for 23 km, 0.226 by the rule of 6S.
 
-    References
-    ----------
     Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
     """
     if (visibility_m is None) == (optical_depth is None):

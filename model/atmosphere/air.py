@@ -39,18 +39,6 @@ _SHORTEST_M, _LONGEST_M = 0.25e-6, 1.1e-6
 def pressure_ratio(height_m: ArrayLike) -> NDArray[np.float64]:
     """Pressure over that at sea level in the US standard atmosphere 1976.
 
-    Parameters
-    ----------
-    height_m
-        Geometric height [m], 0 or more.
-
-    Returns
-    -------
-    ndarray
-        1 at the sea; 0 above 86 km, where 4e-6 of the air is left.
-
-    References
-    ----------
     U.S. Standard Atmosphere 1976, NOAA-S/T 76-1562, eqs. (18), (33a), (33b), table 4.
     """
     height = np.asarray(height_m, dtype=float)
@@ -79,20 +67,6 @@ def rayleigh_optical_depth(
 ) -> NDArray[np.float64]:
     """Vertical optical depth of molecular scattering.
 
-    Parameters
-    ----------
-    wavelength_m
-        [m], 0.25e-6 to 1.1e-6.
-    surface_pressure_pa
-        Pressure at the ground [Pa], above 0.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
-    References
-    ----------
     Bodhaine et al., J. Atmos. Oceanic Technol. 16 (1999) 1854, eq. (30),
     doi:10.1175/1520-0426(1999)016<1854:ORODC>2.0.CO;2 (sea level, 45 degrees, 360 ppm CO2).
     """
@@ -107,18 +81,6 @@ def rayleigh_optical_depth(
 def rayleigh_anisotropy(*, wavelength_m: float) -> float:
     """Anisotropy delta = (1 - rho)/(1 + rho/2) of the scattering by air, rho its depolarization factor.
 
-    Parameters
-    ----------
-    wavelength_m
-        [m], 0.25e-6 to 1.1e-6.
-
-    Raises
-    ------
-    ValueError
-        The wavelength is outside its range.
-
-    References
-    ----------
     Bates, Planet. Space Sci. 32 (1984) 785; mixed as in Bodhaine et al. (1999), eqs. (5), (6), (23).
     """
     inverse_square = float(_inverse_square_um(wavelength_m))
@@ -158,20 +120,6 @@ _ABSORPTION_PER_ATM_CM = np.array([
 def ozone_optical_depth(*, wavelength_m: ArrayLike, ozone_m: float) -> NDArray[np.float64]:
     """Vertical optical depth of ozone.
 
-    Parameters
-    ----------
-    wavelength_m
-        [m], 300e-9 or more; 0 is returned beyond 780 nm.
-    ozone_m
-        Thickness of the pure gas at standard temperature and pressure [m], 0 or more; 3.44e-3 is the US standard.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
-    References
-    ----------
     Bird & Riordan, J. Clim. Appl. Meteorol. 25 (1986) 87, table 1 (linear between its wavelengths).
     """
     wavelength_nm = np.asarray(wavelength_m, dtype=float) * 1e9
@@ -217,23 +165,7 @@ class AtmosphereState:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """An atmosphere at one wavelength, without ozone (which acts on the beam above all scattering).
-
-    Attributes
-    ----------
-    wavelength_m
-        [m].
-    tau_rayleigh
-        Optical depth of the molecules.
-    delta
-        Anisotropy of their scattering.
-    aerosol
-        Aerosol over height at 550 nm.
-    lower, upper
-        Optical properties of the aerosol below and above 2 km.
-    lower_spheres, upper_spheres
-        The same aerosols as spheres.
-    """
+    """An atmosphere at one wavelength, without ozone (which acts on the beam above all scattering)."""
 
     wavelength_m: float
     tau_rayleigh: float
@@ -255,13 +187,7 @@ class Column:
         return float(self.tau_above(0.0))
 
     def tau_above(self, height_m: ArrayLike) -> NDArray[np.float64]:
-        """Optical depth above a height over the ground [m], 0 or more.
-
-        Raises
-        ------
-        ValueError
-            A height below the ground.
-        """
+        """Optical depth above a height over the ground [m], 0 or more."""
         height = np.asarray(height_m, dtype=float)
         if not np.all(height >= 0.0):
             raise ValueError(f"height_m = {np.min(height)!r} m, allowed is 0 (the ground) or more")
@@ -288,21 +214,6 @@ class Column:
     ) -> tuple[Layer, ...]:
         """Homogeneous layers, top to bottom.
 
-        Parameters
-        ----------
-        fine
-            78 layers, within 1e-4 of the radiance of many more; or 15, within 3e-3.
-        aerosol
-            SPHERES gives each layer the scattering matrix of its spheres.
-        matrix_tolerance
-            As in `model.atmosphere.mie.aerosol_scattering`.
-        cuts
-            Into how many parts of equal height each of these layers is cut, 1 or more.
-        face_m
-            Height at which a layer is to end, 0 or more [m]; 0 for none.
-
-        Notes
-        -----
         Optical depth and single-scattering albedo are those of the column for every kind of aerosol.
         """
         heights = face_heights_m(fine=fine, cuts=cuts, face_m=face_m)
@@ -394,15 +305,7 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
 
 
 def kinks_m(state: AtmosphereState, *, aerosol: AerosolKind) -> tuple[float, ...]:
-    """Wavelengths at which the light has a kink, for the tables of the aerosol have one [m], increasing.
-
-    Parameters
-    ----------
-    state
-        The atmosphere.
-    aerosol
-        SPHERES have the tables of their indices; every kind has the optical depth and albedo of its choice.
-    """
+    """Wavelengths at which the light has a kink, for the tables of the aerosol have one [m], increasing."""
     choices = {state.boundary_aerosol, state.upper_aerosol}
     if aerosol is AerosolKind.SPHERES:
         choices |= {spheres_of(choice, relative_humidity=state.relative_humidity) for choice in choices}
@@ -412,20 +315,6 @@ def kinks_m(state: AtmosphereState, *, aerosol: AerosolKind) -> tuple[float, ...
 def optical_depth(state: AtmosphereState, *, wavelength_m: ArrayLike) -> NDArray[np.float64]:
     """Vertical optical depth of molecules and aerosol at many wavelengths, without ozone.
 
-    Parameters
-    ----------
-    state
-        What is known of the atmosphere.
-    wavelength_m
-        [m], 0.25e-6 to 1.06e-6.
-
-    Raises
-    ------
-    ValueError
-        A part of the state, or a wavelength, is outside its range.
-
-    References
-    ----------
     definition: the depth of `column`
     """
     aerosol = aerosol_column(visibility_m=state.visibility_m, optical_depth=state.aerosol_optical_depth)
@@ -458,18 +347,7 @@ _GROWTH = 4.0
 
 
 def face_heights_m(*, fine: bool, cuts: int, face_m: float) -> NDArray[np.float64]:
-    """Return the heights of the layers' faces, increasing from the ground, shape (K + 1,) [m].
-
-    Parameters
-    ----------
-    fine
-        78 layers, or 15; 2 km is a face of both.
-    cuts
-        Into how many parts of equal height each of them is cut, 1 or more.
-    face_m
-        Height of one more face before they are cut, and if that is near the ground of some between it and the next
-        [m]; on the ground or above the air for none.
-    """
+    """Return the heights of the layers' faces, increasing from the ground, shape (K + 1,) [m]."""
     faces = _with_face(_FINE_M if fine else _COARSE_M, face_m)
     return np.interp(np.arange((faces.size - 1) * cuts + 1) / cuts, np.arange(faces.size), faces)
 
@@ -490,19 +368,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AerosolSpectrum:
-    """One aerosol over a band.
-
-    Attributes
-    ----------
-    depth_550
-        Vertical optical depth at 550 nm.
-    angstrom_exponent
-        Of the extinction in place of its own spectrum; or None.
-    nodes_m
-        Ends of the band and kinks in it, of spheres the middles between these too; shape (K,), increasing [m].
-    log_extinction, log_ssa, log_g
-        Logarithms, there, of the extinction over that at 550 nm, of the single-scattering albedo and of the asymmetry.
-    """
+    """One aerosol over a band."""
 
     depth_550: float
     angstrom_exponent: float | None
@@ -534,20 +400,6 @@ def aerosol_spectra(
 ) -> tuple[AerosolSpectrum, AerosolSpectrum]:
     """Return the aerosol of the lowest 2 km and that above over a band.
 
-    Parameters
-    ----------
-    state
-        The atmosphere.
-    shortest_m, longest_m
-        Ends of the band [m], 0.3e-6 to 1.06e-6.
-
-    Raises
-    ------
-    ValueError
-        A part of the state, or a wavelength, is outside its range.
-
-    Notes
-    -----
     Computed at the nodes alone: between them the logarithms of a table are straight lines, and those of spheres are
     taken as such.
     """

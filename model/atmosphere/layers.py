@@ -25,26 +25,8 @@ FloatArray = NDArray[np.float64]
 def wigner_d(*, degree_max: int, order_max: int, second: int, mu: FloatArray) -> FloatArray:
     """Wigner's functions d^l_mn(arccos mu) for every degree l and first order m, at one second order n.
 
-    Parameters
-    ----------
-    degree_max, order_max
-        Largest l and largest m; both count from 0.
-    second
-        The second order n, of any sign.
-    mu
-        Cosine of the angle, shape (N,), -1 to 1.
-
-    Returns
-    -------
-    ndarray, shape (order_max + 1, degree_max + 1, N)
-        Zero where l < max(m, |n|).
-
-    Notes
-    -----
     Upward recurrence in l from the closed form at l = max(m, |n|), which is stable.
 
-    References
-    ----------
     Mishchenko, Travis & Lacis, Scattering, Absorption, and Emission of Light by Small Particles (2002), appendix B.
     """
     values = np.zeros((order_max + 1, degree_max + 1, mu.size))
@@ -89,20 +71,6 @@ def _factors(degree: int, order_max: int, second: int) -> tuple[FloatArray, Floa
 def matrix_functions(*, degree_max: int, mu: FloatArray) -> Iterator[FloatArray]:
     """Functions in which a scattering matrix is expanded, degree by degree from 0.
 
-    Parameters
-    ----------
-    degree_max
-        Largest degree, 0 or more.
-    mu
-        Cosine of the scattering angle, shape (N,), -1 to 1.
-
-    Yields
-    ------
-    ndarray, shape (4, N)
-        d^l_00, d^l_22, d^l_2-2 and d^l_02 of one degree; those but the first are 0 below degree 2.
-
-    References
-    ----------
     de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237; recurrence as in `wigner_d`.
     """
     functions = np.zeros((3, 4, mu.size))
@@ -125,26 +93,10 @@ def matrix_functions(*, degree_max: int, mu: FloatArray) -> Iterator[FloatArray]
 def stokes_basis(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
     """Basis matrices that carry the radiance (I, Q, U) of one azimuth mode to expansion space and back.
 
-    Parameters
-    ----------
-    degree_max, order_max
-        Largest degree and largest azimuth mode.
-    mu
-        Cosine of the direction of propagation from the upward vertical, shape (N,), -1 to 1.
-
-    Returns
-    -------
-    ndarray, shape (order_max + 1, degree_max + 1, 3, N, 3)
-        For mode m and degree l a symmetric 3 by 3 matrix at each direction (second and last axis).
-
-    Notes
-    -----
     With I, Q as cosine and U as sine series in the azimuth of propagation, mode m of the scattering matrix between
     two directions is the sum over l of basis(mu) @ B_l @ basis(mu'), B_l = [[a1, b1, 0], [b1, a2, 0], [0, 0, a3]]
     (the coefficients of `phase`), in the meridian frame with Q > 0 for E in the vertical plane.
 
-    References
-    ----------
     Siewert, Astron. Astrophys. 109 (1982) 195; de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237.
     """
     plain, even, odd = basis_functions(degree_max=degree_max, order_max=order_max, mu=mu)
@@ -158,18 +110,6 @@ def stokes_basis(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArr
 def basis_functions(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
     """Entries of the matrices of `stokes_basis` that are not zero: I to I, Q to Q as U to U, Q to U as U to Q.
 
-    Parameters
-    ----------
-    degree_max, order_max, mu
-        As in `stokes_basis`.
-
-    Returns
-    -------
-    ndarray, shape (3, order_max + 1, degree_max + 1, N)
-        Not to be written to: the last few are kept, for all wavelengths of a band ask for the same.
-
-    References
-    ----------
     Siewert, Astron. Astrophys. 109 (1982) 195.
     """
     numbers = (degree_max + 1) * (order_max + 1) * mu.size
@@ -339,18 +279,7 @@ def _require(name: str, value: float, allowed: bool, wanted: str) -> None:
 
 
 def merge_alike(layers: Sequence[Layer]) -> list[Layer]:
-    """Layers with neighbours of the same composition joined, and those of no depth left out.
-
-    Parameters
-    ----------
-    layers
-        Top to bottom.
-
-    Returns
-    -------
-    list of Layer
-        May be empty. What the solver answers thus does not depend on how a homogeneous layer was cut.
-    """
+    """Layers with neighbours of the same composition joined, and those of no depth left out."""
     least = _NEGLIGIBLE * sum(layer.depth for layer in layers)
     filled = (layer for layer in layers if layer.depth > least)
     return [_joined(list(alike)) for _, alike in groupby(filled, key=_composition)]
@@ -386,20 +315,7 @@ class AerosolKind(StrEnum):
 
 
 def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
-    """Layers with scattering matrices where the kind of aerosol asks for them, and without otherwise.
-
-    Parameters
-    ----------
-    layers
-        From top to bottom.
-    kind
-        How the aerosol's scattering polarizes.
-
-    Raises
-    ------
-    ValueError
-        Spheres are asked for, but a layer whose aerosol scatters has no matrix.
-    """
+    """Layers with scattering matrices where the kind of aerosol asks for them, and without otherwise."""
     if kind is not AerosolKind.SPHERES:
         return [replace(layer, matrix=None) for layer in layers]
     if any(layer.matrix is None and layer.tau_aerosol * layer.ssa_aerosol > 0.0 for layer in layers):
@@ -410,30 +326,11 @@ def layers_of_kind(layers: Sequence[Layer], kind: AerosolKind) -> list[Layer]:
 def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol: AerosolKind) -> NDArray[np.float64]:
     """Expansion coefficients of each layer's scattering matrix times its single-scattering albedo.
 
-    Parameters
-    ----------
-    layers
-        K layers of depth above 0.
-    degree_max
-        Largest degree kept.
-    aerosol
-        What the aerosol does to polarization.
-
-    Returns
-    -------
-    ndarray, shape (K, degree_max + 1, 4)
-        Coefficients a1, a2, a3, b1, defined by F11 = sum a1 d^l_00, F22 + F33 = sum (a2 + a3) d^l_22,
-        F22 - F33 = sum (a2 - a3) d^l_2-2, F12 = sum b1 d^l_02, where F11 averages to the albedo over the sphere.
-
-    Notes
-    -----
     A layer with a scattering matrix has its coefficients, less the share of a forward peak that counts as not
     scattered (delta-M). Others are Henyey-Greenstein: a1 = (2l + 1) g^l; a polarizing one also has a2 = a3 = a1 from
     l = 2, the simplest choice that is regular at 180 degrees. Both have b1 = 0: real particles polarize by
     themselves, these do not.
 
-    References
-    ----------
     de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237 (b1 there has the other sign, its P^l_02 = -d^l_02);
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408 (delta-M); Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
     """
@@ -466,20 +363,6 @@ def _aerosol_expansion(layer: Layer, degree: NDArray[np.int_], aerosol: AerosolK
 def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """First column (I, Q, U for unpolarized light) of the scattering matrix of isotropic dipoles, delta = 1.
 
-    Parameters
-    ----------
-    mu, beam_mu
-        Cosines of the directions of propagation from the upward vertical, of the scattered light and of the beam.
-    phi_rad
-        Azimuth of propagation of the scattered light minus that of the beam, counter-clockwise from above, shape of mu.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        Meridian frame, Q > 0 for E in the vertical plane; I averages to 1 over the sphere.
-
-    Notes
-    -----
     From the components of the beam's direction along the two field directions, without rotation angles: there is no
     0/0 at the zenith or in the direction of the beam.
     """
@@ -492,15 +375,7 @@ def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray
 def matrix_column(
     *, matrix: ScatteringMatrix, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """First column (I, Q, U for unpolarized light) of a scattering matrix, shape (..., 3); I averages to 1.
-
-    Parameters
-    ----------
-    matrix
-        The scattering matrix in the scattering plane.
-    mu, beam_mu, phi_rad
-        Directions as in `rayleigh_column`.
-    """
+    """First column (I, Q, U for unpolarized light) of a scattering matrix, shape (..., 3); I averages to 1."""
     along_theta, along_phi, cosine = _beam_components(mu, beam_mu, phi_rad)
     sine_square = along_theta**2 + along_phi**2
     plain, mixed = matrix.first_column(np.arctan2(np.sqrt(sine_square), cosine))
@@ -515,15 +390,6 @@ def henyey_greenstein(
 ) -> NDArray[np.float64]:
     """Henyey-Greenstein phase function, which averages to 1 over the sphere.
 
-    Parameters
-    ----------
-    g
-        Asymmetry, -1 < g < 1.
-    mu, beam_mu, phi_rad
-        Directions as in `rayleigh_column`; g broadcasts against them.
-
-    References
-    ----------
     Henyey & Greenstein, Astrophys. J. 93 (1941) 70.
     """
     _, _, cosine = _beam_components(mu, beam_mu, phi_rad)
@@ -552,24 +418,7 @@ _SERIES_TERMS = 18  # what the first guess leaves of an error at 1 is 2/18!
 def element_edges(
     layers: Sequence[Layer], *, element_depth: float, halvings: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
-    """Optical depths of the elements' faces, and the layer each element belongs to.
-
-    Parameters
-    ----------
-    layers
-        Top to bottom, each of depth above 0.
-    element_depth
-        Largest optical depth of an element, above 0.
-    halvings
-        How often the elements at the top and at the ground are halved toward the face.
-
-    Returns
-    -------
-    edges : ndarray, shape (E + 1,)
-        From 0 to the depth of all.
-    owner : ndarray, shape (E,)
-        Index of the layer.
-    """
+    """Optical depths of the elements' faces, and the layer each element belongs to."""
     # A depth that is a multiple of the element's but for rounding must not make one element more.
     counts = [max(ceil(layer.depth / element_depth - _ROUNDING), 1) for layer in layers]
     depths = [layer.depth / count for layer, count in zip(layers, counts, strict=True)]
@@ -586,15 +435,7 @@ def element_edges(
 
 
 def slant(depth: NDArray[np.float64], mu: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth.
-
-    Parameters
-    ----------
-    depth
-        Vertical optical depth, 0 or more.
-    mu
-        Cosine of the zenith angle, 0 to 1; broadcasts with the depth.
-    """
+    """Slant optical depth depth/mu; infinite at the horizon, and 0 where there is no depth."""
     depth, mu = np.broadcast_arrays(depth, mu)
     path = np.where(depth > 0.0, np.inf, 0.0)
     with np.errstate(over="ignore"):  # of cosines next to 0
@@ -605,20 +446,6 @@ def slant(depth: NDArray[np.float64], mu: NDArray[np.float64]) -> NDArray[np.flo
 def source_weights(*, path: NDArray[np.float64], part: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights of the three source values of an element in the radiance that it adds.
 
-    Parameters
-    ----------
-    path
-        Slant optical depth of the whole element, 0 or more; infinite allowed.
-    part
-        Share of the element that light has crossed since it came in, 0 to 1; broadcasts against path.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        For the values where the light comes in, in the middle, and at the far face.
-
-    Notes
-    -----
     Exact for a source that is a parabola of depth. At the horizon only the source at the observer counts.
     """
     constant, linear, square = (part**power * moment for power, moment in enumerate(_exponential_moments(path, part)))
@@ -652,15 +479,6 @@ def _moments_of_thin(crossed: NDArray[np.float64]) -> tuple[NDArray[np.float64],
 def forward_share(layer: Layer, *, degree: int) -> float:
     """Share of the aerosol's scattering in the peak beyond a degree; 0 where the expansion has ended or is negative.
 
-    Parameters
-    ----------
-    layer
-        With a scattering matrix, or without.
-    degree
-        The last that is kept, 0 or more.
-
-    References
-    ----------
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408: the first coefficient left out, over 2l + 1.
     """
     if layer.matrix is None or layer.matrix.coefficients.shape[0] <= degree + 1:
@@ -671,21 +489,10 @@ def forward_share(layer: Layer, *, degree: int) -> float:
 def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers whose scattering matrices give up the forward peak that an expansion to a degree cannot hold.
 
-    Parameters
-    ----------
-    layers
-        From top to bottom.
-    degree
-        The last that the expansion holds, 0 or more.
-
-    Notes
-    -----
     Delta-M: light in the peak counts as not scattered, as much of it as makes the first degree left out vanish. Light
     scattered once keeps the exact matrix, along the paths of the lesser depth (TMS). What remains is the shape of the
     aureole of light scattered twice and more, within some ten degrees of the sun.
 
-    References
-    ----------
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408; Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51,
     doi:10.1016/0022-4073(88)90031-3.
     """
@@ -695,34 +502,15 @@ def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
 def with_truncated_matrix(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers of lesser depth and albedo, whose matrices end at a degree: as `delta_m_truncated`, also seen once.
 
-    Parameters
-    ----------
-    layers
-        From top to bottom.
-    degree
-        The last that the matrices keep, 0 or more.
-
-    Notes
-    -----
     Fluxes of their light, together with that of the peak, are those of the layers given, and far easier to integrate.
 
-    References
-    ----------
     Wiscombe, J. Atmos. Sci. 34 (1977) 1408.
     """
     return [_truncated(layer, degree) for layer in layers]
 
 
 def peak_irradiance(layers: Sequence[Layer], truncated: Sequence[Layer], *, mu0: float) -> float:
-    """Irradiance of the ground by the forward peak, per unit of the beam's: diffuse light that counted as the beam.
-
-    Parameters
-    ----------
-    layers, truncated
-        From top to bottom, as they are and without their forward peaks.
-    mu0
-        Cosine of the solar zenith angle, above 0 to 1.
-    """
+    """Irradiance of the ground by the forward peak, per unit of the beam's: diffuse light that counted as the beam."""
     full, counted = (sum(layer.depth for layer in each) for each in (layers, truncated))
     return mu0 * (exp(-counted / mu0) - exp(-full / mu0))
 
@@ -730,17 +518,6 @@ def peak_irradiance(layers: Sequence[Layer], truncated: Sequence[Layer], *, mu0:
 def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
     """Irradiance of the ground by light of the forward peak that was scattered once, per unit beam irradiance.
 
-    Parameters
-    ----------
-    layers
-        From top to bottom.
-    degree
-        The last that is no part of the peak, 0 or more.
-    mu0
-        Cosine of the solar zenith angle, above 0 to 1.
-
-    References
-    ----------
     definition: it goes on along the beam.
     """
     depth = sum(layer.depth for layer in layers)

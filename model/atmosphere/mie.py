@@ -63,20 +63,6 @@ class RefractiveIndex:
 def mixed_index(*, parts: tuple[RefractiveIndex, ...], volume_shares: tuple[float, ...]) -> RefractiveIndex:
     """Index of substances mixed within each particle: the mean of n and of k by volume.
 
-    Parameters
-    ----------
-    parts
-        Tables on the same wavelengths.
-    volume_shares
-        One for each, 0 or more, of sum 1.
-
-    Raises
-    ------
-    ValueError
-        The tables differ in their wavelengths, or the shares do not sum to 1.
-
-    References
-    ----------
     Haenel, Adv. Geophys. 19 (1976) 73, doi:10.1016/S0065-2687(08)60142-9.
     """
     wavelengths = {part.wavelength_m for part in parts}
@@ -330,15 +316,7 @@ _LARGEST_SIZE, _SMALLEST_SIZE = 2e4, 1e-8
 
 @dataclass(frozen=True, kw_only=True)
 class SphereEfficiencies:
-    """Cross-sections of spheres over their geometrical ones, and the asymmetry; each of shape (N,).
-
-    Attributes
-    ----------
-    extinction, scattering
-        Efficiencies.
-    asymmetry
-        Mean cosine of the scattering angle.
-    """
+    """Cross-sections of spheres over their geometrical ones, and the asymmetry; each of shape (N,)."""
 
     extinction: NDArray[np.float64]
     scattering: NDArray[np.float64]
@@ -348,17 +326,8 @@ class SphereEfficiencies:
 def sphere_terms(size_parameter: NDArray[np.float64]) -> NDArray[np.int_]:
     """Terms that the series needs, for each size parameter.
 
-    Parameters
-    ----------
-    size_parameter
-        Circumference over wavelength, shape (K,), above 0.
-
-    Notes
-    -----
     A term falls like exp(-(4/3) (1.26 c)^1.5) at x + c x^(1/3): for c = 6 what is left out is below 1e-11 of the sum.
 
-    References
-    ----------
     Wiscombe, Appl. Opt. 19 (1980) 1505, doi:10.1364/AO.19.001505, who takes c = 4.05 for half as many digits.
     """
     return np.asarray(np.ceil(size_parameter + 6.0 * np.cbrt(size_parameter) + 4.0), dtype=np.int_)
@@ -457,19 +426,8 @@ def amplitude_sums(
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Sum and difference of the amplitudes, S1 + S2 and S1 - S2, each of shape (N, A).
 
-    Parameters
-    ----------
-    a, b
-        Coefficients, shape (N, terms).
-    mu
-        Cosine of the scattering angle, shape (A,).
-
-    Notes
-    -----
     S1 is that of the field across the scattering plane, S2 of the field in it.
 
-    References
-    ----------
     Bohren & Huffman (1983), eqs. (4.47), (4.74).
     """
     order = np.arange(1, a.shape[1] + 1)
@@ -552,17 +510,7 @@ _CHUNK = 512  # spheres at once, to bound the memory
 
 @dataclass(frozen=True, kw_only=True)
 class AngularGrid:
-    """Scattering angles for spheres in groups of like size: so many for each that integrals are exact.
-
-    Attributes
-    ----------
-    terms
-        Terms of the largest sphere of each group, G of them.
-    starts
-        Where the angles of each group begin in the arrays, G + 1 of them.
-    mu, weight
-        Cosines and Gauss weights over (-1, 1) of all groups, shape (A,).
-    """
+    """Scattering angles for spheres in groups of like size: so many for each that integrals are exact."""
 
     terms: tuple[int, ...]
     starts: tuple[int, ...]
@@ -573,13 +521,6 @@ class AngularGrid:
 def angular_grid(*, largest_size_parameter: float) -> AngularGrid:
     """Angles for spheres up to a size parameter.
 
-    Parameters
-    ----------
-    largest_size_parameter
-        Circumference of the largest sphere over the wavelength, above 0.
-
-    Notes
-    -----
     The matrix of a sphere of T terms is a polynomial of degree 2T: so is its expansion, and 2T + 1 nodes integrate
     their product exactly.
     """
@@ -596,26 +537,6 @@ def sphere_sums(
 ) -> tuple[float, NDArray[np.float64]]:
     """Extinction, and scattering matrix at the angles of the grid, summed over spheres.
 
-    Parameters
-    ----------
-    grid
-        Angles for spheres as large as these.
-    size_parameter
-        Shape (N,), increasing.
-    weight
-        Weight of each sphere, shape (N,): its number times its geometrical cross-section.
-    index
-        n + ik, k >= 0.
-
-    Returns
-    -------
-    extinction : float
-        Sum of the extinction.
-    matrix : ndarray, shape (4, A)
-        F11, F22 + F33, F22 - F33 and F12; the mean of F11 over the sphere, groups added, is the sum of the scattering.
-
-    References
-    ----------
     Bohren & Huffman, Absorption and Scattering of Light by Small Particles (1983), eq. (4.77).
     """
     extinction, matrix = 0.0, np.zeros((4, grid.mu.size))
@@ -643,19 +564,8 @@ def extinction_sum(*, size_parameter: NDArray[np.float64], weight: NDArray[np.fl
 def expand(grid: AngularGrid, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Coefficients a1, a2, a3, b1 of a matrix as `sphere_sums` has it, the groups added, shape (L, 4).
 
-    Parameters
-    ----------
-    grid
-        From `angular_grid`.
-    matrix
-        Elements at the angles of the grid, shape (4, A).
-
-    Notes
-    -----
     As in `model.atmosphere.layers.expansion_coefficients`; L is twice the terms of the largest sphere, plus 1.
 
-    References
-    ----------
     de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237, eqs. (117)-(122).
     """
     total = np.zeros((2 * grid.terms[-1] + 1, 4))
@@ -705,19 +615,7 @@ _MEMORY = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AerosolScattering:
-    """Extinction and scattering of an aerosol of spheres at one wavelength.
-
-    Attributes
-    ----------
-    extinction_m2
-        Mean extinction cross-section of a particle [m2].
-    ssa
-        Single-scattering albedo.
-    matrix
-        Scattering matrix.
-    error_estimate
-        Estimated relative error of the extinction and of the scattering.
-    """
+    """Extinction and scattering of an aerosol of spheres at one wavelength."""
 
     extinction_m2: float
     ssa: float
@@ -777,13 +675,7 @@ def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> A
 
 
 def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
-    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered.
-
-    Parameters
-    ----------
-    aerosol, wavelength_m, tolerance
-        As in `aerosol_scattering`.
-    """
+    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered."""
     _check_mie_aerosol(wavelength_m, tolerance)
     return _extinction_m2(aerosol, float(wavelength_m), float(tolerance))
 
@@ -873,22 +765,7 @@ _SCAN_STEP = 0.05  # of ln x, to find the sizes that matter
 
 
 def size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) -> list[NDArray[np.float64]]:
-    """For each mode the size parameters between which its distribution is smooth; empty if it adds nothing.
-
-    Parameters
-    ----------
-    aerosol
-        Its modes.
-    wavelength_m
-        [m].
-    tolerance
-        Share of the extinction that both tails of all modes together may leave out, about four times over.
-
-    Raises
-    ------
-    ValueError
-        Spheres matter that are too large for the wavelength.
-    """
+    """For each mode the size parameters between which its distribution is smooth; empty if it adds nothing."""
     grids = [_weighed_sizes(mode, wavelength_m) for mode in aerosol.modes]
     least = tolerance / (8.0 * len(grids)) * sum(float(np.sum(weight)) for _, weight in grids)
     ranges = [
@@ -910,20 +787,6 @@ def size_nodes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Size parameters and weights (number times geometrical cross-section [m2]) of a rule for one mode.
 
-    Parameters
-    ----------
-    bounds
-        One of `size_ranges`, not empty.
-    wavelength_m
-        [m].
-    halving
-        How often the first step has been halved.
-    middles
-        False: the trapezoidal rule. True: the rule of the middles of its steps; the mean of both is the trapezoidal
-        rule of the next halving.
-
-    References
-    ----------
     Korobov's transformation of a trapezoidal rule: Sidi, Practical Extrapolation Methods (2003), appendix D.
     """
     place, step = _steps(np.log(bounds) + bounds / _BEND, halving, middles=middles, ends_vanish=mode.sizes.ends_vanish)

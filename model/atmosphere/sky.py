@@ -105,15 +105,6 @@ class FidelityFacts:
     Of spheres it holds ten degrees and more from the sun (three, but for dust); of dust, the radiance is off by 5 times
     as much in FAST and 40 times in STANDARD, the degree of polarization by 2 and 3 times. Their scattering matrix costs
     up to a second more for each wavelength, once.
-
-    Attributes
-    ----------
-    accuracy
-        In words; against the same atmosphere solved without compromise.
-    seconds
-        Time of one wavelength on one core of 2020s, all levels and 171 directions; 0 where nothing is computed.
-    settings
-        What the solver is told; None where it is not called.
     """
 
     accuracy: str
@@ -206,13 +197,7 @@ MATRIX_DEGREE = 17
 
 
 def sky_irradiance(light: DiffuseLight) -> float:
-    """Downward diffuse irradiance at the ground, per unit beam irradiance.
-
-    Parameters
-    ----------
-    light
-        A sky without a sharp aureole (see `model.atmosphere.layers.with_truncated_matrix`).
-    """
+    """Downward diffuse irradiance at the ground, per unit beam irradiance."""
     mu, weights = gauss_nodes(_NODES)
     phi_rad = 2.0 * pi * np.arange(_AZIMUTHS) / _AZIMUTHS
     sky = light.stokes(light.depth, mu, phi_rad[:, np.newaxis], looking="up")
@@ -224,13 +209,7 @@ def sky_irradiance(light: DiffuseLight) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class UnlitSolution:
-    """A `model.atmosphere.sky.DiffuseLight` without light.
-
-    Attributes
-    ----------
-    mu0, depth
-        Cosine of the solar zenith angle, and extinction optical depth.
-    """
+    """A `model.atmosphere.sky.DiffuseLight` without light."""
 
     mu0: float
     depth: float
@@ -248,15 +227,7 @@ class UnlitSolution:
 
 
 def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSolution:
-    """Return an atmosphere of the depth of these layers that scatters nothing; called like the solver.
-
-    Parameters
-    ----------
-    layers
-        Homogeneous layers.
-    mu0
-        Cosine of the solar zenith angle, above 0 to 1.
-    """
+    """Return an atmosphere of the depth of these layers that scatters nothing; called like the solver."""
     return UnlitSolution(mu0=mu0, depth=float(sum(layer.full_depth for layer in layers)))
 
 
@@ -266,22 +237,9 @@ def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSol
 def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: object) -> Solution:
     """Diffuse light scattered once, and the beam's light off the ground, unscattered since; called like the solver.
 
-    Parameters
-    ----------
-    layers
-        Homogeneous layers from top to bottom.
-    mu0
-        Cosine of the solar zenith angle, above 0 to 1.
-    albedo
-        Albedo of the Lambertian ground, 0 to 1.
-
-    Notes
-    -----
     Exact for what it contains; the radiance lacks light scattered more often, a quarter to three quarters of it. Its
     error is not estimated here and stated as 1.
 
-    References
-    ----------
     Chandrasekhar, Radiative Transfer (1950), section 7.
     """
     if not (0.0 < mu0 <= 1.0 and 0.0 <= albedo <= 1.0):
@@ -321,23 +279,8 @@ def analytic_sky(
 ) -> NDArray[np.float64]:
     """Stokes radiance of a clear sky by formula, shape (..., 3), in the unit of the zenith radiance.
 
-    Parameters
-    ----------
-    mu0
-        Cosine of the solar zenith angle, above 0.
-    zenith_radiance
-        S0 at the zenith.
-    dolp_max
-        Degree of polarization 90 degrees from the sun, 0 to 1. Aerosol decides it: 0.15 to 0.25 is usual in haze.
-    zenith_rad, phi_rad
-        Zenith angle of the point, and azimuth of the sun minus that of the point [rad].
-
-    Notes
-    -----
     Vibration across the scattering plane, as for light scattered once: there are no neutral points beside the sun.
 
-    References
-    ----------
     ISO 15469:2004 / CIE S 011, sky type 12 (radiance); Rayleigh's law (polarization).
     """
     zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
@@ -368,19 +311,7 @@ def _indicatrix(from_sun_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class AnalyticLighting:
-    """A sky by formula with the beam and the path of another lighting; a `model.atmosphere.sky.Lighting`.
-
-    Attributes
-    ----------
-    path_and_beam
-        Where all but the sky comes from.
-    mu0
-        Cosine of the solar zenith angle.
-    zenith_radiance
-        S0 at the zenith [W m-2 sr-1].
-    dolp_max
-        Degree of polarization 90 degrees from the sun.
-    """
+    """A sky by formula with the beam and the path of another lighting; a `model.atmosphere.sky.Lighting`."""
 
     path_and_beam: Lighting
     mu0: float
@@ -395,8 +326,6 @@ class AnalyticLighting:
     def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
         """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
 
-        References
-        ----------
         definition: see `analytic_sky`
         """
         return analytic_sky(
@@ -614,13 +543,6 @@ class MixedLighting:
 
     No atmosphere is such a mixture, but for light scattered once: the share makes the choice between two atmospheres
     one number, with a derivative and a standard uncertainty.
-
-    Attributes
-    ----------
-    first, second
-        Lights of one sun position in one band.
-    share
-        Of the second. Outside 0 to 1 the mixture is extrapolated, as a central difference at an end asks for.
     """
 
     first: Lighting
@@ -745,15 +667,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectralRule:
-    """Wavelengths at which to compute the ratio of radiance to solar irradiance, and what each stands for.
-
-    Attributes
-    ----------
-    wavelength_m
-        Shape (K,), increasing [m].
-    irradiance
-        Irradiance that each stands for, above 0 [W m-2]; they sum to that of the band.
-    """
+    """Wavelengths at which to compute the ratio of radiance to solar irradiance, and what each stands for."""
 
     wavelength_m: FloatArray
     irradiance: FloatArray
@@ -764,31 +678,9 @@ def spectral_rule(
 ) -> SpectralRule:
     """Return few wavelengths that stand for a spectrum of many.
 
-    Parameters
-    ----------
-    wavelength_m
-        Samples of the spectrum, shape (N,), increasing [m].
-    irradiance
-        Irradiance that each sample stands for, shape (N,), 0 or more and somewhere above [W m-2].
-    count
-        How many wavelengths for the band, 1 or more. For 400 to 700 nm, 2 leave 1e-3 of the sky's radiance and 3 leave
-        2e-4.
-    kinks_m
-        Where the radiance over the spectrum has a kink, as at the entries of a table [m]. Each stretch between them
-        has a rule of its own, with its part of the wavelengths, rounded up.
-
-    Raises
-    ------
-    ValueError
-        The count is below 1, or the spectrum is empty.
-
-    Notes
-    -----
     K wavelengths integrate polynomials in 1/wavelength up to degree 2K - 1. A stretch with no more samples than
     wavelengths is taken as it is.
 
-    References
-    ----------
     Golub & Welsch, Math. Comput. 23 (1969) 221, doi:10.1090/S0025-5718-69-99647-1.
     """
     if count < 1:
@@ -839,20 +731,9 @@ Number = TypeVar("Number", float, NDArray[np.float64])
 class ExtrapolatedLight:
     """A `model.atmosphere.sky.DiffuseLight` from two others: Richardson's extrapolation.
 
-    Attributes
-    ----------
-    coarse
-        Light of some layers.
-    fine
-        Of the same layers, each cut in two; so are the solver's elements in each.
-
-    Notes
-    -----
     What is left of the layers' error falls as the fourth power of their thickness, at their faces. Within a layer
     it falls as the square: of where in it one reads the light the error is no smooth function.
 
-    References
-    ----------
     L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307, doi:10.1098/rsta.1911.0009.
     """
 
@@ -932,28 +813,7 @@ LightSolver = _SolverFor[DiffuseLight]
 def solve_column(
     solver: LightSolver, column: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
 ) -> DiffuseLight:
-    """Return the diffuse light of one wavelength.
-
-    Parameters
-    ----------
-    solver
-        What solves layers.
-    column
-        The atmosphere at this wavelength.
-    settings
-        What the solver is told, and into which layers the atmosphere is cut.
-    mu0
-        Cosine of the solar zenith angle.
-    albedo
-        Of the ground, 0 to 1.
-    aerosol
-        What it does to polarization.
-
-    Raises
-    ------
-    ValueError
-        A number is outside the solver's range.
-    """
+    """Return the diffuse light of one wavelength."""
     if settings.extrapolated:
         plain = replace(settings, extrapolated=False)
         halved = replace(plain, layer_cuts=2 * plain.layer_cuts, element_depth=0.5 * plain.element_depth)
@@ -986,22 +846,7 @@ _KEPT = 64
 
 @dataclass(frozen=True, kw_only=True)
 class BandLighting:
-    """Light in a band from solved atmospheres; a `model.atmosphere.sky.Lighting`.
-
-    Attributes
-    ----------
-    columns
-        The atmosphere at each wavelength.
-    solutions
-        Its diffuse light at each wavelength.
-    irradiance
-        Share of each wavelength in the irradiance outside the atmosphere, after ozone [W m-2].
-    direct_irradiance
-        Irradiance of the beam at the ground on a plane normal to it [W m-2].
-    wavelength_error
-        Relative error of the direct irradiance were it taken from these wavelengths: an estimate of what their number
-        costs the diffuse light.
-    """
+    """Light in a band from solved atmospheres; a `model.atmosphere.sky.Lighting`."""
 
     columns: tuple[Column, ...]
     solutions: tuple[DiffuseLight, ...]
@@ -1023,15 +868,6 @@ class BandLighting:
     def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
         """Stokes radiance of the sky at the ground without the beam, shape (..., 3) [W m-2 sr-1].
 
-        Parameters
-        ----------
-        zenith_rad
-            Zenith angle of the point, 0 to pi/2 [rad].
-        phi_rad
-            Azimuth of the sun minus that of the point [rad].
-
-        References
-        ----------
         [MK14] eq. (3): the downwelled sky radiance.
         """
         mu = _cosine(zenith_rad)
@@ -1040,17 +876,6 @@ class BandLighting:
     def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
         """Stokes radiance added below a sensor over a black target, shape (..., 3) [W m-2 sr-1].
 
-        Parameters
-        ----------
-        height_m
-            Height of the sensor over the ground [m], 0 or more.
-        zenith_rad
-            View zenith angle, 0 to pi/2 [rad].
-        phi_rad
-            Azimuth of the sun minus that of the sensor as seen from the target [rad].
-
-        References
-        ----------
         [MK14] eq. (4).
         """
         mu, phi = _cosine(zenith_rad), np.asarray(phi_rad, dtype=float)
@@ -1068,19 +893,8 @@ class BandLighting:
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
         """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
 
-        Parameters
-        ----------
-        height_m
-            Height of the sensor over the ground [m], 0 or more.
-        zenith_rad
-            View zenith angle, 0 to pi/2 [rad].
-
-        Notes
-        -----
         Right for a surface without colour; for another, take the solutions wavelength by wavelength.
 
-        References
-        ----------
         [MK14] eq. (4).
         """
         mu = _cosine(zenith_rad)
@@ -1121,15 +935,6 @@ def _cosine(zenith_rad: ArrayLike) -> NDArray[np.float64]:
 def path_transmittance(*, tau_below: ArrayLike, mu: ArrayLike) -> NDArray[np.float64]:
     """Transmittance from the ground to a sensor.
 
-    Parameters
-    ----------
-    tau_below
-        Optical depth between the ground and the sensor, 0 or more.
-    mu
-        Cosine of the view zenith angle, 0 to 1.
-
-    References
-    ----------
     [MK14] eq. (4): the transmittance tau of direct and of diffuse reflected light.
     """
     return np.exp(-slant(np.asarray(tau_below, dtype=float), np.asarray(mu, dtype=float)))
@@ -1140,24 +945,6 @@ def path_radiance(
 ) -> NDArray[np.float64]:
     """Stokes radiance that the air below a sensor adds over a black target, per unit beam irradiance [sr-1].
 
-    Parameters
-    ----------
-    solution
-        The solved atmosphere; the albedo of its ground is that of the target's surroundings.
-    tau_above
-        Optical depth above the sensor.
-    mu
-        Cosine of the view zenith angle, 0 to 1.
-    phi_rad
-        Azimuth of the sun minus azimuth of the sensor as seen from the target [rad].
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        S0, S1, S2.
-
-    References
-    ----------
     [MK14] eq. (4): the upwelled radiance; with light from the surroundings scattered into the line of sight.
     """
     tau = np.asarray(tau_above, dtype=float)
@@ -1184,39 +971,7 @@ def compute_lighting(
     solver: LightSolver = solve,
     settings: SolverSettings | None = None,
 ) -> BandLighting | AnalyticLighting:
-    """Light of one sun position in a band.
-
-    Parameters
-    ----------
-    state
-        The atmosphere.
-    fidelity
-        Any but TABLE, which is made from a table (`model.atmosphere.sky`).
-    band
-        Spectrum of the sun at its actual distance, and response of the sensor.
-    mu0
-        Cosine of the solar zenith angle, cos(85 deg) to 1.
-    albedo
-        Albedo of the ground around, 0 to 1.
-    aerosol
-        What the aerosol does to polarization.
-    wavelengths
-        How many to compute.
-    split_at_kinks
-        Whether each stretch between the entries of the aerosol's tables has its own part of them, rounded up: pays
-        below an error of 1e-4.
-    dolp_max
-        Largest degree of polarization of the sky; fidelity ANALYTIC alone uses it.
-    solver
-        What solves a wavelength.
-    settings
-        In place of the level's own; where light is scattered once, the layers alone count.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-    """
+    """Light of one sun position in a band."""
     if fidelity is Fidelity.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
     kind = AerosolKind(aerosol)
@@ -1247,17 +1002,6 @@ def compute_lighting(
 def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:
     """Return a sky by formula that has the radiance of another at the zenith.
 
-    Parameters
-    ----------
-    path_and_beam
-        The other.
-    mu0
-        Cosine of the solar zenith angle.
-    dolp_max
-        Largest degree of polarization of the sky.
-
-    References
-    ----------
     definition: see `model.atmosphere.sky`
     """
     zenith = float(path_and_beam.sky(zenith_rad=0.0, phi_rad=0.0)[0])

@@ -42,15 +42,6 @@ _BEYOND_AUREOLE_MU = np.cos(np.radians(np.linspace(10.0, 180.0, 86)))
 def degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
     """Largest degree of the expansion: 2 for molecules; for aerosol until it is negligible, or 2 * nodes - 1.
 
-    Parameters
-    ----------
-    layers
-        From top to bottom.
-    nodes
-        Directions of a hemisphere, 2 or more.
-
-    Notes
-    -----
     Light scattered once needs no expansion, so what counts is the square of a coefficient. A scattering matrix that
     gives up its forward peak is best cut at 3/2 of the nodes: products of higher degree are not integrated well enough
     (rural aerosol, 12 nodes, error of the sky beyond 20 degrees from the sun: 1.6e-4 there, 6e-4 at 2, 4.6e-4 at 1).
@@ -68,23 +59,10 @@ def degree_max(layers: Sequence[Layer], *, nodes: int) -> int:
 def truncation_error(layers: Sequence[Layer], *, degree: int, mu0: float) -> float:
     """Error, as a share of the mean radiance, from the degrees above the given one in light scattered twice.
 
-    Parameters
-    ----------
-    layers
-        From top to bottom.
-    degree
-        The last that is kept, 0 or more.
-    mu0
-        Cosine of the solar zenith angle, above 0 to 1.
-
-    Notes
-    -----
     Henyey-Greenstein: the first term left out, (2l + 1) g^(2l) times the albedo of the aerosol, over 1 - g^2 for those
     that follow. A matrix: the largest error, beyond ten degrees from the sun, that delta-M with exact single scattering
     leaves, times half the slant depth of scattering by the aerosol, which is the share of light scattered twice.
 
-    References
-    ----------
     Nakajima & Tanaka, J. Quant. Spectrosc. Radiat. Transfer 40 (1988) 51, doi:10.1016/0022-4073(88)90031-3.
     """
     slant = sum(layer.tau_aerosol * layer.ssa_aerosol for layer in layers if layer.matrix is not None) / mu0
@@ -129,15 +107,6 @@ def _aureole_error(matrix: ScatteringMatrix, degree: int, peak: float) -> float:
 def mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
     """Azimuth modes that are solved together, and whether they carry polarization.
 
-    Parameters
-    ----------
-    degree
-        The last azimuth mode, 2 or more.
-    aerosol
-        How its scattering polarizes.
-
-    Notes
-    -----
     Molecules scatter in modes 0 to 2 alone: the higher ones of a depolarizing aerosol are those of the intensity. For
     either kind they stand apart because their orders die out sooner.
     """
@@ -153,24 +122,9 @@ def mode_blocks(degree: int, aerosol: AerosolKind) -> list[tuple[range, bool]]:
 def beam_share(*, depth: NDArray[np.float64], mu: NDArray[np.float64], mu0: float, upward: bool) -> NDArray[np.float64]:
     """Radiance that a homogeneous depth lit by the beam adds, per unit of scattered source at its top.
 
-    Parameters
-    ----------
-    depth
-        Optical depth crossed, 0 or more.
-    mu
-        Cosine of the line of sight from the vertical, 0 to 1; broadcasts against depth.
-    mu0
-        Cosine of the solar zenith angle, above 0.
-    upward
-        Whether the light leaves at the top (True) or at the bottom.
-
-    Notes
-    -----
     For downward light (exp(-depth/mu0) - exp(-depth/mu)) / (1 - mu/mu0), written so that mu = mu0 and mu = 0 are no
     special points: only an exact 0/0 is replaced by its limit, and digits do not cancel beside it.
 
-    References
-    ----------
     Chandrasekhar, Radiative Transfer (1950), section 7 (formal solution for a source exp(-t/mu0)).
     """
     path = slant(depth, mu)
@@ -194,28 +148,7 @@ def single_scattering(
     phi_rad: NDArray[np.float64],
     upward: bool,
 ) -> NDArray[np.float64]:
-    """Stokes radiance (I, Q, U) of light scattered exactly once, per unit beam irradiance [sr-1].
-
-    Parameters
-    ----------
-    layers
-        Top to bottom, each of depth above 0.
-    mu0
-        Cosine of the solar zenith angle.
-    tau_above
-        Optical depth above the observer, shape (R,).
-    mu
-        Cosine of the line of sight from the vertical, shape (R,), 0 to 1.
-    phi_rad
-        Azimuth of propagation of the light minus that of the beam, counter-clockwise from above, shape (R,).
-    upward
-        Whether the light travels upward.
-
-    Returns
-    -------
-    ndarray, shape (R, 3)
-        Meridian frame, Q > 0 for E in the vertical plane.
-    """
+    """Stokes radiance (I, Q, U) of light scattered exactly once, per unit beam irradiance [sr-1]."""
     direction = mu if upward else -mu
     depths = np.array([layer.depth for layer in layers])
     faces = np.cumsum([0.0, *depths])
@@ -282,15 +215,6 @@ class Grid:
     Levels are the faces and the middles of E elements, 2E + 1 of them from the top. Arrays of radiance have the axes
     level, azimuth mode, way (0 down, 1 up), direction, Stokes component; arrays of source have element and point
     (top, middle, bottom of it) in place of level.
-
-    Attributes
-    ----------
-    edges
-        Optical depths of the elements' faces, shape (E + 1,).
-    nodes, weights
-        Quadrature for the cosine over (0, 1), shape (N,).
-    mu0
-        Cosine of the solar zenith angle.
     """
 
     edges: NDArray[np.float64]
@@ -311,17 +235,7 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class Transport:
-    """Transport between the levels of a grid: extinction, and sources on the way.
-
-    Attributes
-    ----------
-    decay
-        Transmittance from an element's face to its middle and to its far face, shape (2, E, N).
-    source_weight
-        Weights of the source where light comes in, in the middle, at the far face; shape (3, 2, E, N).
-    beam_weight
-        Weights of a source exp(-tau/mu0), shape (2 parts, E, 2 ways, N).
-    """
+    """Transport between the levels of a grid: extinction, and sources on the way."""
 
     decay: NDArray[np.float64]
     source_weight: NDArray[np.float64]
@@ -331,13 +245,6 @@ class Transport:
 def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nodes and weights for integrals over the cosine in (0, 1): Gauss-Legendre in its square root.
 
-    Parameters
-    ----------
-    count
-        Of nodes, 1 or more.
-
-    Notes
-    -----
     The square root crowds the nodes at the horizon, where the radiance of thin layers bends within a cosine of the
     order of their optical depth. Polynomials of the cosine are exact up to degree count - 1.
     """
@@ -346,13 +253,7 @@ def gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def transport_of(grid: Grid) -> Transport:
-    """Extinction between the levels of a grid.
-
-    Parameters
-    ----------
-    grid
-        Levels and directions.
-    """
+    """Extinction between the levels of a grid."""
     path = slant(grid.depths[:, np.newaxis], grid.nodes)
     weights = source_weights(path=path, part=_PARTS[:, np.newaxis, np.newaxis])
     crossed = _PARTS[:, np.newaxis, np.newaxis] * grid.depths[:, np.newaxis]
@@ -368,21 +269,7 @@ def transport_of(grid: Grid) -> Transport:
 
 
 def carry(transport: Transport, source: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance at all levels that a source in the elements and light from the ground make.
-
-    Parameters
-    ----------
-    transport
-        Extinction.
-    source
-        Shape (E, 3, M, 2, N, S).
-    ground
-        Radiance that leaves the ground upward, shape (M, N, S).
-
-    Returns
-    -------
-    ndarray, shape (2E + 1, M, 2, N, S)
-    """
+    """Radiance at all levels that a source in the elements and light from the ground make."""
     elements, _, modes, _, nodes, stokes_count = source.shape
     flat = source.reshape(elements, 3, modes, 2, nodes * stokes_count)
     weight = _for_each_component(transport.source_weight, stokes_count)[..., np.newaxis, :]
@@ -397,21 +284,7 @@ def carry(transport: Transport, source: NDArray[np.float64], ground: NDArray[np.
 
 
 def carry_beam(transport: Transport, strength: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance at all levels of light scattered once, and of the beam's light from the ground.
-
-    Parameters
-    ----------
-    transport
-        Extinction.
-    strength
-        Source of the beam in each element at unit irradiance, shape (E, M, 2, N, S).
-    ground
-        Radiance that leaves the ground upward, shape (M, N, S).
-
-    Returns
-    -------
-    ndarray, shape (2E + 1, M, 2, N, S)
-    """
+    """Radiance at all levels of light scattered once, and of the beam's light from the ground."""
     added = transport.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength
     steps = np.stack([added[:, :, :, 0], added[:, ::-1, :, 1]], axis=3)
     return _accumulate(transport, steps.reshape(*steps.shape[:-2], ground[0].size), ground)
@@ -451,19 +324,7 @@ def _accumulate(transport: Transport, steps: NDArray[np.float64], ground: NDArra
 
 @dataclass(frozen=True, kw_only=True)
 class Scattering:
-    """Scattering of a block of azimuth modes.
-
-    Attributes
-    ----------
-    basis
-        Shape (M, Y, X), Y = L degrees times S Stokes components, X = 2N directions times S.
-    projector
-        The basis times the quadrature weights, shape (M, X, Y).
-    beam
-        Expansion of unpolarized light along the beam, shape (M, L, S).
-    coefficients
-        Expansion coefficients of each element, shape (E, L, 4).
-    """
+    """Scattering of a block of azimuth modes."""
 
     basis: NDArray[np.float64]
     projector: NDArray[np.float64]
@@ -474,19 +335,6 @@ class Scattering:
 def scattering_of(grid: Grid, coefficients: NDArray[np.float64], *, modes: range, polarized: bool) -> Scattering:
     """Operators of a block of azimuth modes.
 
-    Parameters
-    ----------
-    grid
-        Levels and directions.
-    coefficients
-        Expansion coefficients of each element, shape (E, L, 4).
-    modes
-        The azimuth modes of the block.
-    polarized
-        Whether I, Q and U are carried, or I alone.
-
-    References
-    ----------
     Siewert, Astron. Astrophys. 109 (1982) 195.
     """
     kept = slice(0, 3 if polarized else 1)
@@ -545,15 +393,7 @@ def scattered_source(scattering: Scattering, moments: NDArray[np.float64], grid:
 
 
 def element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expansion of twice the source at the three points of each element, shape (M, E, 3, L, S).
-
-    Parameters
-    ----------
-    coefficients
-        Of the matrices of each element, shape (E, L, 4).
-    moments
-        Expansion of the radiance at the levels, shape (M, 2 E + 1, L, S).
-    """
+    """Expansion of twice the source at the three points of each element, shape (M, E, 3, L, S)."""
     points = 2 * np.arange(coefficients.shape[0])[:, np.newaxis] + np.arange(3)
     return apply_coefficients(coefficients[:, np.newaxis], moments[:, points])
 
@@ -561,15 +401,6 @@ def element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.flo
 def apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Product of the matrices B_l of `stokes_basis` with an expansion (..., L, S); for S = 1 of a1 alone.
 
-    Parameters
-    ----------
-    coefficients
-        a1, a2, a3, b1 of each degree, shape (..., L, 4).
-    expansion
-        Shape (..., L, S), S of 1 or 3.
-
-    References
-    ----------
     de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237.
     """
     if expansion.shape[-1] == 1:
@@ -584,15 +415,6 @@ def apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np.
 def beam_source(scattering: Scattering, grid: Grid) -> NDArray[np.float64]:
     """Source of the beam of unit irradiance in each element without its extinction, shape (E, M, 2, N, S).
 
-    Parameters
-    ----------
-    scattering
-        Matrices, basis and the beam's own expansion.
-    grid
-        Levels and directions.
-
-    References
-    ----------
     Chandrasekhar, Radiative Transfer (1950), section 7.
     """
     modes, degrees, stokes_count = scattering.beam.shape
@@ -607,19 +429,7 @@ def beam_source(scattering: Scattering, grid: Grid) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """Setting that the orders of one run share.
-
-    Attributes
-    ----------
-    grid, transport
-        Levels, directions, and the extinction between them.
-    albedo
-        Albedo of the Lambertian ground, 0 to 1.
-    tolerance
-        Largest estimated share of all further orders in the mean radiance of any level.
-    max_orders
-        Where to give up.
-    """
+    """Setting that the orders of one run share."""
 
     grid: Grid
     transport: Transport
@@ -630,21 +440,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class OrderSum:
-    """The sum of all orders of a block of azimuth modes.
-
-    Attributes
-    ----------
-    moments
-        Expansion of the diffuse radiance at each level, shape (M, 2E + 1, L, S).
-    diffuse_irradiance
-        Diffuse downward irradiance at the ground; 0 for a block without mode 0.
-    orders
-        Orders summed.
-    tail
-        Estimated share of all further orders in the mean radiance, at the level where it is largest.
-    ratio
-        Size of the last order over that of the one before; 0 where there was nothing to scatter.
-    """
+    """The sum of all orders of a block of azimuth modes."""
 
     moments: NDArray[np.float64]
     diffuse_irradiance: float
@@ -656,18 +452,6 @@ class OrderSum:
 def sum_orders(setting: Setting, scattering: Scattering, *, mean_radiance: NDArray[np.float64] | None) -> OrderSum:
     """Sum of the orders until the estimated tail is below the tolerance or the orders run out.
 
-    Parameters
-    ----------
-    setting
-        Grid, ground and stopping rule.
-    scattering
-        The block of modes.
-    mean_radiance
-        Mean radiance of each level that the tail is measured by, shape (2E + 1,); None for the block of mode 0,
-        which knows it itself.
-
-    Notes
-    -----
     The tail is taken as geometric, with the ratio of the last two orders. Where that ratio reaches 1 (it grows toward
     its limit from below in a conservative atmosphere), the tail counts as infinite.
     """
@@ -686,13 +470,6 @@ def sum_orders(setting: Setting, scattering: Scattering, *, mean_radiance: NDArr
 def mean_radiance_of(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean radiance over all directions at each level, from an expansion of modes that begin with 0.
 
-    Parameters
-    ----------
-    moments
-        Expansion of a radiance over direction, shape (M, levels, L, S).
-
-    References
-    ----------
     definition: the moment of degree 0 is the integral over the cosine from -1 to 1.
     """
     mean: NDArray[np.float64] = moments[0, :, 0, 0] / 2.0
@@ -734,17 +511,6 @@ def _progress(
 def ground_light(setting: Setting, scattering: Scattering, irradiance: float) -> NDArray[np.float64]:
     """Radiance that leaves the Lambertian ground under an irradiance, shape (M, N, S): mode 0 and unpolarized.
 
-    Parameters
-    ----------
-    setting
-        Grid and albedo.
-    scattering
-        For the shapes of modes and Stokes parameters.
-    irradiance
-        Of the ground, per unit beam irradiance, 0 or more.
-
-    References
-    ----------
     Chandrasekhar, Radiative Transfer (1950), section 12: albedo times irradiance over pi.
     """
     light = np.zeros((scattering.beam.shape[0], setting.grid.nodes.size, scattering.beam.shape[2]))
@@ -753,13 +519,7 @@ def ground_light(setting: Setting, scattering: Scattering, irradiance: float) ->
 
 
 def direct_irradiance(grid: Grid) -> float:
-    """Irradiance of the ground by the beam, per unit beam irradiance at the top.
-
-    Parameters
-    ----------
-    grid
-        Levels and the beam's cosine.
-    """
+    """Irradiance of the ground by the beam, per unit beam irradiance at the top."""
     return grid.mu0 * exp(-float(grid.edges[-1]) / grid.mu0)
 
 
@@ -973,28 +733,14 @@ _LOWEST_MU = 0.0175  # cosine of 89 degrees: lower lines of sight see the source
 
 @dataclass(frozen=True, kw_only=True)
 class Residual:
-    """Residual radiance where light leaves the atmosphere: upward at the top, and downward at the ground.
-
-    Attributes
-    ----------
-    change
-        Largest change of the radiance over directions up to 89 degrees from the vertical, modes added, shape (2,).
-    mean
-        Mean over the hemisphere of the lowest mode's radiance, shape (2,).
-    """
+    """Residual radiance where light leaves the atmosphere: upward at the top, and downward at the ground."""
 
     change: NDArray[np.float64]
     mean: NDArray[np.float64]
 
 
 def refined(grid: Grid) -> Grid:
-    """Grid with every element halved and a quarter more directions.
-
-    Parameters
-    ----------
-    grid
-        Levels and directions.
-    """
+    """Grid with every element halved and a quarter more directions."""
     middles = (grid.edges[:-1] + grid.edges[1:]) / 2.0
     edges = np.insert(grid.edges, np.arange(1, grid.edges.size), middles)
     nodes, weights = gauss_nodes(grid.nodes.size + ceil(grid.nodes.size / 4))
@@ -1011,24 +757,9 @@ def residual(
 ) -> Residual:
     """Change, by one more order on a finer grid, of the radiance that leaves the atmosphere.
 
-    Parameters
-    ----------
-    fine
-        Setting on the `refined` grid.
-    coefficients
-        Expansion coefficients of the coarse grid's elements, shape (E, L, 4).
-    result
-        The sum of orders on the coarse grid.
-    modes, polarized
-        What the block holds.
-
-    Notes
-    -----
     The finer grid's integral of the coarse solution would give the coarse solution back if that were exact. The error
     itself is larger than this by 1/(1 - ratio of successive orders) at most.
 
-    References
-    ----------
     definition (residual of an integral equation of the second kind)
     """
     scattering = scattering_of(fine.grid, np.repeat(coefficients, 2, axis=0), modes=modes, polarized=polarized)
@@ -1158,20 +889,7 @@ def _grid(layers: Sequence[Layer], *, mu0: float, nodes: int, element_depth: flo
 
 
 def check_scene(*, mu0: float, albedo: float) -> None:
-    """Refuse what the physics does not cover.
-
-    Parameters
-    ----------
-    mu0
-        Cosine of the solar zenith angle, cos(85 deg) to 1.
-    albedo
-        Albedo of the ground, 0 to 1.
-
-    Raises
-    ------
-    ValueError
-        One of them is outside its range.
-    """
+    """Refuse what the physics does not cover."""
     if not mu0 <= 1.0:
         raise ValueError(f"solve: mu0 = {mu0!r}, but the cosine of the solar zenith angle is at most 1")
     if mu0 < _SMALLEST_MU0:
@@ -1196,17 +914,7 @@ def _check_settings(*, nodes: int, element_depth: float, tolerance: float, max_o
 
 @dataclass(frozen=True, kw_only=True)
 class SolvedBlock:
-    """A block of azimuth modes and the sum of its orders.
-
-    Attributes
-    ----------
-    modes
-        The azimuth modes; the first block begins with 0.
-    polarized
-        Whether Q and U were carried.
-    result
-        The sum of orders.
-    """
+    """A block of azimuth modes and the sum of its orders."""
 
     modes: range
     polarized: bool
@@ -1218,17 +926,6 @@ def solve_blocks(
 ) -> list[SolvedBlock]:
     """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has.
 
-    Parameters
-    ----------
-    setting
-        Grid, extinction between its levels, and ground.
-    coefficients
-        Of the scattering matrices of each element, as `expansion_coefficients` has them, shape (E, L, 4).
-    blocks
-        Azimuth modes that are solved together and whether they carry polarization; those with mode 0 first.
-
-    References
-    ----------
     definition: see `model.atmosphere.solver.sum_orders`
     """
     solved: list[SolvedBlock] = []
@@ -1243,21 +940,8 @@ def solve_blocks(
 def estimate_error(setting: Setting, coefficients: NDArray[np.float64], blocks: Sequence[SolvedBlock]) -> float:
     """Estimated error of quadrature and of the orders left out, as a share of the mean radiance that leaves.
 
-    Parameters
-    ----------
-    setting
-        Grid, extinction between its levels, and ground, that were solved with.
-    coefficients
-        Of the scattering matrices of each element, shape (E, L, 4).
-    blocks
-        What was solved.
-
-    Notes
-    -----
     The larger share of the light that leaves at the top and at the ground; the errors of the blocks are added.
 
-    References
-    ----------
     definition: see `model.atmosphere.solver.residual`
     """
     grid = refined(setting.grid)

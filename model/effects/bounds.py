@@ -45,32 +45,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightLimits:
-    """Limits of a region's radiance [W m-2 sr-1].
-
-    Attributes
-    ----------
-    beams
-        Stokes radiance from the beam at directions of the field, shape (K, 3); of a given radiance that itself.
-    s0_low, s0_high, polarised_low, polarised_high
-        Of these.
-    sky, path, adjacency
-        Upper limits of what sky, path and surroundings add.
-    sky_polarised
-        Upper limit of the polarised light that the sky adds.
-    sky_again, sky_again_polarised
-        The same of light that was scattered more than once, and not only by the ground before; infinite where no
-        useful limit is known.
-    apart
-        Largest difference of the beam's light from its middle, of directions at which it is known.
-    spread
-        Upper limit of the difference between a direction of the field and its middle, over S0.
-    deviation
-        Upper limit of the root of the mean square of that difference.
-    depth, depth_below
-        Largest optical depth in the band, of all air and of that below the camera.
-    texture, field_cov
-        Covariance of the texture and over the field, shape (3, 3), where they are known [(W m-2 sr-1)^2].
-    """
+    """Limits of a region's radiance [W m-2 sr-1]."""
 
     beams: FloatArray
     s0_low: float
@@ -98,15 +73,7 @@ class LightLimits:
 
 
 def known_light(light: RegionLight, *, margin: float = 0.0) -> LightLimits:
-    """Return the limits of a region whose light is known.
-
-    Parameters
-    ----------
-    light
-        Of the region.
-    margin
-        By which its radiance may be off, as a share: what was left out of it, 0 or more.
-    """
+    """Return the limits of a region whose light is known."""
     stokes = np.asarray(light.stokes_radiance, dtype=np.float64)
     s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
     apart = margin * s0
@@ -168,19 +135,7 @@ class BandSlice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AirBounds:
-    """Upper bounds of light, all in band; infinite where nothing is known.
-
-    Attributes
-    ----------
-    slices
-        Parts of the band, in which the bounds add up; none where nothing is known.
-    mu
-        Cosine of the solar zenith angle.
-    ground_albedo
-        Of the ground around.
-    alternative
-        Of another air that it might as well be.
-    """
+    """Upper bounds of light, all in band; infinite where nothing is known."""
 
     slices: tuple[BandSlice, ...]
     mu: float
@@ -221,13 +176,6 @@ class AirBounds:
     def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
         """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
 
-        Parameters
-        ----------
-        zenith_rad, scattering_rad
-            Zenith angle of a direction, and its angle from the sun; of one shape [rad].
-
-        Notes
-        -----
         Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
         molecules and aerosol, nor more than tau / mu of each by its own.
         """
@@ -250,11 +198,6 @@ class AirBounds:
         """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
 
         Light of the beam that came off the ground, and was scattered once then, is not in it.
-
-        Parameters
-        ----------
-        zenith_rad, scattering_rad
-            As in `sky`.
         """
         if self.alternative is not None:
             return np.full(np.shape(scattering_rad), np.inf)
@@ -269,16 +212,6 @@ class AirBounds:
     def path(self, *, height_m: float, view_zenith_rad: ArrayLike, scattering_rad: ArrayLike) -> float:
         """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].
 
-        Parameters
-        ----------
-        height_m
-            Of the camera [m].
-        view_zenith_rad, scattering_rad
-            Zenith angles of the camera as seen from the target, and by what sunlight turns into the line of sight;
-            of one shape, the largest bound counts [rad].
-
-        Notes
-        -----
         The radiance is at most the largest source times 1 - exp(-tau_below / mu_v). The source is, over 4 pi: the beam
         as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
         scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
@@ -298,15 +231,7 @@ class AirBounds:
         return self._worst(each)
 
     def mixed_in(self, *, height_m: float, slant: float) -> float:
-        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1.
-
-        Parameters
-        ----------
-        height_m
-            Of the camera [m].
-        slant
-            One over the cosine of its zenith angle.
-        """
+        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1."""
         if height_m == 0.0:
             return 0.0
         way = min(self.depth_below(height_m) * slant, _MOST_MIXED)
@@ -348,22 +273,12 @@ UNKNOWN_AIR = AirBounds(slices=(), mu=1.0, ground_albedo=1.0)
 def bound_air(air: Air) -> AirBounds:
     """Return bounds of the light at the ground.
 
-    Parameters
-    ----------
-    air
-        The air. For a table and for the analytic fidelity level, whose light obeys no conservation of energy, nothing
-        is known.
-
-    Notes
-    -----
     With irradiance E outside the atmosphere, mu its cosine, depth tau (the largest in a part of the band), ground
     albedo A: the ground receives G <= E mu / (1 - A s), s = 1 - 2 E3(tau), since what returns to it has been scattered.
     The actinic flux anywhere is at most (E + 2 A G) / E2(tau / 2): in an isotropically scattering slab at least the
     share E2(tau / 2) of a source leaves without another scattering. Of it at most 1 - E2(tau) is scattered toward the
     ground, beside what goes on nearly forward from the beam, at most E (1 - exp(-tau / mu)).
 
-    References
-    ----------
     Definition; conservation of energy. E_n are the exponential integrals.
     """
     if air.alternative is not None:
@@ -375,13 +290,7 @@ def bound_air(air: Air) -> AirBounds:
 
 
 def is_narrow(band: SolarBand) -> bool:
-    """Return whether a band is one in which the air is all but the same.
-
-    Parameters
-    ----------
-    band
-        Wavelengths and irradiance.
-    """
+    """Return whether a band is one in which the air is all but the same."""
     shortest, longest = band.limits_m
     return bool(longest <= _NARROW * shortest)
 
@@ -426,16 +335,7 @@ _DIGITS = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PbrdfGrid:
-    """Reflectance times cos(theta_i) over the sky for some views [sr-1].
-
-    Attributes
-    ----------
-    zenith_rad, azimuth_rad
-        Angles from the normal and from the plane of the view, half of it, rising.
-    values
-        View's angle from the normal to the most that is reflected, and the most that is polarised of it, of light of
-        any polarization, shape (2, zeniths, azimuths).
-    """
+    """Reflectance times cos(theta_i) over the sky for some views [sr-1]."""
 
     zenith_rad: FloatArray
     azimuth_rad: FloatArray
@@ -463,17 +363,7 @@ class PbrdfGrid:
     def reflected(
         self, sky: RadianceOfSky, views: tuple[View, ...], *, sun_zenith_rad: float, sun_azimuth_rad: float
     ) -> FloatArray:
-        """Return the largest over views of the sum of the reflectance times a sky, all and what is polarised, (2,).
-
-        Parameters
-        ----------
-        sky
-            Radiance of an unpolarised or polarised sky.
-        views
-            At whose angles the grid was made; of a level surface.
-        sun_zenith_rad, sun_azimuth_rad
-            Of the sun.
-        """
+        """Return the largest over views of the sum of the reflectance times a sky, all and what is polarised, (2,)."""
         zenith, found = self.zenith_rad[:, np.newaxis], []
         for angle, off_rad in {
             (_rounded(one.zenith_rad), round(sun_azimuth_rad - one.azimuth_rad, 2)) for one in views
@@ -530,13 +420,7 @@ _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 
 def light_limits(scene: LitScene) -> dict[str, LightLimits]:
-    """Return the limits of each region's light, without solving anything.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    """
+    """Return the limits of each region's light, without solving anything."""
     found = {one.name: known_light(_as_given(one)) for one in scene.regions if one.radiance is not None}
     materials = [one for one in scene.regions if one.surface is not None]
     if not materials or scene.air is None:
@@ -557,18 +441,7 @@ def _as_given(region: LitRegion) -> RegionLight:
 
 
 def beam_lighting(air: Air) -> Lighting:
-    """Return the light of the beam alone; nothing is solved.
-
-    Parameters
-    ----------
-    air
-        The air.
-
-    Raises
-    ------
-    ValueError
-        There is neither an atmosphere nor a table.
-    """
+    """Return the light of the beam alone; nothing is solved."""
     if air.table is not None:
         return air.table
     if air.state is None:
@@ -590,30 +463,12 @@ def beam_lighting(air: Air) -> Lighting:
 def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> LightLimits:
     """Return the limits of a region's radiance before sky and path are known.
 
-    Parameters
-    ----------
-    scene, region
-        A region that is given by its material.
-    lighting
-        From `beam_lighting`.
-    limits
-        Of the light that the air scatters.
-
-    Raises
-    ------
-    ValueError
-        The scene has no air or view, or the region no surface.
-
-    Notes
-    -----
     Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
     most fp = |(F10, F20)| + the norm of the rest of F, which a diffuse term has not. Either is at most the largest of
     it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid with the mirror
     direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times the bound of the
     sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
 
-    References
-    ----------
     [MK14] eq. (2), (3).
     """
     panel = _panel(scene, region)
@@ -779,33 +634,7 @@ def _adjacency(scene: LitScene, panel: _Panel, limits: AirBounds) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RegionBounds:
-    """Limits of one region, in counts [DN]; equal where its radiance is given.
-
-    Attributes
-    ----------
-    s0_low, s0_high, polarised_low, polarised_high
-        Mean of S0, and length of (S1, S2).
-    signal_low, signal_high
-        Mean of each channel, shape (N,).
-    variance_low, variance_high
-        Temporal variance of each channel at these signals, shape (N,) [DN^2].
-    inverse
-        From channels to Stokes parameters, shape (3, N).
-    counts_per_radiance
-        Stokes parameters in counts per Stokes radiance [DN per W m-2 sr-1].
-    noise_low, noise_high
-        Covariance of the Stokes parameters from temporal noise at these signals, shape (3, 3).
-    texture
-        Upper bound of the texture's covariance of the Stokes parameters, shape (3, 3).
-    cov_high
-        Upper bound of their whole covariance.
-    own_high
-        The same without what is a factor common to a pixel's Stokes vector, which its DoLP does not show.
-    cycles
-        Over which means are taken.
-    crosstalk
-        Share by which light that drifts through a cycle mixes the Stokes parameters at most.
-    """
+    """Limits of one region, in counts [DN]; equal where its radiance is given."""
 
     region: LitRegion
     s0_low: float
@@ -852,15 +681,7 @@ class RegionBounds:
         return self.spatial_share(self.to_channels(np.eye(3)), is_part=False)
 
     def temporal_share(self, variances: FloatArray, *, bright: bool = False) -> float:
-        """Return the share of a part of the temporal variance, in any direction and channel.
-
-        Parameters
-        ----------
-        variances
-            Of the channels, shape (N,) [DN^2].
-        bright
-            Whether the share is largest where the light is.
-        """
+        """Return the share of a part of the temporal variance, in any direction and channel."""
         if not np.any(variances):
             return 0.0
         whole, each = (self.noise_high, self.variance_high) if bright else (self.noise_low, self.variance_low)
@@ -887,17 +708,6 @@ class RegionBounds:
 def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> RegionBounds:
     """Return the limits of a region.
 
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    region
-        One of its regions.
-    light
-        Limits of its radiance.
-
-    Notes
-    -----
     Light of sky and path adds to every channel, so that what the beam alone gives is a lower limit; noise grows with
     the light. Drift, falloff and scatter of angles widen the limits. Drift by d mixes Stokes parameters by W diag(f) M
     - 1, at most d / 2 times the condition of M.
@@ -966,13 +776,6 @@ def _of_channels(inverse: FloatArray, variances: FloatArray) -> FloatArray:
 def share_of(part: FloatArray, whole: FloatArray) -> float:
     """Return the largest ratio of two quadratic forms along any direction; infinite where the whole has none of it.
 
-    Parameters
-    ----------
-    part, whole
-        Symmetric matrices of one shape (N, N) and unit, of no negative eigenvalue.
-
-    References
-    ----------
     Definition; the largest eigenvalue of L^-1 P L^-T, L being the Cholesky factor of the whole.
     """
     if not np.any(part):
@@ -1073,15 +876,6 @@ _ROUNDING = 1e-14
 def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     """Return what a disturbance does to the numbers of one region at most; detection is left at 0.
 
-    Parameters
-    ----------
-    bounds
-        The region.
-    found
-        The disturbance.
-
-    Notes
-    -----
     Covariance: where the eigenvalues of the one covariance over the other lie within 1 - x and 1 + x, the likelihood
     ratio L of the two normal distributions has var L <= (1 - x^2)^(-3/2) - 1 =: c^2 (chi-square divergence), and by
     Cauchy and Schwarz the mean of the pixels' DoLP changes by at most c times its deviation, its variance by at most 2
@@ -1096,8 +890,6 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     Stokes parameter over the least, both without a factor common to each pixel; and where polarised light is not clear
     of its noise by no more than the change over the deviation, and the noise beside the factor.
 
-    References
-    ----------
     Definition; Cauchy-Schwarz with the chi-square divergence of two normal distributions.
     """
     if found.is_nothing:
@@ -1137,15 +929,6 @@ def detection_bound(
 ) -> float:
     """Return what disturbances of target and background do to a probability of detection at most.
 
-    Parameters
-    ----------
-    target, of_target, background, of_background
-        The regions and what is done to them.
-    eta
-        Largest threshold of the statistic.
-
-    Notes
-    -----
     Target: two distributions whose covariances differ by x have a total variation of at most c / 2, two whose means
     differ by h deviations at most 0.4 h. Background: another mean is a shift of the target; another covariance moves
     the ellipsoid of detection by at most x sqrt(eta) of its deviations, and a normal vector lies within such a shell
@@ -1153,8 +936,6 @@ def detection_bound(
     the two differ in S0 by many deviations a target is missed so rarely, with and without, that nothing more changes,
     if the background keeps so much of its covariance that there is such a probability.
 
-    References
-    ----------
     [MK14] eq. (30); definition of total variation; Ball, Discrete Comput. Geom. 10 (1993) 411 for the surface.
     """
     if of_target.is_nothing and of_background.is_nothing:
@@ -1200,13 +981,6 @@ def _lasts(background: RegionBounds, share: float) -> bool:
 def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
     """Return a lower and an upper limit of the deviation of a pixel's DoLP.
 
-    Parameters
-    ----------
-    bounds
-        Of the region, with light for certain.
-
-    References
-    ----------
     Definition; least and largest eigenvalue of the covariance, with S0 up to five deviations below its mean.
     """
     least = np.sqrt(max(float(np.linalg.eigvalsh(bounds.noise_low)[0]), 0.0)) / bounds.s0_high
@@ -1327,8 +1101,6 @@ def adjacency(scene: LitScene, region: RegionBounds, light: LightLimits) -> Dist
 def field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
 
-    Notes
-    -----
     The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
     mean square is at most the largest difference of these. The reflected sky changes by at most 2 (1 / m + 4 / mu) of
     itself per radian, m being the rms slope, the path by 2 / mu + 10.
@@ -1345,8 +1117,6 @@ def field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> 
 def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
 
-    Notes
-    -----
     Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
     2 tau / mu_v), and its curvature is at most K (K + 5). At the mean of the band the slope drops out
     (`model.atmosphere.sky`): with the variance v of the relative wavelength over the band K (K + 5) v / 2 of
@@ -1372,8 +1142,6 @@ def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Di
 def falloff(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
 
-    Notes
-    -----
     A factor common to the Stokes vector with mean m and variance v leaves ratios of the mean alone; noise over light
     changes by at most 1 / m^2 - 1, and v S S' is added to the covariance.
     """
@@ -1432,17 +1200,7 @@ def _relative_variance(air: Air) -> float:
 
 
 def added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
-    """Return what light that is added changes.
-
-    Parameters
-    ----------
-    scene, region
-        A region, and where it is.
-    radiance
-        At most so much [W m-2 sr-1].
-    dolp
-        Share of it that may be polarised.
-    """
+    """Return what light that is added changes."""
     if radiance == 0.0:
         return NOTHING
     if not (region.is_known and np.isfinite(radiance)):
@@ -1582,8 +1340,6 @@ def _temporal(region: RegionBounds, variances: np.ndarray) -> Disturbance:
 def leakage(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what a finite extinction ratio 1/e changes, being calibrated: counts and noise, no Stokes parameter.
 
-    Notes
-    -----
     Counts grow by at most 2 e of their mean. The inverse divides the noise of S0 by 1 + e and that of S1 and S2 by
     1 - e: with condition c of the noise's covariance, its share changes by at most 2 e (1 + e) sqrt(c) / (1 - e)^2,
     beside what 2 e more light brings of shot noise. Where the light is known the two covariances of noise are compared.
@@ -1613,8 +1369,6 @@ def leakage(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Distu
 def polarizer_angle(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what angles that scatter by s change: exp(-2 s^2) of (S1, S2), and a variance of each channel.
 
-    Notes
-    -----
     Covariances of what differs over the region keep exp(-4 s^2) of their polarised part. The variance is at most
     Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the counts, Q^2 being the mean
     square of the polarised light, texture included.
@@ -1646,8 +1400,6 @@ def polarizer_angle(scene: LitScene, region: RegionBounds, _light: LightLimits) 
 def misregistration(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what shifts of the picture take from the correlation of texture between frames.
 
-    Notes
-    -----
     With kappa the correlation that is kept, (1 - kappa) of the covariance C of the channels goes over to its diagonal:
     the change lies between -(1 - kappa) C and (1 - kappa) diag C.
     """
@@ -1664,8 +1416,6 @@ def misregistration(scene: LitScene, region: RegionBounds, _light: LightLimits) 
 def drift(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
     """Return what light that drifts does to the Stokes parameters: W diag(f - 1) applied to the largest counts.
 
-    Notes
-    -----
     Each frame k has the factor f_k; the change of a Stokes parameter is at most sum |W_jk| |f_k - 1| I_k, and noise and
     texture change by at most |f_k - 1| and twice that of themselves.
     """
@@ -1723,25 +1473,7 @@ _LITTLE = "microseconds"
 
 @dataclass(frozen=True, kw_only=True)
 class EffectModel:
-    """An effect: a new one is an entry here, its bound, and the place that computes it.
-
-    Attributes
-    ----------
-    changes
-        What it changes, in words.
-    place
-        The module in which it acts.
-    cost
-        Effort of computing it, in words.
-    of_light
-        True for light before the lens, which costs time: decided before the others.
-    bound
-        Largest change of a region's mean and covariance where it is left out, of the scene, the region's limits in
-        counts [DN] and the limits of its light [W m-2 sr-1]; `NOTHING` where the effect is not there, `UNKNOWN` where
-        no bound is known.
-    removed
-        The scene without it; what is gone from the record is computed by nobody.
-    """
+    """An effect: a new one is an entry here, its bound, and the place that computes it."""
 
     changes: str
     place: str = _RECORD
@@ -1881,17 +1613,7 @@ EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
 def effect_bounds(
     scene: LitScene, limits: Mapping[str, LightLimits], effects: frozenset[Effect] = ALL
 ) -> dict[Effect, Bound]:
-    """Return for each effect how much leaving it out can change.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    limits
-        Region to the limits of its light, as `model.effects.bounds.light_limits` gives them.
-    effects
-        Which.
-    """
+    """Return for each effect how much leaving it out can change."""
     regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
     found: dict[Effect, Bound] = {}
     for effect in (one for one in Effect if one in effects):

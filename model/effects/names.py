@@ -148,23 +148,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbance:
-    """Largest change of one region where an effect is left out.
-
-    Attributes
-    ----------
-    s0, polarised
-        Change of the mean S0, and length of the change of the mean (S1, S2), over S0.
-    factor
-        Change of a factor common to the mean Stokes vector.
-    share
-        Largest change of the covariance over the covariance itself, along any direction of Stokes parameters or of
-        channels: its eigenvalues lie within 1 - share and 1 + share.
-    counts
-        Change of counts that leaves the Stokes parameters alone, over S0.
-    share_of_dolp
-        The same as `share` for the pixels' DoLP alone, where that is less: a factor common to a pixel's Stokes vector
-        is a share of the covariance, and leaves its DoLP alone. None for the share itself.
-    """
+    """Largest change of one region where an effect is left out."""
 
     s0: float = 0.0
     polarised: float = 0.0

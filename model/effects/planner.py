@@ -14,15 +14,7 @@ from model.scene.scene import LightParts, LitScene, RegionLight
 
 
 def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
-    """Return the scene with all effects left out that do not act.
-
-    Parameters
-    ----------
-    scene
-        With all effects.
-    effects
-        That act.
-    """
+    """Return the scene with all effects left out that do not act."""
     if effects >= ALL:
         return scene
     from model.effects.bounds import EFFECT_MODELS

@@ -489,15 +489,6 @@ def update_inputs(
 def confusion(seen: float, alike: ArrayLike) -> FloatArray:
     """Return the chance that another input outranks one that is off by five of its standard uncertainties.
 
-    Parameters
-    ----------
-    seen
-        Share of its variance that the data resolve, 0 to 1.
-    alike
-        Correlation of its score with that of each other input, any shape.
-
-    Notes
-    -----
     Scores g = 5 seen^1/2 + e and h = 5 alike seen^1/2 + f with standard normal e, f of correlation `alike`: h > g and
     -h > g are two half-planes.
     """

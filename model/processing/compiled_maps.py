@@ -100,25 +100,7 @@ def _fill_maps(
     planes: Float32Array,
     valid: NDArray[np.bool_],
 ) -> None:
-    """Fill Stokes parameters, DoLP, AoLP and their validity.
-
-    Parameters
-    ----------
-    first, last
-        The pixels that are filled: from `first` to before `last`.
-    counts
-        Shape (N, P), contiguous [DN].
-    weights
-        The inverse, shape (3, M): with zeros up to a multiple of four.
-    whole_dn
-        Whole counts that are taken off each frame, shape (M,) [DN].
-    rest
-        What is taken off S0, S1, S2 after that, shape (3,).
-    planes
-        S0, S1, S2, DoLP and AoLP, shape (5, P), filled.
-    valid
-        Shape (P,), filled.
-    """
+    """Fill Stokes parameters, DoLP, AoLP and their validity."""
     final, step = counts.shape[0] - 1, max(last - first, 1) if counts.shape[0] <= GROUP else _BLOCK
     for start in range(first, last, step):
         stop = min(start + step, last)

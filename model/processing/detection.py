@@ -44,32 +44,9 @@ def detection_distribution(
 ) -> DetectionDistribution:
     """Return the distribution of D = (x - m_b)' S_b^-1 (x - m_b) for x ~ N(m_t, S_t).
 
-    Parameters
-    ----------
-    target_mean, background_mean
-        Stokes vectors or channel values, shape (..., n), all of one unit.
-    target_cov
-        S_t, shape (..., n, n), that unit squared; may be singular or zero.
-    background_cov
-        S_b, shape (..., n, n); condition number at most 1e12.
-
-    Returns
-    -------
-    DetectionDistribution
-        Leading axes of the arguments broadcast.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a covariance is none, or that of the background is singular to 1e-12.
-
-    Notes
-    -----
     Where the two covariances are alike, their difference is decomposed, so that a target equal to its background
     has weights of exactly 1; elsewhere singular values of a factor are taken, which keeps small weights accurate.
 
-    References
-    ----------
     [MK14] eq. (30); definition.
     """
     mean_t, cov_t = checked_pair(target_mean, target_cov)
@@ -91,18 +68,7 @@ def detection_distribution(
 
 
 def background_condition(background_cov: FloatArray) -> FloatArray:
-    """Return the condition number of each covariance.
-
-    Parameters
-    ----------
-    background_cov
-        Shape (..., N, N), any unit squared.
-
-    Raises
-    ------
-    ValueError
-        If one is no covariance, or singular to 1e-12: D would then be rounding error.
-    """
+    """Return the condition number of each covariance."""
     require_covariance(background_cov, name="background_cov")
     values = np.linalg.eigvalsh(background_cov)
     smallest, largest = values[..., 0], values[..., -1]
@@ -117,13 +83,7 @@ def background_condition(background_cov: FloatArray) -> FloatArray:
 
 
 def condition_warnings(condition: FloatArray) -> tuple[str, ...]:
-    """Return what is to be said of the condition of the background, nothing where it is harmless.
-
-    Parameters
-    ----------
-    condition
-        Condition numbers, any shape, 1 or more.
-    """
+    """Return what is to be said of the condition of the background, nothing where it is harmless."""
     worst = float(np.max(condition, initial=1.0))
     if worst <= _CONDITION_WARNING:
         return ()

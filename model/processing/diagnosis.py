@@ -36,14 +36,7 @@ _LEAST_DOLP = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Consequence:
-    """What a fault does to the polarization of a region.
-
-    Attributes
-    ----------
-    dolp_shift, aolp_shift_rad
-        With the fault less without it; None where there is no light or no angle, or where the fault is too large to be
-        undone.
-    """
+    """What a fault does to the polarization of a region."""
 
     dolp_shift: float | None
     aolp_shift_rad: float | None
@@ -110,15 +103,7 @@ _LEAST_BLOCKS = 12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RegionResidual:
-    """The mean counts of a region, and the covariance of what in them is no light.
-
-    Attributes
-    ----------
-    means : (N,) array
-        Of the region.
-    cov : (N, N) array
-        Of the residual of that mean; nothing along what light does.
-    """
+    """The mean counts of a region, and the covariance of what in them is no light."""
 
     means: FloatArray
     cov: FloatArray

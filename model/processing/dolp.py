@@ -63,26 +63,10 @@ def rice_moments(
 ) -> tuple[FloatArray, FloatArray]:
     """Return how much the mean length exceeds the length of the mean, and the variance of the length.
 
-    Parameters
-    ----------
-    mean_1, mean_2
-        Mean of the two independent components, shape (K,).
-    sigma_1, sigma_2
-        Their standard deviations, shape (K,), sigma_1 >= sigma_2 >= 0.
-
-    Returns
-    -------
-    excess, variance
-        Shape (K,): E|X| - |E X| and var |X|. Relative error about 1e-13.
-
-    Notes
-    -----
     Far from the origin a product Gauss-Hermite rule is used, near it
     sqrt(E X^2) - E|X| = 1/(2 sqrt pi) int [M(t) - exp(-t E X^2)] t^(-3/2) dt, M(t) = E exp(-t X^2),
     with t = e^u and the trapezoidal rule in u: analytic for |Im u| < pi/2, it converges as exp(-pi^2 / step).
 
-    References
-    ----------
     Definition; S. O. Rice, Bell Syst. Tech. J. 24 (1945) 46, doi:10.1002/j.1538-7305.1945.tb00453.x, for equal
     deviations.
     """
@@ -155,15 +139,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Expansion:
-    """Mean and variance of DoLP from an expansion, each of shape (...).
-
-    Parameters
-    ----------
-    mean
-        Mean of DoLP.
-    variance
-        Its variance. The second-order one is negative where the expansion has broken down.
-    """
+    """Mean and variance of DoLP from an expansion, each of shape (...)."""
 
     mean: FloatArray
     variance: FloatArray
@@ -328,15 +304,7 @@ _NODE_CLASSES = (1, 40, 80, 160, 512, 1024, 2048)
 
 @dataclass(frozen=True, kw_only=True)
 class ExactMoments:
-    """Mean and standard deviation of DoLP, each of shape (M,), with estimated absolute errors.
-
-    Parameters
-    ----------
-    mean, std
-        Moments.
-    mean_error, std_error
-        Difference to the rule with half of the outer nodes, plus rounding.
-    """
+    """Mean and standard deviation of DoLP, each of shape (M,), with estimated absolute errors."""
 
     mean: FloatArray
     std: FloatArray
@@ -345,20 +313,7 @@ class ExactMoments:
 
 
 def exact_moments(frame: DolpFrame, *, refinement: int = 0) -> ExactMoments:
-    """Return mean and standard deviation of DoLP by quadrature.
-
-    Parameters
-    ----------
-    frame
-        M distributions with S0 bounded away from zero: mean of S0 at least several standard deviations.
-    refinement
-        How often the step of the outer rule is halved.
-
-    Returns
-    -------
-    ExactMoments
-        To about 1e-13, whatever the signal-to-noise ratio of the polarization.
-    """
+    """Return mean and standard deviation of DoLP by quadrature."""
     centre, width = _outer_map(frame)
     low, high = _outer_ends(centre, width)
     needed = 2.0**refinement * (high - low) / _LOG_STEP_MOMENT_QUADRATURE + 1.0
@@ -480,17 +435,7 @@ _PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
 
 @dataclass(frozen=True, kw_only=True)
 class Ambiguity:
-    """Change by the choice of a cut-off near S0 = 0, each of shape (M,).
-
-    Parameters
-    ----------
-    mean
-        Change of the mean of DoLP.
-    square
-        Change of the mean square.
-    dark
-        Pr(S0 <= 0).
-    """
+    """Change by the choice of a cut-off near S0 = 0, each of shape (M,)."""
 
     mean: FloatArray
     square: FloatArray
@@ -499,17 +444,7 @@ class Ambiguity:
 
 @dataclass(frozen=True, kw_only=True)
 class AlwaysExisting:
-    """Statistics of DoLP that exist with or without moments.
-
-    Parameters
-    ----------
-    prob_not_positive
-        Pr(S0 <= 0): share of samples without a DoLP, shape (...).
-    probabilities, quantiles
-        Quantiles of DoLP given S0 > 0, shape (K,) and (..., K).
-    clipped_mean, clipped_std
-        Mean and standard deviation of min(DoLP, 1) given S0 > 0, shape (...).
-    """
+    """Statistics of DoLP that exist with or without moments."""
 
     prob_not_positive: FloatArray
     probabilities: FloatArray
@@ -519,19 +454,7 @@ class AlwaysExisting:
 
 
 def ambiguity(frame: DolpFrame) -> Ambiguity:
-    """Return how far the moments of DoLP depend on how S0 near zero is treated.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-
-    Returns
-    -------
-    Ambiguity
-        With f the density of S0 at zero and q the rms length of (S1, S2) there: f q ln(100) for the mean,
-        100 f q^2 / mean of S0 for the mean square.
-    """
+    """Return how far the moments of DoLP depend on how S0 near zero is treated."""
     sigma = np.where(frame.sigma_0 > 0.0, frame.sigma_0, 1.0)
     snr = np.where(frame.sigma_0 > 0.0, frame.mean_0 / sigma, np.inf)
     at_zero = np.exp(-0.5 * np.minimum(snr**2, 1500.0)) / (sigma * np.sqrt(2.0 * np.pi))
@@ -552,27 +475,7 @@ def always_existing(
     *,
     probabilities: ArrayLike = (0.001, 0.025, 0.16, 0.5, 0.84, 0.975, 0.999),
 ) -> AlwaysExisting:
-    """Return Pr(S0 <= 0), quantiles of DoLP, and the moments of min(DoLP, 1), which always exist.
-
-    Parameters
-    ----------
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), positive semi-definite.
-    probabilities
-        For which to give quantiles, shape (K,).
-
-    Returns
-    -------
-    AlwaysExisting
-        All but the first given S0 > 0.
-
-    Raises
-    ------
-    ValueError
-        If the arguments are no mean and covariance, or S0 > 0 has no probability.
-    """
+    """Return Pr(S0 <= 0), quantiles of DoLP, and the moments of min(DoLP, 1), which always exist."""
     frame, shape = dolp_frame(stokes_mean, stokes_cov)
     levels = np.asarray(probabilities, dtype=np.float64)
     mean, cov = np.asarray(stokes_mean)[..., None, :], np.asarray(stokes_cov)[..., None, :, :]

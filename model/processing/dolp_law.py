@@ -43,13 +43,7 @@ _SPLITTER = 2.0**27 + 1.0
 
 @dataclass(frozen=True)
 class DoubleDouble:
-    """Unevaluated sum of two arrays of doubles, the second one below half an ulp of the first.
-
-    Parameters
-    ----------
-    high, low
-        Parts, of one shape.
-    """
+    """Unevaluated sum of two arrays of doubles, the second one below half an ulp of the first."""
 
     high: FloatArray
     low: FloatArray
@@ -77,18 +71,6 @@ class DoubleDouble:
 def product(first: FloatArray, second: FloatArray) -> DoubleDouble:
     """Return the product of two arrays of doubles without rounding.
 
-    Parameters
-    ----------
-    first, second
-        They broadcast; below 1e150 in size, and their product above 1e-280 for the low part to exist.
-
-    Returns
-    -------
-    DoubleDouble
-        The exact product.
-
-    References
-    ----------
     T. J. Dekker, Numer. Math. 18 (1971) 224, doi:10.1007/BF01397083.
     """
     high = first * second
@@ -124,26 +106,7 @@ _NO_LIGHT = 1e-60
 
 @dataclass(frozen=True, kw_only=True)
 class DolpFrame:
-    """Parameters of M Gaussian distributions, each of shape (M,), in units of `unit`.
-
-    Parameters
-    ----------
-    mean_0, mean_1, mean_2
-        Mean of S0, S1, S2.
-    sigma_0
-        Standard deviation of S0.
-    slope_1, slope_2
-        Change of S1 and S2 per standard deviation of S0.
-    radius_1, radius_2
-        Standard deviation of S1 and S2 given S0, the larger one first.
-    excess_1, excess_2
-        sigma_0 mean_j - slope_j mean_0: zero where S0 and Sj fluctuate by a common factor. Kept apart because the
-        difference loses digits.
-    axis_rad
-        Angle of the frame's first axis in the (S1, S2) plane (twice an angle of polarization) [rad].
-    unit
-        What all else is divided by, in the unit of the Stokes parameters.
-    """
+    """Parameters of M Gaussian distributions, each of shape (M,), in units of `unit`."""
 
     mean_0: FloatArray
     mean_1: FloatArray
@@ -177,27 +140,7 @@ class DolpFrame:
 
 
 def dolp_frame(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> tuple[DolpFrame, tuple[int, ...]]:
-    """Return the frames of Gaussian Stokes parameters, flattened, and the shape of their leading axes.
-
-    Parameters
-    ----------
-    stokes_mean
-        Shape (..., 3), any unit.
-    stokes_cov
-        Shape (..., 3, 3), positive semi-definite, in the square of that unit.
-
-    Returns
-    -------
-    frame
-        One entry per distribution.
-    shape
-        Broadcast leading axes of the arguments.
-
-    Raises
-    ------
-    ValueError
-        If the arguments are no mean and covariance of three components, or S0 > 0 has no probability.
-    """
+    """Return the frames of Gaussian Stokes parameters, flattened, and the shape of their leading axes."""
     mean, cov = checked_pair(stokes_mean, stokes_cov)
     if mean.shape[-1] != 3:
         raise ValueError(f"stokes_mean has shape {mean.shape}; allowed is (..., 3), that is S0, S1, S2")
@@ -288,20 +231,6 @@ _FAR = 1e12
 def direction_density(distance: FloatArray, angle_rad: FloatArray) -> FloatArray:
     """Return the density of the direction of a vector with unit covariance.
 
-    Parameters
-    ----------
-    distance
-        Length of the mean, >= 0.
-    angle_rad
-        Angle from the direction of the mean [rad].
-
-    Returns
-    -------
-    ndarray
-        Arguments broadcast [rad^-1].
-
-    References
-    ----------
     Definition (offset normal distribution).
     """
     along, across = distance * np.cos(angle_rad), distance * np.sin(angle_rad)
@@ -315,22 +244,7 @@ def direction_density(distance: FloatArray, angle_rad: FloatArray) -> FloatArray
 def sector_probability(
     distance: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray, opening_rad: FloatArray
 ) -> FloatArray:
-    """Return the probability that the direction of a vector with unit covariance lies in a sector.
-
-    Parameters
-    ----------
-    distance
-        Length of the mean, shape (M,), >= 0, finite.
-    lower_rad, upper_rad
-        Angles from the direction of the mean, shape (M,), -2 pi <= lower <= upper <= 2 pi [rad].
-    opening_rad
-        upper - lower, known better than their difference; used where the sector is slender [rad].
-
-    Returns
-    -------
-    ndarray
-        Shape (M,), to relative precision.
-    """
+    """Return the probability that the direction of a vector with unit covariance lies in a sector."""
     slender = opening_rad * (1.0 + distance) ** 2 < 0.1
     wide = ~slender
     result = np.empty_like(distance)
@@ -365,15 +279,7 @@ def _wide(distance: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray) ->
 
 @dataclass(frozen=True, kw_only=True)
 class NormalRatio:
-    """M ratios Y / X of independent normal variables, each parameter of shape (M,).
-
-    Parameters
-    ----------
-    mean_y, sigma_y
-        Numerator, sigma_y > 0.
-    mean_x, sigma_x
-        Denominator, sigma_x >= 0; X > 0 must have probability.
-    """
+    """M ratios Y / X of independent normal variables, each parameter of shape (M,)."""
 
     mean_y: FloatArray
     sigma_y: FloatArray
@@ -382,20 +288,7 @@ class NormalRatio:
 
 
 def ratio_between(ratio: NormalRatio, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return Pr(lower < Y / X <= upper, X > 0), not divided by Pr(X > 0).
-
-    Parameters
-    ----------
-    ratio
-        M ratios.
-    lower, upper
-        Shape (M,), lower <= upper; may be infinite.
-
-    Returns
-    -------
-    ndarray
-        Shape (M,), to relative precision.
-    """
+    """Return Pr(lower < Y / X <= upper, X > 0), not divided by Pr(X > 0)."""
     distance, low, _ = _direction(ratio, lower)
     high = _direction(ratio, upper)[1]
     # Angles run from -pi to pi about the mean; the half plane X > 0 is one connected piece of them.
@@ -404,37 +297,13 @@ def ratio_between(ratio: NormalRatio, lower: FloatArray, upper: FloatArray) -> F
 
 
 def ratio_density(ratio: NormalRatio, value: FloatArray) -> FloatArray:
-    """Return the density of Y / X with X > 0, not divided by Pr(X > 0).
-
-    Parameters
-    ----------
-    ratio
-        M ratios.
-    value
-        Shape (M,), finite.
-
-    Returns
-    -------
-    ndarray
-        Shape (M,).
-    """
+    """Return the density of Y / X with X > 0, not divided by Pr(X > 0)."""
     distance, angle, jacobian = _direction(ratio, value)
     return np.asarray(direction_density(distance, angle) * jacobian)
 
 
 def ratio_positive(ratio: NormalRatio) -> FloatArray:
-    """Return the probability of a positive denominator.
-
-    Parameters
-    ----------
-    ratio
-        M ratios.
-
-    Returns
-    -------
-    ndarray
-        Shape (M,).
-    """
+    """Return the probability of a positive denominator."""
     return np.asarray(ndtr(ratio.mean_x / _sigma_x(ratio)))
 
 
@@ -485,15 +354,7 @@ _FAR_CONE = 1e8
 
 @dataclass(frozen=True, kw_only=True)
 class Border:
-    """Borders of M cones: one frame and one ratio b / a each.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-    a, b
-        Shape (M,), >= 0, not both zero: the border is the directions (a, b cos beta, b sin beta).
-    """
+    """Borders of M cones: one frame and one ratio b / a each."""
 
     frame: DolpFrame
     a: FloatArray
@@ -510,21 +371,7 @@ class Border:
 
 @dataclass(frozen=True, kw_only=True)
 class Directions:
-    """Quantities of the integrands at directions on borders, shape (K, n).
-
-    Parameters
-    ----------
-    exponent
-        Half of the squared Mahalanobis distance from the mean to the line along the direction.
-    cosine
-        Cosine of the whitened angle between direction and mean.
-    size
-        Length of the whitened direction times sigma_0 radius_2.
-    turning
-        dphi / dbeta.
-    kappa, mean_size, depth
-        Shape (K, 1): distance of the apex, at most 1e8; the same times sigma_0 radius_2; sigma_0 radius_2.
-    """
+    """Quantities of the integrands at directions on borders, shape (K, n)."""
 
     exponent: FloatArray
     cosine: FloatArray
@@ -536,20 +383,7 @@ class Directions:
 
 
 def directions(border: Border, offset: FloatArray) -> Directions:
-    """Return the whitened geometry at points of the borders.
-
-    Parameters
-    ----------
-    border
-        K borders.
-    offset
-        beta minus the polarization angle (doubled) of the mean, shape (K, n) [rad].
-
-    Returns
-    -------
-    Directions
-        At each point.
-    """
+    """Return the whitened geometry at points of the borders."""
     f, a, b = border.frame, border.a[:, None], border.b[:, None]
     cross_1, cross_2 = _cross_product(border, offset)
     inner, tilt_1, tilt_2 = _common_fluctuation(border, offset, cross_1, cross_2)
@@ -576,18 +410,7 @@ def directions(border: Border, offset: FloatArray) -> Directions:
 
 
 def beyond(d: Directions) -> FloatArray:
-    """Return Hc: the chance of a direction farther from the mean's than this one.
-
-    Parameters
-    ----------
-    d
-        Directions.
-
-    Returns
-    -------
-    ndarray
-        Shape (K, n), in [0, 1].
-    """
+    """Return Hc: the chance of a direction farther from the mean's than this one."""
     reach = d.kappa * d.cosine
     front = ndtr(-d.kappa) + d.cosine * np.exp(-d.exponent) * ndtr(reach)
     # Behind the apex the two terms cancel; with Mills ratios they do so without underflow.
@@ -597,18 +420,7 @@ def beyond(d: Directions) -> FloatArray:
 
 
 def within(d: Directions) -> FloatArray:
-    """Return H = 1 - Hc, with full relative precision close to the mean's direction.
-
-    Parameters
-    ----------
-    d
-        Directions.
-
-    Returns
-    -------
-    ndarray
-        Shape (K, n), in [0, 1].
-    """
+    """Return H = 1 - Hc, with full relative precision close to the mean's direction."""
     sine_squared = np.minimum(2.0 * d.exponent / d.kappa**2, 1.0)
     close = (d.cosine > 0.5) & (sine_squared < 0.75)
     cosine = np.sqrt(1.0 - np.where(close, sine_squared, 0.0))
@@ -619,20 +431,7 @@ def within(d: Directions) -> FloatArray:
 
 
 def density(border: Border, d: Directions) -> FloatArray:
-    """Return the joint density of DoLP and beta, with S0 > 0 (not divided by its probability).
-
-    Parameters
-    ----------
-    border
-        K borders.
-    d
-        Their directions.
-
-    Returns
-    -------
-    ndarray
-        Shape (K, n). For a = 1: density in x = b; for b = 1: density in a = 1 / DoLP.
-    """
+    """Return the joint density of DoLP and beta, with S0 > 0 (not divided by its probability)."""
     reach = d.kappa * d.cosine
     decay = np.exp(-0.5 * d.kappa**2)
     weight = d.depth**2 + (d.mean_size * d.cosine) ** 2
@@ -644,18 +443,7 @@ def density(border: Border, d: Directions) -> FloatArray:
 
 
 def nearness(d: Directions) -> FloatArray:
-    """Return minus the logarithm of the scale of the integrand: half the squared distance to the mean.
-
-    Parameters
-    ----------
-    d
-        Directions.
-
-    Returns
-    -------
-    ndarray
-        Shape (K, n); behind the apex its own distance.
-    """
+    """Return minus the logarithm of the scale of the integrand: half the squared distance to the mean."""
     return np.where(d.cosine > 0.0, d.exponent, 0.5 * d.kappa**2)
 
 
@@ -720,19 +508,7 @@ _REFINEMENTS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class BorderIntegrals:
-    """Integrals along M borders, each of shape (M,).
-
-    Parameters
-    ----------
-    turn
-        1/(2 pi) integral of H dphi where `close`, of Hc dphi elsewhere.
-    turn_size
-        The same of the absolute value: cancellation is measured against it.
-    density
-        Density of DoLP (or of its inverse, where the border has b = 1) with S0 > 0.
-    close
-        Where the border passes within one standard deviation of the mean.
-    """
+    """Integrals along M borders, each of shape (M,)."""
 
     turn: FloatArray
     turn_size: FloatArray
@@ -741,18 +517,7 @@ class BorderIntegrals:
 
 
 def border_integrals(border: Border) -> BorderIntegrals:
-    """Return the integrals along the borders of cones.
-
-    Parameters
-    ----------
-    border
-        M borders with radius_1 > 0.
-
-    Returns
-    -------
-    BorderIntegrals
-        To about 1e-12 of the integral of the absolute value, or the rounding of the covariance's thinnest axis.
-    """
+    """Return the integrals along the borders of cones."""
     place, width, lowest = _nearest_points(border)
     close = lowest < _CLOSE
 
@@ -914,17 +679,7 @@ _CANCELLED_UPPER = 1e-2
 
 @dataclass(frozen=True, kw_only=True)
 class Tails:
-    """Distribution of DoLP given S0 > 0 at M values, each of shape (M,).
-
-    Parameters
-    ----------
-    lower
-        Pr(DoLP <= x | S0 > 0).
-    upper
-        Pr(DoLP > x | S0 > 0).
-    density
-        Probability density at x.
-    """
+    """Distribution of DoLP given S0 > 0 at M values, each of shape (M,)."""
 
     lower: FloatArray
     upper: FloatArray
@@ -932,20 +687,7 @@ class Tails:
 
 
 def tails(frame: DolpFrame, x: FloatArray) -> Tails:
-    """Return both tails and the density for pairs of a distribution and a value.
-
-    Parameters
-    ----------
-    frame
-        M distributions with radius_1 > 0 whose plane of fluctuation, if thin, does not hold the apex.
-    x
-        DoLP, shape (M,), > 0 and finite.
-
-    Returns
-    -------
-    Tails
-        Given S0 > 0.
-    """
+    """Return both tails and the density for pairs of a distribution and a value."""
     border = Border(frame=frame, a=np.ones_like(x), b=x)
     found = border_integrals(border)
     lower, upper = _from_turns(frame, border.gap > 0.0, found)
@@ -1009,55 +751,20 @@ _THIN = 1e-8
 
 
 def on_a_line(frame: DolpFrame) -> Mask:
-    """Return where only one combination of the Stokes parameters fluctuates, or none.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-
-    Returns
-    -------
-    ndarray of bool
-        Shape (M,).
-    """
+    """Return where only one combination of the Stokes parameters fluctuates, or none."""
     swing = np.hypot(frame.excess_1, frame.excess_2) / np.abs(np.where(frame.mean_0 == 0.0, 1.0, frame.mean_0))
     return np.asarray(frame.radius_1 <= _THIN * swing)
 
 
 def in_a_plane_through_zero(frame: DolpFrame) -> Mask:
-    """Return where two combinations fluctuate, in a plane that holds zero light, or one with S0 known.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-
-    Returns
-    -------
-    ndarray of bool
-        Shape (M,).
-    """
+    """Return where two combinations fluctuate, in a plane that holds zero light, or one with S0 known."""
     flat = frame.radius_2 <= _THIN * frame.radius_1
     through_zero = (np.abs(frame.excess_2) <= 10.0 * _THIN * frame.sigma_0 * frame.radius_1) & ~_known(frame)
     return np.asarray(flat & (through_zero | _known(frame)) & ~on_a_line(frame))
 
 
 def plane_tails(frame: DolpFrame, x: FloatArray) -> Tails:
-    """Return both tails and the density of DoLP for fluctuations in a plane through zero light.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-    x
-        DoLP, shape (M,), > 0 and finite.
-
-    Returns
-    -------
-    Tails
-        Given S0 > 0; the density is infinite at the least possible DoLP.
-    """
+    """Return both tails and the density of DoLP for fluctuations in a plane through zero light."""
     known = _known(frame)
     sigma = np.where(known, 1.0, frame.sigma_0)
     shift = np.where(known, 0.0, frame.slope_1 / sigma)
@@ -1082,21 +789,7 @@ def plane_tails(frame: DolpFrame, x: FloatArray) -> Tails:
 
 
 def line_tails(frame: DolpFrame, x: FloatArray) -> Tails:
-    """Return both tails and the density of DoLP for fluctuations on a line.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-    x
-        DoLP, shape (M,), > 0 and finite.
-
-    Returns
-    -------
-    Tails
-        Given S0 > 0. Where DoLP is the same all along the line, tails are steps and the density is infinite
-        at the step.
-    """
+    """Return both tails and the density of DoLP for fluctuations on a line."""
     limit_1, limit_2, pull_1, pull_2 = _line(frame)
     pull = np.hypot(pull_1, pull_2)
     fixed = pull == 0.0
@@ -1175,112 +868,28 @@ _CHUNK = 32
 def cdf(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:
     """Return Pr(DoLP <= x | S0 > 0).
 
-    Parameters
-    ----------
-    x
-        Degree of linear polarization; broadcast against the leading axes of the other arguments.
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), positive semi-definite; singular is allowed.
-
-    Returns
-    -------
-    ndarray
-        Probability; a small one has full relative precision. 0 for x < 0.
-
-    Raises
-    ------
-    ValueError
-        If the arguments are no mean and covariance, x is not a number, or S0 > 0 has no probability.
-
-    Notes
-    -----
     Naive DoLP, as computed from Stokes parameters: values above 1 have probability.
 
-    References
-    ----------
     Definition; derivation in `model.processing.dolp_law`.
     """
     return distribution_tails(x, stokes_mean, stokes_cov).lower
 
 
 def probability_above(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:
-    """Return Pr(DoLP > x | S0 > 0).
-
-    Parameters
-    ----------
-    x
-        Degree of linear polarization; broadcast against the leading axes of the other arguments.
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), positive semi-definite.
-
-    Returns
-    -------
-    ndarray
-        Probability; a small one has full relative precision. 1 for x < 0.
-
-    Raises
-    ------
-    ValueError
-        As for `cdf`.
-    """
+    """Return Pr(DoLP > x | S0 > 0)."""
     return distribution_tails(x, stokes_mean, stokes_cov).upper
 
 
 def pdf(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:
     """Return the probability density of DoLP given S0 > 0.
 
-    Parameters
-    ----------
-    x
-        Degree of linear polarization; broadcast against the leading axes of the other arguments.
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), positive semi-definite.
-
-    Returns
-    -------
-    ndarray
-        Density per unit of DoLP; infinite where DoLP takes one value with a positive probability.
-
-    Raises
-    ------
-    ValueError
-        As for `cdf`.
-
-    References
-    ----------
     Same distribution as L. Montier et al., A&A 574 (2015) A135, doi:10.1051/0004-6361/201322271, for S0 > 0.
     """
     return distribution_tails(x, stokes_mean, stokes_cov).density
 
 
 def distribution_tails(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Tails:
-    """Return lower tail, upper tail and density of DoLP given S0 > 0, together.
-
-    Parameters
-    ----------
-    x
-        Degree of linear polarization; broadcast against the leading axes of the other arguments.
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), positive semi-definite.
-
-    Returns
-    -------
-    Tails
-        Arrays of the broadcast shape.
-
-    Raises
-    ------
-    ValueError
-        As for `cdf`.
-    """
+    """Return lower tail, upper tail and density of DoLP given S0 > 0, together."""
     frame, index, values, shape = paired(x, stokes_mean, stokes_cov, name="x")
     if np.any(np.isnan(values)):
         raise ValueError(f"x has {np.sum(np.isnan(values))} values that are not a number")
@@ -1295,27 +904,7 @@ def distribution_tails(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLi
 def paired(
     values: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, name: str
 ) -> tuple[DolpFrame, NDArray[np.int64], FloatArray, tuple[int, ...]]:
-    """Return frames, the frame of each value, the values flattened, and the broadcast shape.
-
-    Parameters
-    ----------
-    values
-        Broadcast against the leading axes of the other arguments.
-    stokes_mean, stokes_cov
-        Shapes (..., 3) and (..., 3, 3).
-    name
-        What the caller calls `values`, for the message.
-
-    Returns
-    -------
-    frame, index, values, shape
-        Distribution number index[k] goes with value number k.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, or the arguments are no mean and covariance.
-    """
+    """Return frames, the frame of each value, the values flattened, and the broadcast shape."""
     frame, lead_shape = dolp_frame(stokes_mean, stokes_cov)
     array = np.asarray(values, dtype=np.float64)
     try:
@@ -1329,20 +918,7 @@ def paired(
 
 
 def pair_tails(frame: DolpFrame, x: FloatArray) -> Tails:
-    """Return both tails and the density for pairs of any distribution and any value.
-
-    Parameters
-    ----------
-    frame
-        M distributions.
-    x
-        DoLP, shape (M,), any number.
-
-    Returns
-    -------
-    Tails
-        Given S0 > 0.
-    """
+    """Return both tails and the density for pairs of any distribution and any value."""
     lower = np.where(x > 0.0, 1.0, 0.0)
     density = np.zeros_like(x)
     result = Tails(lower=lower, upper=1.0 - lower, density=density)
@@ -1378,27 +954,6 @@ _LOG_RANGE = 700.0
 def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> FloatArray:
     """Return the value that DoLP, given S0 > 0, does not exceed with probability p.
 
-    Parameters
-    ----------
-    p
-        Probability, 0 to 1; broadcast against the leading axes of the other arguments.
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), positive semi-definite; singular is allowed.
-
-    Returns
-    -------
-    ndarray
-        DoLP; 0 for p = 0 and infinite for p = 1.
-
-    Raises
-    ------
-    ValueError
-        If p is outside 0 to 1, the arguments are no mean and covariance, or S0 > 0 has no probability.
-
-    Notes
-    -----
     The search runs over the logarithm of DoLP, with the smaller tail.
     """
     frame, index, wanted, shape = paired(p, stokes_mean, stokes_cov, name="p")
@@ -1450,30 +1005,7 @@ def find_quantiles(
     start: FloatArray,
     reach: float,
 ) -> FloatArray:
-    """Return the places at which increasing distributions reach given probabilities.
-
-    Parameters
-    ----------
-    distribution
-        Of (number of each distribution, places), both of shape (K,): returns lower tail, upper tail and density per
-        unit of place. A distribution may jump.
-    p
-        Probabilities, shape (M,), above 0 and below 1.
-    start
-        First places, shape (M,).
-    reach
-        The search covers places from -reach to reach.
-
-    Returns
-    -------
-    ndarray
-        Shape (M,), to rounding; the place of the jump where a distribution jumps over p.
-
-    Raises
-    ------
-    ValueError
-        If a search does not end, which means that a distribution is not increasing.
-    """
+    """Return the places at which increasing distributions reach given probabilities."""
     place, wanted = start.copy(), ndtri(p)
     low, high = np.full_like(p, -reach), np.full_like(p, reach)
     last = np.full_like(p, np.inf)

@@ -45,17 +45,7 @@ class TooManyCountsError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class PoissonDolp:
-    """DoLP of Poisson counts, given that S0 > 0.
-
-    Attributes
-    ----------
-    mean, std
-        Of sqrt(S1^2 + S2^2) / S0.
-    without_light
-        Probability of S0 <= 0, which the moments leave out.
-    error
-        Probability of the counts that the sum leaves out, rounding included.
-    """
+    """DoLP of Poisson counts, given that S0 > 0."""
 
     mean: float
     std: float
@@ -66,23 +56,6 @@ class PoissonDolp:
 def poisson_dolp(plan: Design, stokes_e: ArrayLike) -> PoissonDolp:
     """Return the exact moments of DoLP under shot noise alone.
 
-    Parameters
-    ----------
-    plan
-        Angles and inverse, N channels.
-    stokes_e
-        Mean Stokes parameters, shape (3,), no more polarized than light can be [e-].
-
-    Raises
-    ------
-    ValueError
-        A channel has a mean below 0.
-    TooManyCountsError
-        So many electrons arrive, or angles are so many, that the sum has more than 3e7 terms. The deviation of Gaussian
-        counts (`model.processing.dolp`) is about 1 % too large there, and less by as much as there is more light.
-
-    References
-    ----------
     [MK14] section II-C, Fig. 5; definition of the mean of a function of independent Poisson counts.
     """
     light_e = np.asarray(stokes_e, dtype=np.float64)
@@ -322,13 +295,7 @@ _NEWTON_STEPS = 8
 
 @cache
 def share_curve(estimator: str) -> "CubicSpline":
-    """Return (v/r)^2 as a spline in 1/r^2, from 0 to 1/r^2 of the shortest length that gives more than 0.
-
-    Parameters
-    ----------
-    estimator
-        "wardle_kronberg", "maximum_likelihood", "mean" or "median".
-    """
+    """Return (v/r)^2 as a spline in 1/r^2, from 0 to 1/r^2 of the shortest length that gives more than 0."""
     from scipy.interpolate import CubicSpline
 
     square = _SQUARES[estimator]
@@ -340,13 +307,7 @@ def share_curve(estimator: str) -> "CubicSpline":
 
 
 def zero_threshold(estimator: str) -> float:
-    """Return the measured length at and below which the estimate is 0 (0 where there is none).
-
-    Parameters
-    ----------
-    estimator
-        One of the names of `model.processing.dolp_studies`.
-    """
+    """Return the measured length at and below which the estimate is 0 (0 where there is none)."""
     return _THRESHOLDS[estimator]
 
 
@@ -374,13 +335,6 @@ def _square_of_mean(measured: FloatArray) -> FloatArray:
 def mean_length(square: FloatArray) -> FloatArray:
     """Return the mean of the Rice distribution whose true length has this square.
 
-    Parameters
-    ----------
-    square
-        Square of what the true length is over the deviation of a component, any shape, 0 or more.
-
-    References
-    ----------
     Rice, Bell Syst. Tech. J. 24, 46 (1945), doi:10.1002/j.1538-7305.1945.tb00453.x.
     """
     x = 0.25 * square
@@ -450,34 +404,8 @@ class EstimatorError:
 def true_snr(measured_snr: ArrayLike, estimator: Estimator) -> FloatArray:
     """Return the estimate of the true DoLP over its noise from the measured DoLP over its noise.
 
-    Parameters
-    ----------
-    measured_snr
-        sqrt(S1^2 + S2^2) over the standard deviation of S1 and of S2; any shape, 0 or more.
-    estimator
-        "naive": as measured.
-        "asymptotic": sqrt(r^2 - 1), 0 below r = 1.
-        "wardle_kronberg": the true value whose most frequent measured value is r; 0 below 1.
-        "maximum_likelihood": the true value that makes r most likely; 0 below sqrt(2).
-        "mean", "median": the true value whose mean or median measured value is r; 0 below 1.2533 or 1.1774.
-        "mas": r - (1 - exp(-r^2))/(2 r), smooth and above 0 for all r > 0.
-
-    Returns
-    -------
-    ndarray
-        Shape of `measured_snr`; error below 1e-9.
-
-    Raises
-    ------
-    ValueError
-        If a value is negative or not a number, or the estimator is unknown.
-
-    Notes
-    -----
     None is unbiased at low signal: `bias_and_rms` says by how much. From 5 on all but the naive one are.
 
-    References
-    ----------
     Serkowski, Acta Astron. 8, 135 (1958); Wardle & Kronberg, ApJ 194, 249 (1974), doi:10.1086/153240;
     Simmons & Stewart, A&A 142, 100 (1985); Plaszczynski et al., MNRAS 439, 4048 (2014),
     doi:10.1093/mnras/stu270.
@@ -582,15 +510,7 @@ _REACH_NORMALIZED_STOKES = 300.0
 
 @dataclass(frozen=True, kw_only=True)
 class RatioDistribution:
-    """Distribution of a normalised Stokes parameter given S0 > 0, each of the broadcast shape.
-
-    Parameters
-    ----------
-    lower, upper
-        Pr(s <= x | S0 > 0) and Pr(s > x | S0 > 0), each to relative precision.
-    density
-        Probability density at x.
-    """
+    """Distribution of a normalised Stokes parameter given S0 > 0, each of the broadcast shape."""
 
     lower: FloatArray
     upper: FloatArray
@@ -645,29 +565,7 @@ def distribution(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *,
 
 
 def quantile(p: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, component: int) -> FloatArray:
-    """Return the value that S1 / S0 or S2 / S0, given S0 > 0, does not exceed with probability p.
-
-    Parameters
-    ----------
-    p
-        Probability, above 0 and below 1; broadcast against the leading axes of the other arguments.
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3).
-    component
-        1 or 2.
-
-    Returns
-    -------
-    ndarray
-        Quantile.
-
-    Raises
-    ------
-    ValueError
-        If p is not between 0 and 1, or as for `distribution`.
-    """
+    """Return the value that S1 / S0 or S2 / S0, given S0 > 0, does not exceed with probability p."""
     ratio, shift, lead_shape = _ratio(stokes_mean, stokes_cov, component)
     wanted = np.asarray(p, dtype=np.float64)
     if np.any(~((wanted > 0.0) & (wanted < 1.0))):

@@ -30,27 +30,7 @@ _SAME_RAD = np.radians(0.5)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cause:
-    """One thing that may be wrong.
-
-    Attributes
-    ----------
-    name
-        Its kind, such as "throughput".
-    frame
-        Number of the frame; None if several frames are meant.
-    frames
-        All that it changes.
-    unit
-        Of its value as it is printed.
-    directions : (P, Q) array
-        One unit of it in the parameters of single frames; Q is 2 for a shift.
-    expected : (Q,) array
-        How large it is in rigs (standard deviation).
-    log_odds
-        Of meeting it, before anything is known.
-    is_fault
-        False of how a camera is built: said after what is wrong.
-    """
+    """One thing that may be wrong."""
 
     name: str
     frame: int | None
@@ -275,17 +255,7 @@ _LEAST_CURVATURE = -0.15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameFaults:
-    """How large each fault of single frames is.
-
-    Attributes
-    ----------
-    throughput, angle_rad, dark_dn : (N,) array
-        Shares of the light, turns [rad] and levels added [DN].
-    shift_pixels : (N, 2) array
-        x to the right, y down.
-    curvature, power : float
-        Of the response: counts are f + curvature f^2 / light, and light (f / light)^(1 + power).
-    """
+    """How large each fault of single frames is."""
 
     throughput: FloatArray
     angle_rad: FloatArray
@@ -322,15 +292,6 @@ def can_be_undone(parameters: FloatArray) -> bool:
 def corrected_system(system: FloatArray, faults: FrameFaults) -> tuple[Design, FloatArray]:
     """Return the design with throughputs and angles as they are, and how its rows change with the angle.
 
-    Parameters
-    ----------
-    system
-        Rows of the frames as they are said to be, shape (N, 3).
-    faults
-        Of the frames.
-
-    Notes
-    -----
     A turned polarizer turns S1 and S2 of its row.
     """
     cosine, sine = np.cos(2 * faults.angle_rad), np.sin(2 * faults.angle_rad)
@@ -347,17 +308,7 @@ def corrected_system(system: FloatArray, faults: FrameFaults) -> tuple[Design, F
 
 
 def corrected_pictures(pictures: FloatArray, faults: FrameFaults, *, light: float) -> FloatArray:
-    """Return pictures with dark levels, response and shifts undone, shape as given.
-
-    Parameters
-    ----------
-    pictures
-        Shape (N, H, W) [DN].
-    faults
-        Of the frames.
-    light
-        Counts at which a curved response adds its share [DN].
-    """
+    """Return pictures with dark levels, response and shifts undone, shape as given."""
     straight = _straightened(pictures - faults.dark_dn[:, None, None], faults, light)
     for index, (x, y) in enumerate(faults.shift_pixels):
         if max(abs(x), abs(y)) > _LEAST_SHIFT_PIXELS:
@@ -409,13 +360,6 @@ _HARMLESS_STEPS = 0.35
 def rounding_error_rms(std: ArrayLike) -> FloatArray:
     """Return how far rounding moves a mean, root mean square over where the mean lies between two steps.
 
-    Parameters
-    ----------
-    std
-        Of the noise before rounding, in steps, >= 0: 12^(-1/2) steps without any, nothing above half a step.
-
-    References
-    ----------
     Widrow and Kollar, Quantization Noise (2008), chapter 4: the error is a sum of waves that noise damps.
     """
     waves = np.exp(-2.0 * (np.pi * _WAVES * np.asarray(std, dtype=np.float64)[..., None]) ** 2) / (np.pi * _WAVES)
@@ -423,17 +367,7 @@ def rounding_error_rms(std: ArrayLike) -> FloatArray:
 
 
 def frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step: float) -> FloatArray:
-    """Return the noise of one pixel of each frame before rounding, in steps, from where the picture is smoothest.
-
-    Parameters
-    ----------
-    pictures
-        Shape (N, H, W).
-    usable
-        Shape (H, W).
-    step
-        Of the rounding, in the unit of the pictures.
-    """
+    """Return the noise of one pixel of each frame before rounding, in steps, from where the picture is smoothest."""
     whole = usable[:, 2:] & usable[:, 1:-1] & usable[:, :-2]
     bends = pictures[:, :, 2:] - 2.0 * pictures[:, :, 1:-1] + pictures[:, :, :-2]
     found = np.zeros(len(pictures))
@@ -446,15 +380,7 @@ def frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step: 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedParts:
-    """Parts of a set of pictures whose rounding is the same.
-
-    Attributes
-    ----------
-    numbers : (H, W) array
-        Which part each pixel is of, from 0; -1 where it is not usable.
-    errors : (N,) array
-        By how much rounding moves a part of each frame (standard deviation), unit of the pictures.
-    """
+    """Parts of a set of pictures whose rounding is the same."""
 
     numbers: NDArray[np.intp]
     errors: FloatArray
@@ -463,24 +389,7 @@ class RoundedParts:
 def rounded_parts(
     pictures: FloatArray, usable: NDArray[np.bool_], *, null_basis: FloatArray, step: float
 ) -> RoundedParts | None:
-    """Return the pixels that have the same counts in every frame, whose rounding is the same where there is no noise.
-
-    Parameters
-    ----------
-    pictures
-        Shape (N, H, W).
-    usable
-        Shape (H, W).
-    null_basis
-        Of the design, shape (N, N - 3): what is left of the pictures along it has noise and no texture.
-    step
-        Of the rounding, in the unit of the pictures; 0 where none is known.
-
-    Returns
-    -------
-    RoundedParts or None
-        None where the noise of all frames makes rounding harmless.
-    """
+    """Return the pixels with the same counts in every frame; where there is no noise, their rounding is the same."""
     if not step > 0.0 or not usable.any():
         return None
     onto = null_basis @ null_basis.T
@@ -537,23 +446,7 @@ _LEAST_PIXELS = 4.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
-    """Residuals and what faults would make of them, block by block on a grid.
-
-    Attributes
-    ----------
-    residual : (N, R, C) array
-        What no light gives, as a share of the counts of each frame [DN].
-    features : (7 N, R, C) array
-        What one unit of each fault adds to the counts of one frame, kind by kind.
-    instruments : (7 N, R, C) array
-        The same of the blocks around, whose noise is not that of the residual; shifts, which need edges, of the block.
-    residual_slopes : (2, N, R, C) array
-        Slopes of the residual, across and down: noise, where no picture is shifted.
-    light, steepness : (R, C) array
-        Mean counts and mean square slope.
-    pixels : (R, C) array
-        Usable pixels of each block.
-    """
+    """Residuals and what faults would make of them, block by block on a grid."""
 
     residual: FloatArray
     features: FloatArray
@@ -567,8 +460,6 @@ class Samples:
 def usable_with_neighbours(usable: BoolArray) -> BoolArray:
     """Return the pixels that are usable and whose four neighbours are, away from where the picture ends.
 
-    Notes
-    -----
     Resampling mixes nothings from beyond the picture, or from a border that holds none, into its outer pixels: such an
     edge is steep and does not walk with the scene, so that some pixels more are left out there.
     """
@@ -604,23 +495,7 @@ def block_samples(
     faults: FrameFaults,
     light: float,
 ) -> Samples:
-    """Return the block means of residuals and features.
-
-    Parameters
-    ----------
-    plan
-        System matrix of the frames, with any correction of throughput or angle in it.
-    slopes_of_angle
-        Change of the system matrix's rows with the angle, shape (N, 3) [1/rad].
-    pictures
-        Counts, dark level taken off, shape (N, H, W).
-    usable
-        Pixels with their neighbours, shape (H, W).
-    faults
-        That were taken out of the pictures and put into the design: features are of what is added to them.
-    light
-        Counts at which a curved response adds its share [DN].
-    """
+    """Return the block means of residuals and features."""
     height, width = (side - side % BLOCK_PIXELS for side in usable.shape)
     good = usable[:height, :width]
     images = np.where(usable, pictures, 0.0)[:, :height, :width]
@@ -739,21 +614,7 @@ _MOST_FREEDOM = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scores:
-    """Sums over tiles: information A and right side b of A x = b.
-
-    Attributes
-    ----------
-    information : (T, P, P) array
-        Of each tile.
-    right : (T, P) array
-        Of each tile.
-    expected_covariance : (P, P) array
-        Of the sum of the right sides, were the residuals of blocks independent with the variance of their weight.
-    rounding_covariance : (P, P) array
-        Of the same by rounding.
-    grid : (int, int)
-        Tiles down and across.
-    """
+    """Sums over tiles: information A and right side b of A x = b."""
 
     information: FloatArray
     right: FloatArray
@@ -768,17 +629,7 @@ class Scores:
 
 
 def tile_scores(null_basis: FloatArray, samples: Samples, parts: RoundedParts | None = None) -> Scores:
-    """Return the normal equations of every tile, weighted by the noise that the residual shows.
-
-    Parameters
-    ----------
-    null_basis
-        Of the design, shape (N, N - 3).
-    samples
-        Block means.
-    parts
-        Pixels whose rounding is the same; None where noise makes it harmless.
-    """
+    """Return the normal equations of every tile, weighted by the noise that the residual shows."""
     frames = len(null_basis)
     side = _LARGE_TILE_BLOCKS if samples.pixels.size > _LARGE_BLOCKS else _TILE_BLOCKS
     weights = samples.pixels / _variance_of_a_pixel(samples)
@@ -857,17 +708,6 @@ class ScoreCovariance:
 def score_covariance(scores: Scores, parameters: FloatArray, fitted: FloatArray) -> ScoreCovariance:
     """Return the covariance of the sum of the right sides, from what a fit leaves in tiles.
 
-    Parameters
-    ----------
-    scores
-        Of the tiles.
-    parameters
-        Of the fit, shape (P,).
-    fitted
-        Directions that were fitted, shape (P, Q); a tile is held against the fit to the other tiles.
-
-    Notes
-    -----
     Few tiles cannot tell the covariance of many parameters: what they show is shrunk towards that of independent
     blocks, the more the less the tiles agree (Ledoit and Wolf 2004, J. Multivariate Anal. 88, 365). Tiles are taken as
     independent. Where coarser tiles scatter by more than that allows (shading, fringes), the errors of the parameters
@@ -1038,19 +878,7 @@ class Evidence:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimates:
-    """Sizes of the faults of a set, together.
-
-    Attributes
-    ----------
-    values : (Q,) array
-        In the order of the causes; a shift has two.
-    covariance : (Q, Q) array
-        Of them.
-    parts
-        Which values are each cause's.
-    is_determined
-        False where the regressors of the set are not independent.
-    """
+    """Sizes of the faults of a set, together."""
 
     values: FloatArray
     covariance: FloatArray
@@ -1125,8 +953,6 @@ def _statistic(fitted: Estimates, which: int) -> float:
 def by_size(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, ...]:
     """Return the causes by how many of its errors each is off, the most first.
 
-    Notes
-    -----
     What is too large to be undone comes first, then a response far off a line, for all others were measured in counts
     that are not light; what is no fault comes last.
     """
@@ -1170,8 +996,6 @@ _ALIKE = 0.03
 class Weigher:
     """Logarithms of the evidence of sets of causes: one whitening, many sets.
 
-    Notes
-    -----
     Sizes of faults are normal with the standard deviations that are expected of rigs, or several times these, so that a
     cause more, or one that would have to be absurdly large, costs what it should. The covariance of the right side is
     itself estimated: tails are those of Student's distribution.
@@ -1200,15 +1024,7 @@ class Weigher:
         return float(self.of_sets(np.array([chosen], dtype=np.intp), is_even=is_even)[0])
 
     def of_sets(self, sets: NDArray[np.intp], *, is_even: bool = False) -> FloatArray:
-        """Return the logarithms of the evidence of sets, -inf where causes are too alike.
-
-        Parameters
-        ----------
-        sets
-            Numbers of causes, shape (M, K), K > 0.
-        is_even
-            As if every cause were met equally often: what the run itself says.
-        """
+        """Return the logarithms of the evidence of sets, -inf where causes are too alike."""
         heights, widths = np.full(len(sets), -np.inf), self._widths[sets]
         for kind in np.unique(widths, axis=0):
             these = np.flatnonzero(np.all(widths == kind, axis=1))
@@ -1246,17 +1062,6 @@ class Weigher:
 def best_set(weigher: Weigher, candidates: NDArray[np.intp], *, most: int) -> tuple[int, ...]:
     """Return the causes that explain a run best.
 
-    Parameters
-    ----------
-    weigher
-        Of the run.
-    candidates
-        Numbers of the causes that may be named.
-    most
-        Causes named at most.
-
-    Notes
-    -----
     A cause is added while that raises the evidence, and each is exchanged for a better one as long as there is any. All
     pairs are tried against a single cause that does not stand alone, and against nothing: faults of frames that stand
     close to one another can hide each other.
@@ -1318,19 +1123,6 @@ def stand_ins(
 ) -> dict[int, set[int]]:
     """Return, for each cause of a set, those that could stand in its place, alone or with others.
 
-    Parameters
-    ----------
-    weigher
-        Of the run.
-    named
-        The set.
-    candidates
-        Numbers of the causes that may be named.
-    margin
-        Loss of evidence (natural logarithm) at which a set could be the right one.
-
-    Notes
-    -----
     One or two of the set are exchanged for one or two others; of two for two, each stands in for what it is most like.
     """
     found: dict[int, set[int]] = {index: set() for index in named}
@@ -1493,8 +1285,6 @@ def fit_faults(
 def _with_twins(fit: JointFit, before: tuple[int, ...]) -> JointFit:
     """Return a fit whose causes cannot be told from those of the pass before, where these are others.
 
-    Notes
-    -----
     Sets that follow one another, each the best once the other was taken out, are the same to a run.
     """
     same = {index: set(others) for index, others in fit.stand_ins.items()}
@@ -1545,8 +1335,6 @@ def _fit_about(
 ) -> JointFit:
     """Return the fit, with errors from what is left once the causes that it names are taken out.
 
-    Notes
-    -----
     Causes that were named before stay where others explain the run hardly better: twins would follow one another.
     """
     sums = _Sums(scores=scores, parameters=parameters, causes=causes)
@@ -1595,8 +1383,6 @@ def _with_its_own_errors(
 ) -> tuple[Evidence, tuple[int, ...]]:
     """Return a larger set where it explains a run better by the errors that it leaves itself.
 
-    Notes
-    -----
     The errors about a set hold what the set leaves unexplained, and so speak for it.
     """
     larger = larger_set(Weigher(evidence), candidates, named)
@@ -1674,8 +1460,6 @@ def _candidates(evidence: Evidence) -> NDArray[np.intp]:
 def _everything(causes: tuple[Cause, ...], information: FloatArray, right: FloatArray, noise: FloatArray) -> FloatArray:
     """Return the sizes of all faults at once, each held by what is expected of rigs, and by the noise of the scores.
 
-    Notes
-    -----
     The information of shifts is less than their noise, and in some directions nothing: it cannot stand for that noise.
     """
     expected = np.column_stack([cause.directions * cause.expected for cause in causes])

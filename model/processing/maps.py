@@ -180,11 +180,6 @@ def split_dark(dark: FloatArray | Float32Array) -> tuple[Float32Array, Float32Ar
 
     Whole counts come off without rounding, the rest comes off Stokes parameters that are no larger than the light: so
     a faint picture on a high black level keeps its digits.
-
-    Parameters
-    ----------
-    dark
-        Dark level of each frame, shape (N,) [DN].
     """
     levels = np.asarray(dark, dtype=np.float64)
     whole = np.rint(levels)

@@ -133,13 +133,7 @@ def _doubled(rows: NDArray[np.uint32], *, first: int) -> NDArray[np.uint32]:
 
 
 def crossed_pairs(cell_deg: tuple[float, ...]) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """Return which two pairs of places stand across one another by the angles of a cell; None where they do not.
-
-    Parameters
-    ----------
-    cell_deg
-        Axes of the four polarizers of a cell, row by row [deg].
-    """
+    """Return which two pairs of places stand across one another by the angles of a cell; None where they do not."""
     pairs = [pair for pair in combinations(range(PLACES), 2) if _is_across(cell_deg[pair[0]] - cell_deg[pair[1]])]
     return (pairs[0], pairs[1]) if len(pairs) == 2 and set(pairs[0]).isdisjoint(pairs[1]) else None
 
@@ -147,19 +141,6 @@ def crossed_pairs(cell_deg: tuple[float, ...]) -> tuple[tuple[int, int], tuple[i
 def pair_differences(pictures: tuple[FloatArray, ...]) -> dict[tuple[int, int], FloatArray]:
     """Return, for each way to pair the places, by how much the sums of both pairs differ, block by block.
 
-    Parameters
-    ----------
-    pictures : four (h, w) arrays
-        Light behind the places, dark level off or small beside it [DN].
-
-    Returns
-    -------
-    mapping
-        From the pair that place 0 is in to 2 (sum - other sum) / (sum + other sum) of blocks of 8 x 8, those without
-        light or with a NaN left out; empty of pictures too small.
-
-    Notes
-    -----
     Light behind an angle and across it adds up to the same whatever the angle: of the three ways to pair four places
     the right one has no difference, whatever the light. Unpolarized light has none in any.
     """

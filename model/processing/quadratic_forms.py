@@ -27,20 +27,6 @@ _SERIES_TERMS = 30  # and two a degree of freedom: the last is below 1e-17 of th
 def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
     """Return the value that a chi-square variable exceeds with this probability.
 
-    Parameters
-    ----------
-    probability
-        Any shape, in [0, 1]; 0 gives infinity, 1 gives 0.
-    degrees
-        Degrees of freedom, 1 or more.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range.
-
-    Notes
-    -----
     Accurate to rounding from 1e-300 to 1 - 1e-16: Newton's method on the logarithm of the probability, with
     the residual taken from the closed form; above 1/2 on the lower tail 1 - probability, which is exact there. Of more
     than 200 degrees of freedom to 1e-8.
@@ -166,13 +152,6 @@ class Saddle:
 def find_saddle(tail: UpperTail) -> Saddle:
     """Return a point close to the real minimum of K(s) - s level - ln s, for every form.
 
-    Parameters
-    ----------
-    tail
-        Forms and levels.
-
-    Notes
-    -----
     The condition K'(s) = level + 1/s is written as a balance of positive terms, growing against falling, and
     solved for ln or logit of s, where both sides are nearly power laws: Newton's method on the logarithm of
     their quotient takes 3 to 6 steps, a bracket catches what it overshoots. The integral does not depend on
@@ -312,16 +291,7 @@ class Contour:
 
 
 def contour_through(tail: UpperTail, saddle: Saddle, bend: float | None) -> Contour:
-    """Return the contour through the saddle.
-
-    Parameters
-    ----------
-    tail, saddle
-        The problem and its crossing point.
-    bend
-        +1, -1 or 0 for every form, or None: away from the singularities where they are on one side, else
-        the way the path of steepest descent turns.
-    """
+    """Return the contour through the saddle."""
     at = np.asarray(saddle.at, dtype=float)
     ratio = np.asarray(tail.ratio / saddle.factor, dtype=float)
     shifted = np.asarray(tail.shift / saddle.factor / saddle.factor, dtype=float)
@@ -347,23 +317,6 @@ def contour_through(tail: UpperTail, saddle: Saddle, bend: float | None) -> Cont
 def integrate(contour: Contour, tolerance: float, *, two_sided: bool) -> tuple[FloatArray, FloatArray]:
     """Return the integral over the path, in units of the integrand at the saddle, and its relative error.
 
-    Parameters
-    ----------
-    contour
-        The forms.
-    tolerance
-        Relative; nodes are doubled until two results differ by less.
-    two_sided
-        True when weights of both signs occur: what is beyond the end of the path is then looked at too.
-
-    Returns
-    -------
-    tuple of ndarray
-        (1/pi) Re of the integral over the upper half of the path; estimated relative error. It is infinite
-        where the path climbs so high that it is of no use.
-
-    Notes
-    -----
     The trapezoidal rule in v, z = x(sinh v) + i sinh v, converges geometrically. The error given is the
     difference to half the nodes, thus that of the coarser rule, plus what was cut off and the rounding.
     """
@@ -551,38 +504,6 @@ def tail_probabilities(
 ) -> TailProbabilities:
     """Return P(Q > threshold) and P(Q <= threshold), each accurate in its own tail.
 
-    Parameters
-    ----------
-    threshold
-        Leading shape (...), any real number or infinity.
-    weights
-        w, shape (..., n), finite: positive, negative or zero in any mixture. A zero weight counts for nothing,
-        whatever its offset; a component without spread belongs into `constant`.
-    offsets
-        b, shape (..., n), finite.
-    degrees
-        Component j is w_j times a chi-square variable of this many degrees of freedom and non-centrality
-        b_j^2; shape (n,), positive. The default of 1 is the square of one normal variable.
-    constant
-        Added to Q, leading shape (...).
-    tolerance
-        Relative, 1e-12 to 0.01; of the tail that is integrated.
-
-    Returns
-    -------
-    TailProbabilities
-        Arrays of the leading shape that `threshold`, `weights`, `offsets` and `constant` broadcast to.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of its range or shapes do not fit.
-    ArithmeticError
-        If no contour reaches the tolerance for a probability that a double can hold: not seen for weights of one
-        sign, or for weights of both within 12 decades of each other.
-
-    Notes
-    -----
     Inversion of the moment generating function over a hyperbola through the saddle point of the integrand,
     by the trapezoidal rule, which converges geometrically; nodes are doubled until two results agree to the
     tolerance. Along a straight line from the saddle of K(s) - s threshold at 45 to 90 degrees from the real
@@ -592,8 +513,6 @@ def tail_probabilities(
     Rounding of the arguments alone changes a tail of probability exp(-x) by about x 1e-16 relative,
     and one between components with offsets b by about b 1e-16 per standard deviation.
 
-    References
-    ----------
     Rice, SIAM J. Sci. Stat. Comput. 1, 438 (1980), doi:10.1137/0901032 (saddle-point contours);
     Imhof, Biometrika 48, 419 (1961), doi:10.1093/biomet/48.3-4.419 (the distribution).
     """

@@ -144,18 +144,6 @@ def design(
 def design_from_system(system: ArrayLike) -> Design:
     """Return the least-squares inverse of a measured system matrix; it has no angles.
 
-    Parameters
-    ----------
-    system
-        M, shape (N, 3), N >= 3: intensities = M Stokes.
-
-    Raises
-    ------
-    ValueError
-        If the matrix has rank below 3 or a condition number above 1e6.
-
-    References
-    ----------
     [MK14] eq. (23).
     """
     rows = np.asarray(system, dtype=np.float64)
@@ -218,25 +206,7 @@ def stokes_moments(plan: Design, channel_moments: Moments) -> Moments:
 
 
 def checked_channels(plan: Design, channels: ArrayLike) -> FloatArray:
-    """Return intensities as floating point with the angles of a design on the first axis.
-
-    Parameters
-    ----------
-    plan
-        Angles.
-    channels
-        Intensities, shape (N, ...).
-
-    Returns
-    -------
-    ndarray
-        float64, or float32 if given so.
-
-    Raises
-    ------
-    ValueError
-        If the first axis is not N long.
-    """
+    """Return intensities as floating point with the angles of a design on the first axis."""
     array = np.asarray(channels)
     if array.ndim == 0 or array.shape[0] != plan.system.shape[0]:
         raise ValueError(

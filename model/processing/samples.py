@@ -119,29 +119,9 @@ def deviation(values: ArrayLike) -> Sample:
 def temporal_deviation(repeats: ArrayLike) -> Sample:
     """Return the deviation from frame to frame of a pixel, from the differences of consecutive repeats.
 
-    Parameters
-    ----------
-    repeats
-        Shape (R, P): R >= 2 repeats of P >= 4 pixels, in the order of time; any unit.
-
-    Returns
-    -------
-    Sample
-        Root of half the mean squared difference, the mean difference of each pair taken off: neither a pattern
-        that stands still nor a flicker common to all pixels adds to it.
-
-    Raises
-    ------
-    ValueError
-        There are fewer repeats or pixels, or a value is not finite.
-
-    Notes
-    -----
     Differences that share a frame are correlated; the standard error is taken over pixels, from what each pixel
     gives after all its repeats, and so needs no knowledge of that.
 
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs); definition.
     """
     array = _checked(repeats, least=4)
@@ -156,11 +136,6 @@ def deviation_of_squares(per_pixel: FloatArray) -> Sample:
     """Return the deviation from frame to frame by half the mean squared difference of each pixel, shape (P,).
 
     The mean over the pixels was taken off each difference, as in `temporal_deviation`.
-
-    Parameters
-    ----------
-    per_pixel
-        Half the mean squared difference of consecutive repeats, shape (P,), P >= 2, in the square of any unit.
     """
     return _root_of_mean(per_pixel, correction=per_pixel.size / (per_pixel.size - 1))
 
@@ -347,20 +322,6 @@ class Repeatability:
 def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeatability:
     """Return what differs from cycle to cycle, and is not the noise of the pixels.
 
-    Parameters
-    ----------
-    pixels
-        Cycles, angles, pixels, shape (C, N, P); dark level off.
-    noise_inflation
-        How many times the variance of a mean over the pixels is that of as many independent ones, by their noise.
-
-    Returns
-    -------
-    Repeatability
-        Nothing where there is one cycle, or no light.
-
-    Notes
-    -----
     The factor of each cycle that all angles share is taken out by least squares; what is left, of (C - 1) (N - 1)
     degrees of freedom, is each angle's own. A factor that drifts reaches the angles of one cycle one after the other:
     in which order is not asked, so its slope counts for each angle as if it came at a time of its own.
@@ -368,8 +329,6 @@ def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeat
     What cannot be below 0 is on average 0.4 standard errors too large where there is nothing; half of one, that which
     noise alone gives, is taken off. It is missed where as little is there: errors of means are 3 % too small at most.
 
-    References
-    ----------
     Definition; analysis of variance of a two-way layout.
     """
     means = pixels.mean(axis=2)
@@ -380,15 +339,7 @@ def repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeat
 
 
 def repeatability_of(means: FloatArray, noise: FloatArray) -> Repeatability:
-    """Return the same by the means over the pixels and what the pixels' noise makes of their variance.
-
-    Parameters
-    ----------
-    means
-        Cycles, angles, shape (C, N).
-    noise
-        Variance of such a mean by the noise of its pixels, shape (N,).
-    """
+    """Return the same by the means over the pixels and what the pixels' noise makes of their variance."""
     cycles, angles = means.shape
     level = means.mean(axis=0)
     light = float(level @ level)

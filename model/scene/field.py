@@ -123,29 +123,11 @@ class Tile:
 def tiles(part: FieldPart, view: View, *, per_side: int, rule: TileRule = "gauss-legendre") -> tuple[Tile, ...]:
     """Return the tiles of a part of the focal plane, each with the view of the level ground behind it.
 
-    Parameters
-    ----------
-    view
-        Of the camera's axis.
-    per_side
-        Tiles along each side, 1 or more.
-    rule
-        "gauss-legendre", or "midpoint" as the paper has it.
-
-    Raises
-    ------
-    ValueError
-        A tile looks above the horizon, or an argument is outside its range.
-
-    Notes
-    -----
     Tiles are even in the focal plane, that is in the tangent of the angle from the axis; where a field reaches farther
     than 45 deg from the axis, those of "gauss-legendre" are even in the logarithm of the tangent far out. The ground
     is level and the sun so far that it is in the same place for all tiles. Each tile's roll makes its frame that of the
     camera, whose polarizer stands in one place for all of them.
 
-    References
-    ----------
     [MK14] Fig. 3, eq. (8).
     """
     if per_side < 1:
@@ -170,13 +152,7 @@ def _along(low: float, high: float, per_side: int, rule: TileRule) -> tuple[Floa
 
 
 def middle(part: FieldPart) -> tuple[float, float]:
-    """Return the tangents of the angles from the axis to the middle of a part of the field, to the right and up.
-
-    Parameters
-    ----------
-    part
-        Limits of the part as angles from the axis [rad].
-    """
+    """Return the tangents of the angles from the axis to the middle of a part of the field, to the right and up."""
     across, upward = (
         0.5 * float(np.tan(low) + np.tan(high))
         for low, high in ((part.left_rad, part.right_rad), (part.bottom_rad, part.top_rad))
@@ -185,49 +161,17 @@ def middle(part: FieldPart) -> tuple[float, float]:
 
 
 def half_diagonal_rad(part: FieldPart) -> float:
-    """Return half of the angle between opposite corners of a part, as in a plane [rad].
-
-    Parameters
-    ----------
-    part
-        Limits of the part as angles from the axis [rad].
-    """
+    """Return half of the angle between opposite corners of a part, as in a plane [rad]."""
     return 0.5 * float(np.hypot(part.right_rad - part.left_rad, part.top_rad - part.bottom_rad))
 
 
 def off_axis(view: View, *, right: float, up: float) -> View:
-    """Return the view of the ground that a camera sees beside its axis.
-
-    Parameters
-    ----------
-    view
-        Of the axis.
-    right, up
-        Tangents of the angles from the axis, as the camera sees them.
-
-    Raises
-    ------
-    ValueError
-        That line of sight does not meet the ground.
-    """
+    """Return the view of the ground that a camera sees beside its axis."""
     return views_off_axis(view, right=np.array([right]), up=np.array([up]))[0]
 
 
 def views_off_axis(view: View, *, right: FloatArray, up: FloatArray) -> tuple[View, ...]:
-    """Return what `off_axis` does for each of several lines of sight.
-
-    Parameters
-    ----------
-    view
-        Of the axis.
-    right, up
-        Shape (K,).
-
-    Raises
-    ------
-    ValueError
-        As `off_axis`.
-    """
+    """Return what `off_axis` does for each of several lines of sight."""
     toward = geometry.direction(zenith_rad=view.zenith_rad, azimuth_rad=view.azimuth_rad)
     level = geometry.horizontal_axis(view.azimuth_rad, travels_to_target=False)
     upright = np.cross(toward, level)
@@ -283,18 +227,9 @@ class Falloff:
 def cosine_fourth(part: FieldPart) -> Falloff:
     """Return mean and variance of cos^4 of the field angle over a rectangle of the focal plane.
 
-    Parameters
-    ----------
-    part
-        Of the field.
-
-    Notes
-    -----
     Pixels are even in the tangents x, y of the angles, and cos^4 = 1 / (1 + x^2 + y^2)^2. On a rectangle that holds the
     axis the mean is above 1 - 2 (x^2 + y^2) of its farthest corner, since (1 + t)^-2 >= 1 - 2 t.
 
-    References
-    ----------
     Definition (natural vignetting).
     """
     node, weight = gauss_legendre(_NODES)
@@ -416,26 +351,6 @@ def light_over_field(
 ) -> FieldLight:
     """Return the light of a region over the part of the field that it fills; one tile where that is narrow.
 
-    Parameters
-    ----------
-    lights_at
-        Lights of views. It is told which rules suffice in the middle of the field, once that is known.
-    view
-        Of the camera's axis.
-    part
-        Part of the field; None for a point on the axis.
-    per_side, rule
-        As in `tiles`.
-    negligible
-        A field over which light varies by less than this share of S0 is taken as a point at its centre.
-
-    Raises
-    ------
-    ValueError
-        As `tiles`.
-
-    References
-    ----------
     [MK14] eq. (8), (9). For the decision: differences between the middles of opposite edges (standard deviation of a
     plane), and Simpson's rule (shift of the mean).
     """
@@ -461,20 +376,6 @@ def lights_over_tiles(
 ) -> tuple[FieldLight, ...]:
     """Return the light of a region seen from several places, with rules that suffice in all corners and middles.
 
-    Parameters
-    ----------
-    lights_at, per_side, rule
-        As in `light_over_field`. No field is taken as a point.
-    fields
-        As in `lights_by_rules`.
-
-    Raises
-    ------
-    ValueError
-        As `tiles`.
-
-    References
-    ----------
     [MK14] eq. (8), (9).
     """
     seen = [_seen(view, part, per_side=per_side, rule=rule) for view, part in fields]
@@ -505,22 +406,6 @@ def lights_by_rules(
 ) -> tuple[FieldLight, ...]:
     """Return the light of a region seen from several places, all together, by rules known from a neighbouring scene.
 
-    Parameters
-    ----------
-    lights_at, per_side, rule
-        As in `light_over_field`. No field is taken as a point.
-    rules
-        As `known_rules` gives them.
-    fields
-        View of the camera's axis, and part of the field, of each; of one height.
-
-    Raises
-    ------
-    ValueError
-        As `tiles`.
-
-    References
-    ----------
     [MK14] eq. (8), (9).
     """
     seen = [_seen(view, part, per_side=per_side, rule=rule) for view, part in fields]
@@ -597,25 +482,10 @@ def with_surroundings(
 ) -> FieldLight:
     """Return a region's light with that of its near surroundings mixed in on the way to the camera.
 
-    Parameters
-    ----------
-    light
-        Of the region; its path is that over ground of the mean albedo.
-    illumination
-        Sun, sky and air.
-    surround_albedo
-        Of the near surroundings, 0 to 1.
-    ground_albedo
-        That the path was computed with, 0 to 1.
-
-    Notes
-    -----
     The surroundings are Lambertian and wide beside the height of the camera; what they send up is taken as unpolarised,
     since it comes from all sides. With transmittance T of the line of sight T^b - T of it arrive, b = 0.3: that
     scattered forward. It can be negative: darker surroundings take away what the path holds already.
 
-    References
-    ----------
     Definition; for the split of direct and diffuse transmittance Kaufman, J. Geophys. Res. 84 (1979) 3165.
     """
     received = illumination.direct_horizontal_irradiance + illumination.sky_irradiance
@@ -626,13 +496,6 @@ def with_surroundings(
 def forward_scattered(transmittance: float) -> float:
     """Return the share of light from wide surroundings that is scattered into a line of sight, 0 to 1.
 
-    Parameters
-    ----------
-    transmittance
-        Of the line of sight, 0 to 1.
-
-    References
-    ----------
     As `with_surroundings`.
     """
     return float(transmittance**BACKSCATTER - transmittance)

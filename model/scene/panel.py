@@ -77,17 +77,7 @@ _FEW_NODES, _MANY_NODES = 1024, 4096
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rule:
-    """Nodes of a quadrature, and what the panel does with their light, whatever that is.
-
-    Attributes
-    ----------
-    nodes, camera
-        Directions, and the camera to which each one's light goes, shape (R,).
-    turn_rad
-        From each one's own frame to that of the panel; None for a level panel.
-    mueller
-        Of the panel, shape (R, 3, 3) [sr-1].
-    """
+    """Nodes of a quadrature, and what the panel does with their light, whatever that is."""
 
     nodes: Nodes
     camera: IntArray
@@ -106,13 +96,7 @@ class PanelLight:
     """A panel before V cameras; its reflections are in each camera's horizontal frame, without roll."""
 
     def __init__(self, *, surface: Surface, tilt: Tilt, views: Sequence[View]) -> None:
-        """Set a panel before cameras.
-
-        Raises
-        ------
-        ValueError
-            The panel turns its back to a camera.
-        """
+        """Set a panel before cameras."""
         self._surface, self._tilt = surface, tilt
         # Height and roll of a camera are nothing to the panel.
         self._views = tuple(replace(view, height_m=0.0, roll_rad=0.0) for view in views)
@@ -137,19 +121,8 @@ class PanelLight:
     def sun(self, *, zenith_rad: float, azimuth_rad: float, irradiance: float) -> FloatArray:
         """Return the reflected beam, shape (V, 3) [W m-2 sr-1].
 
-        Parameters
-        ----------
-        zenith_rad, azimuth_rad
-            Where the sun is [rad].
-        irradiance
-            Of the beam on a plane normal to it [W m-2].
-
-        Notes
-        -----
         Dark where the sun is behind the panel.
 
-        References
-        ----------
         [MK14] eq. (2), without the transmittance of the path; the cosine is that on the panel.
         """
         camera = np.arange(self._theta_r_rad.size)
@@ -161,15 +134,6 @@ class PanelLight:
     def lobe(self, light: DiffuseRadiance, order: int) -> FloatArray:
         """Return the diffuse radiance that the lobe reflects, shape (V, 3) [W m-2 sr-1].
 
-        Parameters
-        ----------
-        light
-            The sky.
-        order
-            Nodes along one slope of each panel of facet slopes, half of it along the other; 2 or more.
-
-        References
-        ----------
         [MK14] eq. (3), over facet slopes: dOmega_sky = 4 cos(psi) dOmega_facet.
         """
         found = np.zeros((self._theta_r_rad.size, 3))
@@ -181,15 +145,6 @@ class PanelLight:
     def diffuse(self, light: DiffuseRadiance, order: int) -> FloatArray:
         """Return the diffuse radiance that the diffuse term reflects, shape (V, 3) [W m-2 sr-1].
 
-        Parameters
-        ----------
-        light
-            The sky, and the ground that a tilted panel sees.
-        order
-            Nodes in zenith angle; twice as many in azimuth.
-
-        References
-        ----------
         [MK14] eq. (3).
         """
         found = np.zeros((self._theta_r_rad.size, 3))
@@ -333,15 +288,7 @@ _IRREGULAR, _EARLIER = 3.0, 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """Orders of the quadrature for lobe and diffuse term, as `model.scene.panel.PanelLight` takes them.
-
-    Attributes
-    ----------
-    lobe, diffuse
-        The orders.
-    error
-        Estimated error of what they give, over its S0.
-    """
+    """Orders of the quadrature for lobe and diffuse term, as `model.scene.panel.PanelLight` takes them."""
 
     lobe: int
     diffuse: int
@@ -350,19 +297,7 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReflectedDiffuse:
-    """Diffuse radiance that a panel sends to V cameras.
-
-    Attributes
-    ----------
-    stokes
-        S0, S1, S2 in the horizontal frame of each camera, before the path to it, shape (V, 3) [W m-2 sr-1].
-    error
-        Estimated error of each of them, shape (V,) [W m-2 sr-1]: of the quadrature, and of the sky.
-    rules
-        The least that keep the tolerance for all cameras, if any do.
-    finest
-        Those that it was found by.
-    """
+    """Diffuse radiance that a panel sends to V cameras."""
 
     stokes: FloatArray
     error: FloatArray
@@ -373,27 +308,9 @@ class ReflectedDiffuse:
 def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: float = TOLERANCE) -> ReflectedDiffuse:
     """Return the diffuse radiance that a panel reflects to cameras, and its estimated error.
 
-    Parameters
-    ----------
-    panel
-        The panel before its cameras.
-    light
-        The sky.
-    tolerance
-        Rules are refined until two differ by this share of S0, for every camera; above 0.
-
-    Raises
-    ------
-    ValueError
-        The tolerance is outside its range.
-
-    Notes
-    -----
     The error comes from the difference of the last two rules, and from the sky's own. If the last rule does not reach
     the tolerance the error says so: that happens where a tilted glossy panel mirrors the horizon.
 
-    References
-    ----------
     [MK14] eq. (3). Differs from [MK14]: F is taken at the direction of the sky, (theta_d, theta_r, phi_d - phi_r).
     """
     if not tolerance > 0.0:
@@ -417,20 +334,6 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
 def reflected_by_rules(panel: PanelLight, light: DiffuseRadiance, rules: Rules) -> FloatArray:
     """Return the diffuse radiance that a panel reflects to cameras, by given rules: no refinement, no error.
 
-    Parameters
-    ----------
-    panel, light
-        As in `reflected_diffuse`.
-    rules
-        As a `ReflectedDiffuse` of a similar view names them.
-
-    Returns
-    -------
-    ndarray, shape (V, 3)
-        S0, S1, S2 [W m-2 sr-1].
-
-    References
-    ----------
     [MK14] eq. (3).
     """
     return panel.lobe(light, rules.lobe) + panel.diffuse(light, rules.diffuse)
@@ -502,25 +405,7 @@ _NO_RULES = Rules(lobe=2, diffuse=2)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ApertureLight:
-    """Stokes radiance that reaches the aperture from one panel, by where it comes from [W m-2 sr-1].
-
-    Attributes
-    ----------
-    reflected_sun, reflected_sky
-        Off the panel and through the air to the camera, shape (3,).
-    path
-        Scattered into the line of sight, shape (3,).
-    transmittance
-        From the panel to the camera.
-    error
-        Estimated error of each component, of the hemisphere integral; the atmosphere has its own.
-    rules
-        That suffice for that integral.
-    finest
-        By which it was found.
-    view
-        The line of sight.
-    """
+    """Stokes radiance that reaches the aperture from one panel, by where it comes from [W m-2 sr-1]."""
 
     reflected_sun: FloatArray
     reflected_sky: FloatArray
@@ -564,34 +449,9 @@ def aperture_lights(
 ) -> tuple[ApertureLight, ...]:
     """Return the Stokes radiance that reaches apertures from a panel, each in its camera's own frame.
 
-    Parameters
-    ----------
-    illumination
-        Sun, sky and air.
-    surface, tilt
-        The panel; it must face the cameras.
-    views
-        One or more, of one height; one set of rules suffices for all of them.
-    tolerance
-        Of the hemisphere integral, share of its S0.
-    rules
-        Of the hemisphere integral, where they are known from a similar view; its error is then not estimated anew, but
-        theirs.
-    skylight, path
-        Whether these parts are computed; what is not is zero.
-
-    Raises
-    ------
-    ValueError
-        The panel turns its back to a camera, or heights differ.
-
-    Notes
-    -----
     Shadows of other things, light from other panels and the sun's width are left out. The surface is that of one
     wavelength, the light that of the band.
 
-    References
-    ----------
     [MK14] eq. (1)-(7).
     """
     height_m = _height_m(views)

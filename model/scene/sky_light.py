@@ -45,18 +45,7 @@ _FIT_STEPS = 2000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aureole:
-    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions, and a correction.
-
-    Attributes
-    ----------
-    sun_zenith_rad
-        Where the sun is [rad].
-    asymmetries, weights
-        Of the functions, shape (K,), weights above 0.
-    correction
-        Logarithm of what the sum is to be multiplied by, over the square root of the angle from the sun in radians;
-        None for none. The aureole of large particles has rings that the sum does not follow.
-    """
+    """Radiance as a function of the angle from the sun alone: a sum of Henyey-Greenstein functions and a correction."""
 
     sun_zenith_rad: float
     asymmetries: FloatArray
@@ -81,13 +70,6 @@ NO_AUREOLE = Aureole(sun_zenith_rad=0.0, asymmetries=np.zeros(1), weights=np.one
 def aureole_of(sky: Sky, sun_zenith_rad: float) -> Aureole:
     """Return the sum of functions that is closest to a sky around the sun, in relative terms; even where it is black.
 
-    Parameters
-    ----------
-    sun_zenith_rad
-        Where the sun is [rad].
-
-    References
-    ----------
     Definition: least squares with weights of 0 or more.
     """
     share = (np.arange(_AUREOLE_SAMPLES) / (_AUREOLE_SAMPLES - 1)) ** 2
@@ -146,15 +128,7 @@ _LEVEL = 1e-18
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MixedSky:
-    """Two skies mixed linearly.
-
-    Attributes
-    ----------
-    first, second
-        The skies, under the same sun.
-    share
-        Of the second.
-    """
+    """Two skies mixed linearly."""
 
     first: Sky
     second: Sky
@@ -168,21 +142,7 @@ class MixedSky:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SampledSky:
-    """A sky on a grid; call it like the sky it was made from.
-
-    Attributes
-    ----------
-    series
-        Coefficients of S0 over the aureole, of S1, and of S2 over sin(phi), all over the brightening, by the degrees of
-        Chebyshev polynomials of 1 - 4 zenith / pi and of cos(phi), shape (3, Z, A).
-    aureole
-        What S0 was divided by.
-    depth
-        Of the air by which the sky brightens toward the horizon, as `_brightening`; 0 for none.
-    relative_error
-        Largest difference from the sky at directions between the grid's, over S0 there; down to 2 deg above the
-        horizon. Below that it is up to four times as much.
-    """
+    """A sky on a grid; call it like the sky it was made from."""
 
     series: FloatArray
     aureole: Aureole
@@ -192,25 +152,6 @@ class SampledSky:
     def __call__(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
         """Return the Stokes radiance of the sky.
 
-        Parameters
-        ----------
-        zenith_rad
-            Zenith angle of the point, 0 to pi/2 [rad].
-        phi_rad
-            Azimuth of the sun minus that of the point [rad].
-
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            S0, S1, S2 [W m-2 sr-1].
-
-        Raises
-        ------
-        ValueError
-            A point below the horizon.
-
-        References
-        ----------
         Trefethen, Approximation Theory and Approximation Practice (SIAM, 2013), doi:10.1137/1.9781611975949, ch. 3.
         """
         zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
@@ -228,22 +169,6 @@ class SampledSky:
 def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: int = 20) -> SampledSky:
     """Return a sky sampled over the hemisphere, with an estimate of what the samples miss.
 
-    Parameters
-    ----------
-    sky
-        Symmetric about the principal plane, as every plane-parallel atmosphere makes it: S2(-phi) = -S2(phi).
-    sun_zenith_rad
-        Where the sky changes fastest [rad].
-    zeniths, azimuths
-        Steps of the grid from the zenith to the horizon, and from the sun's azimuth to the opposite one, 4 or more.
-
-    Raises
-    ------
-    ValueError
-        Too few steps.
-
-    Notes
-    -----
     Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
     series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
     out first, as it shows on the ring of the sun's own zenith angle, and how thin air brightens toward the horizon:
@@ -293,18 +218,7 @@ def _brightening(zenith_rad: FloatArray, depth: float) -> FloatArray:
 
 
 def sample_smooth(sky: Sky, *, zeniths: int, azimuths: int) -> SampledSky:
-    """Return a sky without an aureole sampled over the hemisphere, such as the difference of two skies.
-
-    Parameters
-    ----------
-    sky, zeniths, azimuths
-        As in `sample_sky`. What the samples miss is not estimated.
-
-    Raises
-    ------
-    ValueError
-        Too few steps.
-    """
+    """Return a sky without an aureole sampled over the hemisphere, such as the difference of two skies."""
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     series = _series(sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad))
     return SampledSky(series=series, aureole=NO_AUREOLE, depth=0.0, relative_error=0.0)
@@ -374,15 +288,7 @@ _LEVEL_DIFFUSE_RADIANCE = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nodes:
-    """Directions of the world that a panel faces.
-
-    Attributes
-    ----------
-    zenith_rad, azimuth_rad
-        Shape (R,) [rad].
-    weight
-        Solid angles times the cosine on the panel, shape (R,) [sr].
-    """
+    """Directions of the world that a panel faces."""
 
     zenith_rad: FloatArray
     azimuth_rad: FloatArray
@@ -397,17 +303,7 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiffuseRadiance:
-    """Downwelling diffuse radiance of the sky above the horizon, and that of a Lambertian ground below it.
-
-    Attributes
-    ----------
-    sun_azimuth_rad
-        Clockwise from north [rad].
-    ground_radiance
-        Unpolarized radiance of the ground around [W m-2 sr-1]; only a tilted panel sees it.
-    relative_error
-        Of the sky as it is given here, over its mean radiance.
-    """
+    """Downwelling diffuse radiance of the sky above the horizon, and that of a Lambertian ground below it."""
 
     sky: Sky
     sun_azimuth_rad: float
@@ -434,17 +330,7 @@ class DiffuseRadiance:
 
 
 def nodes_toward(direction: FloatArray, *, solid_angle: FloatArray, cosine: FloatArray) -> Nodes:
-    """Return nodes of directions that a panel faces.
-
-    Parameters
-    ----------
-    direction
-        Unit vectors: east, north, up; shape (R, 3).
-    solid_angle
-        Of each, shape (R,) [sr].
-    cosine
-        Of the angle from the panel's normal, shape (R,), above 0.
-    """
+    """Return nodes of directions that a panel faces."""
     east, north, up = direction.T
     return Nodes(
         zenith_rad=np.arctan2(np.hypot(east, north), up),
@@ -457,20 +343,9 @@ def nodes_toward(direction: FloatArray, *, solid_angle: FloatArray, cosine: Floa
 def hemisphere_nodes(tilt: Tilt, order: int) -> Nodes:
     """Return directions over the hemisphere that a panel faces.
 
-    Parameters
-    ----------
-    tilt
-        How the panel stands.
-    order
-        Nodes of each stretch of a meridian, and of each half turn about the normal.
-
-    Notes
-    -----
     Each half turn about the normal, uphill and downhill, has its own nodes, and each meridian is cut at the horizon,
     so that no rule reaches across an edge of the light.
 
-    References
-    ----------
     Definition: Gauss-Legendre rules.
     """
     node, weight = gauss_legendre(order)
@@ -537,28 +412,7 @@ def illuminate(
     sky: Sky | None = None,
     sky_error: float = 0.0,
 ) -> Illumination:
-    """Return the illumination of a scene.
-
-    Parameters
-    ----------
-    lighting
-        Light of this sun position in the sensor's band.
-    sun_zenith_rad
-        0 to 85 deg [rad].
-    sun_azimuth_rad
-        Clockwise from north [rad].
-    ground_albedo
-        Of the ground around, which a tilted panel sees, 0 to 1.
-    sky
-        What stands for the lighting's sky, a `model.scene.sky_light.SampledSky` of it for one; None for itself.
-    sky_error
-        Relative error of that stand-in.
-
-    Raises
-    ------
-    ValueError
-        The sun is too low, or the albedo outside its range.
-    """
+    """Return the illumination of a scene."""
     require_sun_zenith(sun_zenith_rad)
     if not 0.0 <= ground_albedo <= 1.0:
         raise ValueError(f"ground_albedo = {ground_albedo!r}, allowed is 0 to 1")
@@ -581,18 +435,7 @@ def illuminate(
 
 
 def require_sun_zenith(sun_zenith_rad: float) -> None:
-    """Refuse a sun for which no atmosphere of this model holds.
-
-    Parameters
-    ----------
-    sun_zenith_rad
-        Zenith angle of the sun [rad].
-
-    Raises
-    ------
-    ValueError
-        It is not 0 to 85 deg.
-    """
+    """Refuse a sun for which no atmosphere of this model holds."""
     if not 0.0 <= sun_zenith_rad <= LARGEST_SUN_ZENITH_RAD + 1e-12:
         raise ValueError(
             f"solar zenith = {np.degrees(sun_zenith_rad):.2f} deg, allowed is 0 to 85 deg: a plane-parallel atmosphere "

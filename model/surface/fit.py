@@ -25,18 +25,7 @@ from model.surface.pbrdf import (
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """Limits and scale of one parameter of a surface.
-
-    Parameters
-    ----------
-    lowest, highest
-        What the value may be at all.
-    bounds
-        Where it is looked for unless the caller says otherwise.
-    step
-        Step of difference quotients: far above the error of the series for E (1e-7), far below the scale on which
-        the model bends.
-    """
+    """Limits and scale of one parameter of a surface."""
 
     lowest: float
     highest: float
@@ -54,27 +43,7 @@ PARAMETERS: Mapping[str, Parameter] = {
 
 
 def checked_names(free: Sequence[str], *, start: Surface, bounds: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """Return the names of the parameters to fit in the order of `PARAMETERS`.
-
-    Parameters
-    ----------
-    free
-        Names, in any order.
-    start
-        The surface to begin with.
-    bounds
-        Where to look, by name.
-
-    Returns
-    -------
-    tuple of str
-        Names.
-
-    Raises
-    ------
-    ValueError
-        If a name is not known, none is free, or the DHR is free where the start has none or bounded.
-    """
+    """Return the names of the parameters to fit in the order of `PARAMETERS`."""
     unknown = sorted({*free, *bounds} - set(PARAMETERS))
     if unknown or not free:
         raise ValueError(f"free = {tuple(free)}, bounds for {tuple(bounds)}; allowed are {', '.join(PARAMETERS)}")
@@ -86,25 +55,7 @@ def checked_names(free: Sequence[str], *, start: Surface, bounds: Mapping[str, t
 
 
 def checked_bounds(name: str, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    """Return where to look for a parameter.
-
-    Parameters
-    ----------
-    name
-        Of the parameter.
-    bounds
-        What the caller says, by name; for a name that is not in it the parameter's own bounds hold.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper bound.
-
-    Raises
-    ------
-    ValueError
-        If the bounds are not in order, too close to each other, or outside of what the value may be.
-    """
+    """Return where to look for a parameter."""
     parameter = PARAMETERS[name]
     low, high = bounds.get(name, parameter.bounds)
     if not parameter.lowest <= low < high <= parameter.highest or high - low < 4.0 * parameter.step:
@@ -213,23 +164,7 @@ def sunlit(
 
 
 def whitening_matrix(covariance: ArrayLike) -> FloatArray:
-    """Return W with W C W' = 1.
-
-    Parameters
-    ----------
-    covariance
-        C, shape (3, 3), symmetric and positive definite.
-
-    Returns
-    -------
-    ndarray
-        Shape (3, 3), inverse of the Cholesky factor.
-
-    Raises
-    ------
-    ValueError
-        If C is not symmetric or not positive definite.
-    """
+    """Return W with W C W' = 1."""
     matrix = np.asarray(covariance, dtype=np.float64)
     if np.max(np.abs(matrix - matrix.T)) > 1e-12 * np.max(np.abs(matrix)):
         raise ValueError("covariance is not symmetric")
@@ -255,30 +190,7 @@ def _require_finite(name: str, value: ArrayLike, shape: tuple[int, ...]) -> None
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitProblem:
-    """Observations laid out for one evaluation, and what may vary.
-
-    Parameters
-    ----------
-    start
-        The surface to begin with; it keeps the values that are not free.
-    names
-        Free parameters, in the order of `PARAMETERS`. Within the problem "dhr" stands for its excess over the lobe,
-        DHR - B E(theta_m), whose one limit is zero: the lobe's own share moves with the other parameters.
-    lower, upper
-        Bounds of the free parameters, shape (P,).
-    theta_i_rad, theta_r_rad, phi_rad
-        Of all sources of all observations, shape (T,) [rad].
-    irradiance
-        Shape (T, 3).
-    first_source
-        Where each observation's sources begin, shape (K,).
-    stokes
-        Measured, shape (K, 3).
-    whitening
-        Of each observation's covariance, shape (K, 3, 3).
-    sharing
-        Which observations share each unknown factor on `stokes`, shape (U, K); U may be 0.
-    """
+    """Observations laid out for one evaluation, and what may vary."""
 
     start: Surface
     names: tuple[str, ...]
@@ -301,30 +213,7 @@ def fit_problem(
     free: Sequence[str],
     bounds: Mapping[str, tuple[float, float]],
 ) -> FitProblem:
-    """Return the problem of these observations.
-
-    Parameters
-    ----------
-    observations
-        At least one.
-    start
-        The surface to begin with.
-    free
-        Names of the parameters to fit, of `PARAMETERS`.
-    bounds
-        Where to look, by name; for the others the parameter's own. The DHR takes none but 0 to 1.
-
-    Returns
-    -------
-    FitProblem
-        The problem.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to fit, a name is not known, bounds are not possible, or the specular weight is nothing but
-        an unknown scale.
-    """
+    """Return the problem of these observations."""
     names = checked_names(free, start=start, bounds=bounds)
     if not observations:
         raise ValueError("observations is empty; allowed is one or more")
@@ -352,18 +241,7 @@ def fit_problem(
 
 
 def initial_values(problem: FitProblem) -> FloatArray:
-    """Return the start's parameters as the problem counts them.
-
-    Parameters
-    ----------
-    problem
-        Its start, the names of what is fitted, and their bounds.
-
-    Returns
-    -------
-    ndarray
-        Shape (P,); a value outside the bounds is moved to the nearer one.
-    """
+    """Return the start's parameters as the problem counts them."""
     start = problem.start
     values = {name: getattr(start, name) for name in problem.names}
     if "dhr" in values and start.diffuse_term is not None:
@@ -407,18 +285,7 @@ def residuals(problem: FitProblem, values: FloatArray) -> FloatArray:
 
 
 def physical_values(problem: FitProblem, values: FloatArray) -> FloatArray:
-    """Return the parameters as a user knows them, the DHR with the lobe's share in it.
-
-    Parameters
-    ----------
-    values
-        Parameters as the problem counts them, shape (P,).
-
-    Returns
-    -------
-    ndarray
-        Shape (P,).
-    """
+    """Return the parameters as a user knows them, the DHR with the lobe's share in it."""
     physical = values.copy()
     if "dhr" in problem.names:
         lobe, weight, _ = _parts(problem, values)
@@ -430,20 +297,7 @@ def physical_values(problem: FitProblem, values: FloatArray) -> FloatArray:
 def difference_jacobian(
     problem: FitProblem, values: FloatArray, function: Callable[[FitProblem, FloatArray], FloatArray]
 ) -> FloatArray:
-    """Return derivatives of a function of the parameters by central differences, one-sided at a bound.
-
-    Parameters
-    ----------
-    values
-        Where, shape (P,), within the bounds.
-    function
-        Of problem and values; returns shape (M,).
-
-    Returns
-    -------
-    ndarray
-        Shape (M, P).
-    """
+    """Return derivatives of a function of the parameters by central differences, one-sided at a bound."""
     columns = []
     for index, name in enumerate(problem.names):
         step = np.zeros_like(values)
@@ -455,23 +309,7 @@ def difference_jacobian(
 
 
 def surface_of_values(problem: FitProblem, values: FloatArray) -> Surface:
-    """Return the surface of these parameters.
-
-    Parameters
-    ----------
-    values
-        Parameters as the problem counts them, shape (P,).
-
-    Returns
-    -------
-    Surface
-        What is not free as in the start.
-
-    Raises
-    ------
-    ValueError
-        If a DHR that is held fixed is below what the lobe of these parameters reflects.
-    """
+    """Return the surface of these parameters."""
     physical = physical_values(problem, values)
     chosen = {name: getattr(problem.start, name) for name in PARAMETERS}
     chosen.update({name: float(value) for name, value in zip(problem.names, physical, strict=True)})
@@ -535,20 +373,7 @@ _RANK = 1e-7
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Information:
-    """First-order uncertainty of parameters.
-
-    Parameters
-    ----------
-    standard_uncertainty
-        Shape (P,); inf for a parameter on which some combination of observations leaves no hold at all.
-    correlation
-        Shape (P, P); between determined parameters, 0 elsewhere off the diagonal.
-    singular_values
-        Of the whitened derivatives by parameters in units of their range, descending, shape (P,): a combination
-        with singular value s is known to 1 / s of the range.
-    words
-        What cannot be told apart; empty if all can.
-    """
+    """First-order uncertainty of parameters."""
 
     standard_uncertainty: FloatArray
     correlation: FloatArray
@@ -559,22 +384,6 @@ class Information:
 def information(jacobian: FloatArray, *, names: Sequence[str], ranges: FloatArray) -> Information:
     """Return what whitened derivatives say about the parameters.
 
-    Parameters
-    ----------
-    jacobian
-        Derivatives of residuals of unit variance by the parameters, shape (M, P).
-    names
-        Of the parameters.
-    ranges
-        Width of the range within which each was looked for, shape (P,), > 0.
-
-    Returns
-    -------
-    Information
-        Gauss-Newton uncertainties and words.
-
-    References
-    ----------
     Definition: inverse of J' J by singular values.
     """
     parameters = len(names)
@@ -748,27 +557,6 @@ def solved(
 ) -> FloatArray:
     """Return the values within the problem's bounds that minimise the sum of squares of a function.
 
-    Parameters
-    ----------
-    problem
-        Names and bounds.
-    start
-        Where to begin, shape (P,).
-    function, jacobian
-        Residuals, shape (M,), and their derivatives, shape (M, P).
-
-    Returns
-    -------
-    ndarray
-        Shape (P,).
-
-    Raises
-    ------
-    ValueError
-        If the search does not end.
-
-    References
-    ----------
     Branch, Coleman and Li (1999), doi:10.1137/S1064827595289108.
     """
     margin = 1e-9 * (problem.upper - problem.lower)

@@ -25,25 +25,7 @@ FloatArray = NDArray[np.float64]
 
 
 def checked_zenith(name: str, angle_rad: ArrayLike) -> FloatArray:
-    """Return zenith angles as a float64 array.
-
-    Parameters
-    ----------
-    name
-        Name of the argument, for the message.
-    angle_rad
-        Zenith angle [rad], any shape, 0 to pi.
-
-    Returns
-    -------
-    ndarray
-        The same values.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite or outside 0 to pi.
-    """
+    """Return zenith angles as a float64 array."""
     angle = _finite(name, angle_rad)
     outside = (angle < 0.0) | (angle > np.pi)
     if np.any(outside):
@@ -55,25 +37,7 @@ def checked_zenith(name: str, angle_rad: ArrayLike) -> FloatArray:
 
 
 def checked_azimuth(name: str, angle_rad: ArrayLike) -> FloatArray:
-    """Return azimuths as a float64 array.
-
-    Parameters
-    ----------
-    name
-        Name of the argument, for the message.
-    angle_rad
-        Azimuth [rad], any shape, any finite value.
-
-    Returns
-    -------
-    ndarray
-        The same values.
-
-    Raises
-    ------
-    ValueError
-        If a value is not finite.
-    """
+    """Return azimuths as a float64 array."""
     return _finite(name, angle_rad)
 
 
@@ -93,25 +57,9 @@ AmplitudeArray = NDArray[np.inexact]
 def amplitudes(*, cos2_psi: FloatArray, n: float, k: float) -> tuple[AmplitudeArray, AmplitudeArray]:
     """Return the amplitude reflection coefficients r_s and r_p.
 
-    Parameters
-    ----------
-    cos2_psi
-        Squared cosine of the angle of incidence, above 0.
-    n, k
-        Real and imaginary part of the index, n > 0, k >= 0.
-
-    Returns
-    -------
-    tuple of ndarray
-        r_s and r_p, real where k = 0 and n >= 1, complex otherwise.
-
-    Notes
-    -----
     Right-handed triads, so r_p = -r_s at normal incidence. The numerators are written as differences of
     squares, which keeps all digits at Brewster's angle and for an index near 1.
 
-    References
-    ----------
     Definition (Fresnel's equations).
     """
     c = np.sqrt(cos2_psi)
@@ -128,20 +76,6 @@ def amplitudes(*, cos2_psi: FloatArray, n: float, k: float) -> tuple[AmplitudeAr
 def mueller_elements(*, cos2_psi: FloatArray, n: float, k: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return M00 = M11, M01 = M10 and M22 of reflection in the axes of the plane of incidence.
 
-    Parameters
-    ----------
-    cos2_psi
-        Squared cosine of the angle of incidence, above 0.
-    n, k
-        Real and imaginary part of the index, n > 0, k >= 0.
-
-    Returns
-    -------
-    tuple of ndarray
-        (Rs + Rp) / 2, (Rs - Rp) / 2 and Re(r_s r_p*); the other elements of the 3 x 3 matrix are zero.
-
-    Notes
-    -----
     M22 is negative below Brewster's angle: a mirror turns +45 deg into -45 deg.
     """
     r_s, r_p = amplitudes(cos2_psi=cos2_psi, n=n, k=k)
@@ -164,21 +98,7 @@ _COINCIDENT = 1e-28
 
 @dataclass(frozen=True, kw_only=True)
 class HalfVectorGeometry:
-    """Angles between sun, sensor and the facet that mirrors one into the other; arrays of one shape.
-
-    Parameters
-    ----------
-    cos_i, sin_i, cos_r, sin_r
-        Of the zenith angles of sun and sensor.
-    cos2_psi
-        Squared cosine of the angle of incidence on the facet.
-    mean_cosine
-        (cos_i + cos_r) / 2, which is cos psi times the cosine of the facet's own zenith angle.
-    tan2_beta
-        Squared slope of the facet.
-    cos_2eta_i, sin_2eta_i, cos_2eta_r, sin_2eta_r
-        Of twice the angle from the horizontal axis h to the facet's s axis, incident and reflected ray.
-    """
+    """Angles between sun, sensor and the facet that mirrors one into the other; arrays of one shape."""
 
     cos_i: FloatArray
     sin_i: FloatArray
@@ -196,27 +116,11 @@ class HalfVectorGeometry:
 def half_vector_geometry(theta_i_rad: FloatArray, theta_r_rad: FloatArray, phi_rad: FloatArray) -> HalfVectorGeometry:
     """Return the facet geometry of the directions to sun and sensor.
 
-    Parameters
-    ----------
-    theta_i_rad, theta_r_rad
-        Zenith angles [rad], both in [0, pi/2).
-    phi_rad
-        Azimuth of the sensor minus that of the sun [rad], counter-clockwise from above; pi is forward.
-
-    Returns
-    -------
-    HalfVectorGeometry
-        Arrays of the common shape.
-
-    Notes
-    -----
     With p, m = (theta_i +- theta_r) / 2 the squared quantities are sums of terms that are not negative:
     cos^2 psi = cos^2 p + sin_i sin_r cos^2(phi/2), and likewise the facet's slope. The s axis comes from the half
     vector's components along (h, v) of each ray, made of the same differences in both, so that it is one axis to the
     last digit near retro-reflection. No angle is ever formed.
 
-    References
-    ----------
     Definition; the dyadic form of the microfacet Jones matrix of Priest and Germer (2000), whose rotation
     angles [MK14] takes over.
     """
@@ -290,31 +194,8 @@ def shadowed_prefactor(
 ) -> FloatArray:
     """Return G / (4 cos theta_i cos theta_r), the visible share of facets over the projections.
 
-    Parameters
-    ----------
-    cos_i, sin_i, cos_r, sin_r
-        Of the zenith angles of sun and sensor; cosines above 0.
-    mean_cosine
-        (cos_i + cos_r) / 2 = cos beta cos psi.
-    cos2_psi
-        Squared cosine of the angle of incidence on the facet, above 0.
-    slope_rms
-        Standard deviation of the slope along one axis; used by the Smith forms.
-    shadowing
-        "none" (G = 1), "v-cavity", "smith" (product of the two ways) or "smith-correlated" (the heights of the
-        point as seen by sun and sensor are the same height).
-
-    Returns
-    -------
-    ndarray
-        G and the quotient taken together, so that grazing directions do not overflow.
-
-    Notes
-    -----
     With G = 1 the surface reflects more than it receives near grazing. The other three conserve energy.
 
-    References
-    ----------
     "v-cavity": Torrance and Sparrow (1967), doi:10.1364/JOSA.57.001105. Smith: Smith (1967),
     doi:10.1109/TAP.1967.1138991, for Gaussian slopes; the correlated form: Heitz (2014), J. Computer Graphics
     Techniques 3(2).
@@ -379,18 +260,7 @@ class Lobe:
 
 
 def require_index(*, n: float, k: float) -> None:
-    """Raise unless n + ik is a refractive index.
-
-    Parameters
-    ----------
-    n, k
-        Real and imaginary part.
-
-    Raises
-    ------
-    ValueError
-        If n is not in (0, 1e9] or k not in [0, 1e9].
-    """
+    """Raise unless n + ik is a refractive index."""
     if not 0.0 < n <= INDEX_MAX:
         raise ValueError(f"n = {n}; allowed is 0 < n <= {INDEX_MAX:g} (real part of the refractive index)")
     if not 0.0 <= k <= INDEX_MAX:
@@ -398,18 +268,7 @@ def require_index(*, n: float, k: float) -> None:
 
 
 def require_slope_rms(slope_rms: float) -> None:
-    """Raise unless the slope is one that a lobe of finite width can have.
-
-    Parameters
-    ----------
-    slope_rms
-        Standard deviation of the facet slope along one axis.
-
-    Raises
-    ------
-    ValueError
-        If below 1e-3 or not finite.
-    """
+    """Raise unless the slope is one that a lobe of finite width can have."""
     if not (math.isfinite(slope_rms) and slope_rms >= SLOPE_RMS_MIN):
         raise ValueError(
             f"slope_rms = {slope_rms}; allowed is {SLOPE_RMS_MIN:g} and above (per axis). A smoother surface is "
@@ -421,20 +280,6 @@ def require_slope_rms(slope_rms: float) -> None:
 def facet_density(tan2_beta: FloatArray, *, slope_rms: float) -> FloatArray:
     """Return the density of facet normals over solid angle, with integral of D cos(beta) equal to 1.
 
-    Parameters
-    ----------
-    tan2_beta
-        Squared facet slope, not negative.
-    slope_rms
-        Standard deviation of the slope along one axis.
-
-    Returns
-    -------
-    ndarray
-        D [sr^-1]; 0 where the exponential underflows.
-
-    References
-    ----------
     Priest and Germer (2000), Proc. Military Sensing Symposia; Beckmann's distribution with alpha = sqrt(2) slope_rms.
     """
     variance = slope_rms * slope_rms
@@ -446,17 +291,6 @@ def facet_density(tan2_beta: FloatArray, *, slope_rms: float) -> FloatArray:
 def write_specular(out: FloatArray, geometry: HalfVectorGeometry, *, lobe: Lobe, weight: float) -> None:
     """Write the Mueller matrices of the lobe into an array.
 
-    Parameters
-    ----------
-    out
-        Shape (N, 3, 3); overwritten [sr^-1].
-    geometry
-        Arrays of shape (N,).
-    weight
-        Factor on all elements.
-
-    References
-    ----------
     [MK14] section II-A; Priest and Germer (2000). M = R(-eta_r) M_Fresnel R(eta_i) times D G / (4 cos cos).
     """
     g = geometry
@@ -500,19 +334,7 @@ SLOPE_CUT = 7.0
 
 @dataclass(frozen=True, kw_only=True)
 class FacetNodes:
-    """Facets and their weights.
-
-    Parameters
-    ----------
-    row
-        Shape (R,): which of the angles of incidence the panel strip belongs to.
-    x
-        Slope along the sun's azimuth, shape (R, 1); positive where the facet leans to the sun.
-    y
-        Slope across, shape (R, Q), one of the two signs.
-    weight
-        Shape (R, Q), for both signs of y together; Gaussian density included.
-    """
+    """Facets and their weights."""
 
     row: NDArray[np.intp]
     x: FloatArray
@@ -525,26 +347,6 @@ def facet_nodes(
 ) -> FacetNodes:
     """Return nodes over the facets that mirror the sun into the upper hemisphere.
 
-    Parameters
-    ----------
-    theta_i_rad
-        Zenith angles of the sun [rad], shape (T,), in [0, pi/2].
-    slope_rms
-        Standard deviation of the slope along one axis.
-    shadowing
-        Decides which curves the panels follow.
-    order
-        Nodes of each panel along x; half of it along y.
-    cut
-        Standard deviations beyond which no slopes are taken.
-
-    Returns
-    -------
-    FacetNodes
-        Strips of no area are left out.
-
-    References
-    ----------
     Definition; reflected above the horizon is 1 + x^2 + y^2 < 2 (1 + x tan theta), and with the V-cavity the way
     out is the narrower one where 1 + x^2 + y^2 > 4 (1 + x tan theta) / (2 + min(1 + x tan theta, 2)).
     """
@@ -604,17 +406,7 @@ _ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True, kw_only=True)
 class HemisphericalReflectance:
-    """Share of the incident light that goes into the hemisphere.
-
-    Parameters
-    ----------
-    s0
-        For unpolarised light.
-    s1
-        What a unit of S1 adds to it: reflected power is s0 S0 + s1 S1. S2 adds nothing, by symmetry.
-    error
-        Estimated absolute error of both.
-    """
+    """Share of the incident light that goes into the hemisphere."""
 
     s0: FloatArray
     s1: FloatArray
@@ -716,23 +508,7 @@ _MEAN_NODES = 48
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReflectanceTable:
-    """A piecewise series for E(theta), theta in [0, pi/2).
-
-    Parameters
-    ----------
-    edges
-        Ends of the pieces in the stretched angle u, ascending: pi/2 - theta = stretch sinh(u).
-    coefficients
-        Of Chebyshev polynomials, one read-only array for each piece.
-    stretch_rad
-        Width of the layer at the horizon that is resolved.
-    rise
-        0, or for a lobe that is not bounded at grazing the cosine c0 of a factor: the series is for
-        E c / (c + c0), c = cos theta.
-    error
-        Estimated absolute error of E wherever E is at most 1: interpolation, measured at angles that the series
-        of half the degree was not made from, plus quadrature, plus the terms dropped.
-    """
+    """A piecewise series for E(theta), theta in [0, pi/2)."""
 
     edges: FloatArray
     coefficients: tuple[FloatArray, ...]
@@ -741,18 +517,7 @@ class ReflectanceTable:
     error: float
 
     def at(self, theta_rad: FloatArray) -> FloatArray:
-        """Return E of unpolarised light.
-
-        Parameters
-        ----------
-        theta_rad
-            Zenith angle [rad], shape (N,), in [0, pi/2).
-
-        Returns
-        -------
-        ndarray
-            Shape (N,).
-        """
+        """Return E of unpolarised light."""
         u = np.arcsinh((0.5 * np.pi - theta_rad) / self.stretch_rad)
         series = self._piece(0, u)
         for index in range(1, len(self.coefficients)):
@@ -770,13 +535,6 @@ class ReflectanceTable:
     def mean_nodes(self) -> tuple[FloatArray, FloatArray]:
         """Return angles and weights for the cosine-weighted mean over the hemisphere.
 
-        Returns
-        -------
-        tuple of ndarray
-            theta [rad] and weights; the sum of weight times f(theta) is 2 integral f cos sin d(theta).
-
-        References
-        ----------
         Definition; Gauss-Legendre in the stretched angle, piece by piece.
         """
         node, weight = gauss_legendre(_MEAN_NODES)
@@ -910,21 +668,7 @@ _OPAQUE = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Diffuse:
-    """Parameters of the diffuse term of a surface.
-
-    Parameters
-    ----------
-    kind
-        "lambert", "balance", "coupled" or "polarised"; see `add_diffuse`.
-    lobe
-        The specular lobe.
-    specular_weight
-        B, the lobe's weight.
-    excess
-        DHR - B E(theta_m), what is left for the diffuse term at the angle of measurement.
-    dhr_angle_rad
-        theta_m [rad].
-    """
+    """Parameters of the diffuse term of a surface."""
 
     kind: DiffuseKind
     lobe: Lobe
@@ -935,35 +679,13 @@ class Diffuse:
 
 @lru_cache(maxsize=256)
 def reflectance_at(lobe: Lobe, theta_rad: float) -> float:
-    """Return the lobe's reflectance E of unpolarised light at one angle; kept for each lobe and angle.
-
-    Parameters
-    ----------
-    theta_rad
-        Zenith angle [rad], 0 to pi/2.
-
-    Returns
-    -------
-    float
-        E, to 1e-8.
-    """
+    """Return the lobe's reflectance E of unpolarised light at one angle; kept for each lobe and angle."""
     return float(lobe_reflectance(theta_rad, lobe=lobe).s0)
 
 
 def add_diffuse(out: FloatArray, theta_i_rad: FloatArray, theta_r_rad: FloatArray, *, diffuse: Diffuse) -> None:
     """Add the diffuse term to Mueller matrices.
 
-    Parameters
-    ----------
-    out
-        Shape (N, 3, 3) [sr^-1]; added to.
-    theta_i_rad, theta_r_rad
-        Zenith angles of sun and sensor [rad], shape (N,), in [0, pi/2).
-    diffuse
-        The term.
-
-    Notes
-    -----
     With E the reflectance of the lobe, B its weight and x = DHR - B E(theta_m):
 
     - "lambert": f00 = x / pi. Reciprocal; a bright glossy surface reflects more than it receives near grazing.
@@ -975,8 +697,6 @@ def add_diffuse(out: FloatArray, theta_i_rad: FloatArray, theta_r_rad: FloatArra
       T = 1 - B |r|^2 of the mean plane: light enters, loses its polarization and leaves. Reciprocal; conserves
       energy for every polarization of the light that comes in.
 
-    References
-    ----------
     "balance": Hyde, Schmidt and Havrilla (2009), doi:10.1364/OE.17.022138, with the measured DHR in place of
     a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short presentations. "polarised":
     Baek et al. (2018), doi:10.1145/3272127.3275018.
@@ -997,20 +717,6 @@ def add_diffuse(out: FloatArray, theta_i_rad: FloatArray, theta_r_rad: FloatArra
 def diffuse_row(theta_i_rad: FloatArray, *, diffuse: Diffuse) -> FloatArray:
     """Return what the diffuse term adds to the directional-hemispherical reflectance.
 
-    Parameters
-    ----------
-    theta_i_rad
-        Zenith angle of the incident light [rad], shape (N,), in [0, pi/2).
-    diffuse
-        The term.
-
-    Returns
-    -------
-    ndarray
-        Shape (2, N): factors of the incident S0 and S1.
-
-    References
-    ----------
     Definition: pi times the cosine-weighted mean of the first row over the hemisphere.
     """
     row = np.zeros((2, theta_i_rad.size))
@@ -1221,25 +927,6 @@ def evaluate(
 ) -> FloatArray:
     """Return the pBRDF of a lobe and a diffuse term that need not form a possible surface.
 
-    Parameters
-    ----------
-    theta_i_rad, theta_r_rad, phi_rad
-        As in `mueller`.
-    lobe, specular_weight, diffuse
-        The parts. A fit passes through combinations, such as a DHR below the lobe's, that `Surface` refuses.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3, 3) [sr^-1].
-
-    Raises
-    ------
-    ValueError
-        As `mueller`.
-
-    References
-    ----------
     As `mueller`.
     """
     angles = np.broadcast_arrays(
@@ -1414,19 +1101,7 @@ class Tilt:
 
 @dataclass(frozen=True, kw_only=True)
 class LocalGeometry:
-    """Sun and camera as a tilted panel sees them.
-
-    Parameters
-    ----------
-    theta_i_rad, theta_r_rad
-        Angles of sun and camera from the panel's normal [rad]; beyond pi/2 the panel does not face them.
-    phi_rad
-        Relative azimuth about the panel's normal [rad], as `mueller` wants it.
-    incident_rotation_rad
-        Angle from the world's horizontal axis of the incident ray to the panel's [rad].
-    reflected_rotation_rad
-        Angle from the panel's axis of the reflected ray to the world's horizontal [rad].
-    """
+    """Sun and camera as a tilted panel sees them."""
 
     theta_i_rad: FloatArray
     theta_r_rad: FloatArray
