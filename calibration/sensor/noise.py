@@ -998,7 +998,7 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     gain = calibration.gain_dn_per_e
     share = gain.std_error / gain.value
     trust = f"trust the gain to {share:.1%}" if share >= 1e-3 else f"trust the gain to {share:.2%}"
-    named = [flag.level for flag in calibration.results if flag.level is not None and flag.name != "unclear_level"]
+    named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
     if named:
         trust += f"; {len(dict.fromkeys(named))} level{'s are' if len(set(named)) > 1 else ' is'} named as wrong"
     return f"{trust}.", f"{_unknown(calibration)}.", f"{_next(calibration)}."
@@ -1021,7 +1021,7 @@ def _listed(words: list[str]) -> str:
 
 
 def _next(calibration: NoiseCalibration) -> str:
-    for flag in calibration.results:
+    for flag in calibration.flags:
         if flag.name == "saturation_not_reached":
             more = "a brighter lamp" if is_lamp_sweep(calibration.flats) else "longer exposures"
             return f"next: go on with {more} until pixels are full"
@@ -1144,7 +1144,7 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     found = () if pattern is None else pattern_flags(pattern)
     # The pixel-by-pixel look at defects says more than that at their variance.
     named = {flag.name for flag in found}
-    kept = tuple(flag for flag in calibration.results if flag.name not in named)
+    kept = tuple(flag for flag in calibration.flags if flag.name not in named)
     calibration = replace(calibration, flags=by_consequence((*kept, *found)))
     light = None if pattern is None else dark_light(pattern, black_level_dn=calibration.black_level_dn.value)
     if light is not None:
@@ -1197,7 +1197,7 @@ def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> N
 def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibration:
     """Return a calibration whose dark current is uncertain by light, or a bound where that is more than usual."""
     current, dark = calibration.dark_current_e_per_s, calibration.darks[calibration.spatial.dark]
-    flagged = replace(calibration, flags=by_consequence((*calibration.results, _light_flag(light))))
+    flagged = replace(calibration, flags=by_consequence((*calibration.flags, _light_flag(light))))
     if current is None or not dark.exposure_s:
         return flagged
     rate_e_per_s = light.value / calibration.gain_dn_per_e.value / dark.exposure_s
@@ -1217,8 +1217,8 @@ def _without_dark_current(calibration: NoiseCalibration, flag: Flag, *, bound: E
     names, matrix = calibration.covariance.names, calibration.covariance.matrix
     kept = [index for index, name in enumerate(names) if name != _DARK_CURRENT]
     largest = max(bound.value, 0.0) + _GAIN_SIGMA * bound.std_error
-    flags = tuple(one for one in calibration.results if one.name not in _OF_DARK_CURRENT)
-    unusual = next((one.message for one in calibration.results if one.name == "unusual_dark_current"), None)
+    flags = tuple(one for one in calibration.flags if one.name not in _OF_DARK_CURRENT)
+    unusual = next((one.message for one in calibration.flags if one.name == "unusual_dark_current"), None)
     if unusual is not None:
         flag = replace(flag, message=f"{flag.message}; without light, {unusual}")
     return replace(

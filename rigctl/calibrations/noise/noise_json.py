@@ -49,7 +49,7 @@ def noise_json(
             "names": list(calibration.covariance.names),
             "matrix": calibration.covariance.matrix.tolist(),
         },
-        "flags": flags_json(calibration.results),
+        "flags": flags_json(calibration.flags),
         "performance": asdict(calibration.performance),
         "dark_levels": _dark_levels(calibration),
         "photon_transfer": _curve(calibration.transfer),

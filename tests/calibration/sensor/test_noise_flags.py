@@ -49,7 +49,7 @@ def refused(given: list[LevelStatistics], *, bit_depth: int = 12) -> dict[str, F
 
 
 def flag_names(calibration: NoiseCalibration) -> set[str]:
-    return {flag.name for flag in calibration.results}
+    return {flag.name for flag in calibration.flags}
 
 
 def test_a_good_sweep_is_only_told_that_it_saturates() -> None:
@@ -309,7 +309,7 @@ def test_a_camera_that_saturates_below_full_scale_is_told_so() -> None:
     # All pixels of the brightest flats stand at 3800 of 4095: they do not change, and are no computed pictures.
     calibration = calibrate_noise(levels(lambda frames: [np.minimum(f, np.uint16(3800)) for f in frames]), bit_depth=12)
     assert flag_names(calibration) == {"low_ceiling", "saturated_levels"}
-    message = next(flag.message for flag in calibration.results if flag.name == "low_ceiling")
+    message = next(flag.message for flag in calibration.flags if flag.name == "low_ceiling")
     assert "3800" in message
     # The gain is that of the same frames without it: only saturated levels differ.
     unclipped = calibrate_noise(levels(), bit_depth=12)

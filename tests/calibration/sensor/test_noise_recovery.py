@@ -33,7 +33,7 @@ N_SEEDS = 60
 
 def estimate(calibration: NoiseCalibration, name: str) -> Estimate:
     found = getattr(calibration, name)
-    assert isinstance(found, Estimate), f"{name} is {found}; flags {[flag.name for flag in calibration.results]}"
+    assert isinstance(found, Estimate), f"{name} is {found}; flags {[flag.name for flag in calibration.flags]}"
     return found
 
 
@@ -150,7 +150,7 @@ def test_saturation_of_the_converter() -> None:
     # The peak is where clipping begins: 4095 DN less black, less about 1.5 of its noise of 32 DN.
     found = estimate(calibration, "saturation_e")
     assert abs(found.value - (4095.0 - 60.0 - 48.0) / 0.25) < np.sqrt(3.0) * found.std_error
-    assert "saturated_levels" in {flag.name for flag in calibration.results}
+    assert "saturated_levels" in {flag.name for flag in calibration.flags}
 
 
 def two_percent_low_at_saturation(signal_dn: NDArray[np.float64]) -> NDArray[np.float64]:
