@@ -32,11 +32,11 @@ from rigctl.jobs.archive import find_runs, index_archive
 from rigctl.jobs.archive_runs import ArchiveResult, run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.verify import verify
 from rigctl.runs.run_folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
 from rigctl.verbs.note import note
+from rigctl.verbs.verify import verification_of
 from tests.monkey.mutations import damage_run
 from tests.rigctl.example_files import small_rig, small_session
 
@@ -105,7 +105,7 @@ def _damage(path: Path, spare: Path, draws: random.Random) -> str:
             shutil.copytree(spare, path)
             damage_run(path, draws)
         try:
-            state = verify(path).state
+            state = verification_of(path).state
         except Exception as error:  # whatever it says of such a folder, it is not whole
             state = type(error).__name__
         if state != "whole" and any((path / name).is_file() for name in ("session.json", "manifest.jsonl")):

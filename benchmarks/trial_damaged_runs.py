@@ -22,9 +22,9 @@ import numpy as np
 import rigctl
 from rigctl import cli
 from rigctl.errors import ConfigError, DataError
-from rigctl.jobs.verify import verify
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
+from rigctl.verbs.verify import verification_of
 from tests.rigctl.example_files import small_rig, small_session
 
 _LOOSE = ("status.json", "writer.lock")
@@ -65,7 +65,7 @@ def damaged_copy(run: Path, out: Path, case: random.Random) -> str:
 def fault(run: Path, whole: Path, reader: tuple[str, ...] | None) -> str | None:
     """Return what was let pass in a damaged run by `verify` and one reader (None: the Python interface), or None."""
     is_same = _is_same(run, whole)
-    if not is_same and verify(run).state == "whole":
+    if not is_same and verification_of(run).state == "whole":
         return "verify calls it whole"
     said = _said_by_python(run) if reader is None else _said_by(reader, run)
     if reader is not None and "--contents" in reader:

@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import os
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -63,7 +62,6 @@ _ARCHIVED = ("archive.csv", "archive.json", "archive.html")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
     **{f"archive {verb}": {"out": _folder(*_ARCHIVED)} for verb in ("compare", "stokes", "verify", "recalibrate")},
     "acquire": {"out": _NEW},
-    "bundle": {"out": _FILE},
     "record": {"out": _FILE},
     "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
     "calibrate flat": {"out": _FILE},
@@ -78,16 +76,12 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "detect": {"out": _folder(*_DETECTED)},
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
-    "export": {"out": _ABSENT},
     "fit surface": {"out": _FILE},
     "import": {"run": _Place(kind="run", label="RUN")},
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
     "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},
     "preview": {"picture": _FILE},
-    "regions draw": {"out": _FILE},
-    "regions find": {"out": _FILE},
-    "regions mark": {"out": _FILE},
     "stage characterise": {"out": _FILE, "plot": _FILE},
     "study": {"out": _folder(*_STUDIED)},
     "tradeoff": {"out": _folder(*_TRADED)},
@@ -113,7 +107,7 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
     def tried(**values: Any) -> Any:
         force = bool(values.pop(_FORCE, False))
         is_anonymous = bool(values.get(_ANONYMOUS) if has_own_anonymous else values.pop(_ANONYMOUS, False))
-        destinations = _destinations(verb, places, values)
+        destinations = _destinations(places, values)
         if not destinations or values.get("dry_run"):
             return body(**values)
         inputs = _inputs(values, places)
@@ -145,21 +139,14 @@ def _shared(
     """Have the options of all commands that write results."""
 
 
-def _destinations(verb: str, places: Mapping[str, _Place], values: Mapping[str, Any]) -> list[Destination]:
+def _destinations(places: Mapping[str, _Place], values: Mapping[str, Any]) -> list[Destination]:
     found = []
     for option, place in places.items():
         path = values.get(option)
         if path is not None:
-            kind = "edited" if _is_edited(verb, path, values) else place.kind
             name = place.label or f"--{option.replace('_', '-')}"
-            found.append(Destination(option=name, path=Path(path), kind=kind, names=place.names))
+            found.append(Destination(option=name, path=Path(path), kind=place.kind, names=place.names))
     return found
-
-
-def _is_edited(verb: str, path: Path, values: Mapping[str, Any]) -> bool:
-    """Return whether a regions file is to be written where it was read from."""
-    given = values.get("regions") if verb in ("regions mark", "regions find") else values.get("start")
-    return verb.startswith("regions ") and isinstance(given, Path) and os.path.realpath(given) == os.path.realpath(path)
 
 
 def _inputs(values: Mapping[str, Any], places: Mapping[str, _Place]) -> list[Path]:

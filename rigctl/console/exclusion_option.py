@@ -21,11 +21,7 @@ READERS = frozenset(
         "calibrate registration",
         "compare",
         "detect",
-        "export",
         "fit surface",
-        "regions draw",
-        "regions find",
-        "regions mark",
     }
 )
 

@@ -54,17 +54,10 @@ EXPOSURE_UNITS: tuple[ExposureUnit, ...] = get_args(ExposureUnit)
 SECONDS_PER_UNIT: dict[ExposureUnit, float] = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
 
 
-class Dictionary(StrEnum):
-    """Families of ArUco markers, by cells a side and how many markers they have."""
-
-    FOUR_50 = "4x4_50"
-    FOUR_100 = "4x4_100"
-    FOUR_250 = "4x4_250"
-    FIVE_50 = "5x5_50"
-    FIVE_100 = "5x5_100"
-    SIX_50 = "6x6_50"
-    SIX_250 = "6x6_250"
-    ORIGINAL = "aruco_original"
+# Families of ArUco markers, by cells a side and how many markers they have.
+Dictionary = Literal[
+    "4x4_50", "4x4_100", "4x4_250", "5x5_50", "5x5_100", "6x6_50", "6x6_250", "aruco_original"
+]  # fmt: skip
 
 
 class Asked(StrEnum):

@@ -91,7 +91,7 @@ class Marker(Section):
 class Markers(Section):
     """Markers on the panels, by which the regions are found again when the camera has moved."""
 
-    dictionary: Dictionary = Dictionary.FOUR_50
+    dictionary: Dictionary = "4x4_50"
     """Family of ArUco markers. Example: `"4x4_50"`."""
     seen: Annotated[list[Marker], Field(min_length=1)]
     """The markers as they were in the picture that the regions were drawn on."""

@@ -14,7 +14,6 @@ from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.verify import verify
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.picked_calibrations import PickedCalibrations
 from rigctl.measurement.recalibration import recalibrated
@@ -29,6 +28,7 @@ from rigctl.storage.bounded_file import sha256_of
 from rigctl.storage.destination import results_of
 from rigctl.storage.origin import Origin
 from rigctl.verbs.stokes import StokesResult, stokes_of
+from rigctl.verbs.verify import verification_of
 
 RUNS_FOLDER = "runs"
 FAILED = "failed"
@@ -209,7 +209,7 @@ def _of_recalibration(name: str, run: Path, request: ArchiveRequest) -> RunRow:
 
 
 def _of_verification(name: str, run: Path, _: ArchiveRequest) -> RunRow:
-    found = verify(run)
+    found = verification_of(run)
     said = [*(f"{one.file}: {one.problem}" for one in found.bad), *(found.gaps if found.state != "whole" else ())]
     return RunRow(run=name, exit_code=_VERIFIED[found.state], verdict=found.state, reason=said[0] if said else "")
 

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.files.choices import Dictionary
 from rigctl.files.regions import Markers, regions_text
 from rigctl.files.rig_file import PolarizerSection, load_rig
 from rigctl.jobs.acquire import AcquireRequest, prepare_session, require_takeable
 from rigctl.jobs.preview import NO_STAGE, open_camera_alone
-from rigctl.jobs.regions import sent_regions
 from rigctl.outlines.markers import search_markers, stretched
 from rigctl.runs.run_lock import writing_process
 from rigctl.session.control import ask_process
@@ -27,6 +25,7 @@ from rigctl.web.hands import Hands, Question, camera_acts, region_acts, session_
 from rigctl.web.live_look import Cell, OpenDevices
 from rigctl.web.live_rig import LiveRig
 from rigctl.web.page import page_app
+from rigctl.web.regions_page import sent_regions
 from rigctl.web.server import Addresses, PageServer, Place
 from rigctl.web.sources import RunsOfFolder
 
@@ -193,7 +192,7 @@ def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -
         They are no regions.
     """
     regions = sent_regions(body)
-    seen = [] if picture is None else search_markers(stretched(picture), Dictionary.FOUR_50)
+    seen = [] if picture is None else search_markers(stretched(picture), "4x4_50")
     if seen and regions.markers is None:
         regions = regions.model_copy(update={"markers": Markers(seen=seen)})
     if file.exists():

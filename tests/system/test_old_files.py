@@ -23,11 +23,11 @@ from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import load_session
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.migrate import migrate
-from rigctl.jobs.verify import verify
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.wholeness import used_run
 from rigctl.verbs.stokes import stokes
+from rigctl.verbs.verify import verification_of
 from rigctl.version import VERSION
 
 ARCHIVES = Path(__file__).parent / "old_files"
@@ -56,7 +56,7 @@ def _require_same(found, stated):
 def test_the_first_runs_open_and_give_the_same_numbers(old):
     first = old / "first"
     _require_same(_numbers(first / "run", first / "regions.toml"), json.loads((first / "numbers.json").read_text()))
-    found = verify(first / "run")
+    found = verification_of(first / "run")
     assert (found.state, found.frames) == ("whole", 10)
     assert any("kept no copy" in text for text in found.unchecked)
 
@@ -76,7 +76,7 @@ def test_the_last_runs_without_seals_give_the_same_numbers(old):
         late / "run", old / "first/regions.toml", noise=old / "identity/noise.json", flat=late / "flat.npz"
     )
     _require_same(found, json.loads((late / "numbers.json").read_text()))
-    assert verify(late / "run").state == "whole"
+    assert verification_of(late / "run").state == "whole"
 
 
 def test_runs_sealed_and_annotated_give_the_same_numbers(old):
@@ -85,7 +85,7 @@ def test_runs_sealed_and_annotated_give_the_same_numbers(old):
         _numbers(today / "run", today / "regions.toml", noise=today / "noise.json"),
         json.loads((today / "numbers.json").read_text()),
     )
-    found = verify(today / "run")
+    found = verification_of(today / "run")
     assert (found.state, found.frames, found.unchecked) == ("whole", 14, ())
     used = used_run(today / "run")
     assert [one.sequence for one in used.excluded] == [13]
@@ -134,7 +134,7 @@ def test_a_migrated_run_is_whole_and_gives_the_same_numbers(old, archive):
     before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
     copy = migrate(run, write=True, utc_ns=lambda: NOW_NS).copy
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
-    found = verify(copy)
+    found = verification_of(copy)
     assert (found.state, found.unchecked) == ("whole", ())
     old_frames, new_frames = read_run(run).frames, read_run(copy).frames
     assert [one.checksum for one in new_frames] == [one.checksum for one in old_frames]
@@ -142,7 +142,7 @@ def test_a_migrated_run_is_whole_and_gives_the_same_numbers(old, archive):
     assert _numbers(copy, regions) == _numbers(run, regions)
     manifest = copy / "manifest.jsonl"
     manifest.write_bytes(manifest.read_bytes().replace(b'"width": 48', b'"width": 49', 1))
-    assert verify(copy).state == "damaged"
+    assert verification_of(copy).state == "damaged"
     with pytest.raises(ConfigError, match="is there already"):
         migrate(run, write=True)
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from rigctl.files.choices import Dictionary
 from rigctl.files.config import load
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile, regions_text
 
@@ -15,7 +14,7 @@ def test_it_is_read_back_as_it_was(tmp_path: Path) -> None:
             Region(name="b.2", polygon=[(0.5, 1.0), (10.0, 1.0), (5.0, 7.25)]),
         ],
         markers=Markers(
-            dictionary=Dictionary.FIVE_100,
+            dictionary="5x5_100",
             seen=[Marker(id=0, corners=square), Marker(id=4, corners=square, regions=("a", "b.2"))],
         ),
     )

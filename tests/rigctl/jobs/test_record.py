@@ -13,10 +13,10 @@ from drivers.recording import read_recording
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.record import Recorder, record, replay_rig
-from rigctl.jobs.verify import verify
 from rigctl.numbers.angles import wrapped
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import take_session
+from rigctl.verbs.verify import verification_of
 from sim_devices.clock import SimClock
 from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
 from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig_text
@@ -68,7 +68,7 @@ def test_the_same_bytes_and_frames_come_back(tmp_path: Path, monkeypatch: pytest
     recording = read_recording(tmp_path / "seen.rec")
     run = replayed(tmp_path, tmp_path / "seen.rec", monkeypatch)
     assert run.session.origin == "replay"
-    assert verify(run.path).state == "whole"
+    assert verification_of(run.path).state == "whole"
     frames = [call.frame for call in recording.opened[0].calls if call.frame is not None]
     for record_again, frame in zip(run.frames, frames, strict=True):
         np.testing.assert_array_equal(run.counts(record_again), frame.counts)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from rigctl.errors import DataError
-from rigctl.files.choices import Dictionary
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
 from rigctl.outlines.follow import follow_markers, moved_markers
 from rigctl.outlines.markers import grey_picture, search_markers
@@ -21,7 +20,7 @@ def drawn(seen: list[Marker]) -> RegionsFile:
 
 
 def test_markers_are_found_where_they_are(tmp_path: Path) -> None:
-    found = search_markers(grey_picture(run_of(panels(markers=MARKERS), tmp_path / "run")), Dictionary.FOUR_50)
+    found = search_markers(grey_picture(run_of(panels(markers=MARKERS), tmp_path / "run")), "4x4_50")
     assert [marker.id for marker in found] == [3, 7]
     for marker in found:
         x, y = MARKERS[marker.id]
@@ -33,13 +32,13 @@ def test_markers_are_found_where_they_are(tmp_path: Path) -> None:
 def test_a_marker_seen_twice_is_not_taken(tmp_path: Path) -> None:
     picture = panels(markers={3: (60, 50)})
     picture[240:308, 340:408] = picture[40:108, 50:118]
-    assert search_markers(grey_picture(run_of(picture, tmp_path / "run")), Dictionary.FOUR_50) == []
+    assert search_markers(grey_picture(run_of(picture, tmp_path / "run")), "4x4_50") == []
 
 
 def test_region_is_found_again_after_the_camera_moved(tmp_path: Path) -> None:
     picture = panels(markers=MARKERS)
-    before = search_markers(grey_picture(run_of(picture, tmp_path / "noon")), Dictionary.FOUR_50)
-    now = search_markers(grey_picture(run_of(seen_after_move(picture), tmp_path / "late")), Dictionary.FOUR_50)
+    before = search_markers(grey_picture(run_of(picture, tmp_path / "noon")), "4x4_50")
+    now = search_markers(grey_picture(run_of(seen_after_move(picture), tmp_path / "late")), "4x4_50")
     (found,) = follow_markers(drawn(before), now)
     truth = np.column_stack([PANEL.outline(), np.ones(4)]) @ MOVED.T
     assert found.region.polygon is not None

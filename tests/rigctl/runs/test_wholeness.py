@@ -9,10 +9,10 @@ import pytest
 from benchmarks.trial_damaged_runs import faults, make_run
 from rigctl import cli
 from rigctl.errors import RunFolderError
-from rigctl.jobs.verify import verify
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.wholeness import used_run
 from rigctl.session.take_session import resume_session
+from rigctl.verbs.verify import verification_of
 from tests.rigctl.resealed import as_of_layout_1, with_line
 from tests.rigctl.run_samples import write_run
 
@@ -39,21 +39,21 @@ def test_a_session_that_has_finished_is_whole(run, capsys):
 
 def test_a_session_without_its_last_word_is_unfinished(run, capsys):
     _without_last_line(run / "events.jsonl")
-    assert verify(run).state == "unfinished"
+    assert verification_of(run).state == "unfinished"
     assert cli.main(["verify", str(run)]) == 75
     assert "UNFINISHED" in capsys.readouterr().out
 
 
 def test_events_that_are_gone_leave_no_whole_run(run):
     (run / "events.jsonl").write_bytes(b"")
-    assert verify(run).state == "unfinished"
+    assert verification_of(run).state == "unfinished"
 
 
 def test_what_an_earlier_kill_would_have_left_is_unfinished_and_its_steps_are_named(run):
     (run / "events.jsonl").write_bytes(b"")
     _without_last_line(run / "manifest.jsonl")
     sorted((run / "frames").iterdir())[-1].unlink()
-    found = verify(run)
+    found = verification_of(run)
     assert (found.state, found.frames) == ("unfinished", 9)
     assert found.gaps == ("step 9 (scene, cycle 1, 135 deg) has no frame",)
 
@@ -63,7 +63,7 @@ def test_a_frame_deleted_with_its_line_is_found_and_its_step_is_named(run):
     lines = manifest.read_bytes().splitlines(keepends=True)
     manifest.write_bytes(b"".join(lines[:3] + lines[4:]))
     sorted((run / "frames").iterdir())[3].unlink()
-    found = verify(run)
+    found = verification_of(run)
     assert found.state == "damaged"
     assert [gap.partition(" (")[0] for gap in found.gaps] == ["step 3"]
 
@@ -81,7 +81,7 @@ def test_an_edited_file_is_damage(run, file, old, new):
     content = (run / file).read_bytes()
     assert old in content
     (run / file).write_bytes(content.replace(old, new, 1))
-    found = verify(run)
+    found = verification_of(run)
     assert found.state == "damaged"
     assert file in {finding.file for finding in found.bad}
 
@@ -102,7 +102,7 @@ def test_readers_work_on_an_unfinished_run_and_say_so(run, caplog):
 
 def test_an_old_run_is_whole_and_what_cannot_be_checked_is_said(run):
     as_of_layout_1(run)
-    found = verify(run)
+    found = verification_of(run)
     assert found.state == "whole"
     assert "carry no checksums" in found.unchecked[0]
 
@@ -111,15 +111,15 @@ def test_an_old_run_without_a_frame_of_its_plan_is_damaged(run):
     as_of_layout_1(run)
     _without_last_line(run / "manifest.jsonl")
     sorted((run / "frames").iterdir())[-1].unlink()
-    assert verify(run).state == "damaged"
+    assert verification_of(run).state == "damaged"
 
 
 def test_a_repair_that_makes_the_manifest_again_leaves_a_whole_run(run):
     manifest = run / "manifest.jsonl"
     manifest.write_bytes(manifest.read_bytes().replace(b'"exposure_s": ', b'"exposure_s": 1', 1))
-    assert verify(run).state == "damaged"
+    assert verification_of(run).state == "damaged"
     assert resume_session(run).is_finished
-    assert verify(run).state == "whole"
+    assert verification_of(run).state == "whole"
 
 
 @pytest.mark.parametrize("name", ["session.json", "manifest.jsonl", "events.jsonl", "status.json", "writer.lock"])

@@ -14,7 +14,6 @@ from rigctl.devices.rig import require_drivers
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import MonitorSection, RigFile
 from rigctl.jobs.doctor import monitor_findings
-from rigctl.jobs.verify import verify
 from rigctl.live.cycle_history import CycleHistory, CycleLook
 from rigctl.live.light_followed import followed_light, light_lines
 from rigctl.live.live_status import Estimate, RegionPolarization
@@ -24,6 +23,7 @@ from rigctl.runs.run_folder import read_run
 from rigctl.session.monitors import Monitors
 from rigctl.session.take_session import resume_session, take_session
 from rigctl.verbs.status import SessionPage, status
+from rigctl.verbs.verify import verification_of
 from tests.rigctl.example_files import small_rig, small_session
 
 PLUG_IN = """
@@ -91,7 +91,7 @@ def test_each_exposure_has_its_readings(tmp_path: Path) -> None:
     assert set(by_name["air"].values) == {21.5}
     assert len(set(told.times_s)) == len(told.times_s)
     assert [e.facts["sequence"] for e in events if e.event == "monitor readings"] == list(range(10))
-    assert verify(tmp_path / "run").state == "whole"
+    assert verification_of(tmp_path / "run").state == "whole"
 
 
 @pytest.mark.usefixtures("plug_in")

@@ -21,12 +21,12 @@ from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
 from rigctl.jobs.serve import open_devices
-from rigctl.jobs.verify import verify
 from rigctl.measurement.measurement import measure
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.repair import repair_run
 from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import resume_session, take_session
+from rigctl.verbs.verify import verification_of
 from rigctl.web.live_look import Task
 from rigctl.web.live_rig import LiveRig
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
@@ -92,7 +92,7 @@ def test_four_frames_are_one_exposure(run: Run) -> None:
             (96, 48, None, None)
         }
     assert len({parts[0].start_utc for parts in found}) == 7
-    assert verify(run.path).state == "whole"
+    assert verification_of(run.path).state == "whole"
     assert "homed" not in [event["event"] for event in events_of(run.path)]
 
 
@@ -146,7 +146,7 @@ def test_an_exposure_that_is_not_whole_is_taken_again(run: Run, tmp_path: Path) 
     assert resume_session(again.path).frames == 28
     resumed = read_run(again.path)
     assert [len(parts) for parts in exposures(resumed)] == [4] * 7
-    assert verify(again.path).state == "whole"
+    assert verification_of(again.path).state == "whole"
     for before, after in zip(run.frames, resumed.frames, strict=True):
         np.testing.assert_array_equal(run.counts(before), resumed.counts(after))
 

@@ -12,13 +12,13 @@ import typer
 import rigctl
 from rigctl import cli, old_cli
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.jobs.verify import verify
 from rigctl.measurement.frame_grid import arrange
 from rigctl.runs.annotations import read_annotations
 from rigctl.runs.run_folder import ANNOTATIONS_FILE
 from rigctl.runs.wholeness import used_run
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
+from rigctl.verbs.verify import verification_of
 from rigctl.web.run_reader import RunReader
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.resealed import as_of_layout_1
@@ -86,13 +86,16 @@ def test_ignore_exclusions_takes_them_and_says_so(run, tmp_path, capsys):
 
 
 def test_every_command_that_makes_numbers_of_a_run_has_the_option():
-    readers = ("compare", "detect", "export")
+    readers = ("compare", "detect")
     inner = {"calibrate": ("axis", "flat", "noise", "radiometric", "registration"), "fit": ("surface",)}
     group = typer.main.get_command(old_cli.app)
     commands = [group.get_command(None, verb) for verb in readers]
     commands += [group.get_command(None, verb).commands[name] for verb, names in inner.items() for name in names]
     assert all("ignore_exclusions" in {one.name for one in command.params} for command in commands)
-    assert all("ignore_exclusions" in cli.hints_of(cli.function_of(verb)) for verb in ("status", "stokes"))
+    assert all(
+        "ignore_exclusions" in cli.hints_of(cli.function_of(verb))
+        for verb in ("export", "regions find", "status", "stokes")
+    )
 
 
 def test_python_leaves_them_out_too(run):
@@ -215,9 +218,9 @@ def _spoil(run, change):
 def test_a_damaged_line_is_said_by_verify_and_no_number_is_made(run, change):
     _exclude(run, "8")
     _exclude(run, "9")
-    assert verify(run).state == "whole"
+    assert verification_of(run).state == "whole"
     _spoil(run, change)
-    assert any(finding.file == ANNOTATIONS_FILE for finding in verify(run).bad)
+    assert any(finding.file == ANNOTATIONS_FILE for finding in verification_of(run).bad)
     assert cli.main(["verify", str(run)]) == 4
     with pytest.raises(RunFolderError, match="which frames are excluded is not known"):
         used_run(run)
@@ -229,7 +232,7 @@ def test_a_damaged_line_is_said_by_verify_and_no_number_is_made(run, change):
 def test_a_torn_last_line_was_never_acknowledged(run):
     _exclude(run, "8")
     _spoil(run, lambda data: data + b'{"utc": "2026')
-    assert (verify(run).state, len(used_run(run).excluded)) == ("whole", 1)
+    assert (verification_of(run).state, len(used_run(run).excluded)) == ("whole", 1)
     _exclude(run, "9")
     assert [one.frames for one in read_annotations(run)] == [(8,), (9,)]
 

@@ -11,10 +11,10 @@ from astropy.io import fits
 from rigctl.console.scrubbing import Scrubber
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import load_rig
-from rigctl.jobs.bundle import bundle
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
+from rigctl.verbs.bundle import bundle
 from tests.rigctl.example_files import small_rig_text, small_session
 
 # Planted below; none may be found in what is passed on.

@@ -1,108 +1,135 @@
-"""Bundling a run for somebody who shall find a fault: its log, versions, check-up and a few frames, no secrets."""
+"""`rigctl bundle`: a run packed for whoever is to find a fault: log, versions, check-up, a few frames, no secrets."""
 
 import json
 import platform
 import tempfile
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from rigctl.console.json_text import Json, json_text
 from rigctl.console.scrubbing import Scrubber
 from rigctl.errors import ConfigError, DataError
-from rigctl.jobs.doctor import DoctorRequest, check_up
-from rigctl.jobs.verify import verify
-from rigctl.live.live_status import STATUS_FILE
-from rigctl.runs.fits.fits_frame import encode_frame
-from rigctl.runs.fits.frame_header import header_cards
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_description import SESSION_FILE
-from rigctl.runs.run_events import EVENTS_FILE
-from rigctl.runs.run_folder import (
-    ANNOTATIONS_FILE,
-    INPUTS_FOLDER,
-    MANIFEST_FILE,
-    Run,
-    read_contents,
-    read_frame,
-    read_run,
-)
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.result import Part, Result
+from rigctl.verbs.verify import verification_of
 from rigctl.version import VERSION
+
+if TYPE_CHECKING:
+    from rigctl.runs.frame_record import FrameRecord
+    from rigctl.runs.run_folder import Run as RunRecord
 
 _PACKAGES = ("rigctl", "numpy", "scipy", "pyserial", "opencv-contrib-python-headless", "pydantic", "astropy")
 _README = """\
-A run, bundled by rigctl {version} for somebody who shall look for a fault.
+A run, bundled by rigctl {version} for a report of a fault.
 
 {files}
 Left out or replaced: addresses on the web, tables [notify], commands and questions of monitors, what keys and words
 call a token, a password or a secret, e-mail addresses, folders of users and their names, the name of the machine. What
 people wrote (comments, notes, names of rigs and regions) is kept: read it before you pass this on. Serial numbers and
 the site stay.
-Lines of {manifest} and {events} are as they are told here and carry no checksums; frames bear new headers.
+Lines of {manifest} and {events} are edited as said above and carry no checksums; frames bear new headers.
 """
 
 
+def bundle(
+    run: RunPath,
+    /,
+    *,
+    out: Annotated[FilePath, Writes(kind="file")],
+    frames: Annotated[int, Parameter(validator=Number(gte=0))] = 3,
+) -> "Bundle":
+    """Pack log, versions, check-up and a few frames of a run into one file, without secrets, for a report of a fault.
+
+    Addresses on the web, [notify], commands of monitors, tokens and passwords, e-mail addresses, users and the name of
+    this machine are left out. Comments, notes, serial numbers and the site stay: read it before you pass it on.
+
+    Example: rigctl bundle runs/2026-05-04 --out fault.zip --frames 5
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder; it may be unfinished or damaged.
+    out : path
+        File to make (.zip); it is complete, or not there at all.
+    frames : int
+        Frames to pack, spread over the run.
+
+    Returns
+    -------
+    Bundle
+        What was packed.
+
+    Raises
+    ------
+    RunFolderError
+        The folder is not a run.
+    ConfigError
+        The file cannot be written.
+    """
+    from rigctl.live.live_status import STATUS_FILE
+    from rigctl.runs.run_description import SESSION_FILE
+    from rigctl.runs.run_events import EVENTS_FILE
+    from rigctl.runs.run_folder import ANNOTATIONS_FILE, INPUTS_FOLDER, MANIFEST_FILE, read_contents
+
+    path = path_of(run)
+    read_contents(path)
+    scrubber = Scrubber.of_this_machine()
+    packed: dict[str, bytes] = {}
+    for name in (SESSION_FILE, EVENTS_FILE, MANIFEST_FILE, ANNOTATIONS_FILE, STATUS_FILE):
+        if (path / name).is_file():
+            packed[name] = _scrubbed_lines(path / name, scrubber)
+    for file in sorted((path / INPUTS_FOLDER).glob("*.toml")):
+        packed[f"{INPUTS_FOLDER}/{file.name}"] = scrubber.toml(_text(file)).encode()
+    packed["versions.json"] = json_text(_versions()).encode()
+    packed["verify.txt"] = scrubber.text("\n".join(_verified(path))).encode()
+    packed["doctor.txt"] = scrubber.text("\n".join(_checked())).encode()
+    chosen = dict(_frames(path, scrubber, frames))
+    packed |= chosen
+    files = "".join(f"  {name} ({len(content)} bytes)\n" for name, content in packed.items())
+    readme = _README.format(version=VERSION, files=files, manifest=MANIFEST_FILE, events=EVENTS_FILE)
+    packed["README.txt"] = readme.encode()
+    _write(Path(out), packed)
+    return Bundle(path=Path(out), names=tuple(packed), frames=len(chosen))
+
+
 @dataclass(frozen=True, kw_only=True)
-class Bundled:
+class Bundle(Result):
     """A bundle: its file, what is in it, and the frames among that."""
 
     path: Path
     names: tuple[str, ...]
     frames: int
 
+    def content(self) -> Iterable[Part]:
+        """Return the file, and how much is in it."""
+        yield f"{self.path}: {len(self.names)} files, {self.frames} frames among them"
 
-def bundle(run_path: Path, *, out: Path, frames: int) -> Bundled:
-    """Return what was packed of a run.
-
-    Parameters
-    ----------
-    run_path : Path
-        Run folder; it may be unfinished or damaged.
-    out : Path
-        File to make (.zip); whole, or not at all.
-    frames : int
-        How many frames are packed, spread over the run; at least 0.
-
-    Raises
-    ------
-    RunFolderError
-        It is no run folder.
-    ConfigError
-        The file cannot be written.
-    """
-    read_contents(run_path)
-    scrubber = Scrubber.of_this_machine()
-    packed: dict[str, bytes] = {}
-    for name in (SESSION_FILE, EVENTS_FILE, MANIFEST_FILE, ANNOTATIONS_FILE, STATUS_FILE):
-        if (run_path / name).is_file():
-            packed[name] = _told_lines(run_path / name, scrubber)
-    for file in sorted((run_path / INPUTS_FOLDER).glob("*.toml")):
-        packed[f"{INPUTS_FOLDER}/{file.name}"] = scrubber.toml(_text(file)).encode()
-    packed["versions.json"] = json_text(_versions()).encode()
-    packed["verify.txt"] = scrubber.text("\n".join(_verified(run_path))).encode()
-    packed["doctor.txt"] = scrubber.text("\n".join(_checked())).encode()
-    chosen = dict(_frames(run_path, scrubber, frames))
-    packed |= chosen
-    packed["README.txt"] = _readme(packed).encode()
-    _write(out, packed)
-    return Bundled(path=out, names=tuple(packed), frames=len(chosen))
+    def as_json(self) -> dict[str, Json]:
+        """Return the file, the names in it and the number of frames."""
+        return {"path": str(self.path), "names": list(self.names), "frames": self.frames}
 
 
 def _text(file: Path) -> str:
+    from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+
     return read_bounded(file, MOST_RECORD_BYTES).decode("utf-8", errors="replace")
 
 
-def _told_lines(file: Path, scrubber: Scrubber) -> bytes:
-    """Return a file of JSON, or of lines of it, without secrets; a line that is none is told as text."""
+def _scrubbed_lines(file: Path, scrubber: Scrubber) -> bytes:
+    """Return a file of JSON, or of lines of it, without secrets; lines that are not valid JSON are kept as text."""
     if file.suffix == ".json":
-        return _told(_text(file), scrubber).encode()
-    return "".join(f"{_told(line, scrubber)}\n" for line in _text(file).splitlines()).encode()
+        return _scrubbed(_text(file), scrubber).encode()
+    return "".join(f"{_scrubbed(line, scrubber)}\n" for line in _text(file).splitlines()).encode()
 
 
-def _told(text: str, scrubber: Scrubber) -> str:
+def _scrubbed(text: str, scrubber: Scrubber) -> str:
     try:
         content: Json = json.loads(text)
     except (ValueError, RecursionError):
@@ -125,9 +152,8 @@ def _versions() -> dict[str, Json]:
 
 
 def _verified(run_path: Path) -> Iterator[str]:
-    """Give what `rigctl verify` finds."""
     try:
-        found = verify(run_path)
+        found = verification_of(run_path)
     except DataError as error:
         yield str(error)
         return
@@ -138,7 +164,9 @@ def _verified(run_path: Path) -> Iterator[str]:
 
 
 def _checked() -> Iterator[str]:
-    """Give what the doctor says of the machine alone: no device is touched."""
+    """Check up the machine alone: no device is touched."""
+    from rigctl.jobs.doctor import DoctorRequest, check_up
+
     with tempfile.TemporaryDirectory() as folder:
         for finding in check_up(DoctorRequest(rig=None, session=None, folder=Path(folder), frames=1)):
             yield f"{finding.what}: {finding.found}"
@@ -146,7 +174,11 @@ def _checked() -> Iterator[str]:
 
 
 def _frames(run_path: Path, scrubber: Scrubber, count: int) -> Iterator[tuple[str, bytes]]:
-    """Give some frames of a run with headers anew; those that cannot be read are left out."""
+    """Yield some frames of a run with new headers; those that cannot be read are left out."""
+    from rigctl.runs.fits.fits_frame import encode_frame
+    from rigctl.runs.fits.frame_header import header_cards
+    from rigctl.runs.run_folder import read_frame, read_run
+
     try:
         run = read_run(run_path)
     except DataError:
@@ -159,7 +191,7 @@ def _frames(run_path: Path, scrubber: Scrubber, count: int) -> Iterator[tuple[st
         yield record.file, encode_frame(counts, header_cards(_without_names(record, scrubber)))
 
 
-def _without_names(record: FrameRecord, scrubber: Scrubber) -> FrameRecord:
+def _without_names(record: "FrameRecord", scrubber: Scrubber) -> "FrameRecord":
     source = record.source_file
     return replace(
         record,
@@ -168,17 +200,12 @@ def _without_names(record: FrameRecord, scrubber: Scrubber) -> FrameRecord:
     )
 
 
-def _spread(run: Run, count: int) -> Sequence[FrameRecord]:
+def _spread(run: "RunRecord", count: int) -> "Sequence[FrameRecord]":
     frames = run.frames
     if count <= 0 or not frames:
         return ()
     places = {round(k * (len(frames) - 1) / max(count - 1, 1)) for k in range(min(count, len(frames)))}
     return [frames[place] for place in sorted(places)]
-
-
-def _readme(packed: dict[str, bytes]) -> str:
-    files = "".join(f"  {name} ({len(content)} bytes)\n" for name, content in packed.items())
-    return _README.format(version=VERSION, files=files, manifest=MANIFEST_FILE, events=EVENTS_FILE)
 
 
 def _write(out: Path, packed: dict[str, bytes]) -> None:

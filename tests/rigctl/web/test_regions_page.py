@@ -13,7 +13,7 @@ import pytest
 
 from rigctl.errors import DataError
 from rigctl.files.regions import Region
-from rigctl.jobs.regions import RegionsPage
+from rigctl.web.regions_page import RegionsPage
 
 REGION = {"name": "panel", "edge_px": 2, "rectangle": {"x": 1, "y": 2, "width": 30, "height": 40}}
 

@@ -1,0 +1,247 @@
+"""`rigctl regions`: regions drawn on a picture of a run, and found again by markers on the panels."""
+
+import webbrowser
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import DataError
+from rigctl.files.choices import Dictionary
+from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.files.regions import RegionsFile
+    from rigctl.outlines.follow import FollowedRegion
+
+_S_PER_MINUTE = 60.0
+
+DrawnOn: TypeAlias = Annotated[FilePath, Writes(kind="file", edits="start")]
+Followed: TypeAlias = Annotated[FilePath, Writes(kind="file", edits="regions")]
+
+
+def draw(
+    run: RunPath,
+    /,
+    *,
+    out: DrawnOn,
+    start: FilePath | None = None,
+    port: Annotated[int, Parameter(validator=Number(gte=0, lte=65535))] = 0,
+    minutes: Annotated[float, Parameter(validator=Number(gte=0.01))] = 60.0,
+    no_browser: bool = False,
+    ignore_exclusions: bool = False,
+) -> "WrittenRegions":
+    """Draw regions on a picture of a run, in the page of `rigctl serve`, which this machine serves to itself.
+
+    Markers of the family 4x4_50 that the picture shows are written down too: `rigctl regions find` follows them.
+
+    Example: rigctl regions draw runs/panels --out regions.toml
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    out : path
+        Regions file to write.
+    start : path
+        Begin with the regions of this file.
+    port : int
+        Port of the page; 0 for any.
+    minutes : float
+        How long to wait for you.
+    no_browser : bool
+        Print the address, do not open a browser.
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
+
+    Returns
+    -------
+    WrittenRegions
+        The regions, with the markers that the picture shows.
+
+    Raises
+    ------
+    DataError
+        The run gives no picture, or nothing was drawn in time.
+    """
+    from rigctl.files.regions import Markers
+    from rigctl.outlines.markers import search_markers
+    from rigctl.web.regions_page import RegionsPage
+
+    picture = _picture(run, ignore_exclusions=ignore_exclusions)
+    drawn = [] if start is None else _read(start).regions
+    title = f"draw regions on {path_of(run).resolve().name}"
+    page = RegionsPage(picture, drawn=drawn, title=title, file=Path(out).name, port=port)
+    note(f"draw on {page.address} (it listens to this machine only)")
+    if not no_browser:
+        webbrowser.open(page.address)
+    answer = page.wait(seconds=minutes * _S_PER_MINUTE)
+    seen = search_markers(picture, "4x4_50")
+    return _written(out, answer.model_copy(update={"markers": Markers(seen=seen) if seen else None}))
+
+
+def mark(
+    run: RunPath,
+    regions: FilePath,
+    /,
+    *,
+    out: Followed,
+    dictionary: Dictionary = "4x4_50",
+    ignore_exclusions: bool = False,
+) -> "WrittenRegions":
+    """Write down where the markers are in the picture that the regions were drawn on.
+
+    Example: rigctl regions mark runs/noon regions.toml --out regions.toml
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    regions : path
+        Regions file.
+    out : path
+        Regions file to write; it may be the same one.
+    dictionary : Dictionary
+        Family of the printed markers.
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
+
+    Returns
+    -------
+    WrittenRegions
+        The regions with their markers.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or no marker is seen.
+    """
+    from rigctl.files.regions import Markers
+    from rigctl.outlines.markers import search_markers
+
+    drawn = _read(regions)
+    seen = search_markers(_picture(run, ignore_exclusions=ignore_exclusions), dictionary)
+    if not seen:
+        advice = "Print them large: 4x4 cells of six pixels at least"
+        raise DataError(f"{path_of(run)}: no marker of {dictionary} is seen. {advice}")
+    return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
+
+
+def find(run: RunPath, regions: FilePath, /, *, out: Followed, ignore_exclusions: bool = False) -> "FoundRegions":
+    """Find regions again by their markers, after the camera has moved, and write them where they are now.
+
+    Each outline grows its left-out border by twice the error that the markers leave.
+
+    Example: rigctl regions find runs/evening regions.toml --out regions-evening.toml
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder of now.
+    regions : path
+        Regions file with the markers as they were.
+    out : path
+        Regions file to write.
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
+
+    Returns
+    -------
+    FoundRegions
+        How far each region went.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or a region has lost its markers.
+    """
+    from rigctl.files.regions import RegionsFile
+    from rigctl.outlines.follow import follow_markers, moved_markers
+    from rigctl.outlines.markers import search_markers
+
+    drawn = _read(regions)
+    family = "4x4_50" if drawn.markers is None else drawn.markers.dictionary
+    now = search_markers(_picture(run, ignore_exclusions=ignore_exclusions), family)
+    followed = tuple(follow_markers(drawn, now))
+    file = RegionsFile(regions=[one.region for one in followed], markers=moved_markers(drawn, now))
+    written = _written(out, file)
+    note(str(written))
+    return FoundRegions(path=Path(out), file=file, followed=followed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenRegions(Result):
+    """A regions file that was written."""
+
+    path: Path
+    file: "RegionsFile"
+
+    def __str__(self) -> str:
+        markers = 0 if self.file.markers is None else len(self.file.markers.seen)
+        return f"{self.path}: {len(self.file.regions)} regions, {markers} markers"
+
+    def content(self) -> Iterable[Part]:
+        """Return how many regions and markers were written."""
+        yield str(self)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the regions and the number of markers."""
+        markers = 0 if self.file.markers is None else len(self.file.markers.seen)
+        return {"path": str(self.path), "regions": [one.name for one in self.file.regions], "markers": markers}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundRegions(Result):
+    """Regions that were found again, each with how far it went."""
+
+    path: Path
+    file: "RegionsFile"
+    followed: "tuple[FollowedRegion, ...]"
+
+    def content(self) -> Iterable[Part]:
+        """Return one row for each region."""
+        from rigctl.reports.table import Table, text_columns
+
+        titles = ("region", "by markers", "moved by [pixel]", "std error [pixel]", "border left out [pixel]")
+        rows = tuple(
+            (name, ", ".join(map(str, markers)), f"{shift:.2f}", f"{error:.2f}", str(edge))
+            for name, markers, shift, error, edge in self._rows()
+        )
+        yield Table(columns=text_columns(*titles, left=tuple(range(len(titles)))), rows=rows)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return one entry for each region."""
+        names = ("region", "markers", "shift_px", "std_error_px", "edge_px")
+        return {"regions": [dict(zip(names, row, strict=True)) for row in self._rows()]}
+
+    def _rows(self) -> Iterable[tuple[Any, ...]]:
+        for one in self.followed:
+            yield one.region.name, one.markers, one.shift_px, one.std_error_px, one.region.edge_px
+
+
+def _picture(run: RunPath, *, ignore_exclusions: bool) -> Any:
+    from rigctl.outlines.markers import grey_picture
+    from rigctl.runs.wholeness import used_run
+
+    return grey_picture(used_run(path_of(run), ignore_exclusions=ignore_exclusions))
+
+
+def _read(path: FilePath) -> "RegionsFile":
+    from rigctl.files.config import load
+    from rigctl.files.regions import RegionsFile
+
+    return load(Path(path), RegionsFile)
+
+
+def _written(path: FilePath, file: "RegionsFile") -> WrittenRegions:
+    from rigctl.files.regions import regions_text
+    from rigctl.storage.durable_file import write_durably
+
+    write_durably(Path(path), regions_text(file).encode())
+    return WrittenRegions(path=Path(path), file=file)

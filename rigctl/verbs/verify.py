@@ -1,0 +1,138 @@
+"""`rigctl verify`: whether a run is whole, unfinished or damaged."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigctl.console.failures import EXIT_DATA, EXIT_INCOMPLETE
+from rigctl.console.json_text import Json
+from rigctl.verbs.options import RunPath, path_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.runs.frame_record import FrameRecord
+    from rigctl.runs.run_description import RunDescription
+    from rigctl.runs.verification import Verification, Watch
+    from rigctl.session.planning.session_steps import Step
+
+_MOST_GAPS = 20
+_LEFT_OUT = ("round missed", "time is up")
+
+
+def verify(run: RunPath, /) -> "VerifiedRun":
+    """Check every checksum of a run, its manifest against the frames, and the frames against what was planned.
+
+    Ends with 0 if the run is whole: every check holds, and the session has noted its end over these very frames. Ends
+    with 75 if it is unfinished, with 4 if anything is damaged, missing or contradictory; a step of the plan without a
+    frame is named. What a killed session leaves behind (unfinished files, a frame that was never acknowledged) is
+    listed as left over and is not bad.
+
+    Example: rigctl verify runs/2026-05-04
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+
+    Returns
+    -------
+    VerifiedRun
+        State, findings, and steps without a frame.
+
+    Raises
+    ------
+    RunFolderError
+        The folder is not a run.
+    """
+    path = path_of(run)
+    return VerifiedRun(path, verification_of(path, watch=_with_progress))
+
+
+@dataclass(frozen=True)
+class VerifiedRun(Result):
+    """What is wrong with a run."""
+
+    run: Path
+    verification: "Verification"
+
+    @property
+    def exit_code(self) -> int:
+        """4 if the run is damaged, 75 if it is unfinished."""
+        return {"damaged": EXIT_DATA, "unfinished": EXIT_INCOMPLETE}.get(self.verification.state, 0)
+
+    def content(self) -> Iterable[Part]:
+        """Return the state, then each finding, missing step and check that was not possible."""
+        found = self.verification
+        state = {
+            "whole": "whole",
+            "unfinished": "sound so far, UNFINISHED",
+            "damaged": f"DAMAGED: {len(found.bad)} bad of the frames and their files",
+        }
+        yield f"{self.run}: {found.frames} frames, {state[found.state]}"
+        yield from (f"  bad: {finding.file}: {finding.problem}" for finding in found.bad)
+        yield from (f"  left over: {finding.file}: {finding.problem}" for finding in found.leftovers)
+        yield from (f"  missing: {gap}" for gap in found.gaps[:_MOST_GAPS])
+        if len(found.gaps) > _MOST_GAPS:
+            yield f"  missing: {len(found.gaps) - _MOST_GAPS} more steps"
+        yield from (f"  not checked: {text}" for text in found.unchecked)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the fields of the verification."""
+        return asdict(self.verification)
+
+
+def _with_progress(frames: "Sequence[FrameRecord]") -> "Iterable[FrameRecord]":
+    from rich.progress import track
+
+    from rigctl.console.terminal import progress
+
+    return track(frames, description="verifying", console=progress(), transient=True)
+
+
+def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
+    """Return what is wrong with a run folder, and which steps of its plan have no frame.
+
+    `watch` is handed the records of the frames and gives them back one by one, as each is checked.
+    """
+    from pydantic import ValidationError
+
+    from rigctl.errors import ConfigError, DataError
+    from rigctl.runs.run_folder import read_contents
+    from rigctl.runs.verification import Finding, verify_run
+
+    found = verify_run(path, watch=watch)
+    contents = read_contents(path)
+    if contents.description is None or not contents.description.record.is_of_session:
+        return found
+    try:
+        steps = _planned(contents.description)
+    except (ValidationError, ConfigError, DataError):
+        return replace(found, unchecked=(*found.unchecked, "the plan: this program does not know such a session"))
+    taken = {record.sequence for record in contents.frames}
+    gaps = tuple(f"step {step.sequence} ({_named(step)}) has no frame" for step in steps if step.sequence not in taken)
+    # A run whose chain holds has the frames that it closed with. An unsealed one is held against its plan.
+    if gaps and found.state == "whole" and not contents.description.is_sealed and not _left_some_out(path):
+        problem = f"the session finished, and {len(gaps)} of {len(steps)} steps have no frame"
+        bad = (*found.bad, Finding(file="plan", problem=problem))
+        found = replace(found, ok=False, state="damaged", bad=bad)
+    return replace(found, gaps=gaps)
+
+
+def _planned(description: "RunDescription") -> "tuple[Step, ...]":
+    from rigctl.files.session_file import SessionFile
+    from rigctl.session.planning.session_steps import plan_steps
+
+    session, record = SessionFile.model_validate(description.session["session"]), description.record
+    return plan_steps(session, record.rounds_ns, cell_deg=record.cell_deg)
+
+
+def _left_some_out(path: Path) -> bool:
+    from rigctl.runs.run_events import read_events
+
+    return any(event.event in _LEFT_OUT for event in read_events(path))
+
+
+def _named(step: "Step") -> str:
+    angle = "" if step.polarizer_angle_deg is None else f", {step.polarizer_angle_deg:g} deg"
+    return f"{step.kind}, cycle {step.cycle}{angle}"

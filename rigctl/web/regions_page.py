@@ -1,0 +1,61 @@
+"""The page on which regions are drawn on a picture."""
+
+import queue
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from rigctl.errors import DataError
+from rigctl.files.config import describe
+from rigctl.files.regions import Region, RegionsFile
+from rigctl.web.hands import Hands, region_acts
+from rigctl.web.page import page_app
+from rigctl.web.server import PageServer, Place
+from rigctl.web.sources import NoRuns
+from rigctl.web.still_picture import StillPicture
+
+
+class RegionsPage:
+    """The page of `rigctl serve` with one picture, served to this machine until regions are sent."""
+
+    def __init__(
+        self, picture: NDArray[np.uint8], *, drawn: list[Region], title: str, file: str, port: int = 0
+    ) -> None:
+        self._file, self._sent = file, queue.SimpleQueue[RegionsFile]()
+        hands = Hands(
+            view=StillPicture(picture),
+            acts=region_acts(self._take),
+            title=title,
+            drawn=tuple(drawn),
+            regions_file=file,
+            is_once=True,
+        )
+        self._server = PageServer(page_app(NoRuns(), hands), Place(port=port), can_act=True)
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return self._server.addresses.act_url or ""
+
+    def wait(self, *, seconds: float) -> RegionsFile:
+        """Return the regions that were drawn; raise DataError if nothing is sent in time."""
+        with self._server:
+            try:
+                return self._sent.get(timeout=seconds)
+            except queue.Empty:
+                minutes = seconds / 60.0
+                raise DataError(f"no regions were sent from {self.address} within {minutes:g} minutes") from None
+
+    def _take(self, body: bytes) -> str:
+        self._sent.put(sent_regions(body))
+        return self._file
+
+
+def sent_regions(body: bytes) -> RegionsFile:
+    """Return regions that a page sent as JSON."""
+    try:
+        return RegionsFile.model_validate_json(body)
+    except ValidationError as error:
+        raise DataError(describe(Path("regions"), error)) from error
