@@ -55,7 +55,6 @@ def _folder(*names: str) -> _Place:
 
 
 _NEW = _Place(kind="new")
-_ABSENT = _Place(kind="absent")
 # As many figures and sets of materials as are asked for.
 _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
 _ARCHIVED = ("archive.csv", "archive.json", "archive.html")
