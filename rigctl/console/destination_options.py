@@ -76,7 +76,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
     "fit surface": {"out": _FILE},
-    "import": {"run": _Place(kind="run", label="RUN")},
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
     "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},

@@ -1,6 +1,6 @@
 """A request to make a run of images: all that the user says of them, and what is still to be said."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -16,62 +16,14 @@ Justified = Literal["left", "right"]
 
 @dataclass(frozen=True, kw_only=True)
 class ImportRequest:
-    """All that the user says of images. ``None`` is "not said".
-
-    Attributes
-    ----------
-    run : Path
-        The run folder: a new one, or one that was imported before.
-    files : tuple of Path
-        The images, in the order in which they were taken.
-    kind : {"scene", "dark", "flat"}
-        What the camera looked at.
-    angles_deg : tuple of float or None
-        Transmission axis of each file [deg], counter-clockwise from horizontal in the picture as shown.
-    angle_key : str or None
-        Header keyword that holds it [deg].
-    mosaic_deg : tuple of float or None
-        Transmission axes of the cell of 2 x 2 pixels at the top left of the picture, row by row [deg].
-    exposure_s : float or None
-        Exposure of every file [s].
-    exposure_key : str or None
-        Header keyword that holds it [s].
-    same_exposure : bool
-        All files have the same exposure, whatever it was.
-    black_level_dn : float or None
-        Counts without light [DN of the files].
-    black_level_key : str or None
-        Header keyword that holds it [DN of the files].
-    black_level_from_darks : bool
-        Dark frames of the same run tell it.
-    bit_depth : int or None
-        Bits of the camera.
-    justified : {"left", "right"} or None
-        At which end of a sample these bits stand.
-    saturation_dn : float or None
-        A pixel at or above this is saturated [DN of the files].
-    missing_dn : float or None
-        The value that marks pixels that were not received [DN of the files].
-    none_missing : bool
-        No value does.
-    no_border_search : bool
-        Constant pixels along the edges are not looked for.
-    first_row : {"top", "bottom"} or None
-        Which row of the picture comes first in the files.
-    plane : str or None
-        Which colour of RAW files.
-    most_bytes : int
-        A picture of more bytes of samples is refused.
-    misread : sequence of str
-        What of the command line could not be read.
-    """
+    """What the options of `rigctl import` state of images; None is not stated."""
 
     run: Path
-    files: tuple[Path, ...]
+    files: tuple[Path, ...]  #: in the order in which they were taken
     kind: FrameKind
     angles_deg: tuple[float, ...] | None = None
     angle_key: str | None = None
-    mosaic_deg: tuple[float, ...] | None = None
+    mosaic_deg: tuple[float, ...] | None = None  #: of the cell of 2 x 2 pixels at the top left, row by row
     exposure_s: float | None = None
     exposure_key: str | None = None
     same_exposure: bool = False
@@ -87,21 +39,14 @@ class ImportRequest:
     first_row: FirstRow | None = None
     plane: Plane | None = None
     most_bytes: int = MOST_FRAME_BYTES
-    misread: Sequence[str] = ()
 
 
 def request_problems(request: ImportRequest, *, darks_are_there: bool) -> list[str]:
-    """Return what is contradictory, out of range or not said, each with the option that would say it.
+    """Return what is contradictory, out of range or missing, each with its option.
 
-    Parameters
-    ----------
-    request : ImportRequest
-        What the user says.
-    darks_are_there : bool
-        The run has dark frames already, which tell the black level.
+    `darks_are_there`: the run has dark frames already, which give the black level.
     """
     return [
-        *request.misread,
         *_angle_problems(request),
         *_exposure_problems(request),
         *_black_level_problems(request, darks_are_there=darks_are_there),
@@ -114,7 +59,7 @@ def _angle_problems(request: ImportRequest) -> Iterator[str]:
     said = sum(way is not None for way in ways)
     if said > 1:
         yield "--angles, --angle-key, --mosaic: give one of them"
-    if said == 0 and request.kind == "scene" and not request.misread:
+    if said == 0 and request.kind == "scene":
         yield "angles of the polarizer: say --angles 0,45,..., --angle-key KEY or --mosaic A,B,C,D"
     if request.angles_deg is not None and len(request.angles_deg) != len(request.files):
         yield f"--angles: {len(request.angles_deg)} angles for {len(request.files)} files; give one for each file"

@@ -37,7 +37,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "regions draw": ("rigctl.verbs.regions:draw", "Draw regions on a picture of a run, in a browser."),
         "regions mark": ("rigctl.verbs.regions:mark", "Write down where the markers of the picture are."),
         "regions find": ("rigctl.verbs.regions:find", "Find regions again by their markers."),
-        "import": ("old", "Make a run out of images that exist."),
+        "import": ("rigctl.verbs.import_images:import_images", "Make a run out of images that exist."),
         "export": ("rigctl.verbs.export:export", "Write a run as TIFF, HDF5 or Zarr."),
         "bundle": ("rigctl.verbs.bundle:bundle", "Pack a run for a report of a fault, without secrets."),
     },

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict
 
 from cyclopts import Parameter, Token, convert
+from cyclopts.validators import Number
 
 if TYPE_CHECKING:
     from rigctl.calibrations.store import CalibrationKind
@@ -67,7 +68,10 @@ def _words(kind: type, tokens: Sequence[Token]) -> Any:
 
 
 #: Several words in one option, with commas between them.
-COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1)
+COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=True)
+
+#: Largest picture that is read [MB of samples].
+MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 
 
 class FrameOptions(TypedDict, total=False):

@@ -17,10 +17,10 @@ from rigctl.comparison.compared_run import ComparedRun
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.import_request import ImportRequest
 from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.jobs.import_images import Imported, import_images
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.measurement.run_diagnosis import diagnose_run
 from rigctl.runs.run_folder import read_run
+from rigctl.verbs.import_images import ImportedRun, imported
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 pytestmark = pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
@@ -34,14 +34,14 @@ CROP = (slice(144, 336), slice(224, 416))
 
 def imported_mosaic(
     folder: Path, name: str, *, x: int = 0, y: int = 0, side: tuple[int, int] | None = None
-) -> Imported:
+) -> ImportedRun:
     """Import a part of a mosaic (all of it without sides); the run is called `run`."""
     file = FOLDER / f"imx250_{name}" / f"{name}_IMX250MZR.png"
     if side is not None:
         raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)[y : y + side[0], x : x + side[1]]
         file = folder / f"{name}.png"
         cv2.imwrite(str(file), raw)
-    return import_images(
+    return imported(
         ImportRequest(
             run=folder / "run",
             files=(file,),
@@ -60,7 +60,7 @@ def imported_state(folder: Path, state: str) -> Measurement:
         picture = cv2.imread(str(FOLDER / "mueller_psa" / state / f"p{angle:03.0f}.png"), cv2.IMREAD_UNCHANGED)
         files.append(folder / f"p{angle:03.0f}.png")
         cv2.imwrite(str(files[-1]), picture[CROP])
-    import_images(
+    imported(
         ImportRequest(
             run=folder / "run",
             files=tuple(files),
@@ -225,7 +225,7 @@ def test_a_sky_that_is_clipped_up_to_the_edge_is_neither_a_border_nor_missing(tm
 
 def test_nothing_false_is_said_of_a_real_triplet(tmp_path: Path) -> None:
     files = tuple(FOLDER / "lasco_c2_triplet" / f"lasco_{angle}.fts" for angle in ("0", "+60", "-60"))
-    told = import_images(
+    told = imported(
         ImportRequest(
             run=tmp_path / "run",
             files=files,

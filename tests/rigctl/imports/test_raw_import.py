@@ -5,8 +5,8 @@ import pytest
 
 from rigctl.errors import ConfigError, DataError
 from rigctl.imports.import_request import ImportRequest
-from rigctl.jobs.import_images import import_images
 from rigctl.runs.run_folder import read_run
+from rigctl.verbs.import_images import imported
 from tests.drivers.cameras.dng import write_dng
 
 ANGLES_DEG = (0.0, 60.0, -60.0)
@@ -39,8 +39,8 @@ def request(folder, files, **changes):
 
 def test_one_colour_of_a_stack_becomes_a_run(tmp_path):
     files, pictures = stack(tmp_path)
-    imported = import_images(request(tmp_path, files))
-    assert [frame.polarizer_angle_deg for frame in imported.frames] == list(ANGLES_DEG)
+    found = imported(request(tmp_path, files))
+    assert [frame.polarizer_angle_deg for frame in found.frames] == list(ANGLES_DEG)
     run = read_run(tmp_path / "run")
     for record, counts in zip(run.frames, pictures, strict=True):
         assert (record.height, record.width) == (24, 32)
@@ -52,28 +52,28 @@ def test_one_colour_of_a_stack_becomes_a_run(tmp_path):
 def test_another_gain_within_a_stack_is_refused(tmp_path):
     files, _ = stack(tmp_path, iso=200)
     with pytest.raises(DataError, match="ISO"):
-        import_images(request(tmp_path, files))
+        imported(request(tmp_path, files))
 
 
 def test_another_exposure_is_not_the_same(tmp_path):
     files, _ = stack(tmp_path, exposure=(1, 60))
     with pytest.raises(DataError, match="exposed"):
-        import_images(request(tmp_path, files, exposure_key=None, same_exposure=True))
+        imported(request(tmp_path, files, exposure_key=None, same_exposure=True))
 
 
 def test_another_exposure_is_fine_where_each_is_told(tmp_path):
     files, _ = stack(tmp_path, exposure=(1, 50))
-    frames = import_images(request(tmp_path, files)).frames
+    frames = imported(request(tmp_path, files)).frames
     assert [frame.exposure_s for frame in frames] == pytest.approx([1 / 125, 1 / 125, 1 / 50], rel=1e-7)
 
 
 def test_an_exposure_that_is_not_told_has_to_be_said(tmp_path):
     files, _ = stack(tmp_path, exposure=None)
     with pytest.raises(ConfigError, match="EXPTIME"):
-        import_images(request(tmp_path, files))
+        imported(request(tmp_path, files))
 
 
 def test_the_colour_has_to_be_said(tmp_path):
     files, _ = stack(tmp_path)
     with pytest.raises(ConfigError, match="--plane"):
-        import_images(request(tmp_path, files, plane=None))
+        imported(request(tmp_path, files, plane=None))

@@ -8,9 +8,9 @@ from model.processing.reconstruction import reconstruct
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.import_request import ImportRequest
-from rigctl.jobs.import_images import import_images
 from rigctl.measurement.measurement import measure
 from rigctl.runs.run_folder import read_run
+from rigctl.verbs.import_images import imported
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 
@@ -131,7 +131,7 @@ needs_real_data = pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_
 @needs_real_data
 def test_real_mosaic_equals_an_independent_pseudo_inverse(tmp_path):
     file = Path(REAL_DATA) / "imx250_fruits" / "fruits_IMX250MZR.png"
-    import_images(
+    imported(
         ImportRequest(run=tmp_path / "run", files=(file,), kind="scene", mosaic_deg=(90, 45, 135, 0), black_level_dn=0)
     )
     run = read_run(tmp_path / "run")
@@ -153,7 +153,7 @@ def test_real_corona_is_polarized_tangentially(tmp_path):
         black_level_key="OFFSET",
         bit_depth=16,
     )
-    import_images(request)
+    imported(request)
     found = measure(read_run(tmp_path / "run"), regions=[])
     assert found.grid.unit == "DN/s"
     s0, s1, s2 = reconstruct(found.plan, found.channels)

@@ -8,8 +8,8 @@ import pytest
 
 from rigctl.calibrations.registration.register_run import register_run
 from rigctl.imports.import_request import ImportRequest
-from rigctl.jobs.import_images import import_images
 from rigctl.runs.run_folder import read_run
+from rigctl.verbs.import_images import imported
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 
@@ -17,7 +17,7 @@ REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 @pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
 def test_the_pictures_of_a_mosaic_are_half_a_pixel_apart(tmp_path: Path) -> None:
     file = Path(REAL_DATA or "") / "imx250_fruits" / "fruits_IMX250MZR.png"
-    import_images(
+    imported(
         ImportRequest(run=tmp_path / "run", files=(file,), kind="scene", mosaic_deg=(90, 45, 135, 0), black_level_dn=0)
     )
     found = register_run(read_run(tmp_path / "run"))
