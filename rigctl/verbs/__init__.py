@@ -32,7 +32,6 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "status": ("rigctl.verbs.status:status", "Print where a session stands, what its run holds, and its log."),
         "note": ("rigctl.verbs.note:note", "Write a note about a run, or exclude frames with a reason."),
         "verify": ("rigctl.verbs.verify:verify", "Check a run: whole, unfinished or damaged."),
-        "migrate": ("old", "Copy old runs and calibrations in the schemas of today."),
         "regions": (None, "Draw regions on a picture; find them again by markers."),
         "regions draw": ("rigctl.verbs.regions:draw", "Draw regions on a picture of a run, in a browser."),
         "regions mark": ("rigctl.verbs.regions:mark", "Write down where the markers of the picture are."),

@@ -14,7 +14,6 @@ note run cloud --at 14:10 --by me
 note run bird --exclude 1,2-3 --by me
 note run --include 1
 bundle run --out OUT.zip --frames 1
-migrate run --json
 archive index . --json
 archive find . "frames>1" --json
 archive health . --json

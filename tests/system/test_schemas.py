@@ -1,0 +1,67 @@
+"""Files of a later schema are refused by its number, with the version that wrote them."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from rigctl import cli
+from rigctl.calibrations.flat.flat_file import read_flat_facts
+from rigctl.calibrations.noise.noise_file import read_noise_file
+from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
+from rigctl.calibrations.radiometric_file import read_radiometric_file
+from rigctl.calibrations.registration.registration_file import read_registration_file
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import load_regions
+from rigctl.files.rig_file import load_rig
+from rigctl.files.scene_file import load_scene
+from rigctl.files.session_file import load_session
+from rigctl.version import VERSION
+from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.made_runs import at, make_run
+
+_LATER = {"schema_version": 7, "created_by": "rigctl 9.1.0", "sense": "of another kind"}
+
+
+@pytest.mark.parametrize("read", [read_noise_file, read_polarizer_file, read_radiometric_file, read_registration_file])
+def test_a_later_calibration_is_refused_by_its_number(tmp_path, read):
+    file = tmp_path / "calibration.json"
+    file.write_text(json.dumps(_LATER))
+    with pytest.raises(DataError) as refused:
+        read(file)
+    assert f"schema_version is 7, and rigctl {VERSION} reads " in str(refused.value)
+    assert "rigctl 9.1.0 wrote it" in str(refused.value)
+
+
+def test_later_flats_are_refused_by_their_number(tmp_path):
+    facts = np.frombuffer(json.dumps(_LATER).encode(), dtype=np.uint8)
+    np.savez(tmp_path / "flat.npz", facts=facts, throughput=np.ones((1, 2, 2)))
+    with pytest.raises(DataError, match=r"schema_version is 7, and rigctl .* reads 1; rigctl 9.1.0 wrote it"):
+        read_flat_facts(tmp_path / "flat.npz")
+
+
+def test_a_later_run_is_refused_by_its_number(tmp_path, capsys):
+    make_run(tmp_path / "run", [(at(0.0), np.zeros((4, 4)))])
+    file = tmp_path / "run" / "session.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | _LATER))
+    assert cli.main(["status", "--contents", str(tmp_path / "run")]) == 4
+    assert "schema_version is 7, and rigctl" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("example", "read"),
+    [
+        ("rig-sim.toml", load_rig),
+        ("scene-panels.toml", load_scene),
+        ("session.toml", load_session),
+        ("regions.toml", load_regions),
+    ],
+)
+def test_a_later_file_of_people_is_refused_by_its_number(tmp_path, example, read):
+    file = tmp_path / example
+    shutil.copy(EXAMPLES / example, file)
+    text = "\n".join(line for line in file.read_text().splitlines() if not line.startswith("schema_version"))
+    file.write_text(f"schema_version = 2\nof_later = true\n{text}")
+    with pytest.raises(ConfigError, match=r"schema_version is 2, and rigctl .* reads 1; a later rigctl reads it"):
+        read(file)
