@@ -6,7 +6,7 @@ Usage: python -m benchmarks.frame_overhead [--frames 200] [--folder DIR] [--watc
 
 Overhead is the time of the session's thread between two frames, without waiting for the disk's queue, plus the time
 of the writer's thread outside of encoding and of the disk: medians over the frames, so that another program's turn on
-the processor is not counted. The target is below 5 ms. The same is measured while pages of `rigctl watch` look on: that
+the processor is not counted. The target is below 5 ms. The same is measured while pages of `rigctl serve` look on: that
 must cost the session nothing beyond the noise of the medians.
 """
 
@@ -178,7 +178,7 @@ def looked_at(run: Path, watchers: int) -> Iterator[None]:
     if not watchers:
         yield
         return
-    watch = [sys.executable, "-m", "rigctl", "watch", str(run), "--json"]
+    watch = [sys.executable, "-m", "rigctl", "serve", str(run), "--json"]
     with subprocess.Popen(watch, stdout=subprocess.PIPE, text=True) as page:
         address = json.loads(page.stdout.readline() if page.stdout else "{}")["look_url"]
         look = [sys.executable, "-m", "benchmarks.page_pictures", "--look", address]

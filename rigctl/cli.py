@@ -195,13 +195,9 @@ def _call(command: Callable[..., Any], bound: inspect.BoundArguments, flags: set
 
 def _show(result: Any, *, as_json: bool) -> int:
     """Show what a verb returned: the answer on standard output; return the exit code."""
-    from rigctl.console.terminal import print_json, print_json_list
-
-    if as_json:
-        content = result.as_json()
-        print_json(content) if isinstance(content, Mapping) else print_json_list(content)
-    else:
-        result.show()
+    result.show_json() if as_json else result.show()
+    sys.stdout.flush()
+    result.follow()
     return int(result.exit_code)
 
 

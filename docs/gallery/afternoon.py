@@ -26,7 +26,7 @@ runs = {}
 for hour in (16, 18, 20, 22):
     rig = folder / f"rig-{hour}.toml"
     rig.write_text(rig_text.replace("[simulation]\n", f"[simulation]\nclock = 2010-05-25T{hour}:00:00Z\n"))
-    runs[hour] = rigctl.acquire(rig, examples / "session-roof.toml", folder / f"run-{hour}")
+    runs[hour] = rigctl.acquire(rig, examples / "session-roof.toml", out=folder / f"run-{hour}").run
 runs[16]
 
 # %%

@@ -10,6 +10,7 @@ from rigctl.calibrations.made_for import MadeFor, made_for_rig
 from rigctl.calibrations.picking import Choice, choice_lines, choices_json, choose
 from rigctl.calibrations.store import KINDS, CalibrationKind, CalibrationStore, UnreadFile, read_store, store_beside
 from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
 from rigctl.numbers.utc_time import utc_text
 
@@ -41,6 +42,16 @@ class RigPicks:
     def lines(self) -> tuple[str, ...]:
         """What was picked and why, a line for each kind of which the store has any."""
         return choice_lines(self.choices, self.damaged)
+
+    def report(self) -> None:
+        """Report what was picked; warn where there are calibrations of a kind and none fits."""
+        for choice in self.choices:
+            if choice.pick is not None:
+                note(choice.line)
+            elif choice.others:
+                warn(choice.line)
+        for file in self.damaged:
+            note(file.line)
 
     def as_json(self) -> dict[str, Json]:
         """Return what results say of it; nothing where there is no store."""

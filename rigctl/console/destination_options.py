@@ -60,7 +60,6 @@ _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*
 _ARCHIVED = ("archive.csv", "archive.json", "archive.html")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
     **{f"archive {verb}": {"out": _folder(*_ARCHIVED)} for verb in ("compare", "stokes", "verify", "recalibrate")},
-    "acquire": {"out": _NEW},
     "record": {"out": _FILE},
     "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
     "calibrate flat": {"out": _FILE},
@@ -79,7 +78,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
     "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},
-    "preview": {"picture": _FILE},
     "stage characterise": {"out": _FILE, "plot": _FILE},
     "study": {"out": _folder(*_STUDIED)},
     "tradeoff": {"out": _folder(*_TRADED)},

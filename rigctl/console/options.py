@@ -2,15 +2,13 @@
 
 import inspect
 from collections.abc import Callable, Iterable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
-from rigctl.errors import ConfigError
-from rigctl.numbers.number_range import FIRST_YEAR, LAST_YEAR, range_problem
-from rigctl.numbers.utc_time import unix_ns
+from rigctl.numbers.number_range import range_problem
+from rigctl.numbers.utc_time import time_option as time_option
 
 Choice = TypeVar("Choice", bound=str)
 _BYTES_PER_MB = 1_000_000
@@ -92,27 +90,6 @@ class OptionTexts:
         wild = [problem for number in numbers if (problem := range_problem(number)) is not None]
         self.problems += [f"{option}: is {text!r}, {problem}" for problem in wild[:1]]
         return None if wild else numbers
-
-
-def time_option(name: str, text: str | None) -> int | None:
-    """Return a time that was given on the command line [ns since 1970 UTC].
-
-    Raises
-    ------
-    ConfigError
-        It is no time, or has no zone.
-    """
-    if text is None:
-        return None
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError as error:
-        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
-    if moment.tzinfo is None:
-        raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
-    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
-        raise ConfigError(f"{name}: {text!r}: the year must lie between {FIRST_YEAR} and {LAST_YEAR}")
-    return unix_ns(moment.astimezone(UTC))
 
 
 def frame_bytes(max_frame_mb: int) -> int:

@@ -15,9 +15,7 @@ from rigctl.interface.results import (
     Prediction,
     SweepResult,
 )
-from rigctl.interface.run import Run, maybe_path, none_fits, open_run
-from rigctl.jobs.acquire import AcquireRequest, prepare_session
-from rigctl.jobs.acquire import acquire as take
+from rigctl.interface.run import Run, maybe_path, none_fits
 from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene
 from rigctl.measurement.picked_calibrations import calibration_paths
@@ -183,49 +181,6 @@ def compare(
     found = compare_run(_folder(run), request, out=maybe_path(out))
     _warn_of(none_fits(() if found.picked is None else found.picked.choices))
     return ComparisonResult(**vars(found))
-
-
-def acquire(
-    rig: FilePath,
-    session: FilePath,
-    out: FilePath,
-    *,
-    noise: FilePath | None = None,
-    polarizer: FilePath | None = None,
-    calibrations: FilePath | None = None,
-) -> Run:
-    """Take a session, of a simulated rig for instance, and return its run.
-
-    Parameters
-    ----------
-    rig, session : path
-        Rig file and session file.
-    out : path
-        Run folder to make; it must not exist yet.
-    noise, polarizer : path or None
-        Calibrations that the devices have to agree with.
-    calibrations : path, "none" or None
-        Store that calibrations which are not named are picked from, as the commands pick them: the folder
-        ``calibrations`` beside the rig file unless given. "none" picks none, ``noise="none"`` none of one kind.
-        What was picked, and why, is in `.calibrations` of the run.
-
-    Raises
-    ------
-    ConfigError, DataError, DeviceError, RunFolderError
-        A file is wrong, a calibration does not fit, a device fails, or the folder cannot be written.
-    """
-    request = AcquireRequest(
-        rig=Path(rig),
-        session=Path(session),
-        noise=maybe_path(noise),
-        polarizer=maybe_path(polarizer),
-        store=maybe_path(calibrations),
-        picks=True,
-    )
-    prepared = prepare_session(request)
-    _warn_of((*prepared.doubts, *none_fits(prepared.picked.choices)))
-    take(prepared, Path(out), warn=lambda text: _warn_of([text]))
-    return open_run(out)
 
 
 def _predict_request(

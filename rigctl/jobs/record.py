@@ -29,12 +29,13 @@ from drivers.recording import (
     write_recording,
 )
 from drivers.serial_port import heard_by
+from rigctl.calibrations.rig_picks import NONE
 from rigctl.console.scrubbing import Scrubber
 from rigctl.devices.rig import Rig, open_rig
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import REPLAY, load_rig
 from rigctl.files.session_file import load_session
-from rigctl.jobs.acquire import AcquireRequest, prepare_session, require_takeable
+from rigctl.session.preparation import prepare_session, require_takeable
 from rigctl.session.session_clock import clock_of
 from rigctl.session.take_session import take_session
 from rigctl.version import VERSION
@@ -73,7 +74,7 @@ def record(rig: Path, session: Path, *, out: Path) -> Recorded:
 
     with tempfile.TemporaryDirectory(prefix="rigctl-record-") as folder:
         run = Path(folder) / "run"
-        require_takeable(prepare_session(AcquireRequest(rig=rig, session=session)), run)
+        require_takeable(prepare_session(rig, session, store=NONE), run)
         clock = clock_of(rig_file)
 
         @contextmanager

@@ -2,6 +2,9 @@
 
 from datetime import UTC, datetime, timedelta
 
+from rigctl.errors import ConfigError
+from rigctl.numbers.number_range import FIRST_YEAR, LAST_YEAR
+
 NS_PER_S = 1_000_000_000
 _EPOCH = datetime.fromisoformat("1970-01-01T00:00:00Z")
 
@@ -47,3 +50,18 @@ def is_utc_text(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def time_option(name: str, text: str | None) -> int | None:
+    """Return the time that an option states [ns since 1970 UTC]; ConfigError unless it is a time with a zone."""
+    if text is None:
+        return None
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
+    if moment.tzinfo is None:
+        raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
+    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        raise ConfigError(f"{name}: {text!r}: the year must lie between {FIRST_YEAR} and {LAST_YEAR}")
+    return unix_ns(moment.astimezone(UTC))

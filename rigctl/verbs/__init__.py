@@ -11,9 +11,8 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     "Rig": {
         "devices": ("rigctl.verbs.devices:devices", "List ports, stages and cameras, with lines for the rig file."),
         "stage": ("old", "Characterise a rotation stage: readback error, backlash, settling."),
-        "preview": ("old", "Show what a camera sees, and how sharp it is, for focusing."),
-        "serve": ("old", "Work the rig from a browser: focus, regions, sessions."),
-        "watch": ("old", "Show a run in a browser as it grows."),
+        "preview": ("rigctl.verbs.preview:preview", "Show what a camera sees, and how sharp it is, for focusing."),
+        "serve": ("rigctl.verbs.serve:serve", "Work a rig from a browser, or watch a run as it grows."),
         "sim": (None, "Serve simulated devices to other programs."),
         "sim stage": ("rigctl.verbs.sim:stage", "Serve a simulated rotation stage on a pseudo-terminal."),
         "sim camera": ("rigctl.verbs.sim:camera", "Serve a simulated camera over GigE Vision."),
@@ -21,8 +20,8 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "notify": ("old", "Try the notices that a session sends."),
     },
     "Session": {
-        "plan": ("old", "Print the steps of a session, and what it can give."),
-        "acquire": ("old", "Take a session: durable frames at measured polarizer angles."),
+        "plan": ("rigctl.verbs.session:plan", "Print the steps of a session, and what it can give."),
+        "acquire": ("rigctl.verbs.session:acquire", "Take a session: durable frames at measured polarizer angles."),
         "resume": ("rigctl.verbs.session:resume", "Go on with a session that holds or was interrupted."),
         "hold": ("rigctl.verbs.session:hold", "Ask a running session to hold after this frame."),
         "stop": ("rigctl.verbs.session:stop", "Ask a running session to stop after this frame."),

@@ -44,6 +44,16 @@ class Result:
             elif not callable(part):
                 results().print(terminal_table(part))
 
+    def show_json(self) -> None:
+        """Print what programs read on standard output."""
+        from rigctl.console.terminal import print_json, print_json_list
+
+        content = self.as_json()
+        print_json(content) if isinstance(content, Mapping) else print_json_list(content)
+
+    def follow(self) -> None:
+        """Go on after the content was shown: a page answers until Ctrl-C."""
+
     def _repr_html_(self) -> str:
         from rigctl.reports.writers.html_page import lines_fragment, picture_fragment, table_fragment
 

@@ -1,22 +1,226 @@
-"""Sessions: take one, go on with it, hold it, stop it."""
+"""Sessions: plan one, take it, go on with it, hold it, stop it."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+
+from cyclopts import Parameter
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
-from rigctl.errors import RunFolderError
-from rigctl.verbs.options import RunPath, path_of
+from rigctl.errors import ConfigError, RunFolderError
+from rigctl.files.choices import RoofChange
+from rigctl.numbers.utc_time import time_option
+from rigctl.reports.table import Column, Table
+from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
+    from rigctl.interface.run import Run
     from rigctl.session.control import Request
+    from rigctl.session.planning.session_plan import PlannedRound, PlannedStep, SessionPlan
+    from rigctl.session.predicted_rounds import Prediction
     from rigctl.session.reconnect_loop import Outcome
+
+    _Row = PlannedRound | PlannedStep
 
 #: Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
 Ask: TypeAlias = Literal["terminal", "hold"]
+
+_MOST_STEPS = 100
+_SECONDS_A_MINUTE = 60
+_UTC_DIGITS = 19
+# Of the width or height of a picture.
+_MOST_DIGITS = 6
+# Share of saturated pixels beyond which a predicted DoLP says nothing.
+_MOST_SATURATED = 0.01
+
+
+def plan(
+    rig: FilePath,
+    session: FilePath,
+    /,
+    *,
+    at: str | None = None,
+    until: str | None = None,
+    scene: FilePath | None = None,
+    noise: FilePath | None = None,
+    frame: str | None = None,
+    all_steps: Annotated[bool, Parameter(name="--all")] = False,
+) -> "PlannedSession":
+    """Print the steps of a session with times, sun angles, disk and duration; with a scene, what it can give.
+
+    A scene whose regions are given by materials is lit by the sun of each round.
+
+    Example: rigctl plan examples/rig-rooftop.toml examples/session-rooftop.toml --at 2026-05-04T10:00Z
+
+    Parameters
+    ----------
+    rig : path
+        Rig file: devices, site, camera's direction.
+    session : path
+        Session file.
+    at : str
+        Begin then, such as 2026-05-04T10:00Z; now unless given.
+    until : str
+        Take no frame from then on.
+    scene : path
+        Scene file: predict each round.
+    noise : path
+        Noise calibration for the prediction.
+    frame : str
+        Size of a real camera's pictures, WIDTHxHEIGHT, for the disk.
+    all_steps : bool
+        Print every step, however many.
+
+    Returns
+    -------
+    PlannedSession
+        Steps and rounds in time, and the predictions.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, the schedule has no round, or the light of the scene needs a site.
+    """
+    from rigctl.calibrations.rig_picks import store_doubts
+    from rigctl.files.rig_file import load_rig, placeholder_doubt
+    from rigctl.files.session_file import load_session
+    from rigctl.session.planning.session_plan import plan_session
+    from rigctl.session.session_clock import SessionClock
+
+    if noise is not None and scene is None:
+        raise ConfigError("--noise: is for a prediction; give --scene too")
+    rig_file, session_file = load_rig(Path(rig)), load_session(Path(session))
+    now_ns = time_option("--at", at) or SessionClock().utc_ns()
+    pixels = None if frame is None else _pixels(frame)
+    planned = plan_session(rig_file, session_file, now_ns=now_ns, until_ns=time_option("--until", until), pixels=pixels)
+    for doubt in (placeholder_doubt(rig_file), *store_doubts(rig_file, Path(rig), now_ns=now_ns)):
+        if doubt is not None:
+            warn(doubt)
+    for remark in planned.remarks:
+        note(remark)
+    if scene is None:
+        return PlannedSession(plan=planned, all_steps=all_steps)
+    from rigctl.calibrations.noise.noise_file import read_noise_file
+    from rigctl.files.scene_file import load_scene
+    from rigctl.session.predicted_rounds import predict_rounds
+
+    parameters = None if noise is None else read_noise_file(Path(noise))
+    predictions = predict_rounds(load_scene(Path(scene)), parameters, planned, rig_file, session_file.metering)
+    return PlannedSession(plan=planned, predictions=tuple(predictions), all_steps=all_steps)
+
+
+def acquire(
+    rig: FilePath,
+    session: FilePath,
+    /,
+    *,
+    out: Annotated[FilePath, Writes(kind="new")],
+    dry_run: bool = False,
+    at: str | None = None,
+    until: str | None = None,
+    noise: FilePath | None = None,
+    polarizer: FilePath | None = None,
+    calibrations: FilePath | None = None,
+    scene: FilePath | None = None,
+    target_dolp_sigma: float | None = None,
+    clock: str | None = None,
+    perturb: RoofChange | None = None,
+    ask: Ask = "terminal",
+) -> "SessionResult":
+    """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
+
+    Exit codes: 0 finished, 75 stopped before its end by Ctrl-C, a signal or `rigctl stop` (a second Ctrl-C stops at
+    once: 130), 2, 3 and 4 as everywhere.
+
+    Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
+
+    Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels --scene
+    examples/scene-panels.toml --target-dolp-sigma 0.01
+
+    Example: rigctl acquire examples/rig-roof.toml examples/session-roof.toml --out runs/noon --clock 2010-05-25T17:07Z
+
+    Parameters
+    ----------
+    rig : path
+        Rig file: the devices.
+    session : path
+        Session file: the frames.
+    out : path
+        Run folder to make; it must not exist yet.
+    dry_run : bool
+        Print what `rigctl plan` prints, or what refuses the session; touch no device.
+    at : str
+        Begin then, such as 2026-05-04T10:00Z; a zone is needed.
+    until : str
+        Take no frame from then on.
+    noise : path or "none"
+        Noise calibration: what noise does to sum rule, drift, DoLP. none: pick none.
+    polarizer : path or "none"
+        Polarizer calibration: the rig file has to agree with it. none: pick none.
+    calibrations : path or "none"
+        Store to pick calibrations from; the folder ``calibrations`` beside the rig file unless given. none: pick none.
+    scene : path
+        Scene file, for --target-dolp-sigma.
+    target_dolp_sigma : float
+        Take as many cycles as bring the error of a pixel's DoLP in --scene to this.
+    clock : str
+        Simulated rig: its clock begins then, and the session does not wait.
+    perturb : {"visibility", "aerosol", "dhr", "tilt", "drift"}
+        Simulated roof: change it against its scene file.
+    ask : {"terminal", "hold"}
+        Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
+
+    Returns
+    -------
+    SessionResult
+        Frames that were taken; `.run` opens them.
+
+    Raises
+    ------
+    ConfigError, DataError, DeviceError, RunFolderError
+        A file is wrong, a calibration does not fit, a device fails, or the folder cannot be written.
+    """
+    from rigctl.session.control import outliving_terminal
+    from rigctl.session.planning.session_plan import plan_session
+    from rigctl.session.preparation import prepare_session, require_takeable, take_prepared
+    from rigctl.session.session_clock import clock_of
+
+    def path(given: FilePath | None) -> Path | None:
+        return None if given is None else Path(given)
+
+    with outliving_terminal():
+        prepared = prepare_session(
+            Path(rig),
+            Path(session),
+            noise=path(noise),
+            polarizer=path(polarizer),
+            store=path(calibrations),
+            scene=path(scene),
+            target_dolp_sigma=target_dolp_sigma,
+            clock_ns=time_option("--clock", clock),
+            perturb=perturb,
+        )
+        folder, by_hold = Path(out), ask == "hold"
+        at_ns, until_ns = time_option("--at", at), time_option("--until", until)
+        prepared.report()
+        doubts, light = require_takeable(prepared, folder, at_ns=at_ns, until_ns=until_ns, asks_by_hold=by_hold)
+        for line in light:
+            note(line)
+        if not dry_run:
+            outcome = take_prepared(prepared, folder, at_ns=at_ns, until_ns=until_ns, asks_by_hold=by_hold)
+            return SessionResult(path=folder, outcome=outcome)
+    now_ns = clock_of(prepared.rig_file).utc_ns() if at_ns is None else at_ns
+    planned = plan_session(prepared.rig_file, prepared.session_file, now_ns=now_ns, until_ns=until_ns)
+    for doubt in doubts:
+        warn(doubt)
+    for remark in planned.remarks:
+        if remark not in prepared.doubts:
+            note(remark)
+    return SessionResult(path=folder, planned=PlannedSession(plan=planned))
 
 
 def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
@@ -134,11 +338,19 @@ class Asked(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class SessionResult(Result):
-    """How a session went, or the process that was told to go on with it."""
+    """How a session went, or the process that was told to go on with it, or its plan."""
 
     path: Path  #: run folder
     process: int | None = None  #: that goes on; None where the session has ended
     outcome: "Outcome | None" = None  #: frames taken and planned; None while the session runs
+    planned: "PlannedSession | None" = None  #: of a dry run
+
+    @property
+    def run(self) -> "Run":
+        """The run, opened as by `rigctl.open_run`."""
+        from rigctl.interface.run import open_run
+
+        return open_run(self.path)
 
     @property
     def exit_code(self) -> int:
@@ -150,7 +362,9 @@ class SessionResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the number of frames, and how to go on."""
         outcome = self.outcome
-        if outcome is None:
+        if self.planned is not None:
+            yield from self.planned.content()
+        elif outcome is None:
             yield f"process {self.process} is told to go on"
         elif outcome.was_finished:
             yield f"nothing to do: this session is finished, {outcome.frames} frames in {self.path}"
@@ -161,6 +375,8 @@ class SessionResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the process that goes on, or frames, and what was adopted and set aside before."""
+        if self.planned is not None:
+            return self.planned.as_json()
         content: dict[str, Json] = {"run": str(self.path), "process": self.process}
         outcome = self.outcome
         if outcome is None:
@@ -173,3 +389,76 @@ class SessionResult(Result):
             "adopted": [] if outcome.repair is None else [found.file for found in outcome.repair.adopted],
             "set_aside": [] if outcome.repair is None else [found.file for found in outcome.repair.set_aside],
         }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedSession(Result):
+    """A session laid out in time; with a scene, what its rounds can give."""
+
+    plan: "SessionPlan"
+    predictions: "tuple[Prediction, ...] | None" = None  #: None without a scene
+    all_steps: bool = False  #: show every step, however many
+
+    def content(self) -> Iterable[Part]:
+        """Return frames, duration and disk, then rounds, steps and predictions."""
+        from rigctl.session.planning.session_plan import SUN_ANGLES
+
+        plan, rounds, steps = self.plan, self.plan.planned_rounds(), self.plan.planned_steps()
+        disk = "not known before the camera is opened; `rigctl plan --frame WIDTHxHEIGHT` computes it"
+        if plan.disk_bytes is not None:
+            disk = f"{plan.disk_bytes / 1e6:.0f} MB"
+        minutes, seconds = divmod(round(plan.duration_s), _SECONDS_A_MINUTE)
+        yield f"{len(steps)} frames, about {minutes} min {seconds} s, disk {disk}"
+        if plan.false_dolp is not None:
+            yield f"light that drifts by 1 % a minute shows a false DoLP of {plan.false_dolp:.2g} in a round"
+        sun = [name for name in SUN_ANGLES if getattr(steps[0], name) is not None]
+        if len(rounds) > 1:
+            yield _table(rounds, ("round", "utc", *sun))
+        shown = steps if self.all_steps else steps[:_MOST_STEPS]
+        yield _table(shown, ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms"))
+        if len(shown) < len(steps):
+            yield f"... and {len(steps) - len(shown)} more; `rigctl plan --all` prints them"
+        yield from map(_prediction_line, self.predictions or ())
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the plan, and with a scene the predictions."""
+        if self.predictions is None:
+            return self.plan.content()
+        return self.plan.content() | {"predictions": [asdict(row) for row in self.predictions]}
+
+
+def _pixels(frame: str) -> int:
+    from rigctl.numbers.number_range import shown
+
+    width, times, height = frame.partition("x")
+    sizes = [int(text) if text.isdecimal() and len(text) <= _MOST_DIGITS else 0 for text in (width, height)]
+    if not times or 0 in sizes:
+        raise ConfigError(f"--frame: {shown(frame)} is no size; write it like 782x582")
+    return sizes[0] * sizes[1]
+
+
+def _table(rows: "Sequence[_Row]", names: tuple[str, ...]) -> "Table[_Row]":
+    columns = tuple(Column["_Row"](title=name, text=partial(_cell, name=name)) for name in names)
+    return Table(columns=columns, rows=tuple(rows))
+
+
+def _cell(row: "_Row", name: str) -> str:
+    value = getattr(row, name)
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)[:_UTC_DIGITS]
+
+
+def _prediction_line(row: "Prediction") -> str:
+    from model.quantities import angle_of
+    from rigctl.session.predicted_rounds import UnpredictedRound
+
+    where = f"round {row.round}, {row.exposure_ms:.3g} ms, {row.region}"
+    if isinstance(row, UnpredictedRound):
+        return f"{where}: {row.problem}"
+    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row.mean_dn.items())
+    snr = "not known" if row.dolp_snr is None else f"{row.dolp_snr:.3g}"
+    snr = snr if row.saturated_fraction <= _MOST_SATURATED else "none, since it saturates"
+    return f"{where}: counts above black [DN] {counts}; saturated {100 * row.saturated_fraction:.1f} %; DoLP SNR {snr}"

@@ -23,7 +23,7 @@ def stage(
     address: str,
     /,
     *,
-    link: Annotated[FilePath | None, Writes(kind="absent"), Parameter(required=True)] = None,
+    link: Annotated[FilePath, Writes(kind="absent")],
     truth: Annotated[FilePath | None, Writes()] = None,
 ) -> None:
     """Serve a simulated rotation stage on a pseudo-terminal until it is stopped (Ctrl-C, or SIGTERM).
@@ -48,8 +48,6 @@ def stage(
     """
     from rigctl.simulated.serving import serve_stage
 
-    if link is None:
-        raise ConfigError("--link: name the link to make, such as /tmp/stage")
     try:
         with (
             _until_stopped(),

@@ -2,10 +2,12 @@
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
+from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +16,10 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Camera, Frame, RotationStage
 from model.processing.mosaic import planes
 from rigctl.devices.focus import focus_of, middle
+from rigctl.devices.rig import open_rig
+from rigctl.devices.stages import SIMULATED, find_driver
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.rig_file import PolarizerSection
+from rigctl.files.rig_file import PolarizerSection, RigFile, load_rig
 from rigctl.web.live_look import Cell, LiveLook, OpenDevices, Task
 from rigctl.web.pictures import (
     MAP_WIDTH,
@@ -283,3 +287,66 @@ def _proposed_ms(exposure_ms: float, brightest: float) -> float | None:
     if brightest >= 1.0:
         return exposure_ms / 4.0
     return exposure_ms * _AIM / brightest if brightest > 0.0 else None
+
+
+# A camera alone has no stage, whose angles would have to be told.
+NO_STAGE = PolarizerSection(sense=1, offset_deg=0.0)
+_RIG_FILE = ".toml"
+_EXAMPLE = "rig-sim.toml"
+
+
+@contextmanager
+def open_devices(what: str) -> Iterator[OpenDevices]:
+    """Open the devices of a rig file, or the camera at an address alone, until the context is left.
+
+    Raises
+    ------
+    DeviceError
+        One cannot be opened.
+    ConfigError
+        The rig file is wrong, or there is no such driver.
+    """
+    if not what.endswith(_RIG_FILE):
+        with open_camera(what) as camera:
+            yield OpenDevices(camera=camera, stage=None)
+        return
+    rig_file = load_rig(Path(what))
+    axes_deg = rig_file.cell_deg
+    cell = None if axes_deg is None else Cell(axes_deg=axes_deg, interpolation=rig_file.camera.interpolation)
+    with open_rig(rig_file, session_name="live") as rig:
+        rig.present("scene")
+        yield OpenDevices(camera=rig.camera, stage=rig.stage, cell=cell)
+
+
+def polarizer_of(what: str) -> PolarizerSection:
+    """Return how the polarizer sits by a rig file; for a camera alone its angle is the stage's."""
+    return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else NO_STAGE
+
+
+@contextmanager
+def open_camera(what: str) -> Iterator[Camera]:
+    """Open the camera of a rig file, or the one at an address such as ``gige:192.168.0.5``, without a stage.
+
+    A simulated camera sees the scene of its rig file, or of the example rig.
+
+    Raises
+    ------
+    DeviceError
+        It cannot be opened.
+    ConfigError
+        The rig file is wrong, or there is no such driver.
+    """
+    with as_file(files("rigctl") / "data" / "examples") as examples:
+        rig = load_rig(Path(what)) if what.endswith(_RIG_FILE) else _with_address(load_rig(examples / _EXAMPLE), what)
+        if rig.camera.address.startswith(SIMULATED):
+            with open_rig(rig, session_name="preview") as opened:
+                yield opened.camera
+            return
+    scheme, _, place = rig.camera.address.partition(":")
+    camera: Camera
+    with find_driver("rigctl.cameras", scheme, key="camera.address").load()(place) as camera:
+        yield camera
+
+
+def _with_address(rig: RigFile, address: str) -> RigFile:
+    return rig.model_copy(update={"camera": rig.camera.model_copy(update={"address": address})})

@@ -9,7 +9,9 @@ from pydantic import ValidationError
 
 from rigctl.errors import DataError
 from rigctl.files.config import describe
-from rigctl.files.regions import Region, RegionsFile
+from rigctl.files.regions import Markers, Region, RegionsFile, regions_text
+from rigctl.outlines.markers import search_markers, stretched
+from rigctl.storage.durable_file import write_durably
 from rigctl.web.hands import Hands, region_acts
 from rigctl.web.page import page_app
 from rigctl.web.server import PageServer, Place
@@ -59,3 +61,18 @@ def sent_regions(body: bytes) -> RegionsFile:
         return RegionsFile.model_validate_json(body)
     except ValidationError as error:
         raise DataError(describe(Path("regions"), error)) from error
+
+
+def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -> str:
+    """Write regions that a page sent, with the markers that the picture shows; return the name of the file.
+
+    Regions that were there stay beside them as ``.bak``; DataError refuses what is no regions.
+    """
+    regions = sent_regions(body)
+    seen = [] if picture is None else search_markers(stretched(picture), "4x4_50")
+    if seen and regions.markers is None:
+        regions = regions.model_copy(update={"markers": Markers(seen=seen)})
+    if file.exists():
+        file.replace(file.with_suffix(".toml.bak"))
+    write_durably(file, regions_text(regions).encode())
+    return file.name

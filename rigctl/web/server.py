@@ -21,6 +21,7 @@ _SHUTDOWN_S = 2
 # An address kept for documentation: no network has it.
 _ELSEWHERE = "192.0.2.1"
 _QUESTION_BYTES = 4096
+_MOST_PORT = 65535
 # Below everything that a session does.
 _NICENESS = 10
 
@@ -43,6 +44,17 @@ class Place:
     port: int = 0
     certificate: Path | None = None
     key: Path | None = None
+
+
+def place_of(listen: str, certificate: Path | None = None, key: Path | None = None) -> Place:
+    """Return where a page is, from an address and port such as 127.0.0.1:8765; ConfigError if that is wrong."""
+    host, _, port = listen.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not port.isdecimal() or int(port) > _MOST_PORT:
+        raise ConfigError(f"--listen {listen}: must be an address and a port, such as 127.0.0.1:8765")
+    if (certificate is None) != (key is None):
+        raise ConfigError("--certificate and --key belong together")
+    return Place(host=host, port=int(port), certificate=certificate, key=key)
 
 
 @dataclass(frozen=True, kw_only=True)

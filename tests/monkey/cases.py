@@ -110,10 +110,10 @@ demo --out OUT --seed -1
 """
 # They serve until they are stopped: only with a mistake in them.
 _SERVING = """
-watch run --listen nowhere --json
-watch run --listen 1:2:3
-watch run --listen 127.0.0.1:0 --certificate none.pem --key none.pem
-watch scene.toml
+serve run --listen nowhere --json
+serve run --listen 1:2:3
+serve run --listen 127.0.0.1:0 --certificate none.pem --key none.pem
+serve scene.toml
 serve rig.toml --listen nowhere
 serve nothing --runs none --json
 notify test rig.toml
@@ -139,7 +139,7 @@ def _words(lines: str) -> tuple[list[str], ...]:
 
 
 QUICK, SLOW, HEAVY = _words(_QUICK), _words(_SLOW), _words(_HEAVY)
-SERVING = (*_words(_SERVING), ["watch", "run", "--listen", "a" * 300 + ":80"])
+SERVING = (*_words(_SERVING), ["serve", "run", "--listen", "a" * 300 + ":80"])
 _SLOW_EVERY, _HEAVY_EVERY = 12, 60
 
 

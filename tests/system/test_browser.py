@@ -102,7 +102,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     # A name that is a script, where somebody forgets to escape it.
     run = folder / "run<img src=x onerror=alert(1)>"
     take_session(small_rig(folder), small_session(cycles=2), run, files={})
-    with served("watch", str(run)) as told:
+    with served("serve", str(run)) as told:
         yield told["look_url"]
 
 
@@ -333,7 +333,7 @@ def test_a_session_is_watched_from_begin_to_end_through_all_that_can_happen(
 ) -> None:
     (tmp_path / "long.toml").write_text(SESSION.format(name="long", cycles=8))
     run = tmp_path / "run"
-    with served("watch", str(run)) as told, ExitStack() as ends:
+    with served("serve", str(run)) as told, ExitStack() as ends:
         wire = Wire(told["look_url"])
         ends.callback(wire.close)
         desk = ends.enter_context(looking(browser, told["look_url"], DESK))

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.roof_runs import roof_comparison
 from benchmarks.trial_roof import one_run
 from rigctl.cli import main
-from rigctl.jobs import acquire
+from rigctl.session import preparation
 
 # Of some hundred rows: as one in a thousand seeds has it.
 _LARGEST = 4.5
@@ -64,7 +64,7 @@ _REAL_STAGE, _REAL_CAMERA = ("sim:ellx?speed=20", "/dev/ttyUSB0"), ("sim:gc780",
 @pytest.mark.parametrize("others", [("--dry-run",), ()], ids=["rehearsed", "taken"])
 @pytest.mark.parametrize("changes", [(_REAL_STAGE, _REAL_CAMERA), (_REAL_STAGE,), (_REAL_CAMERA,)])
 def test_a_real_rig_has_no_clock_to_choose(tmp_path, capsys, monkeypatch, changes, others):
-    monkeypatch.setattr(acquire, "open_rig", lambda *_, **__: pytest.fail("devices were opened"))
+    monkeypatch.setattr(preparation, "open_rig", lambda *_, **__: pytest.fail("devices were opened"))
     examples = Path(__file__).parents[2] / "examples"
     text = (examples / "rig-sim.toml").read_text()
     text = text.partition("\n[simulation]")[0] if len(changes) > 1 else text

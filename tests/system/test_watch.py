@@ -23,7 +23,7 @@ from tests.rigctl.example_files import small_rig, small_session
 @contextmanager
 def watched(*words: str) -> Iterator[str]:
     """Serve a page by the command, and give its address."""
-    command = [sys.executable, "-m", "rigctl", "watch", *words, "--json"]
+    command = [sys.executable, "-m", "rigctl", "serve", *words, "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -139,4 +139,4 @@ def test_a_foreign_page_opens_no_socket(page: str) -> None:
 
 def test_a_place_where_nothing_can_be_is_refused(tmp_path: Path) -> None:
     for words in ([str(tmp_path / "no" / "run")], [str(tmp_path), "--listen", "nowhere"], [__file__]):
-        assert main(["watch", *words]) == 2
+        assert main(["serve", *words]) == 2

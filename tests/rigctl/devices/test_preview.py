@@ -15,8 +15,11 @@ from drivers.errors import DeviceError
 from rigctl.cli import main
 from rigctl.devices.focus import focus_of, jpeg_of, middle
 from rigctl.errors import ConfigError
-from rigctl.jobs.preview import PreviewRequest, preview_on_page
+from rigctl.verbs.preview import preview_on_page
+from rigctl.web.live_look import Task
 from rigctl.web.server import Place
+
+TASK = Task(kind="preview", exposure_s=3e-5)
 
 # Squares of 8 pixels, half as bright again as what lies between.
 SCENE = np.kron(np.indices((12, 16)).sum(axis=0) % 2, np.ones((8, 8))) * 500.0 + 1000.0
@@ -91,9 +94,9 @@ def ask(address, path, content=None, *, token=None):
 
 def test_it_is_the_page_of_serve_with_a_camera_alone():
     addresses = []
-    request = PreviewRequest(camera="sim:gc780", exposure_s=3e-5, gain_db=0.0, zoom=4)
-    with closing(preview_on_page(request, Place(), told=addresses.append)) as lines:
-        assert next(lines).text.startswith("sharpness ")
+    task = Task(kind="preview", exposure_s=3e-5, zoom=4)
+    with closing(preview_on_page("sim:gc780", task, Place(), opened=addresses.append)) as lines:
+        assert next(lines).startswith("sharpness ")
         (address,) = addresses
         assert ask(address, "/")[1] == files("rigctl").joinpath("data", "web", "index.html").read_bytes()
         assert ask(address, "/api/state", token="guessed")[0] == 401
@@ -109,7 +112,7 @@ def test_it_is_the_page_of_serve_with_a_camera_alone():
 
 def test_a_camera_that_cannot_be_opened_ends_the_page():
     with pytest.raises(DeviceError):
-        next(preview_on_page(PreviewRequest(camera="gige:nowhere.invalid", exposure_s=0.01), Place(), told=str))
+        next(preview_on_page("gige:nowhere.invalid", TASK, Place(), opened=str))
 
 
 def test_so_many_pictures_are_numbered_on_a_page(capsys):
@@ -123,7 +126,7 @@ def test_so_many_pictures_are_numbered_on_a_page(capsys):
 def test_a_port_that_is_taken_is_said_so():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         place = Place(port=taken.getsockname()[1])
-        pictures = preview_on_page(PreviewRequest(camera="sim:gc780", exposure_s=3e-5), place, told=str)
+        pictures = preview_on_page("sim:gc780", TASK, place, opened=str)
         with pytest.raises(ConfigError, match="another port"):
             next(pictures)
 

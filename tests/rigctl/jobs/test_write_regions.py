@@ -7,7 +7,7 @@ import pytest
 from rigctl.errors import DataError
 from rigctl.files.config import load
 from rigctl.files.regions import RegionsFile
-from rigctl.jobs.serve import write_regions
+from rigctl.web.regions_page import write_regions
 from tests.rigctl.outlines.marked_pictures import panels
 
 BODY = b'{"regions": [{"name": "panel", "polygon": [[1, 1], [9, 1], [9, 9]]}]}'

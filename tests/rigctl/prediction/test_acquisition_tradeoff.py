@@ -11,13 +11,13 @@ from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.jobs.target_cycles import with_cycles_for
 from rigctl.jobs.tradeoff import trade_acquisition
 from rigctl.prediction.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.prediction.scene_sessions import SceneSessions
 from rigctl.reports.figures.tradeoff_figures import tradeoff_picture
 from rigctl.reports.tables.acquisition_tables import curve_table, proposal, reached_table, tradeoff_csv, tradeoff_json
+from rigctl.session.target_cycles import with_cycles_for
 from tests.rigctl.example_files import SMALL_SCENE
 
 TARGET = 0.004

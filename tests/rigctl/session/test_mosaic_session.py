@@ -20,7 +20,6 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.jobs.serve import open_devices
 from rigctl.measurement.measurement import measure
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.repair import repair_run
@@ -28,7 +27,7 @@ from rigctl.runs.run_folder import Run, read_run
 from rigctl.session.take_session import resume_session, take_session
 from rigctl.verbs.verify import verification_of
 from rigctl.web.live_look import Task
-from rigctl.web.live_rig import LiveRig
+from rigctl.web.live_rig import LiveRig, open_devices
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.session.made_rig import events_of
 

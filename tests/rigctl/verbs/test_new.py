@@ -7,11 +7,9 @@ from rigctl import cli
 from rigctl.calibrations.polarizer.rig_writing import write_into_rig
 from rigctl.errors import ConfigError
 from rigctl.files.regions import load_regions
-from rigctl.files.rig_file import load_rig
+from rigctl.files.rig_file import load_rig, placeholder_doubt
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import load_session
-from rigctl.jobs import preview
-from rigctl.jobs.acquire import placeholder_doubt
 from rigctl.verbs.new import new
 
 
@@ -65,8 +63,6 @@ def test_placeholders_are_said_until_a_calibration_is_written(tmp_path):
     new(tmp_path, simulated=True)
     path = tmp_path / "rig.toml"
     assert "placeholders" in placeholder_doubt(load_rig(path))
-    assert "placeholders" in preview.doubt_of(str(path))
-    assert preview.doubt_of("sim:gc780") is None
     write_into_rig(path, _FOUND)
     rig = load_rig(path)
     assert (rig.polarizer.sense, rig.polarizer.offset_deg, rig.polarizer.offset_std_deg) == (-1, 31.7012, 0.021)

@@ -3,9 +3,8 @@
 import time
 from collections.abc import Callable
 
-from rigctl.jobs.serve import open_devices, polarizer_of
 from rigctl.web.live_look import LiveLook, Task
-from rigctl.web.live_rig import LiveRig
+from rigctl.web.live_rig import LiveRig, open_devices, polarizer_of
 
 CAMERA = "sim:gc780"
 

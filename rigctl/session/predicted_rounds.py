@@ -1,85 +1,38 @@
-"""Planning a session: rig, session and scene file in; what is taken when, and what it can give, out."""
+"""Predictions of the rounds of a planned session: what each region gives at each exposure, by the sun of the round."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 from model.prediction import RegionPrediction
 from model.quantities import is_counts
-from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file
-from rigctl.calibrations.rig_picks import store_doubts
-from rigctl.console.json_text import Json
+from rigctl.calibrations.noise.noise_file import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.light_sections import SunSection
-from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
-from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.files.session_file import MeteringSection, load_session
+from rigctl.files.rig_file import RigFile
+from rigctl.files.scene_file import SceneFile
+from rigctl.files.session_file import MeteringSection
 from rigctl.numbers.utc_time import NS_PER_S
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.scene.parameter_table import EXPOSURE
 from rigctl.scene.scene_light import SceneLight
-from rigctl.session.planning.session_plan import SessionPlan, plan_session
-from rigctl.session.session_clock import SessionClock
+from rigctl.session.planning.session_plan import SessionPlan
 
 _MS_PER_S = 1000.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanRequest:
-    """A session that is to be planned.
-
-    Attributes
-    ----------
-    rig, session : Path
-        Files.
-    at_ns, until_ns : int or None
-        When it begins, None is now, and from when on no frame is taken [ns since 1970 UTC].
-    scene, noise : Path or None
-        Scene file and noise calibration, to predict each round.
-    pixels : int or None
-        Of a real camera's picture, for the disk.
-    """
-
-    rig: Path
-    session: Path
-    at_ns: int | None = None
-    until_ns: int | None = None
-    scene: Path | None = None
-    noise: Path | None = None
-    pixels: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class RoundPrediction:
-    """Prediction of a region in a round at an exposure.
-
-    Attributes
-    ----------
-    round : int
-        Of the schedule.
-    exposure_ms : float
-        Integration time [ms].
-    region : str
-        Its name.
-    mean_dn : mapping
-        Counts above black level by channel [DN].
-    saturated_fraction : float
-        Largest share of saturated pixels of a channel.
-    dolp, dolp_snr : float or None
-        Degree of linear polarization and its ratio to its deviation.
-    warnings : tuple of str
-        Of the model.
-    """
+    """Prediction of a region in a round at an exposure."""
 
     round: int
     exposure_ms: float
     region: str
-    mean_dn: dict[str, float]
-    saturated_fraction: float
+    mean_dn: dict[str, float]  #: counts above black level by channel [DN]
+    saturated_fraction: float  #: largest share of saturated pixels of a channel
     dolp: float | None
-    dolp_snr: float | None
-    warnings: tuple[str, ...]
+    dolp_snr: float | None  #: ratio of DoLP to its deviation
+    warnings: tuple[str, ...]  #: of the model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,44 +46,6 @@ class UnpredictedRound:
 
 
 Prediction = RoundPrediction | UnpredictedRound
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlannedSession:
-    """A session laid out in time; `predictions` is None without a scene, `doubts` what is doubtful of its rig."""
-
-    plan: SessionPlan
-    predictions: tuple[Prediction, ...] | None
-    doubts: tuple[str, ...] = ()
-
-    def content(self) -> dict[str, Json]:
-        """Return it as JSON holds it."""
-        if self.predictions is None:
-            return self.plan.content()
-        return self.plan.content() | {"predictions": [asdict(row) for row in self.predictions]}
-
-
-def plan(request: PlanRequest) -> PlannedSession:
-    """Return a session laid out in time; with a scene, what each round can give.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, the schedule has no round, or the light of the scene needs a site.
-    """
-    if request.noise is not None and request.scene is None:
-        raise ConfigError("--noise: is for a prediction; give --scene too")
-    rig, session = load_rig(request.rig), load_session(request.session)
-    now_ns = request.at_ns or SessionClock().utc_ns()
-    planned = plan_session(rig, session, now_ns=now_ns, until_ns=request.until_ns, pixels=request.pixels)
-    unset = placeholder_doubt(rig)
-    doubts = (*(() if unset is None else (unset,)), *store_doubts(rig, request.rig, now_ns=now_ns))
-    if request.scene is None:
-        return PlannedSession(plan=planned, predictions=None, doubts=doubts)
-    scene = load_scene(request.scene)
-    noise = None if request.noise is None else read_noise_file(request.noise)
-    predictions = tuple(predict_rounds(scene, noise, planned, rig, session.metering))
-    return PlannedSession(plan=planned, predictions=predictions, doubts=doubts)
 
 
 def predict_rounds(

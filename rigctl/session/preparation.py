@@ -1,9 +1,9 @@
-"""Taking a session: rig and session file and calibrations in; the run folder, and how it went, out."""
+"""A session before any device is opened: files read, calibrations picked, cycles chosen, and all that refuses it."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rigctl.calibrations.made_for import MadeFor, made_for_rig
@@ -12,6 +12,7 @@ from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, re
 from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_rig
 from rigctl.calibrations.store import CalibrationKind
 from rigctl.console.json_text import json_text
+from rigctl.console.terminal import note, warn
 from rigctl.devices.rig import Rig, open_rig, require_drivers
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import RoofChange
@@ -29,75 +30,19 @@ from rigctl.session.take_session import require_hands, take_session
 from rigctl.simulated.rehearsal import rehearse
 from rigctl.simulated.simulation import with_simulation
 
-Warn = Callable[[str], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class AcquireRequest:
-    """A session that is to be taken.
-
-    Attributes
-    ----------
-    rig, session : Path
-        Files.
-    noise, polarizer : Path or None
-        Calibrations that the devices have to agree with; ``none`` is not to pick one.
-    scene : Path or None
-        Scene file, for `target_dolp_sigma`.
-    target_dolp_sigma : float or None
-        Take as many cycles as bring the error of a pixel's DoLP to this.
-    clock_ns : int or None
-        When the clock of a simulated rig begins [ns since 1970 UTC]; it does not wait. None leaves what its file says.
-    perturb : str or None
-        What changes in a simulated roof against its scene file.
-    asks_by_hold : bool
-        Where hands are needed, hold until `rigctl resume` or a page says to go on; else ask at the terminal.
-    store : Path or None
-        Store of calibrations; None is the one beside the rig file.
-    picks : bool
-        Pick what is not named from the store, where there is one.
-    """
-
-    rig: Path
-    session: Path
-    noise: Path | None = None
-    polarizer: Path | None = None
-    scene: Path | None = None
-    target_dolp_sigma: float | None = None
-    clock_ns: int | None = None
-    perturb: RoofChange | None = None
-    asks_by_hold: bool = False
-    store: Path | None = None
-    picks: bool = False
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PreparedSession:
-    """A session before any device is opened.
+    """A session before any device is opened."""
 
-    Attributes
-    ----------
-    request : AcquireRequest
-        What it was made from.
-    rig_file, session_file
-        The files, the session with the cycles that a target asks for.
-    noise : NoiseParameters or None
-        The calibration.
-    chosen : tuple of str
-        What was chosen for the target, in words.
-    doubts : tuple of str
-        What one had better change.
-    picked : RigPicks
-        What was picked from the store of calibrations.
-    """
-
-    request: AcquireRequest
+    files: dict[str, Path]  #: rig and session file
     rig_file: RigFile
-    session_file: SessionFile
+    session_file: SessionFile  #: with the cycles that a target asks for
     noise: NoiseParameters | None
-    chosen: tuple[str, ...]
+    polarizer: Path | None  #: polarizer calibration, which the devices have to agree with
+    chosen: tuple[str, ...]  #: cycles that were chosen for the target, in words
     doubts: tuple[str, ...]
-    picked: RigPicks = field(default_factory=RigPicks)
+    picked: RigPicks  #: calibrations of the store
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -109,61 +54,69 @@ class PreparedSession:
         """Time and disk that they need."""
         return estimate(self.steps, self.rig_file)
 
+    def report(self) -> None:
+        """Report calibrations and cycles that were chosen, and doubts."""
+        self.picked.report()
+        for line in self.chosen:
+            note(f"--target-dolp-sigma: {line}")
+        for doubt in self.doubts:
+            warn(doubt)
 
-@dataclass(frozen=True, kw_only=True)
-class Rehearsed:
-    """Result of looking at a session before it is taken.
 
-    Attributes
+def prepare_session(
+    rig: Path,
+    session: Path,
+    *,
+    noise: Path | None = None,
+    polarizer: Path | None = None,
+    store: Path | None = None,
+    scene: Path | None = None,
+    target_dolp_sigma: float | None = None,
+    clock_ns: int | None = None,
+    perturb: RoofChange | None = None,
+) -> PreparedSession:
+    """Return a session as it will be taken; calibrations that are not named are picked from the store.
+
+    Parameters
     ----------
-    doubts : tuple of str
-        What is doubtful of the calibrations, as far as the files say.
-    light : tuple of str
-        Under which sun a simulated roof is seen, and where that is not as its scene file has it.
-    """
-
-    doubts: tuple[str, ...]
-    light: tuple[str, ...] = ()
-
-
-def prepare_session(request: AcquireRequest) -> PreparedSession:
-    """Return a session as it will be taken.
+    rig, session : Path
+        Files.
+    noise, polarizer : Path, optional
+        Calibrations that the devices have to agree with; ``none`` picks none.
+    store : Path, optional
+        Store of calibrations; the folder ``calibrations`` beside the rig file unless given.
+    scene, target_dolp_sigma : optional
+        Take as many cycles as bring the error of a pixel's DoLP in this scene to this.
+    clock_ns : int, optional
+        When the clock of a simulated rig begins [ns since 1970 UTC]; the session does not wait then.
+    perturb : str, optional
+        What changes in a simulated roof against its scene file.
 
     Raises
     ------
     ConfigError, DataError
         A file is wrong, or no number of cycles reaches the target.
     """
-    rig_file = with_simulation(load_rig(request.rig), clock_ns=request.clock_ns, perturb=request.perturb)
-    session_file = load_session(request.session)
-    request, picked = _with_picks(request, rig_file)
-    noise = None if request.noise is None else read_noise_file(request.noise)
-    session_file, chosen = with_target(
-        session_file, noise, scene=request.scene, target_dolp_sigma=request.target_dolp_sigma
-    )
+    rig_file = with_simulation(load_rig(rig), clock_ns=clock_ns, perturb=perturb)
+    session_file = load_session(session)
+    named: dict[CalibrationKind, Path | None] = {"noise": noise, "polarizer": polarizer}
+    picked = picked_for_rig(rig_file, rig, now_ns=clock_of(rig_file).utc_ns(), store=store, named=named)
+    found = picked.files | {kind: path for kind, path in named.items() if path not in (None, NONE)}
+    parameters = read_noise_file(found["noise"]) if "noise" in found else None
+    session_file, chosen = with_target(session_file, parameters, scene=scene, target_dolp_sigma=target_dolp_sigma)
     grouping = grouping_cost(session_file) if rig_file.cell_deg is None else None
     axes = missing_axes(plan_steps(session_file, cell_deg=rig_file.cell_deg))
     doubts = (placeholder_doubt(rig_file), grouping, axes)
     return PreparedSession(
-        request=request,
+        files={"rig": rig, "session": session},
         rig_file=rig_file,
         session_file=session_file,
-        noise=noise,
+        noise=parameters,
+        polarizer=found.get("polarizer"),
         chosen=chosen,
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
         picked=picked,
     )
-
-
-def _with_picks(request: AcquireRequest, rig_file: RigFile) -> tuple[AcquireRequest, RigPicks]:
-    """Return a request with the calibrations that the store has for the rig, and what was picked."""
-    named: dict[CalibrationKind, Path | None] = {"noise": request.noise, "polarizer": request.polarizer}
-    picked = RigPicks()
-    if request.picks:
-        now_ns = clock_of(rig_file).utc_ns()
-        picked = picked_for_rig(rig_file, request.rig, now_ns=now_ns, store=request.store, named=named)
-    files = picked.files | {kind: path for kind, path in named.items() if path not in (None, NONE)}
-    return replace(request, noise=files.get("noise"), polarizer=files.get("polarizer")), picked
 
 
 def with_target(
@@ -182,25 +135,32 @@ def with_target(
         return session, ()
     # The model of the scene is imported where it is asked for: a session without a target starts at once.
     from rigctl.files.scene_file import load_scene
-    from rigctl.jobs.target_cycles import with_cycles_for
+    from rigctl.session.target_cycles import with_cycles_for
 
     return with_cycles_for(session, load_scene(scene), noise, target_dolp_sigma=target_dolp_sigma)
 
 
 def require_takeable(
-    prepared: PreparedSession, out: Path, *, at_ns: int | None = None, until_ns: int | None = None
-) -> Rehearsed:
-    """Return what is known of a session beforehand; raise what would end it, as far as no device is needed for that.
+    prepared: PreparedSession,
+    out: Path,
+    *,
+    at_ns: int | None = None,
+    until_ns: int | None = None,
+    asks_by_hold: bool = False,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Raise what would end a session, as far as no device is needed to know.
 
-    Parameters
-    ----------
-    prepared, out, at_ns, until_ns
-        As `acquire` takes them.
+    Returns
+    -------
+    doubts : tuple of str
+        Doubts about the calibrations, as far as the files tell.
+    light : tuple of str
+        The sun under which a simulated roof is seen, and where that differs from its scene file.
 
     Raises
     ------
     ConfigError, DataError, DeviceError, RunFolderError
-        As `acquire`.
+        As `take_prepared`.
     """
     rig_file, session = prepared.rig_file, prepared.session_file
     require_new_folder(out)
@@ -208,32 +168,37 @@ def require_takeable(
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
     needs_nobody = rig_file.is_simulated or rig_file.is_replayed
-    require_hands(steps, are_asked=needs_nobody or prepared.request.asks_by_hold)
+    require_hands(steps, are_asked=needs_nobody or asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
     if rig_file.simulation is None:
-        return Rehearsed(doubts=doubts)
+        return doubts, ()
     times_ns = sorted({now_ns if due_ns is None else due_ns for due_ns in rounds})
     exposures_s = sorted({step.exposure_s for step in steps if step.exposure_s is not None})
-    light = rehearse(rig_file, times_ns=times_ns, exposures_s=exposures_s, regions=session.regions)
-    return Rehearsed(doubts=doubts, light=light)
+    return doubts, rehearse(rig_file, times_ns=times_ns, exposures_s=exposures_s, regions=session.regions)
 
 
-def acquire(
-    prepared: PreparedSession, out: Path, *, warn: Warn, at_ns: int | None = None, until_ns: int | None = None
+def take_prepared(
+    prepared: PreparedSession,
+    out: Path,
+    *,
+    at_ns: int | None = None,
+    until_ns: int | None = None,
+    asks_by_hold: bool = False,
 ) -> Outcome:
-    """Take a session into a new run folder; return how it went.
+    """Take a session into a new run folder; doubts about the calibrations are reported once the devices are open.
 
     Parameters
     ----------
     prepared : PreparedSession
-        What is taken.
+        The session.
     out : Path
         Run folder to make.
-    warn : callable
-        Told what is doubtful of the calibrations, once the devices are open.
     at_ns, until_ns : int, optional
         When to begin, and from when on no frame is taken [ns since 1970 UTC].
+    asks_by_hold : bool
+        Where somebody has to cover the lens, hold until `rigctl resume` or a page says to go on; else ask at the
+        terminal.
 
     Raises
     ------
@@ -242,25 +207,24 @@ def acquire(
     KeyboardInterrupt
         Somebody pressed Ctrl-C twice. After the first the frame in hand is stored and the session ends, unfinished.
     """
-    request, noise = prepared.request, prepared.noise
     clock = clock_of(prepared.rig_file)
     return take_session(
         prepared.rig_file,
         prepared.session_file,
         out,
-        files={"rig": request.rig, "session": request.session},
+        files=prepared.files,
         at_ns=at_ns,
         until_ns=until_ns,
-        noise=None if noise is None else noise_numbers(noise),
+        noise=None if prepared.noise is None else noise_numbers(prepared.noise),
         clock=clock,
-        opener=lambda: _open_calibrated_rig(prepared, out, clock=clock, warn=warn),
-        asks_by_hold=request.asks_by_hold,
+        opener=lambda: _open_calibrated_rig(prepared, out, clock=clock),
+        asks_by_hold=asks_by_hold,
         calibrations=json.loads(json_text(prepared.picked.as_json())),
     )
 
 
 @contextmanager
-def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: SessionClock, warn: Warn) -> Iterator[Rig]:
+def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: SessionClock) -> Iterator[Rig]:
     """Give the open devices of a rig, once calibrations are found to be theirs; warn of what is doubtful."""
     rig_file = prepared.rig_file
     with open_rig(rig_file, session_name=prepared.session_file.name, run=run, clock=clock.simulated) as rig:
@@ -278,8 +242,8 @@ def _calibration_doubts(prepared: PreparedSession, used: MadeFor) -> tuple[str, 
     """Return what is doubtful of the calibrations; raise DataError where one is not of these devices."""
     try:
         doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
-        if prepared.request.polarizer is not None:
-            polarizer = read_polarizer_file(prepared.request.polarizer)
+        if prepared.polarizer is not None:
+            polarizer = read_polarizer_file(prepared.polarizer)
             doubts += require_polarizer_fits(polarizer, used, polarizer=prepared.rig_file.polarizer)
     except DataError as error:
         if not prepared.picked.files:

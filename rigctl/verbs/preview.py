@@ -1,0 +1,154 @@
+"""`rigctl preview`: a live picture and its sharpness, for focusing."""
+
+import sys
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.terminal import note, results, warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import FilePath, Writes
+
+if TYPE_CHECKING:
+    from rigctl.web.live_look import Task
+    from rigctl.web.server import Place
+
+_TIMEOUT_S = 10.0
+_LOOK_EACH_S = 1.0
+_LINE_EACH_S = 1.0
+_RIG_FILE = ".toml"
+
+#: Numbers of each picture in words.
+Lines: TypeAlias = Generator[str]
+
+
+def preview(
+    camera: str,
+    /,
+    *,
+    exposure_ms: Annotated[float, Parameter(validator=Number(gt=0.0))] = 10.0,
+    gain_db: float = 0.0,
+    zoom: Annotated[int, Parameter(validator=Number(gte=1, lte=64))] = 1,
+    listen: str = "127.0.0.1:8765",
+    picture: Annotated[FilePath | None, Writes()] = None,
+    frames: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
+) -> None:
+    """Show what a camera sees, with a number that is largest where the picture is sharpest, until Ctrl-C.
+
+    Open the page that is printed in a browser, turn the lens, and stop where the number was best. It is the page of
+    `rigctl serve` at its camera: exposure, gain and zoom can be changed there. Saturated pixels are red. The picture is
+    stretched for the eye: nothing is measured with it, and no stage is needed or moved.
+
+    Example: rigctl preview sim:gc780 --exposure-ms 0.03
+
+    Parameters
+    ----------
+    camera : str
+        Rig file, or a camera's address as it stands in one.
+    exposure_ms : float
+        Exposure [ms].
+    gain_db : float
+        Gain [dB].
+    zoom : int
+        Show the middle, so many times larger.
+    listen : str
+        Address and port of the page; 0.0.0.0:8765 lets a telephone in too.
+    picture : path
+        JPEG file to write again and again; there is no page then.
+    frames : int
+        End after so many pictures.
+
+    Raises
+    ------
+    ConfigError
+        A file is wrong or cannot be written, or nothing can listen at that address.
+    DeviceError
+        The camera fails.
+    """
+    from rigctl.files.rig_file import load_rig, placeholder_doubt
+    from rigctl.web.live_look import Task
+    from rigctl.web.server import place_of
+
+    doubt = placeholder_doubt(load_rig(Path(camera))) if camera.endswith(_RIG_FILE) else None
+    if doubt is not None:
+        warn(doubt)
+    task = Task(kind="preview", exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom)
+    if picture is None:
+        lines = preview_on_page(camera, task, place_of(listen), opened=_report)
+    else:
+        lines = _preview_in_file(camera, task, Path(picture))
+    printed_s = float("-inf")
+    try:
+        with closing(lines):
+            for number, line in enumerate(lines, 1):
+                if number == frames or time.monotonic() - printed_s >= _LINE_EACH_S:
+                    results().print(line, markup=False)
+                    printed_s = time.monotonic()
+                if number == frames:
+                    break
+    except KeyboardInterrupt:
+        sys.stderr.write("\n")
+
+
+def _report(where: str) -> None:
+    note(f"the picture is at {where}; Ctrl-C ends it")
+
+
+def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callable[[str], None]) -> Lines:
+    """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
+    from rigctl.devices.focus import Focus
+    from rigctl.web.hands import Hands, camera_acts
+    from rigctl.web.live_look import OpenDevices, Task
+    from rigctl.web.live_rig import NO_STAGE, LiveRig, open_camera
+    from rigctl.web.page import page_app
+    from rigctl.web.server import PageServer
+    from rigctl.web.sources import NoRuns
+
+    @contextmanager
+    def camera_alone() -> Iterator[OpenDevices]:
+        with open_camera(camera) as one:
+            yield OpenDevices(camera=one, stage=None)
+
+    rig, seen = LiveRig(camera_alone, NO_STAGE), 0
+    name = Path(camera).name if camera.endswith(_RIG_FILE) else camera
+    hands = Hands(view=rig, acts=camera_acts(rig), title=f"preview {name}")
+    with PageServer(page_app(NoRuns(), hands), place, can_act=True) as server:
+        opened(server.addresses.act_url or "")
+        rig.begin(task)
+        try:
+            while True:
+                look = rig.newer_look(seen, timeout_s=_LOOK_EACH_S)
+                if look.width and look.sequence != seen:
+                    seen = look.sequence
+                    focus = Focus(sharpness=look.sharpness, brightest=look.brightest, saturated=look.clipped)
+                    yield focus.text(look.best_sharpness)
+        finally:
+            rig.begin(Task())
+
+
+def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
+    """Write what a camera sees into a file, stretched for the eye, picture after picture; yield its numbers."""
+    from rigctl.devices.focus import focus_of, jpeg_of, middle
+    from rigctl.storage.durable_file import write_durably
+    from rigctl.web.live_rig import open_camera
+
+    best = 0.0
+    with open_camera(camera) as one:
+        _report(str(file))
+        one.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
+        while True:
+            frame = one.take_frame(timeout_s=task.exposure_s + _TIMEOUT_S)
+            shown, bit_depth = middle(frame.counts, zoom=task.zoom), frame.settings.bit_depth
+            focus = focus_of(shown, bit_depth=bit_depth)
+            best = max(best, focus.sharpness)
+            text = focus.text(best)
+            try:
+                write_durably(file, jpeg_of(shown, bit_depth=bit_depth, text=text))
+            except OSError as error:
+                raise ConfigError(f"--picture {file}: cannot be written: {error.strerror}") from error
+            yield text

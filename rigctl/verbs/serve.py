@@ -1,0 +1,230 @@
+"""`rigctl serve`: a rig, a run or the runs of a folder in a browser."""
+
+import re
+import subprocess
+import sys
+import webbrowser
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, progress
+from rigctl.errors import ConfigError, RunFolderError
+from rigctl.verbs.options import FilePath
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.session.preparation import PreparedSession
+    from rigctl.web.hands import Question
+    from rigctl.web.server import Addresses, PageServer, Place
+
+_RIG_FILE = ".toml"
+_REGIONS_FILE = "regions.toml"
+# Such as gige:192.168.0.5; a run may be named by a time.
+_ADDRESS = re.compile(r"[A-Za-z][\w-]*:")
+
+
+def serve(
+    what: str,
+    /,
+    *,
+    sessions: FilePath | None = None,
+    runs: FilePath | None = None,
+    listen: str = "127.0.0.1:0",
+    certificate: FilePath | None = None,
+    key: FilePath | None = None,
+    open_page: Annotated[bool, Parameter(name="--open")] = False,
+) -> "ServedPage":
+    """Serve a page: focus a rig, draw regions, start, hold and stop sessions; or watch a run as it grows.
+
+    Of a rig two addresses are printed: with the one a person may look, with the other act as well. A session runs in a
+    process of its own and goes on without the page; where somebody has to cover the lens it holds, and the page says
+    so. Of a run the page shows frames, maps, curves and events, of a folder the list of its runs: it only reads, in a
+    process of its own, so that it disturbs no session. Ctrl-C ends the page.
+
+    Example: rigctl serve examples/rig-sim.toml --sessions examples --runs runs --listen 0.0.0.0:8765
+
+    Example: rigctl serve runs/2026-05-04 --listen 0.0.0.0:8765
+
+    Parameters
+    ----------
+    what : str
+        Rig file or a camera's address; or a run folder, also one yet to come, or a folder of runs.
+    sessions : path
+        With a rig: folder of session files; this folder unless given.
+    runs : path
+        With a rig: folder of the runs, which must exist; this folder unless given.
+    listen : str
+        Address and port of the page; 0.0.0.0:8765 lets a telephone in too.
+    certificate : path
+        TLS certificate.
+    key : path
+        Key of the certificate.
+    open_page : bool
+        Open the page in this machine's browser.
+
+    Returns
+    -------
+    ServedPage
+        Addresses of the page; `.follow` answers until Ctrl-C.
+
+    Raises
+    ------
+    ConfigError
+        A file is wrong, a folder is missing, or nothing can listen at that address.
+    """
+    from rigctl.web.page import page_app
+    from rigctl.web.server import PageServer, place_of
+    from rigctl.web.sources import source_at
+
+    what = str(what)
+    place = place_of(listen, None if certificate is None else Path(certificate), None if key is None else Path(key))
+    if what.endswith(_RIG_FILE) or (_ADDRESS.match(what) and not Path(what).exists()):
+        server = _rig_server(what, Path(sessions or "."), Path(runs or "."), place)
+    elif sessions is not None or runs is not None:
+        raise ConfigError("--sessions, --runs: are for a rig; a page of runs starts no session")
+    else:
+        server = PageServer(page_app(source_at(Path(what))), place, can_act=False)
+    note("whoever has an address may use it; Ctrl-C ends the page")
+    if open_page:
+        webbrowser.open(server.addresses.act_url or server.addresses.look_url)
+    return ServedPage(server=server)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServedPage(Result):
+    """A page that listens; it answers in `follow`."""
+
+    server: "PageServer"
+
+    @property
+    def addresses(self) -> "Addresses":
+        """Addresses with their tokens, to look and, of a rig, to act."""
+        return self.server.addresses
+
+    def content(self) -> Iterable[Part]:
+        """Return the addresses."""
+        yield f"look  {self.addresses.look_url}"
+        if self.addresses.act_url is not None:
+            yield f"act   {self.addresses.act_url}"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the addresses."""
+        return asdict(self.addresses)
+
+    def show_json(self) -> None:
+        """Print the addresses in one line, for a program that reads it while the page goes on."""
+        from rigctl.console.json_text import json_text
+
+        sys.stdout.write(json_text(self.as_json(), indent=None))
+
+    def follow(self) -> None:
+        """Answer until Ctrl-C."""
+        if self.addresses.is_for_others and progress().is_terminal:
+            from rigctl.web.qr_code import qr_text
+
+            code = qr_text(self.addresses.act_url or self.addresses.look_url)
+            progress().print(code, markup=False, highlight=False)
+        self.server.run()
+
+
+def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place") -> "PageServer":
+    """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
+    from rigctl.web.hands import Hands, camera_acts, region_acts, session_acts, stage_acts
+    from rigctl.web.live_rig import LiveRig, open_devices, polarizer_of
+    from rigctl.web.page import page_app
+    from rigctl.web.regions_page import write_regions
+    from rigctl.web.server import PageServer
+    from rigctl.web.sources import RunsOfFolder
+
+    for name, folder in (("--sessions", sessions), ("--runs", runs)):
+        if not folder.is_dir():
+            raise ConfigError(f"{name} {folder}: there is no such folder")
+    own = _Sessions(rig, sessions, runs)
+    live = LiveRig(lambda: open_devices(rig), polarizer_of(rig))
+    regions = runs / _REGIONS_FILE
+    drawing = region_acts(lambda body: write_regions(regions, body, live.newest_counts()))
+    acts = {**camera_acts(live), **stage_acts(live), **session_acts(own, live), **drawing}
+    hands = Hands(view=live, acts=acts, session_names=own.names, regions_file=regions.name)
+    return PageServer(page_app(RunsOfFolder(runs), hands), place, can_act=True)
+
+
+class _Sessions:
+    """Session files of a folder, and the runs that they become."""
+
+    def __init__(self, rig: str, sessions: Path, runs: Path) -> None:
+        self._rig, self._sessions, self._runs = rig, sessions, runs
+
+    def names(self) -> tuple[str, ...]:
+        """Return the session files by name; other files of the folder are left out."""
+        if not self._rig.endswith(_RIG_FILE):
+            return ()
+        found = sorted(self._sessions.glob("*.toml"))
+        return tuple(file.name for file in found if b"[[take]]" in file.read_bytes())
+
+    def plan(self, name: str) -> str:
+        """Return frames, time and disk of a session in words; or raise what refuses it."""
+        from rigctl.session.preparation import prepare_session, require_takeable
+
+        prepared = prepare_session(Path(self._rig), self._file(name))
+        doubts, light = require_takeable(prepared, self._new_run(name), asks_by_hold=True)
+        return "\n".join([_need_text(name, prepared), *prepared.picked.lines, *prepared.doubts, *doubts, *light])
+
+    def start(self, name: str) -> str:
+        """Start the session of a file in a process of its own; return the name of its run."""
+        self.plan(name)
+        run = self._new_run(name)
+        self._spawn("acquire", self._rig, str(self._file(name)), "--out", str(run), log=run)
+        return run.name
+
+    def ask(self, name: str, what: "Question") -> None:
+        """Ask something of the session of a run; one that has ended is resumed in a process of its own."""
+        from rigctl.runs.run_lock import writing_process
+        from rigctl.session.control import ask_process
+
+        run = self._run(name)
+        process = writing_process(run)
+        if process is not None:
+            ask_process(run, process, "go on" if what == "resume" else what)
+        elif what == "resume":
+            self._spawn("resume", str(run), log=run)
+        else:
+            raise RunFolderError(f"{name}: no session writes into this run")
+
+    def _spawn(self, *words: str, log: Path) -> None:
+        """Start rigctl so that it outlives this page; its output goes into a file beside the run."""
+        with log.with_name(f"{log.name}.log").open("ab") as output:
+            subprocess.Popen(
+                [sys.executable, "-m", "rigctl", *words, "--ask", "hold"],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
+
+    def _file(self, name: str) -> Path:
+        if name not in self.names():
+            raise ConfigError(f"{name!r}: there is no such session; there are {', '.join(self.names()) or 'none'}")
+        return self._sessions / name
+
+    def _run(self, name: str) -> Path:
+        known = {path.name: path for path in self._runs.iterdir() if path.is_dir()}
+        if name not in known:
+            raise RunFolderError(f"{name!r}: there is no such run")
+        return known[name]
+
+    def _new_run(self, name: str) -> Path:
+        return self._runs / f"{datetime.now(UTC):%Y-%m-%dT%H%M%SZ}-{Path(name).stem}"
+
+
+def _need_text(name: str, prepared: "PreparedSession") -> str:
+    need, steps = prepared.need, prepared.steps
+    minutes, seconds = divmod(round(need.duration_s), 60)
+    disk = "" if need.disk_bytes is None else f", {need.disk_bytes / 1e6:.0f} MB"
+    kinds = ", ".join(f"{sum(step.kind == kind for step in steps)} {kind}" for kind in ("dark", "flat", "scene"))
+    return f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}"
