@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from model.accuracy.chain import Clock
     from model.accuracy.predict import AccuratePrediction
     from model.accuracy.series import SeriesPrediction
-    from model.effects.names import EffectPlan, EffectRule
+    from model.effects.names import EffectPlan
     from model.scene.field import FieldLight, Source
     from model.scene.scene import LitScene
     from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.files.choices import EffectRule
     from rigctl.files.scene_file import SceneFile
     from rigctl.scene.scene_record import Scene
 

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigctl.files.simulation_sections import SimulationSection
 from rigctl.simulated.stated_parts import stated_camera, stated_polarizer
-from sim_devices.rendering.effect import FloatArray, Place, RenderingEffect, Shot
+from sim_devices.rendering.effect import Place, RenderingEffect, Shot
 from sim_devices.world import World
+
+FloatArray = NDArray[np.float64]
 
 Clock = Callable[[], float]
 

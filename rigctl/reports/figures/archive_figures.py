@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
@@ -11,9 +10,6 @@ from rigctl.archive.run_rows import RegionNumbers, RunRow, Verb
 from rigctl.numbers.angles import wrapped
 from rigctl.reports.figures.figure_style import legend_of_all, png, subplots
 
-# Neither has types.
-_LOCATOR: Any = AutoDateLocator
-_FORMATTER: Any = ConciseDateFormatter
 # More regions no one tells apart; the tables have all.
 _MOST_REGIONS = 7
 _Points = list[tuple[datetime, RegionNumbers]]
@@ -43,8 +39,8 @@ def archive_figure(rows: Sequence[RunRow], verb: Verb) -> bytes | None:
         for name in sorted(points)[:_MOST_REGIONS]:
             _draw(ax, name, points[name], panel)
         ax.set_ylabel(panel[0])
-        ax.xaxis.set_major_locator(locator := _LOCATOR())
-        ax.xaxis.set_major_formatter(_FORMATTER(locator))
+        ax.xaxis.set_major_locator(locator := AutoDateLocator())  # type: ignore[no-untyped-call]
+        ax.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     axes[-1].set_xlabel("begun, UTC")
     legend_of_all(figure, axes[0])
     return png(figure)
