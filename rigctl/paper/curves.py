@@ -206,8 +206,16 @@ def _fig15(scenes: PaperScenes) -> PaperFigure:
 
 
 _MADE: dict[int, Callable[[PaperScenes], PaperFigure]] = {
-    5: _fig5, 7: _fig7, 9: _fig9, 10: _fig10, 11: _fig11, 12: _fig12, 13: _fig13, 14: _fig14, 15: _fig15,
-}  # fmt: skip
+    5: _fig5,
+    7: _fig7,
+    9: _fig9,
+    10: _fig10,
+    11: _fig11,
+    12: _fig12,
+    13: _fig13,
+    14: _fig14,
+    15: _fig15,
+}
 
 
 def curves_of(number: int, scenes: PaperScenes, *, as_paper: PaperScenes | None = None) -> PaperFigure | None:
