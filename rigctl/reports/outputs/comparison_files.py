@@ -11,8 +11,7 @@ from rigctl.reports.tables.row_table import row_table
 from rigctl.reports.tables.series_tables import series_json, series_rows
 from rigctl.reports.writers.data_files import csv_rows, json_file
 from rigctl.reports.writers.html_page import html
-from rigctl.reports.writers.output_folder import write_folder
-from rigctl.reports.writers.pdf_document import pdf
+from rigctl.reports.writers.output_folder import report_file, write_folder
 
 
 def write_comparison(found: ComparedRun, out: Path) -> None:
@@ -26,7 +25,7 @@ def write_comparison(found: ComparedRun, out: Path) -> None:
         "comparison.json": json_file(compared_json(found)),
         "comparison.csv": csv_rows(row_table(comparison.rows)),
         "report.html": html(report).encode(),
-        "report.pdf": pdf(report),
+        "report.pdf": report_file(report, Path("report.pdf")),
     }
     write_folder(out, contents)
 
@@ -45,6 +44,6 @@ def write_series(series: ComparedSeries, out: Path) -> None:
         "series.json": json_file(series_json(series)),
         "series.csv": csv_rows(series_rows(series)),
         "series.html": html(report).encode(),
-        "series.pdf": pdf(report),
+        "series.pdf": report_file(report, Path("series.pdf")),
     }
     write_folder(out, contents)
