@@ -31,10 +31,10 @@ from rigctl.cluster.on_dask import Engine
 from rigctl.jobs.archive import find_runs, index_archive
 from rigctl.jobs.archive_runs import ArchiveResult, run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.runs.run_folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.run_writer import RunWriter
 from rigctl.session.take_session import take_session
+from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.verify import verification_of
 from tests.monkey.mutations import damage_run
@@ -166,10 +166,8 @@ def _timed(work: Callable[[], T]) -> tuple[float, T]:
     return time.perf_counter() - start_s, found
 
 
-def _done(
-    verb: Verb, root: Path, out: Path, engine: Engine, settings: CompareRequest, where: str | None
-) -> ArchiveResult:
-    request = ArchiveRequest(verb=verb, root=root, out=out, engine=engine, settings=settings, where=where)
+def _done(verb: Verb, root: Path, out: Path, engine: Engine, scene: Path | None, where: str | None) -> ArchiveResult:
+    request = ArchiveRequest(verb=verb, root=root, out=out, engine=engine, scene=scene, where=where)
     seconds, found = _timed(lambda: run_over_archive(request))
     print(
         f"{verb}: {found.runs} runs in {seconds:.0f} s, {found.done_before} done before: {found.verdicts}", flush=True
@@ -178,10 +176,10 @@ def _done(
 
 
 def _verified(root: Path, out: Path, engine: Engine, told: dict[str, str]) -> bool:
-    found = _done("verify", root, out, engine, CompareRequest(), None)
+    found = _done("verify", root, out, engine, None, None)
     off = {row.run for row in found.rows if row.verdict != "whole"}
     reasons = all(row.reason or row.verdict == "unfinished" for row in found.rows if row.run in off)
-    again = _done("verify", root, out, engine, CompareRequest(), None)
+    again = _done("verify", root, out, engine, None, None)
     print(
         f"damaged runs that verify names: {len(off & set(told))} of {len(told)}; whole ones that it names: "
         f"{len(off - set(told))}"
@@ -190,13 +188,13 @@ def _verified(root: Path, out: Path, engine: Engine, told: dict[str, str]) -> bo
 
 
 def _compared(root: Path, folder: Path, engine: Engine, told: dict[str, str], compared: int) -> bool:
-    settings = CompareRequest(scene=folder / "scene.toml")
+    scene = folder / "scene.toml"
     where = f"run < '{max(compared - 1, 0) // _A_FOLDER:02d}/run{compared:05d}'"
     out = root / "compared"
-    found = _done("compare", root, out, engine, settings, where)
+    found = _done("compare", root, out, engine, scene, where)
     rows = {row.run: row for row in found.rows}
     single = {
-        row.run: _dolp(root / row.run, settings)
+        row.run: _dolp(root / row.run, scene)
         for row in found.rows[:: max(len(found.rows) // 10, 1)]
         if row.run not in told
     }
@@ -205,7 +203,7 @@ def _compared(root: Path, folder: Path, engine: Engine, told: dict[str, str], co
     changed = next(name for name in rows if name not in told)
     shutil.rmtree(root / next(name for name in rows if name not in told and name != changed))
     note(root / changed, "a bird", by="trial")
-    again = _done("compare", root, out, engine, settings, where)
+    again = _done("compare", root, out, engine, scene, where)
     index_archive(root)
     question_s, agreeing = _asked(root, _QUESTIONS[2])
     print(
@@ -220,8 +218,8 @@ def _of_row(row: RunRow) -> dict[str, float | None]:
     return {region.region: region.dolp for region in row.regions}
 
 
-def _dolp(run: Path, settings: CompareRequest) -> dict[str, float | None]:
-    rows = compare_run(run, settings).comparison.rows
+def _dolp(run: Path, scene: Path) -> dict[str, float | None]:
+    rows = compare_run(run, scene=scene).rows
     return {row.region: row.measured for row in rows if (row.quantity, row.statistic) == ("dolp", "mean")}
 
 

@@ -14,10 +14,9 @@ from scipy.special import bdtrc
 
 from rigctl.files.rig_file import load_rig
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.jobs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
-from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.simulated.perturbation import PERTURBATIONS, Perturbation, perturbed
+from rigctl.verbs.compare import compare_run
 
 ALPHA = 1e-3
 POINTS_TO = {
@@ -55,10 +54,9 @@ def one_seed(seed: int, perturbations: tuple[Perturbation, ...]) -> Outcome:
         for what in (None, *perturbations):
             name = f"run-{what}"
             take(rig if what is None else perturbed(rig, what), out, session="session.toml", run=name)
-            request = CompareRequest(
-                scene=out / "scene-panels.toml", calibrations=CalibrationPaths(noise=out / NOISE), alpha=ALPHA
+            found[what] = compare_run(
+                out / name, scene=out / "scene-panels.toml", noise=out / NOISE, calibrations="none", alpha=ALPHA
             )
-            found[what] = compare_run(out / name, request).comparison
         plain = found.pop(None)
         return Outcome(
             seed=seed,

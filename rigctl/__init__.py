@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
     from rigctl.interface.archive import open_archive
-    from rigctl.interface.calls import compare, predict, sweep
+    from rigctl.interface.calls import predict, sweep
     from rigctl.interface.run import open_run
+    from rigctl.verbs.compare import compare
     from rigctl.verbs.session import acquire
     from rigctl.verbs.sky import sky
     from rigctl.verbs.stokes import stokes
@@ -42,6 +43,7 @@ _CALLS = "rigctl.interface.calls"
 _ELSEWHERE = {
     "open_run": ("rigctl.interface.run", "open_run"),
     "acquire": ("rigctl.verbs.session", "acquire"),
+    "compare": ("rigctl.verbs.compare", "compare"),
     "load_noise": ("rigctl.calibrations.noise.noise_file", "read_noise_file"),
     "load_polarizer": ("rigctl.calibrations.polarizer.polarizer_file", "read_polarizer_file"),
     "load_rig": ("rigctl.files.rig_file", "load_rig"),

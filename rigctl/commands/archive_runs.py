@@ -1,9 +1,8 @@
 """``rigctl archive compare|stokes|verify|recalibrate``: the jobs of single runs over a whole archive."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -24,8 +23,7 @@ if TYPE_CHECKING:
     from rigctl.archive.run_rows import Verb
     from rigctl.jobs.archive_runs import ArchiveResult
     from rigctl.jobs.archive_work import ArchiveRequest
-    from rigctl.jobs.compare import CompareRequest
-    from rigctl.measurement.run_calibrations import CalibrationPaths
+    from rigctl.verbs.options import CompareOptions
 
 _MOST_SHOWN = 40
 _Root = Annotated[Path, typer.Argument(metavar="ROOT", help="Folder with runs at any depth below it.")]
@@ -81,13 +79,12 @@ def compare(
 
     Example: rigctl archive compare runs --scene scene.toml --where "sun_zenith < 60" --out runs/compared
     """
-    from rigctl.jobs.compare import require_possible
+    from rigctl.verbs.compare import require_possible
 
-    named = {"noise": noise, "radiometric": radiometric, "registration": register, "flat": flat, "polarizer": polarizer}
-    paths = _paths(named, store=store, force_registration=force_registration)
-    settings = replace(_settings(paths, regions, scene, correct), alpha=alpha, scale=scale)
-    require_possible(settings)
-    _do("compare", root, out, settings, where=where, full=full, engine=(scheduler, workers), as_json=as_json)
+    options = _options(noise, register, polarizer, flat, store, correct, force_registration=force_registration)
+    options |= {"radiometric": radiometric, "alpha": alpha, "scale": scale}
+    require_possible(scene, regions, options)
+    _do("compare", root, out, options, (scene, regions), where, full, (scheduler, workers), as_json=as_json)
 
 
 def stokes(
@@ -117,10 +114,8 @@ def stokes(
 
     Example: rigctl archive stokes runs --regions regions.toml --out runs/measured
     """
-    named = {"noise": noise, "registration": register, "flat": flat, "polarizer": polarizer}
-    paths = _paths(named, store=store, force_registration=force_registration)
-    settings = _settings(paths, regions, None, correct)
-    _do("stokes", root, out, settings, where=where, full=full, engine=(scheduler, workers), as_json=as_json)
+    options = _options(noise, register, polarizer, flat, store, correct, force_registration=force_registration)
+    _do("stokes", root, out, options, (None, regions), where, full, (scheduler, workers), as_json=as_json)
 
 
 def verify(
@@ -141,9 +136,7 @@ def verify(
 
     Example: rigctl archive verify runs --out checked --workers 2
     """
-    from rigctl.jobs.compare import CompareRequest
-
-    _do("verify", root, out, CompareRequest(), where=where, full=False, engine=(scheduler, workers), as_json=as_json)
+    _do("verify", root, out, {}, (None, None), where, False, (scheduler, workers), as_json=as_json)
 
 
 def recalibrate(
@@ -180,39 +173,43 @@ def recalibrate(
     """
     if regions is None and scene is None:
         raise ConfigError("give --regions FILE, or --scene FILE for its regions: numbers are of regions")
-    named = {"noise": noise, "registration": register, "flat": flat, "polarizer": polarizer}
-    paths = _paths(named, store=store, force_registration=force_registration)
-    settings = _settings(paths, regions, scene, None)
-    _do("recalibrate", root, out, settings, where=where, full=full, engine=(scheduler, workers), as_json=as_json)
+    options = _options(noise, register, polarizer, flat, store, None, force_registration=force_registration)
+    _do("recalibrate", root, out, options, (scene, regions), where, full, (scheduler, workers), as_json=as_json)
 
 
-def _paths(named: dict[str, Path | None], *, store: Path | None, force_registration: bool) -> "CalibrationPaths":
-    from rigctl.calibrations.store import KINDS
-    from rigctl.measurement.picked_calibrations import calibration_paths
-
-    given = {kind: named[kind] for kind in KINDS if kind in named}
-    return calibration_paths(given, store=store, force_registration=force_registration)
-
-
-def _settings(
-    paths: "CalibrationPaths", regions: Path | None, scene: Path | None, correct: str | None
-) -> "CompareRequest":
-    from rigctl.jobs.compare import CompareRequest
+def _options(
+    noise: Path | None,
+    register: Path | None,
+    polarizer: Path | None,
+    flat: Path | None,
+    calibrations: Path | None,
+    correct: str | None,
+    *,
+    force_registration: bool,
+) -> "CompareOptions":
     from rigctl.measurement.found_faults import correctable
 
-    asked = () if correct is None else correctable(correct)
-    return CompareRequest(scene=scene, regions=regions, calibrations=paths, correct=asked)
+    return {
+        "noise": noise,
+        "register": register,
+        "polarizer": polarizer,
+        "flat": flat,
+        "calibrations": calibrations,
+        "correct": cast(Any, () if correct is None else correctable(correct)),
+        "force_registration": force_registration,
+    }
 
 
 def _do(
     verb: "Verb",
     root: Path,
     out: Path,
-    settings: "CompareRequest",
-    *,
+    options: "CompareOptions",
+    files: tuple[Path | None, Path | None],
     where: str | None,
     full: bool,
     engine: tuple[str | None, int | None],
+    *,
     as_json: bool,
 ) -> None:
     from rigctl.cluster.on_dask import Engine
@@ -227,7 +224,9 @@ def _do(
         out=out,
         engine=Engine(scheduler=scheduler, workers=workers or os.cpu_count() or 1),
         where=where,
-        settings=settings,
+        scene=files[0],
+        regions=files[1],
+        options=options,
         full=full,
     )
     found = _with_progress(request)

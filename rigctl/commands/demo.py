@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from rigctl.commands.compare import exit_by, show
 from rigctl.console.terminal import print_json, progress
 from rigctl.errors import ConfigError
 from rigctl.files.choices import PERTURBATIONS
@@ -35,7 +34,7 @@ def command(
     Example: rigctl demo --out /tmp/demo --perturb angle-offset
     """
     from rigctl.jobs.demo import run_demo
-    from rigctl.reports.tables.comparison_json import compared_json
+    from rigctl.verbs.compare import ComparisonResult
 
     if perturb is not None and perturb not in PERTURBATIONS:
         raise ConfigError(f"--perturb: is {perturb!r}; allowed are {', '.join(PERTURBATIONS)}")
@@ -51,8 +50,11 @@ def command(
         gige=gige,
         lost_share=lost,
     )
+    result = ComparisonResult(comparison=compared)
     if as_json:
-        print_json(compared_json(compared))
+        print_json(result.as_json())
     else:
-        show(compared, out)
-    exit_by(compared.comparison.agrees)
+        result.show()
+        console.print(f"report: {out / 'report.html'}, {out / 'report.pdf'}", markup=False)
+    if result.exit_code:
+        raise typer.Exit(result.exit_code)

@@ -70,6 +70,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
     decided, light = decide(tuple(rows), alpha=alpha), measurement.run.session.simulated_light
     return Comparison(
         kind="closed loop",
+        measurement=measurement,
         alpha=alpha,
         rows=decided,
         diagnosis=diagnose(decided, is_of_law=True),

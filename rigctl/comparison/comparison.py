@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import Settings
+from model.effects.names import Effect, EffectPlan
 from model.prediction import RegionPrediction
 from model.processing.agreement import Propagation
 from model.scene.field import FieldLight
@@ -25,12 +28,19 @@ from rigctl.comparison.uncertainty_budget import RegionBudget, scene_budget
 from rigctl.comparison.verdict import AGREES, RegionVerdict, VerdictName, region_verdicts, verdict_of
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ScaleKind
+from rigctl.files.regions import Region
 from rigctl.files.scene_file import SceneFile
 from rigctl.measurement.measurement import Measurement
+from rigctl.measurement.picked_calibrations import PickedCalibrations
 from rigctl.measurement.run_diagnosis import RunDiagnosis
+from rigctl.prediction.performance import Performance, performance_of
 from rigctl.prediction.propagated_inputs import curved_inputs, propagate_numbers
 from rigctl.scene.scene_inputs import Inputs, only_uncertain
 from rigctl.scene.scene_light import SceneLight
+from rigctl.storage.bounded_file import sha256_of
+
+if TYPE_CHECKING:
+    from rigctl.comparison.numerical_accuracy import NumericalAccuracy
 
 FloatArray = NDArray[np.float64]
 
@@ -38,65 +48,64 @@ FloatArray = NDArray[np.float64]
 _MOST_SAID = 4
 
 
+@dataclass(frozen=True, kw_only=True)
+class UsedFile:
+    """A file that a result rests on."""
+
+    path: Path
+    sha256: str
+
+
+def used_file(path: Path) -> UsedFile:
+    """Return a file with its hash."""
+    return UsedFile(path=path, sha256=sha256_of(path))
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectsTaken:
+    """Effects of the model: the decisions at the tolerance that a report shows, and those that a comparison took."""
+
+    plan: EffectPlan
+    taken: frozenset[Effect]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """A run set beside what the model says of it.
+    """Measurement of a run and what the model predicts for it, number by number, with a verdict."""
 
-    Attributes
-    ----------
-    kind : {"scene", "closed loop"}
-        "scene": predicted from a scene file. "closed loop": predicted from the run's own means and texture.
-    alpha : float
-        Family-wise error rate: chance that any row is called a disagreement where all agree.
-    rows : tuple of Row
-        All of them.
-    diagnosis : Diagnosis
-        Where the disagreements point.
-    predictions : mapping
-        Region to what the model says, for the figures.
-    remarks : tuple of str
-        What was assumed, overruled or left out.
-    not_tested : tuple of str
-        What this comparison says nothing about.
-    scale : Scale or None
-        What the counts of the prediction were scaled by; None without a scene.
-    inputs : Inputs or None
-        The inputs that have an uncertainty; None without a scene.
-    propagation : Propagation or None
-        What their uncertainty does to the rows.
-    attribution : InputAttribution or None
-        What would explain the residuals; None where no input has an uncertainty.
-    trends : tuple of Trend
-        Whether the order of numbers is as predicted, whatever their scale. Empty without a scene.
-    budgets : tuple of RegionBudget
-        What each cause makes of the uncertainty of a region's polarization.
-    checks : tuple of Check
-        What the run says of itself, before any model.
-    unjudged : mapping
-        Region that cannot be judged to why.
-    run_diagnosis : RunDiagnosis or None
-        What the redundancy of the run's angles says of its faults.
-    lights : mapping
-        Region to its light, of the regions that are given by a material.
-    """
-
+    #: "scene": predicted from a scene file. "closed loop": predicted from the run's own means and texture.
     kind: Literal["scene", "closed loop"]
-    alpha: float
+    measurement: Measurement
+    alpha: float  #: family-wise error rate: chance that any row is called a disagreement where all agree
     rows: tuple[Row, ...]
-    diagnosis: Diagnosis
-    predictions: dict[str, RegionPrediction]
-    remarks: tuple[str, ...]
-    not_tested: tuple[str, ...]
-    scale: Scale | None = None
-    inputs: Inputs | None = None
-    propagation: Propagation | None = None
+    diagnosis: Diagnosis  #: where the disagreements point
+    predictions: dict[str, RegionPrediction]  #: by region
+    remarks: tuple[str, ...]  #: what was assumed, overruled or left out
+    not_tested: tuple[str, ...]  #: what this comparison says nothing about
+    scale: Scale | None = None  #: what the counts of the prediction were scaled by; None without a scene
+    inputs: Inputs | None = None  #: the inputs that have an uncertainty; None without a scene
+    propagation: Propagation | None = None  #: what their uncertainty does to the rows
+    #: What would explain the residuals; None where no input has an uncertainty.
     attribution: InputAttribution | None = None
-    trends: tuple[Trend, ...] = ()
-    budgets: tuple[RegionBudget, ...] = ()
-    checks: tuple[Check, ...] = ()
-    unjudged: dict[str, str] = field(default_factory=dict)
-    run_diagnosis: RunDiagnosis | None = None
-    lights: dict[str, FieldLight] = field(default_factory=dict)
+    trends: tuple[Trend, ...] = ()  #: whether the order of numbers is as predicted; empty without a scene
+    budgets: tuple[RegionBudget, ...] = ()  #: of the uncertainty of each region's polarization, by cause
+    checks: tuple[Check, ...] = ()  #: whether the run is sound, before any model
+    unjudged: dict[str, str] = field(default_factory=dict)  #: region that cannot be judged to the reason
+    run_diagnosis: RunDiagnosis | None = None  #: faults that the redundancy of the run's angles shows
+    lights: dict[str, FieldLight] = field(default_factory=dict)  #: of the regions that are given by a material
+    outlines: tuple[Region, ...] = ()  #: regions as they were drawn
+    noise: NoiseParameters | None = None  #: the noise calibration
+    picked: PickedCalibrations | None = None  #: which calibrations were picked from the store
+    effects: EffectsTaken | None = None  #: None without a scene
+    accuracy: "NumericalAccuracy | None" = None  #: the numerical settings that were chosen; None without a scene
+    files: dict[str, UsedFile] = field(
+        default_factory=dict
+    )  #: "scene", "noise", "manifest", ...: what it was made from
+
+    @cached_property
+    def performance(self) -> Performance:
+        """What the predictions are worth for detection."""
+        return performance_of(self.predictions)
 
     @property
     def verdict(self) -> VerdictName:
@@ -208,6 +217,7 @@ def compare_with_scene(
     )
     return Comparison(
         kind="scene",
+        measurement=measurement,
         alpha=alpha,
         rows=decided,
         diagnosis=diagnose(decided),

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from model.processing.agreement import DriftLine, drift_line
 from model.quantities import CIRCULAR, FOLLOWED
-from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.comparison import Comparison, UsedFile
 from rigctl.comparison.rows import Row, off_prediction
 from rigctl.comparison.trends import Trend, trend
 from rigctl.errors import DataError
-from rigctl.measurement.measurement import Measurement
 from rigctl.prediction.propagated_inputs import NumberKey
 from rigctl.runs.run_folder import Run
 
@@ -23,25 +22,12 @@ _LEAST_RUNS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeriesPoint:
-    """One run of a series.
+    """One run of a series."""
 
-    Attributes
-    ----------
-    name : str
-        Of the run folder.
-    comparison, measurement
-        Of that run.
-    start : datetime or None
-        Of its first frame.
-    sun_zenith_deg : float or None
-        As the prediction took it.
-    """
-
-    name: str
+    name: str  #: of the run folder
     comparison: Comparison
-    measurement: Measurement
-    start: datetime | None
-    sun_zenith_deg: float | None
+    start: datetime | None  #: of its first frame
+    sun_zenith_deg: float | None  #: as the prediction took it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +42,25 @@ class SeriesDrift:
     def z(self) -> float:
         """Slope over its standard error."""
         return self.line.slope / self.line.std_error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedSeries:
+    """Many runs of one rig and their predictions from one scene."""
+
+    points: tuple[SeriesPoint, ...]
+    drifts: tuple[SeriesDrift, ...]
+    trends: tuple[Trend, ...]
+    alpha: float  #: family-wise error rate: chance of any false disagreement over all runs
+    scene: UsedFile  #: the scene file of all
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether every run agrees; None where none disagrees and one cannot be judged."""
+        found = [point.comparison.agrees for point in self.points]
+        if False in found:
+            return False
+        return None if None in found else True
 
 
 def require_one_instrument(runs: Sequence[Run]) -> None:
@@ -128,7 +133,7 @@ def trends_over_runs(points: Sequence[SeriesPoint]) -> tuple[Trend, ...]:
 
 def _complete(points: Sequence[SeriesPoint]) -> Iterable[tuple[str, str, list[Row]]]:
     """Return the quantities that every run has."""
-    for region in points[0].measurement.regions:
+    for region in points[0].comparison.measurement.regions:
         for quantity in FOLLOWED:
             rows = [mean_row(point, region, quantity) for point in points]
             known = [row for row in rows if row is not None]

@@ -37,6 +37,11 @@ def anonymous(paths: Iterable[Path]) -> Iterator[None]:
         _SECRETS.reset(token)
 
 
+def is_anonymous() -> bool:
+    """Return whether results are to say nothing of rig, place and machine."""
+    return _SECRETS.get() is not None
+
+
 def told(text: str) -> str:
     """Return a text of a result as others may read it; as it is where nobody asked for that."""
     for secret, instead in _SECRETS.get() or ():
@@ -46,7 +51,7 @@ def told(text: str) -> str:
 
 def told_content(content: Mapping[str, Json]) -> Mapping[str, Json]:
     """Return the content of a JSON file as others may read it; as it is where nobody asked for that."""
-    if _SECRETS.get() is None:
+    if not is_anonymous():
         return content
     return {key: _told_value(key, value) for key, value in content.items()}
 

@@ -30,10 +30,7 @@ _FORCE, _ANONYMOUS = "force", "anonymous"
 _ALWAYS_ANEW = ("doctor",)
 # They decide how a result is told, and not what is in it.
 _TELLING = ("as_json", _FORCE)
-_COMPARED = ("comparison.json", "comparison.csv", "prediction.json", "measurement.json", "report.html", "report.pdf")
-_SERIES = ("series.json", "series.csv", "series.html", "series.pdf")
 _PREDICTED = ("prediction.*", "counts.png", "laws.png", "roc.csv", "roc.png", "sweep.*")
-_DETECTED = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
 _STUDIED = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
 _TRADED = ("digits.png", *(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png")))
 
@@ -68,13 +65,10 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "calibrate radiometric": {"out": _FILE},
     "calibrate registration": {"out": _FILE},
     "calibrations": {"history": _FILE},
-    "compare": {"out": _folder(*_COMPARED, *_SERIES)},
     "demo": {"out": _NEW},
     "doctor": {"folder": _folder()},
-    "detect": {"out": _folder(*_DETECTED)},
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
-    "fit surface": {"out": _FILE},
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
     "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},

@@ -19,9 +19,6 @@ READERS = frozenset(
         "calibrate noise",
         "calibrate radiometric",
         "calibrate registration",
-        "compare",
-        "detect",
-        "fit surface",
     }
 )
 

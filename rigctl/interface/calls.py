@@ -8,17 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.errors import ConfigError
-from rigctl.files.choices import Engine, LightPart, ScaleKind
+from rigctl.files.choices import Engine, LightPart
 from rigctl.files.scene_file import SceneFile
 from rigctl.interface.results import (
-    ComparisonResult,
     Prediction,
     SweepResult,
 )
-from rigctl.interface.run import Run, maybe_path, none_fits
-from rigctl.jobs.compare import CompareRequest, compare_run
+from rigctl.interface.run import maybe_path, none_fits
 from rigctl.jobs.predict import PredictRequest, predict_scene, sweep_scene
-from rigctl.measurement.picked_calibrations import calibration_paths
 from rigctl.prediction.sweep_axes import Axis
 from rigctl.verbs.options import FilePath
 
@@ -111,78 +108,6 @@ def sweep(
     return SweepResult(**vars(found))
 
 
-def compare(
-    run: FilePath | Run,
-    scene: SceneGiven | None = None,
-    *,
-    regions: FilePath | None = None,
-    noise: FilePath | None = None,
-    radiometric: FilePath | None = None,
-    flat: FilePath | None = None,
-    register: FilePath | None = None,
-    force_registration: bool = False,
-    polarizer: FilePath | None = None,
-    calibrations: FilePath | None = None,
-    alpha: float = 1e-3,
-    scale: ScaleKind = "absolute",
-    correct: Sequence[str] = (),
-    out: FilePath | None = None,
-) -> ComparisonResult:
-    """Return a run beside what the model says of it, with a verdict.
-
-    Parameters
-    ----------
-    run : path or Run
-        Run folder, or what `open_run` gave.
-    scene : path, SceneFile or None
-        Scene file; None: the run is set beside its own moments, by `regions`.
-    regions : path or None
-        Regions file; beside a scene, its regions where they are now.
-    noise, radiometric, flat, register, polarizer : path or None
-        Calibration files.
-    calibrations : path, "none" or None
-        Store that calibrations which are not named are picked from, as the commands pick them: the folder
-        ``calibrations`` beside the run's rig file unless given. "none" picks none, ``noise="none"`` none of one kind.
-        What was picked, and why, is in `.calibrations` of the result.
-    force_registration : bool
-        Apply a registration even where it makes edges no better.
-    alpha : float
-        Family-wise error rate: chance of any false disagreement, in (0, 1).
-    scale : {"absolute", "panel", "free"}
-        What the counts of the prediction are scaled by.
-    correct : sequence of str
-        Faults that the run itself shows and that are corrected: "throughput", "dark-level", "shift".
-    out : path or None
-        Folder for report.html, report.pdf and the numbers.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, or the run is unfit for what is asked.
-    """
-    request = CompareRequest(
-        scene=None if scene is None else _scene(scene),
-        regions=maybe_path(regions),
-        calibrations=calibration_paths(
-            {
-                "noise": maybe_path(noise),
-                "radiometric": maybe_path(radiometric),
-                "flat": maybe_path(flat),
-                "registration": maybe_path(register),
-                "polarizer": maybe_path(polarizer),
-            },
-            store=maybe_path(calibrations),
-            force_registration=force_registration,
-        ),
-        alpha=alpha,
-        scale=scale,
-        correct=tuple(correct),
-    )
-    found = compare_run(_folder(run), request, out=maybe_path(out))
-    _warn_of(none_fits(() if found.picked is None else found.picked.choices))
-    return ComparisonResult(**vars(found))
-
-
 def _predict_request(
     scene: SceneGiven,
     changes: Mapping[str, float] | None,
@@ -206,10 +131,6 @@ def _predict_request(
 
 def _scene(given: SceneGiven) -> Path | SceneFile:
     return Path(given) if isinstance(given, str) else given
-
-
-def _folder(run: FilePath | Run) -> Path:
-    return run.path if isinstance(run, Run) else Path(run)
 
 
 def _warn_of(doubts: Sequence[str]) -> None:

@@ -4,21 +4,15 @@ from collections.abc import Iterable
 from operator import itemgetter
 from typing import Any
 
-from rigctl.comparison.compared_run import ComparedRun
 from rigctl.console.json_text import Json
 from rigctl.jobs.predict import PredictedScene, SweptScene
 from rigctl.measurement.picked_calibrations import calibrations_json, named_calibrations
 from rigctl.reports.data_frames import Backend, Number, data_frame, number_table
-from rigctl.reports.figures.comparison_figures import scores
 from rigctl.reports.figures.prediction_figures import sweep_png
 from rigctl.reports.table import Column, Table
-from rigctl.reports.tables.comparison_tables import summary_table
 from rigctl.reports.tables.prediction_tables import quantity_tables
-from rigctl.reports.tables.row_table import row_table
 from rigctl.reports.tables.sweep_tables import sweep_tables
 from rigctl.reports.writers.html_page import lines_fragment, picture_fragment, table_fragment
-
-_AGREES = {True: "model and measurement agree", False: "model and measurement DISAGREE", None: "cannot be judged"}
 
 
 class Prediction(PredictedScene):
@@ -86,33 +80,3 @@ class SweepResult(SweptScene):
         names = (key, "region", "quantity", "statistic", "value")
         columns = tuple(Column[Any](key=name, value=itemgetter(k)) for k, name in enumerate(names))
         return data_frame(Table(columns=columns, rows=rows), backend)
-
-
-class ComparisonResult(ComparedRun):
-    """A run beside the model: `rigctl.comparison.compared_run.ComparedRun`, shown and as a table."""
-
-    def __repr__(self) -> str:
-        return f"<comparison of {self.measurement.run.path}: {_AGREES[self.agrees]}{named_calibrations(self.picked)}>"
-
-    @property
-    def calibrations(self) -> dict[str, Json]:
-        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        return calibrations_json(self.picked)
-
-    def _repr_html_(self) -> str:
-        off = tuple(sorted(self.comparison.disagreements, key=lambda row: -abs(row.z or 0.0)))
-        parts = [lines_fragment([_AGREES[self.agrees]])]
-        parts.append(table_fragment(summary_table(self.comparison, self.measurement)))
-        if off:
-            parts.append(table_fragment(row_table(off), most=20))
-        parts.append(picture_fragment(scores(self.comparison)))
-        return "".join(parts) + lines_fragment(self.comparison.remarks)
-
-    @property
-    def agrees(self) -> bool | None:
-        """Whether model and measurement agree; None where that cannot be judged."""
-        return self.comparison.agrees
-
-    def table(self, *, backend: Backend = "pandas") -> Any:
-        """Return every row of comparison.csv: predicted, measured, errors, scores, verdict."""
-        return data_frame(row_table(self.comparison.rows), backend)

@@ -7,9 +7,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from rigctl.archive.run_rows import RunRow, inputs_hash, read_rows, write_rows
+from rigctl.calibrations.rig_picks import NONE
 from rigctl.calibrations.store import KINDS
 from rigctl.cluster.held_folder import held_folder
 from rigctl.cluster.on_dask import client_of, code_version, compute_all, slots_of
@@ -21,13 +22,13 @@ from rigctl.files.scene_file import load_scene
 from rigctl.jobs.archive import matching_runs
 from rigctl.jobs.archive_work import FAILED, PACKAGES, ArchiveRequest, RunTask, rows_of
 from rigctl.measurement.picked_calibrations import store_of_run
-from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.reports.outputs.archive_files import write_archive_rows
 from rigctl.runs.run_folder import read_run
 from rigctl.storage.bounded_file import sha256_of
 from rigctl.storage.destination import results_of
 from rigctl.storage.origin import Origin
 from rigctl.study.study_case import scene_digest
+from rigctl.verbs.options import calibrations_of
 
 # Small runs are done together, so that handing them out costs little.
 _MOST_RUNS, _ROUNDS = 16, 8
@@ -125,7 +126,9 @@ def run_over_archive(
         )
         # What a person made there was refused by the command; an earlier table of this folder makes room.
         with results_of(Origin(command=f"archive {request.verb}", digest=""), force=True):
-            write_archive_rows(found.rows, request.verb, request.out, runs=found.runs, alpha=request.settings.alpha)
+            write_archive_rows(
+                found.rows, request.verb, request.out, runs=found.runs, alpha=request.options.get("alpha", 1e-3)
+            )
     return found
 
 
@@ -173,34 +176,35 @@ def _lost(task: RunTask, reason: str) -> tuple[RunRow, ...]:
 
 def _absolute(request: ArchiveRequest) -> ArchiveRequest:
     """Return a job whose files are found from any folder, once those that all runs need were found to be right."""
-    settings = request.settings
-    given = settings.calibrations
-    for path in given.files.values():
+    for path in calibrations_of(request.options).files.values():
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such calibration")
-    files = {kind: path.absolute() for kind, path in given.files.items()}
-    store = None if given.store is None else given.store.absolute()
-    settings = replace(
-        settings,
-        scene=settings.scene.absolute() if isinstance(settings.scene, Path) else settings.scene,
-        regions=None if settings.regions is None else settings.regions.absolute(),
-        calibrations=replace(given.with_files(files), store=store),
+    options: Any = {
+        name: value.absolute() if isinstance(value, Path) and value != NONE else value
+        for name, value in request.options.items()
+    }
+    return replace(
+        request,
+        root=request.root.absolute(),
+        out=request.out.absolute(),
+        scene=None if request.scene is None else request.scene.absolute(),
+        regions=None if request.regions is None else request.regions.absolute(),
+        options=options,
     )
-    return replace(request, root=request.root.absolute(), out=request.out.absolute(), settings=settings)
 
 
 def _settings_text(request: ArchiveRequest) -> str:
     """Return all that the rows of a job follow from beside the runs; wrong files are refused here, once for all."""
-    settings = request.settings
-    given = settings.calibrations
-    scene = None if not isinstance(settings.scene, Path) else scene_digest(load_scene(settings.scene))
-    regions = None if settings.regions is None else [one.model_dump_json() for one in load_regions(settings.regions)]
-    said = asdict(replace(settings, scene=None, regions=None, calibrations=CalibrationPaths()))
+    given = calibrations_of(request.options)
+    named = {name for name, value in request.options.items() if isinstance(value, Path)}
+    said = {name: value for name, value in request.options.items() if name not in named}
     said |= {
         "verb": request.verb,
         "code": code_version(PACKAGES),
-        "scene": scene,
-        "regions": regions,
+        "scene": None if request.scene is None else scene_digest(load_scene(request.scene)),
+        "regions": None
+        if request.regions is None
+        else [one.model_dump_json() for one in load_regions(request.regions)],
         "calibrations": {kind: sha256_of(path) for kind, path in given.files.items()},
         "picked": [given.picks, str(given.store), given.without, given.force_registration],
         "out": [str(request.out), request.full],
@@ -212,7 +216,7 @@ class _Stores:
     """What the stores hold from which calibrations of runs are picked; each store is looked at once."""
 
     def __init__(self, request: ArchiveRequest) -> None:
-        self._given, self._root = request.settings.calibrations, request.root
+        self._given, self._root = calibrations_of(request.options), request.root
         self._is_asked = request.verb != "verify" and self._given.picks and not set(self._given.files) >= set(KINDS)
         self._seen: dict[Path, str] = {}
 

@@ -13,12 +13,11 @@ from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, 
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import Measurement
 from rigctl.measurement.picked_calibrations import PickedCalibrations
 from rigctl.measurement.recalibration import recalibrated
 from rigctl.measurement.run_calibrations import CalibrationPaths
-from rigctl.reports.outputs.comparison_files import write_comparison_numbers
+from rigctl.reports.outputs.comparison_files import write_comparison, write_comparison_numbers
 from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
 from rigctl.reports.writers.data_files import json_file
 from rigctl.reports.writers.output_folder import write_folder
@@ -27,6 +26,8 @@ from rigctl.runs.wholeness import used_run
 from rigctl.storage.bounded_file import sha256_of
 from rigctl.storage.destination import results_of
 from rigctl.storage.origin import Origin
+from rigctl.verbs.compare import compare_run
+from rigctl.verbs.options import CompareOptions, calibrations_of
 from rigctl.verbs.stokes import StokesResult, stokes_of
 from rigctl.verbs.verify import verification_of
 
@@ -52,8 +53,10 @@ class ArchiveRequest:
         Where it is done.
     where : str or None
         Expression as of `rigctl archive find`; None is every run.
-    settings : CompareRequest
-        Scene, regions and calibrations, as far as the job takes them.
+    scene, regions : Path or None
+        Files, as far as the job takes them.
+    options : CompareOptions
+        Calibrations and all else, as the verb of a single run takes them.
     full : bool
         Write for each run all that the command of a single run writes.
     """
@@ -63,7 +66,9 @@ class ArchiveRequest:
     out: Path
     engine: Engine
     where: str | None = None
-    settings: CompareRequest = field(default_factory=CompareRequest)
+    scene: Path | None = None
+    regions: Path | None = None
+    options: CompareOptions = field(default_factory=CompareOptions)
     full: bool = False
 
 
@@ -110,10 +115,8 @@ def _row(name: str, request: ArchiveRequest) -> RunRow:
 
 def _of_comparison(name: str, run: Path, request: ArchiveRequest) -> RunRow:
     out = _own_folder(name, request)
-    found = compare_run(run, request.settings, out=out if request.full else None)
-    if not request.full:
-        write_comparison_numbers(found, out)
-    comparison = found.comparison
+    comparison = compare_run(run, scene=request.scene, regions=request.regions, **request.options)
+    (write_comparison if request.full else write_comparison_numbers)(comparison, out)
     if comparison.agrees is None:
         reasons = tuple(dict.fromkeys(one.reason for one in comparison.regions.values() if one.reason))
     else:
@@ -123,8 +126,8 @@ def _of_comparison(name: str, run: Path, request: ArchiveRequest) -> RunRow:
         exit_code={True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[comparison.agrees],
         verdict=comparison.verdict,
         reason="; ".join(reasons),
-        calibrations=_told(found.picked),
-        regions=_compared_regions(comparison, found.measurement),
+        calibrations=_told(comparison.picked),
+        regions=_compared_regions(comparison, comparison.measurement),
     )
 
 
@@ -163,14 +166,14 @@ def _measured_regions(measurement: Measurement) -> tuple[RegionNumbers, ...]:
 
 
 def _of_stokes(name: str, run: Path, request: ArchiveRequest) -> RunRow:
-    found = _stokes(used_run(run), request, request.settings.calibrations)
+    found = _stokes(used_run(run), request, calibrations_of(request.options))
     if request.full:
         found.write(_own_folder(name, request))
     return _stokes_row(name, found)
 
 
 def _stokes(run: Run, request: ArchiveRequest, paths: CalibrationPaths) -> StokesResult:
-    return stokes_of(run, _regions(request.settings), paths, correct=request.settings.correct)
+    return stokes_of(run, _regions(request), paths, correct=tuple(request.options.get("correct", ())))
 
 
 def _stokes_row(name: str, found: StokesResult) -> RunRow:
@@ -188,8 +191,8 @@ def _stokes_row(name: str, found: StokesResult) -> RunRow:
 def _of_recalibration(name: str, run: Path, request: ArchiveRequest) -> RunRow:
     """Measure a run with no calibration of any file, and with those that are named or picked today."""
     taken = used_run(run)
-    before = stokes_of(taken, _regions(request.settings), CalibrationPaths())
-    today, picked = recalibrated(taken, request.settings.calibrations)
+    before = stokes_of(taken, _regions(request), CalibrationPaths())
+    today, picked = recalibrated(taken, calibrations_of(request.options))
     paths = replace(picked.paths, picks=False, store=None)
     found = _stokes(today, request, paths)
     if request.full:
@@ -226,10 +229,10 @@ def _own_folder(name: str, request: ArchiveRequest) -> Path:
     return request.out / RUNS_FOLDER / name
 
 
-def _regions(settings: CompareRequest) -> list[Region]:
-    if settings.regions is not None:
-        return load_regions(settings.regions)
-    return list(load_scene(settings.scene).regions) if isinstance(settings.scene, Path) else []
+def _regions(request: ArchiveRequest) -> list[Region]:
+    if request.regions is not None:
+        return load_regions(request.regions)
+    return [] if request.scene is None else list(load_scene(request.scene).regions)
 
 
 def _told(picked: PickedCalibrations | None) -> str:

@@ -5,16 +5,15 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.comparison import Comparison
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Perturbation
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.session.take_session import take_session
 from rigctl.simulated.perturbation import perturbed
+from rigctl.verbs.compare import ComparisonResult, compare_run
 
 EXAMPLES = ("rig-sim.toml", "session-noise.toml", "session.toml", "scene-panels.toml", "regions.toml")
 RUN, NOISE_RUN, NOISE = "run", "noise-run", "noise.json"
@@ -32,7 +31,7 @@ def run_demo(
     say: Say,
     gige: bool = False,
     lost_share: float = 0.0,
-) -> ComparedRun:
+) -> Comparison:
     """Run the whole job into a folder; return the comparison, which is written there too.
 
     Parameters
@@ -73,10 +72,11 @@ def run_demo(
     say("taking the scene")
     take(rig, out, session="session.toml", run=RUN)
     say("comparing with the model")
-    request = CompareRequest(
-        scene=out / "scene-panels.toml", calibrations=CalibrationPaths(noise=out / NOISE), alpha=alpha
+    compared = compare_run(
+        out / RUN, scene=out / "scene-panels.toml", noise=out / NOISE, calibrations="none", alpha=alpha
     )
-    return compare_run(out / RUN, request, out=out)
+    ComparisonResult(comparison=compared).write(out)
+    return compared
 
 
 def copy_examples(out: Path) -> None:

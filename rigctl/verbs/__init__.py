@@ -46,14 +46,15 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     },
     "Measure": {
         "stokes": ("rigctl.verbs.stokes:stokes", "Measure Stokes parameters, DoLP and AoLP of a run and its regions."),
-        "detect": ("old", "Detect a target by its polarization: RX map and ROC of a run."),
-        "compare": ("old", "Compare a run with the model, with a verdict."),
+        "detect": ("rigctl.verbs.detect:detect", "Detect a target by its polarization: RX map and ROC of a run."),
+        "compare": ("rigctl.verbs.compare:compare", "Compare a run with the model, with a verdict."),
     },
     "Model": {
         "predict": ("old", "What the analytical model says that a scene will give."),
         "effects": ("old", "Which effects a scene calls for, and why."),
         "tradeoff": ("old", "What accuracy costs in time, computed or on the roof."),
-        "fit": ("old", "Fit the parameters of a surface to measured regions."),
+        "fit": (None, "Fit the parameters of a surface to measured regions."),
+        "fit surface": ("rigctl.verbs.fit:surface", "Fit index, roughness and reflectance of a surface."),
         "sky": ("rigctl.verbs.sky:sky", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),
         "surface": ("rigctl.verbs.surface:surface", "DoLP and reflectance of a material against angle, with sources."),
         "dolp": ("old", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),

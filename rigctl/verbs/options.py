@@ -8,10 +8,12 @@ flat keywords in Python, flat options on the command line, one declaration.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict, cast
 
 from cyclopts import Parameter, Token, convert
 from cyclopts.validators import Number
+
+from rigctl.files.choices import EffectRule, ScaleKind
 
 if TYPE_CHECKING:
     from rigctl.calibrations.store import CalibrationKind
@@ -48,6 +50,19 @@ def scene_file_of(scene: ScenePath) -> "SceneFile":
     return scene_file(Path(scene) if isinstance(scene, str) else scene)
 
 
+def regions_of(regions: RegionsPath | None) -> "list[Region]":
+    """Return the regions of a file or of a program; none where none are given.
+
+    Raises
+    ------
+    ConfigError
+        The file is wrong.
+    """
+    from rigctl.files.regions import load_regions
+
+    return load_regions(Path(regions)) if isinstance(regions, str | Path) else list(regions or ())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Writes:
     """Annotation of a parameter that names a destination, which is tried before the verb begins."""
@@ -74,7 +89,25 @@ COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=T
 MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 
 
-class FrameOptions(TypedDict, total=False):
+def _extend_help(group: type, *extended: type) -> None:
+    """Add to the docstring of a group of options the parameters of the groups that it extends."""
+    parameters = [str(other.__doc__).partition("----------\n")[2].rstrip() for other in extended]
+    group.__doc__ = "\n".join([str(group.__doc__).rstrip(), *parameters, ""])
+
+
+class RunOptions(TypedDict, total=False):
+    """Which frames of a run are read.
+
+    Parameters
+    ----------
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
+    """
+
+    ignore_exclusions: bool
+
+
+class FrameOptions(RunOptions, total=False):
     """Calibrations that frames of a run are processed with; one that is not named is picked from the store.
 
     Parameters
@@ -93,8 +126,6 @@ class FrameOptions(TypedDict, total=False):
         Store to pick calibrations from; the folder ``calibrations`` beside the rig file unless given. none: pick none.
     correct : sequence of {"throughput", "dark-level", "shift"}
         Correct the faults of these names as the run itself shows them.
-    ignore_exclusions : bool
-        Take frames too that people have excluded.
     """
 
     noise: Annotated[FilePath | None, Parameter(show_default=False)]
@@ -104,10 +135,52 @@ class FrameOptions(TypedDict, total=False):
     force_registration: bool
     calibrations: FilePath | None
     correct: Annotated[Sequence[Literal["throughput", "dark-level", "shift"]], COMMA_SEPARATED]
-    ignore_exclusions: bool
 
 
-def calibrations_of(frames: FrameOptions) -> "CalibrationPaths":
+_extend_help(FrameOptions, RunOptions)
+
+
+class EffectOptions(TypedDict, total=False):
+    """Which effects act in a prediction.
+
+    Parameters
+    ----------
+    effects : {"safe", "estimated", "all"}
+        Leave effects of the light out by bounds (safe, the default), by estimates (estimated), none (all).
+    switched_on : sequence of str
+        Let the effect of this name act.
+    left_out : sequence of str
+        Leave the effect of this name out, whatever its bound.
+    """
+
+    effects: EffectRule | None
+    switched_on: Annotated[Sequence[str], Parameter(name="--with")]
+    left_out: Annotated[Sequence[str], Parameter(name="--without")]
+
+
+class CompareOptions(FrameOptions, EffectOptions, total=False):
+    """How runs are compared with the model.
+
+    Parameters
+    ----------
+    scale : {"absolute", "panel", "free"}
+        What the counts are scaled by: the scene file (absolute, the default), a radiometric calibration (panel), or a
+        factor that is fitted to the run (free).
+    radiometric : path or "none"
+        Radiometric calibration, for scale panel.
+    alpha : float
+        Chance of any false disagreement, 0 to 1; 0.001 unless given.
+    """
+
+    scale: ScaleKind
+    radiometric: FilePath | None
+    alpha: float
+
+
+_extend_help(CompareOptions, FrameOptions, EffectOptions)
+
+
+def calibrations_of(frames: FrameOptions | CompareOptions) -> "CalibrationPaths":
     """Return the calibration files that the options name, and the store that the others are picked from.
 
     Raises
@@ -122,6 +195,7 @@ def calibrations_of(frames: FrameOptions) -> "CalibrationPaths":
         "polarizer": frames.get("polarizer"),
         "flat": frames.get("flat"),
         "registration": frames.get("register"),
+        "radiometric": cast(CompareOptions, frames).get("radiometric"),
     }
     store = frames.get("calibrations")
     return calibration_paths(

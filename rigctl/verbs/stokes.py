@@ -10,7 +10,16 @@ from cyclopts import Parameter
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
-from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath, RunPath, Writes, calibrations_of, path_of
+from rigctl.verbs.options import (
+    FilePath,
+    FrameOptions,
+    RegionsPath,
+    RunPath,
+    Writes,
+    calibrations_of,
+    path_of,
+    regions_of,
+)
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -72,13 +81,11 @@ def stokes(
     ConfigError, DataError
         A file is wrong, or the run is unfit.
     """
-    from rigctl.files.regions import load_regions
     from rigctl.runs.wholeness import used_run
 
-    given = [] if regions is None else regions
     found = stokes_of(
         used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
-        load_regions(Path(given)) if isinstance(given, str | Path) else list(given),
+        regions_of(regions),
         calibrations_of(frames),
         correct=tuple(frames.get("correct", ())),
     )

@@ -15,8 +15,8 @@ from typing import Any
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_CODES
 from rigctl.console.terminal import print_json
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.tables.comparison_json import compared_json
+from rigctl.verbs.compare import compare_run
 from tests.hard_cases.cases import HardCase
 from tests.rigctl.comparison.panel_runs import panel_run
 
@@ -160,7 +160,7 @@ def cell(case: HardCase, column: Column, folder: Path) -> Cell:
 def _compared(run: Path, scene: Path) -> int:
     """Compare without pages and figures, which take most of the time; ends as the command does."""
     try:
-        print_json(compared_json(compare_run(run, CompareRequest(scene=scene))))
+        print_json(compared_json(compare_run(run, scene=scene, calibrations="none")))
     except tuple(kind for kind, _ in EXIT_CODES) as error:
         sys.stderr.write(f"rigctl: {error}\n")
         return next(code for kind, code in EXIT_CODES if isinstance(error, kind))

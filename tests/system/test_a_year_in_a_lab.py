@@ -13,12 +13,12 @@ from rigctl import cli
 from rigctl.jobs.calibrate_axis import AxisRequest, calibrate_axis
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
 from rigctl.jobs.calibrations import CalibrationsRequest, look_at_calibrations
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.picked_calibrations import picked_for_run
 from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_writer import RunWriter
 from rigctl.runs.wholeness import used_run
+from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.calibrations.polarizer.polarizer_runs import SENSE
@@ -150,10 +150,10 @@ def test_each_run_is_given_the_calibration_that_was_in_force(lab):
 
 def test_the_old_camera_s_calibrations_are_refused_for_the_new_one(lab):
     day = min(day for day in RUN_DAYS if day >= REPLACED_DAY)
-    found = compare_run(lab / f"run-{day:03d}", CompareRequest(regions=_regions(lab), calibrations=STORE))
+    found = compare_run(lab / f"run-{day:03d}", regions=_regions(lab))
     refused = {one.file.name: one.reason for choice in found.picked.choices for one in choice.others}
     assert refused["noise-0.json"] == "camera serial number: calibrated A, used B"
-    assert found.provenance.files["noise"].path.name == "noise-new.json"
+    assert found.files["noise"].path.name == "noise-new.json"
     assert found.picked.as_json()["calibrations"]["noise"]["age_days"] < 0.0
     assert "AFTER the frames" in found.picked.as_json()["calibrations"]["noise"]["why"]
 
@@ -213,7 +213,7 @@ def test_notes_and_exclusions_go_along(lab):
     run = lab / f"run-{RUN_DAYS[3]:03d}"
     note(run, "a cloud passed", at="09:00", by="ann")
     note(run, "bird", exclude="4-7", by="bob")
-    found = compare_run(run, CompareRequest(regions=_regions(lab), calibrations=STORE))
+    found = compare_run(run, regions=_regions(lab))
     assert found.measurement.grid.cycles == 2
     assert [one.by for one in found.measurement.run.annotations] == ["ann", "bob"]
 

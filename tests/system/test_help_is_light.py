@@ -76,7 +76,12 @@ LATER = {
 
 @pytest.mark.parametrize("job", STARTS)
 def test_a_job_starts_with_the_modules_that_it_uses(job):
-    module = {"stokes": "rigctl.verbs.stokes", "acquire": "rigctl.session.preparation"}.get(job, f"rigctl.jobs.{job}")
+    verbs = {
+        "stokes": "rigctl.verbs.stokes",
+        "compare": "rigctl.verbs.compare",
+        "acquire": "rigctl.session.preparation",
+    }
+    module = verbs.get(job, f"rigctl.jobs.{job}")
     program = f"import json, sys, {module}; print(json.dumps(list(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     modules = json.loads(done.stdout)

@@ -13,13 +13,13 @@ from scipy.special import chdtri
 
 from model.processing.fault_fit import SHARED as RESPONSES
 from rigctl.comparison.closed_loop import compare_closed_loop
-from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.comparison import Comparison
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.import_request import ImportRequest
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import Measurement, measure
 from rigctl.measurement.run_diagnosis import diagnose_run
 from rigctl.runs.run_folder import read_run
+from rigctl.verbs.compare import compare_run
 from rigctl.verbs.import_images import ImportedRun, imported
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
@@ -86,7 +86,7 @@ def table() -> dict[str, Any]:
     return found
 
 
-def compared(folder: Path, regions: Iterable[Region], *correct: str) -> ComparedRun:
+def compared(folder: Path, regions: Iterable[Region], *correct: str) -> Comparison:
     """Return the run of a folder beside its own moments."""
     text = "".join(
         f'[[regions]]\nname = "{region.name}"\nrectangle = {{ x = {region.rectangle.x}, y = {region.rectangle.y}, '
@@ -95,7 +95,7 @@ def compared(folder: Path, regions: Iterable[Region], *correct: str) -> Compared
         if region.rectangle is not None
     )
     (folder / "regions.toml").write_text(text)
-    return compare_run(folder / "run", CompareRequest(regions=folder / "regions.toml", correct=correct))
+    return compare_run(folder / "run", regions=folder / "regions.toml", correct=correct)
 
 
 def quarters(side: int) -> list[Region]:
@@ -109,9 +109,9 @@ def quarters(side: int) -> list[Region]:
     ]
 
 
-def pair_sums(found: ComparedRun) -> list[float]:
+def pair_sums(found: Comparison) -> list[float]:
     """Return by how much the pair sums of each region differ [%]."""
-    return [float(check.size.split("%")[0]) for check in found.comparison.checks if check.kind == "pair sums"]
+    return [float(check.size.split("%")[0]) for check in found.checks if check.kind == "pair sums"]
 
 
 def wrapped_deg(angle_deg: float) -> float:
@@ -172,7 +172,7 @@ def test_rounding_is_no_disagreement_and_points_to_no_calibration(states: dict[s
 def test_two_per_cent_between_pairs_are_throughput_and_applied(tmp_path: Path, name: str, x: int, y: int) -> None:
     imported_mosaic(tmp_path, name, x=x, y=y, side=(800, 800))
     found = compared(tmp_path, quarters(400))
-    diagnosis = found.comparison.run_diagnosis
+    diagnosis = found.run_diagnosis
     assert diagnosis is not None
     assert diagnosis.first is not None
     assert diagnosis.first.name == "throughput of pairs"
@@ -180,10 +180,10 @@ def test_two_per_cent_between_pairs_are_throughput_and_applied(tmp_path: Path, n
     ratio = (1.0 + diagnosis.first.value / 2.0) / (1.0 - diagnosis.first.value / 2.0)
     assert ratio == pytest.approx(0.980, abs=0.002)
     assert not {term.name for term in diagnosis.named} & set(RESPONSES)
-    assert found.comparison.verdict != "agrees"
+    assert found.verdict != "agrees"
     corrected = compared(tmp_path, quarters(400), "throughput")
     assert max(pair_sums(corrected)) <= 0.4
-    assert any("frames were divided by" in remark for remark in corrected.comparison.remarks)
+    assert any("frames were divided by" in remark for remark in corrected.remarks)
 
 
 # Centre of each disc in the crop of the planes, and its angle of polarization by the source [deg].
@@ -198,22 +198,22 @@ def test_a_tone_mapped_picture_has_its_response_named_first_and_every_disc_repor
     ]
     street = Region(name="street", rectangle=Rectangle(x=400, y=20, width=120, height=25))
     found = compared(tmp_path, [*discs, street])
-    diagnosis = found.comparison.run_diagnosis
+    diagnosis = found.run_diagnosis
     assert diagnosis is not None
     assert diagnosis.first is not None
     assert diagnosis.first.name in RESPONSES
-    assert found.comparison.verdict == "cannot_be_judged"
-    assert found.comparison.agrees is None
-    assert set(found.comparison.regions) == {*DISCS, "street"}
+    assert found.verdict == "cannot_be_judged"
+    assert found.agrees is None
+    assert set(found.regions) == {*DISCS, "street"}
     for name, (_, _, aolp_deg) in DISCS.items():
         numbers = found.measurement.regions[name].quantities
         assert abs(wrapped_deg(numbers["aolp_deg"]["mean"].value - aolp_deg)) < 0.5
         # By the source 0.43 to 0.52 instead of near 1, over another part of each disc.
         assert 0.35 < numbers["dolp"]["mean"].value < 0.6
-        assert found.comparison.regions[name].verdict == "cannot_be_judged"
-        assert "response" in found.comparison.regions[name].reason
+        assert found.regions[name].verdict == "cannot_be_judged"
+        assert "response" in found.regions[name].reason
     # Of weakly polarised light alone nothing says "agree" either.
-    assert compared(tmp_path, [street]).comparison.agrees is None
+    assert compared(tmp_path, [street]).agrees is None
 
 
 def test_a_sky_that_is_clipped_up_to_the_edge_is_neither_a_border_nor_missing(tmp_path: Path) -> None:
@@ -241,13 +241,13 @@ def test_nothing_false_is_said_of_a_real_triplet(tmp_path: Path) -> None:
     east = Region(name="east", rectangle=Rectangle(x=40, y=200, width=80, height=80))
     faint = Region(name="faint", rectangle=Rectangle(x=42, y=42, width=84, height=84))
     found = compared(tmp_path, [east, faint])
-    checks = {check.name: check for check in found.comparison.checks}
+    checks = {check.name: check for check in found.checks}
     assert checks["pair sums"].verdict == "not testable"
     assert checks["linear response"].verdict == "not testable"
     assert checks["registration"].verdict == "sound"
-    diagnosis = found.comparison.run_diagnosis
+    diagnosis = found.run_diagnosis
     assert diagnosis is not None
     assert not diagnosis.terms
     assert "three angles" in diagnosis.reason
-    assert found.comparison.verdict in ("agrees", "agrees_with_reservations")
-    assert all(region.verdict != "disagrees" for region in found.comparison.regions.values())
+    assert found.verdict in ("agrees", "agrees_with_reservations")
+    assert all(region.verdict != "disagrees" for region in found.regions.values())

@@ -21,14 +21,14 @@ UGLY = re.compile(
 # Command, code, what has to be said; a file changed before: (name, old, new).
 CASES = [
     # Commands and options.
-    (("comapre",), 2, "Did you mean compare?", ()),
+    (("comapre",), 2, 'Did you mean "compare"?', ()),
     (("help",), 2, "Did you mean --help?", ()),
     (("calibrate", "nois"), 2, "Did you mean 'noise'?", ()),
     (("dolp", "fig6"), 2, "Did you mean 'fig5'?", ()),
     (("predict", SCENE, "--noize", "x"), 2, "--noise", ()),
     (("predict", SCENE, "--tolerance", "abc"), 2, "must be a number", ()),
     (("effects", SCENE, "--tolerance", "0"), 2, "must be at least 1e-09", ()),
-    (("compare", "x", SCENE, "--scale", "panle", "--out", "o"), 2, "did you mean panel?", ()),
+    (("compare", "x", SCENE, "--scale", "panle", "--out", "o"), 2, 'Did you mean "panel"?', ()),
     (("export", "x", "--to", "tif", "--out", "o"), 2, "did you mean tiff?", ()),
     (("compare", "x", SCENE, "--alpha", "1.5", "--out", "o"), 2, "allowed is above 0 and below 1", ()),
     (("predict", SCENE, "--seed", "1"), 2, "No such option", ()),

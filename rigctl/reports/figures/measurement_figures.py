@@ -1,5 +1,7 @@
 """Pictures of what was measured: S0 and DoLP with the regions, angle of polarization, residual of the fit."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,7 @@ _UNKNOWN_GREY = 153
 _LEAST_SPAN = 1e-3
 
 
-def scene_pictures(images: PolarizationImages, regions: list[Region], *, unit: str) -> bytes:
+def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:
     """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
     s0 = images.stokes[0]
     s0_low, s0_high = _shown(np.where(images.unusable, np.nan, s0))

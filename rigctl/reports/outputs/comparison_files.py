@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from rigctl.comparison.compared_run import ComparedRun, ComparedSeries
+from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.series import ComparedSeries
 from rigctl.reports.pages.comparison_page import comparison_report
 from rigctl.reports.pages.series_page import series_report
 from rigctl.reports.tables.comparison_json import compared_json
@@ -14,15 +15,15 @@ from rigctl.reports.writers.html_page import html
 from rigctl.reports.writers.output_folder import report_file, write_folder
 
 
-def write_comparison(found: ComparedRun, out: Path) -> None:
+def write_comparison(comparison: Comparison, out: Path) -> None:
     """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
-    comparison, report = found.comparison, comparison_report(found)
+    report = comparison_report(comparison)
     contents = {
         "prediction.json": json_file(
-            prediction_json(comparison.predictions, found.performance, remarks=comparison.remarks)
+            prediction_json(comparison.predictions, comparison.performance, remarks=comparison.remarks)
         ),
-        "measurement.json": json_file(measurement_json(found.measurement)),
-        "comparison.json": json_file(compared_json(found)),
+        "measurement.json": json_file(measurement_json(comparison.measurement)),
+        "comparison.json": json_file(compared_json(comparison)),
         "comparison.csv": csv_rows(row_table(comparison.rows)),
         "report.html": html(report).encode(),
         "report.pdf": report_file(report, Path("report.pdf")),
@@ -30,15 +31,15 @@ def write_comparison(found: ComparedRun, out: Path) -> None:
     write_folder(out, contents)
 
 
-def write_comparison_numbers(found: ComparedRun, out: Path) -> None:
+def write_comparison_numbers(comparison: Comparison, out: Path) -> None:
     """Write comparison.json alone."""
-    write_folder(out, {"comparison.json": json_file(compared_json(found))})
+    write_folder(out, {"comparison.json": json_file(compared_json(comparison))})
 
 
 def write_series(series: ComparedSeries, out: Path) -> None:
     """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
-    for point, run in zip(series.points, series.runs, strict=True):
-        write_comparison(run, out / point.name)
+    for point in series.points:
+        write_comparison(point.comparison, out / point.name)
     report = series_report(series)
     contents = {
         "series.json": json_file(series_json(series)),

@@ -1,19 +1,18 @@
 """The report of a comparison, section by section."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from model.scene.field import FieldLight
 from rigctl.calibrations.noise.noise_file import NoiseParameters
-from rigctl.comparison.compared_run import ComparedRun, EffectsTaken
-from rigctl.comparison.comparison import Comparison
+from rigctl.comparison.comparison import Comparison, EffectsTaken
 from rigctl.comparison.input_attribution import InputAttribution
 from rigctl.comparison.verdict import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.files.regions import Region
 from rigctl.measurement.fault_terms import UNSEEN
 from rigctl.measurement.measurement import Measurement
 from rigctl.numbers.number_text import p_value
-from rigctl.prediction.performance import NO_NOISE, Performance
+from rigctl.prediction.performance import NO_NOISE
 from rigctl.reports.figures import comparison_figures, measurement_figures
 from rigctl.reports.figures.scene_figures import light_figure
 from rigctl.reports.report import Block, Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
@@ -36,9 +35,9 @@ _SOURCE = (
 _SIMULATED = "The frames are simulated; the numbers of the simulated sensor and scene are assumed."
 
 
-def comparison_report(found: ComparedRun) -> Report:
+def comparison_report(comparison: Comparison) -> Report:
     """Return the report of a comparison."""
-    comparison, measurement = found.comparison, found.measurement
+    measurement = comparison.measurement
     simulated = measurement.run.session.origin == "simulated"
     return Report(
         title=f"{measurement.run.path.name} beside the model",
@@ -48,18 +47,18 @@ def comparison_report(found: ComparedRun) -> Report:
             *_first(comparison, measurement),
             *annotation_sections(measurement.run.annotations),
             *_attributed(comparison.attribution),
-            _pictures(measurement, found.regions),
+            _pictures(measurement, comparison.outlines),
             *_both_sides(comparison, measurement),
             *_trends(comparison),
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
-            *_effects(found.effects),
+            *_effects(comparison.effects),
             *_by_itself(comparison),
-            *_strength(comparison, found.performance),
+            *_strength(comparison),
             *_numbers(comparison, measurement),
             *_limits(comparison),
-            *_calibration(found.noise),
-            *_sources(found),
+            *_calibration(comparison.noise),
+            *_sources(comparison),
         ],
     )
 
@@ -133,7 +132,7 @@ def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
     yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(attribution)), folded=True)
 
 
-def _pictures(measurement: Measurement, regions: list[Region]) -> Section:
+def _pictures(measurement: Measurement, regions: Sequence[Region]) -> Section:
     pictures = Picture(
         png=measurement_figures.scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
         caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
@@ -222,7 +221,8 @@ def _by_itself(comparison: Comparison) -> Iterable[Section]:
     yield Section(title="The run by itself", blocks=blocks)
 
 
-def _strength(comparison: Comparison, performance: Performance) -> Iterable[Section]:
+def _strength(comparison: Comparison) -> Iterable[Section]:
+    performance = comparison.performance
     strength = Paragraph(
         text="By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
         "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
@@ -269,9 +269,9 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
         yield Section(title="Calibration used", blocks=(parameter_table(noise),))
 
 
-def _sources(found: ComparedRun) -> Iterable[Section]:
-    yield Section(title="Where it comes from", blocks=(source_table(found),))
-    provenance = Verbatim(text=json.dumps(provenance_json(found), indent=2))
+def _sources(comparison: Comparison) -> Iterable[Section]:
+    yield Section(title="Where it comes from", blocks=(source_table(comparison),))
+    provenance = Verbatim(text=json.dumps(provenance_json(comparison), indent=2))
     yield Section(title="Provenance in full", blocks=(provenance,), folded=True, printed=False)
 
 

@@ -4,8 +4,7 @@ import json
 from collections.abc import Iterable, Sequence
 
 from model.quantities import FOLLOWED
-from rigctl.comparison.compared_run import ComparedSeries
-from rigctl.comparison.series import SeriesPoint, hours_of
+from rigctl.comparison.series import ComparedSeries, SeriesPoint, hours_of
 from rigctl.comparison.verdict import refusals
 from rigctl.reports.figures.comparison_figures import series_figure
 from rigctl.reports.report import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
@@ -38,7 +37,13 @@ def series_report(series: ComparedSeries) -> Report:
             Section(title="What this does not test", blocks=(Bullets(items=_not_tested(points)),)),
             Section(
                 title="Provenance in full",
-                blocks=(Verbatim(text=json.dumps([provenance_json(run)["files"] for run in series.runs], indent=2)),),
+                blocks=(
+                    Verbatim(
+                        text=json.dumps(
+                            [provenance_json(point.comparison)["files"] for point in series.points], indent=2
+                        )
+                    ),
+                ),
                 folded=True,
                 printed=False,
             ),
@@ -83,11 +88,16 @@ def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
         pictures = tuple(
             Picture(
                 png=series_figure(
-                    points, at, region=region, quantities=FOLLOWED, label=label, unit=points[0].measurement.grid.unit
+                    points,
+                    at,
+                    region=region,
+                    quantities=FOLLOWED,
+                    label=label,
+                    unit=points[0].comparison.measurement.grid.unit,
                 ),
                 caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",
             )
-            for region in points[0].measurement.regions
+            for region in points[0].comparison.measurement.regions
         )
         yield Section(title=f"Against the {name}", blocks=pictures)
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
-from rigctl.comparison.compared_run import ComparedRun
+from rigctl.comparison.comparison import Comparison
 from rigctl.comparison.numerical_accuracy import ALLOWED_SHARE, NumericalAccuracy
 from rigctl.comparison.rows import Row
 from rigctl.comparison.trends import Trend
@@ -17,9 +17,9 @@ from rigctl.reports.tables.row_table import numbers_columns, row_table
 from rigctl.reports.writers.data_files import json_rows
 
 
-def compared_json(found: ComparedRun) -> dict[str, Json]:
+def compared_json(comparison: Comparison) -> dict[str, Json]:
     """Return the content of comparison.json."""
-    comparison, measurement = found.comparison, found.measurement
+    measurement = comparison.measurement
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": comparison.kind,
@@ -41,9 +41,9 @@ def compared_json(found: ComparedRun) -> dict[str, Json]:
         "checks": [asdict(check) for check in comparison.checks],
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
-        "accuracy": None if found.accuracy is None else _accuracy(found.accuracy),
-        "provenance": provenance_json(found),
-        **({} if found.picked is None else found.picked.as_json()),
+        "accuracy": None if comparison.accuracy is None else _accuracy(comparison.accuracy),
+        "provenance": provenance_json(comparison),
+        **({} if comparison.picked is None else comparison.picked.as_json()),
         **annotations_of(measurement.run, measurement.grid.left_out),
     }
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from model.accuracy.effect_estimates import CheckedEffect
 from model.effects.bounds import EFFECT_MODELS
 from model.effects.names import Bound, Decision, Effect, EffectPlan
-from rigctl.comparison.compared_run import EffectsTaken
+from rigctl.comparison.comparison import EffectsTaken
 from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import NOTHING, size
 from rigctl.reports.table import Column, Table

@@ -6,8 +6,8 @@ from importlib.metadata import version
 from pathlib import PurePath
 from typing import Any
 
-from rigctl.comparison.compared_run import ComparedRun
-from rigctl.console.anonymity import LEFT_OUT, is_personal
+from rigctl.comparison.comparison import Comparison
+from rigctl.console.anonymity import LEFT_OUT, is_anonymous, is_personal
 from rigctl.console.json_text import Json
 from rigctl.measurement.measurement import Measurement
 from rigctl.reports.table import Table, text_columns
@@ -19,22 +19,18 @@ _DEG_PER_RAD = 57.29577951308232
 _LIBRARIES = ("numpy", "scipy", "matplotlib", "opencv-contrib-python-headless", "reportlab")
 
 
-def provenance_json(found: ComparedRun) -> dict[str, Json]:
+def provenance_json(found: Comparison) -> dict[str, Json]:
     """Return what a comparison was made from and with, as JSON holds it, without absolute paths."""
-    told: dict[str, Json] = told_places(_provenance(found), anonymous=found.provenance.anonymous)
-    return told
-
-
-def _provenance(found: ComparedRun) -> dict[str, Json]:
-    run, used = found.measurement.run, found.provenance
-    return {
+    run = found.measurement.run
+    told = {
         "program": f"rigctl {VERSION}",
         "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
-        "files": {what: {"path": str(file.path), "sha256": file.sha256} for what, file in used.files.items()},
-        "settings": {"alpha": used.alpha, "scale": used.scale},
+        "files": {what: {"path": str(file.path), "sha256": file.sha256} for what, file in found.files.items()},
+        "settings": {"alpha": found.alpha, "scale": "absolute" if found.scale is None else found.scale.kind},
         "machine": _machine(),
         "session": run.session_json,
     }
+    return dict(told_places(told, anonymous=is_anonymous()))
 
 
 def _machine() -> dict[str, str]:
@@ -75,9 +71,9 @@ def _told_path(text: str, *, anonymous: bool) -> str:
     return text
 
 
-def source_table(found: ComparedRun) -> Table[tuple[str, str]]:
+def source_table(found: Comparison) -> Table[tuple[str, str]]:
     """Return where the frames come from and how they were taken, for people."""
-    facts = _facts(found.measurement, anonymous=found.provenance.anonymous)
+    facts = _facts(found.measurement, anonymous=is_anonymous())
     return Table(columns=text_columns("what", "which", left=(0, 1), wide=1), rows=tuple(facts.items()))
 
 

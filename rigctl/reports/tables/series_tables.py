@@ -4,9 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 
 from model.quantities import FOLLOWED
-from rigctl.comparison.compared_run import ComparedSeries
 from rigctl.comparison.rows import Row
-from rigctl.comparison.series import SeriesDrift, SeriesPoint, mean_row
+from rigctl.comparison.series import ComparedSeries, SeriesDrift, SeriesPoint, mean_row
 from rigctl.console.json_text import Json
 from rigctl.numbers.number_text import NOTHING, signed
 from rigctl.reports.table import Column, Table
@@ -68,7 +67,7 @@ def mean_table(points: Sequence[SeriesPoint]) -> Table[RowOfRun]:
     rows = tuple(
         RowOfRun(point=point, row=row)
         for point in points
-        for region in point.measurement.regions
+        for region in point.comparison.measurement.regions
         for quantity in FOLLOWED
         if (row := mean_row(point, region, quantity)) is not None
     )
@@ -105,7 +104,7 @@ def series_json(series: ComparedSeries) -> dict[str, Json]:
         "trends": [
             {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order) for t in series.trends
         ],
-        "provenance": [provenance_json(run) for run in series.runs],
+        "provenance": [provenance_json(point.comparison) for point in series.points],
     }
 
 
@@ -124,6 +123,6 @@ def _point_json(point: SeriesPoint) -> dict[str, Json]:
                 for quantity in FOLLOWED
                 if (row := mean_row(point, region, quantity)) is not None
             }
-            for region in point.measurement.regions
+            for region in point.comparison.measurement.regions
         },
     }

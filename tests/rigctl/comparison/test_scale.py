@@ -20,10 +20,10 @@ from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.jobs.calibrate_radiometric import radiometric_file
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.measurement.measurement import measure
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.reports.tables.comparison_json import compared_json
+from rigctl.verbs.compare import compare_run
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written
 
@@ -172,12 +172,11 @@ def test_no_light_has_no_scale() -> None:
 
 def test_compare_says_its_scale(tmp_path: Path) -> None:
     panel_run(tmp_path / "run", efficiency=TRUE)
-    request = CompareRequest(scene=written(tmp_path, scene_text()), scale="free")
-    found = compare_run(tmp_path / "run", request)
+    found = compare_run(tmp_path / "run", scene=written(tmp_path, scene_text()), scale="free")
     said = compared_json(found)["scale"]
     assert said["kind"] == "free"
     assert said["value"] == pytest.approx(1.12, rel=1e-3)
-    assert any(remark.startswith("scale of the counts: 1.12 +- ") for remark in found.comparison.remarks)
+    assert any(remark.startswith("scale of the counts: 1.12 +- ") for remark in found.remarks)
 
 
 def test_a_scale_by_a_panel_needs_its_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,18 +10,16 @@ import pytest
 
 import benchmarks.uncertain_panels as panels
 from rigctl.cli import main
-from rigctl.comparison.compared_run import ComparedSeries
-from rigctl.comparison.series import require_one_instrument
+from rigctl.comparison.series import ComparedSeries, require_one_instrument
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import ConfigError, DataError
-from rigctl.jobs.compare import CompareRequest
-from rigctl.jobs.series import compare_series
 from rigctl.reports.pages.series_page import series_report
 from rigctl.reports.tables.series_tables import series_json
 from rigctl.reports.writers.pdf_document import pdf
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.runs.run_folder import read_run
 from rigctl.runs.session_record import PolarizerAsTaken, RigAsTaken
+from rigctl.verbs.compare import SeriesResult, compare
 
 
 def afternoon(folder: Path, monkeypatch: pytest.MonkeyPatch, *, runs: int = 3, **strange: object) -> list[Path]:
@@ -56,7 +54,9 @@ def series(tmp_path_factory: pytest.TempPathFactory) -> ComparedSeries:
     folder = tmp_path_factory.mktemp("afternoon")
     with pytest.MonkeyPatch.context() as patch:
         paths = afternoon(folder, patch)
-    return compare_series(paths, CompareRequest(scene=folder / "scene.toml", alpha=1e-3))
+    found = compare(*paths, scene=folder / "scene.toml", alpha=1e-3)
+    assert isinstance(found, SeriesResult)
+    return found.series
 
 
 def test_every_run_has_its_sun_and_time(series: ComparedSeries) -> None:
@@ -95,7 +95,7 @@ def test_a_run_that_does_not_belong_is_refused(
 
 
 def test_a_run_of_another_axis_is_refused(series: ComparedSeries) -> None:
-    run = series.runs[0].measurement.run
+    run = series.points[0].comparison.measurement.run
     polarizer = PolarizerAsTaken(extinction_ratio=500.0, offset_deg=3.0)
     other = replace(run, path=Path("other"), session=replace(run.session, rig=RigAsTaken(polarizer=polarizer)))
     with pytest.raises(DataError, match="polarizer offset"):
@@ -121,6 +121,6 @@ def test_the_command_takes_several_runs_and_refuses_a_stranger(
 
 
 def test_runs_of_one_name_are_refused(series: ComparedSeries) -> None:
-    path = series.runs[0].measurement.run.path
+    path = series.points[0].comparison.measurement.run.path
     with pytest.raises(ConfigError, match="different names"):
-        compare_series([path, path], CompareRequest(scene=path.parent / "scene.toml", alpha=1e-3))
+        compare(path, path, path.parent / "scene.toml")

@@ -121,7 +121,7 @@ _READ = {
     "pictures",
     "store",
     "used_by",
-    "certificate", "emva", "file", "files", "flat", "generator", "digitised", "key", "materials", "noise",
+    "certificate", "emva", "file", "files", "flat", "generator", "digitised", "key", "materials", "more", "noise",
     "polarizer", "port", "radiometric", "regions", "register", "rig", "run", "runs", "paths", "scene", "session",
     "sessions",
     "start", "table",

@@ -167,12 +167,11 @@ def test_figures_leave_the_caller_s_pyplot_alone():
 def test_a_registration_can_be_forced_as_by_the_command(run_path, regions_file, monkeypatch):
     asked = []
 
-    def refused(*request):
-        asked.append(request[-1])
+    def refused(paths):
+        asked.append(paths)
         raise ConfigError("asked")
 
-    monkeypatch.setattr("rigctl.verbs.stokes.stokes_of", lambda run, regions, paths, correct: refused(paths))
-    monkeypatch.setattr("rigctl.interface.calls.compare_run", lambda *given, out: refused(given[-1].calibrations))
+    monkeypatch.setattr("rigctl.measurement.picked_calibrations.picked_for_run", lambda paths, *_: refused(paths))
     for call in (rigctl.stokes, rigctl.compare):
         with pytest.raises(ConfigError, match="asked"):
             call(run_path, regions=regions_file, register="registration.json", force_registration=True)

@@ -5,6 +5,7 @@ import os
 import shutil
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -22,10 +23,9 @@ from rigctl.cluster.on_dask import Engine
 from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.archive_runs import run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest, RunTask, rows_of
-from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.runs.run_folder import read_run
 from rigctl.session.take_session import take_session
+from rigctl.verbs.compare import compare_run
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.example_files import small_rig, small_session
 
@@ -79,13 +79,13 @@ def by_run(found):
 
 
 def test_compared_runs_are_what_single_ones_are_and_damaged_ones_are_rows(root, taken, engine):
-    settings = CompareRequest(scene=taken / "scene.toml")
-    found = run_over_archive(replace(request(root, "compare", engine, settings=settings), out=root / "compared"))
+    scene = taken / "scene.toml"
+    found = run_over_archive(replace(request(root, "compare", engine, scene=scene), out=root / "compared"))
     assert (found.runs, found.done_before, found.exit_code) == (7, 0, 4)
     rows = by_run(found)
     assert {name for name, row in rows.items() if row.verdict != "failed"} == {"a", "deep/b"}
     assert all(row.exit_code == 4 and row.reason for name, row in rows.items() if row.verdict == "failed")
-    single = compare_run(root / "a", settings).comparison
+    single = compare_run(root / "a", scene=scene)
     dolp = next(row for row in single.rows if (row.region, row.quantity, row.statistic) == ("left", "dolp", "mean"))
     (left,) = (region for region in rows["deep/b"].regions if region.region == "left")
     assert (left.dolp, left.dolp_predicted, left.dolp_z) == (dolp.measured, dolp.predicted, dolp.z)
@@ -128,8 +128,9 @@ def test_only_runs_that_changed_are_done_again(root, engine):
 
 
 def test_regions_of_a_whole_archive_where_an_expression_holds(root, taken, engine):
-    settings = CompareRequest(scene=taken / "scene.toml", calibrations=CalibrationPaths())
-    found = run_over_archive(request(root, "stokes", engine, settings=settings, where="run = 'a'", full=True))
+    options = {"calibrations": Path("none")}
+    job = request(root, "stokes", engine, scene=taken / "scene.toml", options=options, where="run = 'a'", full=True)
+    found = run_over_archive(job)
     assert [row.run for row in found.rows] == ["a"]
     measured = stokes(root / "a", regions=read_regions(taken)).measurement
     assert found.rows[0].regions[0].dolp == measured.regions["left"].quantities["dolp"]["mean"].value
@@ -144,9 +145,14 @@ def read_regions(folder):
 
 def test_another_axis_turns_every_angle_and_no_frame(root, taken, engine):
     (root.parent / "polarizer.json").write_text(json.dumps(AXIS))
-    paths = CalibrationPaths(polarizer=root.parent / "polarizer.json")
-    settings = CompareRequest(scene=taken / "scene.toml", calibrations=paths)
-    job = request(root, "recalibrate", engine, settings=settings, where="state = 'whole' and run != 'frame'")
+    job = request(
+        root,
+        "recalibrate",
+        engine,
+        scene=taken / "scene.toml",
+        options={"polarizer": root.parent / "polarizer.json", "calibrations": Path("none")},
+        where="state = 'whole' and run != 'frame'",
+    )
     found = run_over_archive(job)
     assert {row.run for row in found.rows} == {"a", "deep/b"}
     for row in found.rows:
@@ -164,9 +170,8 @@ def test_another_axis_turns_every_angle_and_no_frame(root, taken, engine):
 
 
 def test_what_all_runs_need_is_refused_at_once(root, engine):
-    none = CompareRequest(calibrations=CalibrationPaths(noise=root / "none.json"))
     with pytest.raises(ConfigError, match="no such calibration"):
-        run_over_archive(request(root, "stokes", engine, settings=none))
+        run_over_archive(request(root, "stokes", engine, options={"noise": root / "none.json"}))
     with pytest.raises(ConfigError, match=r"there is no column 'sate'; did you mean state"):
         run_over_archive(request(root, "verify", engine, where="sate = 'whole'"))
     with pytest.raises(ConfigError, match=r"a worker has rigctl .*, the client 0\.0\.1\+old"):

@@ -5,11 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from rigctl.jobs.compare import CompareRequest, compare_run
 from rigctl.reports.figures.comparison_figures import _LOOKS
 from rigctl.reports.outputs.comparison_files import write_comparison
 from rigctl.session.take_session import take_session
 from rigctl.simulated.perturbation import perturbed
+from rigctl.verbs.compare import compare
 from tests.rigctl.example_files import small_rig, small_session
 
 
@@ -17,7 +17,7 @@ from tests.rigctl.example_files import small_rig, small_session
 def compared(tmp_path_factory):
     folder = tmp_path_factory.mktemp("compared")
     take_session(small_rig(folder), small_session(cycles=3), folder / "run", files={})
-    found = compare_run(folder / "run", CompareRequest(scene=folder / "scene.toml"), out=folder / "out")
+    found = compare(folder / "run", folder / "scene.toml", out=folder / "out").comparison
     return folder / "out", found
 
 
@@ -63,8 +63,8 @@ def test_trends_stand_after_the_pictures(compared):
 def test_every_row_stands_in_the_csv_once(compared):
     with (compared[0] / "comparison.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(compared[1].comparison.rows)
-    assert float(rows[0]["predicted"]) == compared[1].comparison.rows[0].predicted
+    assert len(rows) == len(compared[1].rows)
+    assert float(rows[0]["predicted"]) == compared[1].rows[0].predicted
 
 
 def test_every_cause_of_the_budget_has_a_look_of_its_own():
@@ -113,7 +113,7 @@ def test_the_same_comparison_gives_the_same_report(compared, tmp_path):
 def test_a_disagreement_heads_the_report_with_where_it_points(tmp_path):
     rig = perturbed(small_rig(tmp_path), "gain")
     take_session(rig, small_session(), tmp_path / "run", files={})
-    compare_run(tmp_path / "run", CompareRequest(scene=tmp_path / "scene.toml"), out=tmp_path / "out")
+    compare(tmp_path / "run", tmp_path / "scene.toml", out=tmp_path / "out")
     html = (tmp_path / "out" / "report.html").read_text()
     head = html[: html.index("Pictures")]
     assert "Model and measurement disagree" in head
@@ -130,7 +130,7 @@ def test_histogram_law_has_the_area_of_its_pixels(compared):
     """What is drawn over the histogram is the density of the same numbers: mean of DoLP by it equals the prediction."""
     from model.processing import dolp
 
-    prediction = compared[1].comparison.predictions["left"]
+    prediction = compared[1].predictions["left"]
     law = prediction.quantities["dolp_pixels"]
     x = np.linspace(law["mean"] - 8 * law["std"], law["mean"] + 8 * law["std"], 2001)
     density = dolp.pdf(x, prediction.stokes_dn.mean, prediction.stokes_dn.cov)

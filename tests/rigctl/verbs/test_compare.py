@@ -6,9 +6,8 @@ from model.effects.names import ALL, Effect
 from model.effects.planner import LIGHT
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.jobs.compare import CompareRequest, compare_run
-from rigctl.measurement.run_calibrations import CalibrationPaths
 from rigctl.session.take_session import take_session
+from rigctl.verbs.compare import compare_run
 from tests.rigctl.comparison.test_closed_loop import NOISE
 from tests.rigctl.example_files import small_rig, small_session
 
@@ -31,7 +30,7 @@ def folder(tmp_path_factory):
 
 def _compare(folder, **options):
     given = {"scene": folder / "scene.toml"} | options
-    return compare_run(folder / "run", CompareRequest(**given))
+    return compare_run(folder / "run", **given)
 
 
 @pytest.mark.parametrize(
@@ -40,12 +39,12 @@ def _compare(folder, **options):
 )
 def test_a_calibration_of_another_camera_or_setting_is_refused(folder, camera, named):
     with pytest.raises(DataError, match=named):
-        _compare(folder, calibrations=CalibrationPaths(noise=_noise_file(folder, **camera)))
+        _compare(folder, noise=_noise_file(folder, **camera))
 
 
 def test_a_calibration_that_does_not_say_of_which_camera_is_taken(folder):
-    found = _compare(folder, calibrations=CalibrationPaths(noise=_noise_file(folder)))
-    assert "noise" in found.provenance.files
+    found = _compare(folder, noise=_noise_file(folder))
+    assert "noise" in found.files
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0])
@@ -66,12 +65,12 @@ def test_regions_of_a_scene_are_taken_where_they_were_found_again(folder):
     name, *others = (region.name for region in load_scene(folder / "scene.toml").regions)
     square = [(4.0, 5.0), (14.0, 5.0), (14.0, 15.0), (4.0, 15.0)]
     found = _compare(folder, regions=_regions_file(folder, (name, square)))
-    assert [region.name for region in found.regions] == [name, *others]
-    assert found.regions[0].outline() == square
+    assert [region.name for region in found.outlines] == [name, *others]
+    assert found.outlines[0].outline() == square
     measured = found.measurement.regions[name]
     assert measured.pixels + measured.excluded == 100
-    assert set(found.comparison.predictions) == {name, *others}
-    assert {"scene", "regions"} <= set(found.provenance.files)
+    assert set(found.predictions) == {name, *others}
+    assert {"scene", "regions"} <= set(found.files)
 
 
 def test_a_region_that_the_scene_does_not_have_is_named(folder):
@@ -82,21 +81,24 @@ def test_a_region_that_the_scene_does_not_have_is_named(folder):
 def test_a_file_that_is_no_calibration_is_refused(folder):
     (folder / "bad.json").write_text("{}")
     with pytest.raises(DataError, match="rigctl calibrate noise"):
-        _compare(folder, calibrations=CalibrationPaths(noise=folder / "bad.json"))
+        _compare(folder, noise=folder / "bad.json")
 
 
 def test_effects_of_the_light_are_left_out_by_a_rule_and_any_by_name(folder):
-    whole, safe = (_compare(folder, rule=rule).effects for rule in ("all", "safe"))
+    whole, safe = (_compare(folder, effects=rule).effects for rule in ("all", "safe"))
     assert whole.taken == ALL
     assert [one.acts_by_bound for one in safe.plan.decisions] == [one.acts_by_bound for one in whole.plan.decisions]
     there = {one.effect for one in safe.plan.decisions if one.bound.largest > 0.0}
     assert safe.taken == ALL - ((there & LIGHT) - safe.plan.active)
     assert Effect.TEXTURE not in _compare(folder, left_out=("texture",)).effects.taken
-    assert safe.taken <= _compare(folder, rule="safe", switched_on=("dark-current",)).effects.taken
+    assert safe.taken <= _compare(folder, effects="safe", switched_on=("dark-current",)).effects.taken
 
 
 def test_effects_without_a_scene_are_refused(folder):
     with pytest.raises(ConfigError, match="--effects"):
         _compare(
-            folder, scene=None, regions=_regions_file(folder, ("a", [(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])), rule="safe"
+            folder,
+            scene=None,
+            regions=_regions_file(folder, ("a", [(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])),
+            effects="safe",
         )

@@ -1,0 +1,565 @@
+"""`rigctl compare`: a run, or several, against the model, with a verdict."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
+
+from cyclopts import Parameter
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import (
+    CompareOptions,
+    FilePath,
+    RegionsPath,
+    RunPath,
+    ScenePath,
+    Writes,
+    calibrations_of,
+    path_of,
+    regions_of,
+    scene_file_of,
+)
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.comparison.comparison import Comparison, UsedFile
+    from rigctl.comparison.numerical_accuracy import NumericalAccuracy
+    from rigctl.comparison.series import ComparedSeries, SeriesPoint
+    from rigctl.files.regions import Region
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.measurement.diagnosed_run import DiagnosedRun
+    from rigctl.measurement.measurement import Measurement
+    from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations
+
+_FILES = (
+    "comparison.json",
+    "comparison.csv",
+    "prediction.json",
+    "measurement.json",
+    "report.html",
+    "report.pdf",
+    "series.json",
+    "series.csv",
+    "series.html",
+    "series.pdf",
+)
+# Disagreements that are printed; all stand in the files.
+_SHOWN = 20
+# Tolerances that are tried where the first one does not do.
+_MOST_TRIED = 3
+# What a regions file says of a region except its name.
+_OUTLINE = ("rectangle", "polygon", "edge_px")
+
+
+def compare(
+    run: RunPath,
+    /,
+    *more: RunPath | ScenePath,
+    scene: ScenePath | None = None,
+    regions: RegionsPath | None = None,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES), Parameter(required=True)] = None,
+    **options: Unpack[CompareOptions],
+) -> "ComparisonResult | SeriesResult":
+    """Compare a run with what the model predicts for it; write a report and the numbers.
+
+    With a scene file the model predicts the run from the radiance of its regions. With --regions alone it predicts
+    deviations and the law of DoLP from the run's own means. The exit code is 0 where model and measurement agree, 5
+    where they disagree, and 4 where that cannot be judged.
+
+    Several runs of one rig, such as an afternoon, share a scene file; each has its own sun. series.html shows both
+    sides against time and sun, and a folder for each run has its own report. A run of another camera, gain or axis is
+    refused.
+
+    Numerical settings are chosen so that no numerical error is above 0.3 of its row's standard error. Effects of the
+    light are left out where that changes less than half of the tolerance; the report says which the scene calls for.
+
+    Numbers of the scene file may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }. Errors of the inputs are then
+    shown with those of the measurement, and a disagreement says which input would explain it.
+
+    Calibrations that are not named are picked from the store beside the rig file, if there is one.
+
+    Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    more : path
+        More run folders; a scene file may stand last.
+    scene : path or SceneFile
+        Scene file, if it does not stand last.
+    regions : path or sequence of Region
+        Regions file: without a scene, or the scene's regions where they are now.
+    out : path
+        Folder for report and numbers. Python may leave it out: nothing is written then.
+    **options
+        Calibrations, scale and effects, see `CompareOptions`.
+
+    Returns
+    -------
+    ComparisonResult or SeriesResult
+        Of one run, or of several.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or the run is unfit for what is asked.
+    """
+    given: list[Any] = [run, *more]
+    if more and scene is None and _is_scene(given[-1]):
+        scene = given.pop()
+    runs = [path_of(one) for one in given]
+    result: ComparisonResult | SeriesResult
+    with solving_shown():
+        if len(runs) == 1:
+            result = ComparisonResult(comparison=compare_run(runs[0], scene=scene, regions=regions, **options))
+        else:
+            result = SeriesResult(series=_series(runs, scene, regions, options))
+    for comparison in result.comparisons:
+        _report(comparison)
+    if out is not None:
+        note(f"report: {', '.join(str(Path(out) / name) for name in result.write(Path(out)))}")
+    return result
+
+
+def _is_scene(given: "RunPath | ScenePath") -> bool:
+    from rigctl.files.scene_file import SceneFile
+
+    return isinstance(given, SceneFile) or (isinstance(given, str | Path) and Path(given).suffix == ".toml")
+
+
+def _report(comparison: "Comparison") -> None:
+    from rigctl.comparison.verdict import refusals
+    from rigctl.files.rig_file import PLACEHOLDER
+
+    run = comparison.measurement.run
+    if comparison.picked is not None:
+        comparison.picked.report()
+    if run.session.polarizer.placeholder:
+        warn(f"{run.path}: {PLACEHOLDER}")
+    if comparison.agrees is None:
+        for why in refusals(comparison.checks) or dict.fromkeys(one.reason for one in comparison.regions.values()):
+            warn(why)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparisonResult(Result):
+    """A comparison of a run with the model, as a verdict, as a table and as `comparison.json` has it."""
+
+    comparison: "Comparison"  #: all of it: rows, checks, measurement, predictions, what it was made from
+
+    def __repr__(self) -> str:
+        from rigctl.measurement.picked_calibrations import named_calibrations
+
+        found = self.comparison
+        return f"<comparison of {found.measurement.run.path}: {_short(found)}{named_calibrations(found.picked)}>"
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether model and measurement agree; None where that cannot be judged."""
+        return self.comparison.agrees
+
+    @property
+    def comparisons(self) -> "tuple[Comparison, ...]":
+        """The comparison of each run."""
+        return (self.comparison,)
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        from rigctl.measurement.picked_calibrations import calibrations_json
+
+        return calibrations_json(self.comparison.picked)
+
+    @property
+    def exit_code(self) -> int:
+        """5 where model and measurement disagree, 4 where that cannot be judged."""
+        return _exit_code(self.agrees)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, overruled or left out."""
+        return self.comparison.remarks
+
+    def content(self) -> Iterable[Part]:
+        """Return the verdict, what disagrees, and where that points; then how it was found."""
+        from rigctl.reports.figures.comparison_figures import scores
+        from rigctl.reports.tables.row_table import row_table
+
+        found = self.comparison
+        yield _verdict(found)
+        off = sorted(found.disagreements, key=lambda row: -abs(row.z or 0.0))
+        if found.agrees is False:
+            yield row_table(off[:_SHOWN])
+            for cause, advice in zip(found.diagnosis.points_to, found.diagnosis.advice, strict=True):
+                yield f"points to {cause}: {advice}"
+            if found.attribution is not None:
+                yield f"what would explain it: {found.attribution.remark}"
+        yield from _of_run(found)
+        yield from (f"hardly tested: {weak}" for weak in found.weak)
+        if found.scale is not None:
+            yield found.scale.remark
+        if found.accuracy is not None:
+            yield found.accuracy.remark
+        if any(row.z is not None for row in found.rows):
+            yield lambda: scores(found)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what comparison.json holds."""
+        from rigctl.reports.tables.comparison_json import compared_json
+
+        return compared_json(self.comparison)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write report and numbers into a folder; return the names of the reports."""
+        from rigctl.reports.outputs.comparison_files import write_comparison
+
+        write_comparison(self.comparison, folder)
+        return "report.html", "report.pdf"
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return every row of comparison.csv as a data frame: predicted, measured, errors, scores, verdict."""
+        from rigctl.reports.data_frames import data_frame
+        from rigctl.reports.tables.row_table import row_table
+
+        return data_frame(row_table(self.comparison.rows), backend)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeriesResult(Result):
+    """Comparisons of several runs with one scene, as verdicts, as a table and as `series.json` has them."""
+
+    series: "ComparedSeries"
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether every run agrees; None where none disagrees and one cannot be judged."""
+        return self.series.agrees
+
+    @property
+    def comparisons(self) -> "tuple[Comparison, ...]":
+        """The comparison of each run."""
+        return tuple(point.comparison for point in self.series.points)
+
+    @property
+    def exit_code(self) -> int:
+        """5 where a run disagrees, 4 where none does and one cannot be judged."""
+        return _exit_code(self.agrees)
+
+    def content(self) -> Iterable[Part]:
+        """Return the verdict of each run."""
+        for point in self.series.points:
+            accuracy = point.comparison.accuracy
+            tolerance = "" if accuracy is None else f"; numerical tolerance {accuracy.tolerance:.1e}"
+            yield f"{point.name}: {_short(point.comparison)}{tolerance}"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what series.json holds."""
+        from rigctl.reports.tables.series_tables import series_json
+
+        return series_json(self.series)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write report and numbers into a folder, those of each run into one of its own; return the reports' names."""
+        from rigctl.reports.outputs.comparison_files import write_series
+
+        write_series(self.series, folder)
+        return "series.html", "series.pdf"
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return every row of series.csv as a data frame."""
+        from rigctl.reports.data_frames import data_frame
+        from rigctl.reports.tables.series_tables import series_rows
+
+        return data_frame(series_rows(self.series), backend)
+
+
+def _exit_code(agrees: bool | None) -> int:
+    from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES
+
+    return {True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[agrees]
+
+
+def _short(found: "Comparison") -> str:
+    if found.agrees is None:
+        return "CANNOT BE JUDGED"
+    return "agrees" if found.agrees else f"DISAGREES in {len(found.disagreements)} numbers"
+
+
+def _verdict(found: "Comparison") -> str:
+    """Return the verdict in a sentence, with its reservations."""
+    from rigctl.comparison.verdict import not_judged, reservations
+
+    tests = sum(row.agrees is not None for row in found.rows)
+    untested = len(found.rows) - tests if found.kind == "closed loop" else 0
+    not_counted = f"; {untested} that stand beside themselves are not counted" if untested else ""
+    reasons = reservations(found.checks, found.regions)
+    reserved = f", with reservations ({reasons})" if reasons else ""
+    if found.agrees is None:
+        return not_judged(found.checks)
+    if tests == 0:
+        return f"nothing was tested{reserved}"
+    if found.agrees:
+        return f"model and measurement agree{reserved}: {tests} numbers tested at alpha = {found.alpha:g}{not_counted}"
+    return (
+        f"model and measurement DISAGREE in {len(found.disagreements)} of {tests} numbers (alpha = {found.alpha:g})"
+        f"{not_counted}"
+    )
+
+
+def _of_run(found: "Comparison") -> Iterable[str]:
+    """Return the faults that the run shows, its checks, and which regions cannot be judged."""
+    from rigctl.comparison.verdict import said_of, unjudged_lines
+    from rigctl.measurement.fault_terms import term_text
+
+    if found.run_diagnosis is not None:
+        yield from (f"the run shows {term_text(term)}" for term in found.run_diagnosis.named)
+    shown = ("flagged",) if found.agrees is None else ("flagged", "refused")
+    yield from (f"{title}: {text}" for title, text in said_of(found.checks, *shown))
+    if found.agrees is not None:
+        yield from unjudged_lines(found.regions, found.checks)
+
+
+def compare_run(
+    run: Path,
+    *,
+    scene: ScenePath | None = None,
+    regions: RegionsPath | None = None,
+    tolerance: float | None = None,
+    **options: Unpack[CompareOptions],
+) -> "Comparison":
+    """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
+    from rigctl.comparison.numerical_accuracy import FIRST_TOLERANCE
+    from rigctl.measurement.diagnosed_run import diagnosed
+    from rigctl.measurement.picked_calibrations import picked_for_run
+    from rigctl.measurement.run_calibrations import correction_remarks, read_calibrations
+    from rigctl.runs.monitor_readings import monitor_line, monitor_traces
+    from rigctl.runs.run_events import read_events
+    from rigctl.runs.wholeness import used_run
+
+    require_possible(scene, regions, options)
+    paths = calibrations_of(options)
+    model, drawn = _outlined(scene, regions, options)
+    record = used_run(run, ignore_exclusions=options.get("ignore_exclusions", False))
+    scaling = ("radiometric",) if options.get("scale") == "panel" else ()
+    picked = picked_for_run(paths, record, ("noise", "polarizer", "flat", "registration", *scaling))
+    given = read_calibrations(picked.paths, record)
+    seen = diagnosed(record, drawn, given, correct=tuple(options.get("correct", ())))
+    if model is None:
+        made = _closed_loop(seen.measurement, given, options)
+    else:
+        made = _to_its_errors(seen.measurement, model, given, options, tolerance or FIRST_TOLERANCE)
+    made = _judged(made, seen, drawn)
+    return replace(
+        made,
+        remarks=(
+            *picked.lines,
+            *given.doubts,
+            *seen.remarks,
+            *correction_remarks(seen.measurement, drawn),
+            *(monitor_line(trace) for trace in monitor_traces(read_events(record.path))),
+            *made.remarks,
+        ),
+        outlines=tuple(drawn),
+        noise=given.noise,
+        picked=picked,
+        files=_used_files(run, scene, regions, picked.paths),
+    )
+
+
+def require_possible(scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions) -> None:
+    """Raise ConfigError if neither scene nor regions are given, or options do not go together, whatever the run."""
+    alpha = _alpha(options)
+    if not 0.0 < alpha < 1.0:
+        raise ConfigError(f"--alpha: is {alpha:g}; allowed is above 0 and below 1, for instance 0.001")
+    if scene is None and regions is None:
+        raise ConfigError("give a scene file, or --regions FILE for a comparison without a scene")
+    if scene is None and (options.get("effects") or options.get("switched_on") or options.get("left_out")):
+        raise ConfigError("--effects, --with and --without: are of a prediction from a scene file; give one")
+
+
+def _alpha(options: CompareOptions) -> float:
+    return options.get("alpha", 1e-3)
+
+
+def _outlined(
+    scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
+) -> "tuple[SceneFile | None, list[Region]]":
+    """Return scene and regions; those of a scene with the outlines of the regions file, where it has them."""
+    from rigctl.scene.effect_choice import with_choices
+
+    drawn = regions_of(regions)
+    if scene is None:
+        return None, drawn
+    content = with_choices(
+        scene_file_of(scene),
+        switched_on=tuple(options.get("switched_on") or ()),
+        left_out=tuple(options.get("left_out") or ()),
+    )
+    unknown = sorted({region.name for region in drawn}.difference(region.name for region in content.regions))
+    if unknown:
+        raise ConfigError(
+            f"--regions: scene {content.name} has no region {', '.join(unknown)}; there are "
+            f"{', '.join(region.name for region in content.regions)}"
+        )
+    now = {region.name: {name: getattr(region, name) for name in _OUTLINE} for region in drawn}
+    outlined = [region.model_copy(update=now.get(region.name, {})) for region in content.regions]
+    return content.model_copy(update={"regions": outlined}), list(outlined)
+
+
+def _closed_loop(measurement: "Measurement", given: "RunCalibrations", options: CompareOptions) -> "Comparison":
+    from rigctl.comparison.closed_loop import compare_closed_loop
+
+    if options.get("scale", "absolute") != "absolute" or given.radiometric is not None:
+        raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
+    return compare_closed_loop(measurement, noise=given.noise, alpha=_alpha(options))
+
+
+def _to_its_errors(
+    measurement: "Measurement",
+    scene: "SceneFile",
+    given: "RunCalibrations",
+    options: CompareOptions,
+    tolerance: float,
+) -> "Comparison":
+    """Return a comparison with a scene whose numerical errors are far below those of its rows."""
+    from rigctl.comparison.comparison import EffectsTaken, compare_with_scene
+    from rigctl.comparison.numerical_accuracy import accuracy_at
+    from rigctl.comparison.run_prediction import run_predictor
+    from rigctl.scene.effect_choice import acting_effects, without_effects
+
+    run = run_predictor(measurement, scene=scene, noise=given.noise)
+
+    def compared(
+        tried: "NumericalAccuracy", coarser: "Comparison | None" = None
+    ) -> "tuple[Comparison, NumericalAccuracy]":
+        made = compare_with_scene(
+            measurement,
+            scene=without_effects(scene, tried.left_out),
+            noise=given.noise,
+            alpha=_alpha(options),
+            scale=options.get("scale", "absolute"),
+            radiometric=given.radiometric,
+            settings=tried.found.result.settings,
+            light=run.light,
+            coarser=coarser,
+        )
+        return made, tried.beside(made.rows, made.predictions)
+
+    rule = options.get("effects") or "safe"
+    comparison, found = compared(accuracy_at(run, tolerance, rule))
+    # Errors of rows are those of the first comparison; a second one is made with what they ask.
+    chosen = found
+    for _ in range(_MOST_TRIED):
+        if chosen.next_tolerance is None:
+            break
+        finer = accuracy_at(run, chosen.next_tolerance, rule).beside(comparison.rows, comparison.predictions)
+        # Where finer settings are not to be had, as of very deep air, a smaller tolerance changes nothing.
+        if finer.share >= chosen.share:
+            break
+        chosen = finer
+    if chosen is not found:
+        comparison, found = compared(chosen, comparison)
+    return replace(
+        comparison,
+        remarks=(*comparison.remarks, found.remark),
+        effects=EffectsTaken(plan=found.effects, taken=acting_effects(scene) - found.left_out),
+        accuracy=found,
+    )
+
+
+def _judged(comparison: "Comparison", seen: "DiagnosedRun", regions: "list[Region]") -> "Comparison":
+    """Return a comparison with the checks and faults of the run, and with what cannot be judged."""
+    from rigctl.comparison.checks import nothing_tested, registration_of, run_checks
+    from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
+    from rigctl.comparison.verdict import refused_regions, without_decisions
+
+    measurement, diagnosis = seen.measurement, seen.diagnosis
+    registered = registration_of(measurement)
+    checks = (*run_checks(measurement, registered, diagnosis), *nothing_tested(comparison.rows, comparison.not_tested))
+    means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
+    budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)
+    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
+    return replace(
+        comparison,
+        rows=without_decisions(comparison.rows, unjudged),
+        checks=checks,
+        budgets=with_diagnosis(budgets, diagnosis, measurement),
+        unjudged=unjudged,
+        run_diagnosis=diagnosis,
+    )
+
+
+def _used_files(
+    run: Path, scene: ScenePath | None, regions: RegionsPath | None, calibrations: "CalibrationPaths"
+) -> "dict[str, UsedFile]":
+    from rigctl.comparison.comparison import used_file
+    from rigctl.runs.run_folder import MANIFEST_FILE
+
+    named = {str(kind): path for kind, path in calibrations.files.items()}
+    files = {"scene": scene, "regions": regions, **named, "manifest": run / MANIFEST_FILE}
+    return {what: used_file(Path(path)) for what, path in files.items() if isinstance(path, str | Path)}
+
+
+def _series(
+    runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
+) -> "ComparedSeries":
+    """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
+    from rigctl.comparison.comparison import used_file
+    from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
+    from rigctl.files.scene_file import load_scene
+    from rigctl.runs.wholeness import used_run
+
+    if not isinstance(scene, str | Path):
+        raise ConfigError("several runs are compared with one scene: give a scene file last, or with --scene")
+    names = [path.resolve().name for path in runs]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"run folders of a series need different names; found {', '.join(names)}")
+    ignored = options.get("ignore_exclusions", False)
+    require_one_instrument([used_run(path, ignore_exclusions=ignored) for path in runs])
+    alpha = _alpha(options)
+    shared: CompareOptions = {**options, "alpha": alpha / len(runs)}
+    found: list[Comparison] = []
+    for path in runs:
+        # What the errors of one run asked for, those of its neighbour are likely to ask for too.
+        accuracy = found[-1].accuracy if found else None
+        tolerance = None if accuracy is None else accuracy.tolerance
+        found.append(compare_run(path, scene=scene, regions=regions, tolerance=tolerance, **shared))
+    content = load_scene(Path(scene))
+    points = tuple(_point(name, one, content) for name, one in zip(names, found, strict=True))
+    return ComparedSeries(
+        points=points,
+        drifts=drifts_of(points),
+        trends=trends_over_runs(points),
+        alpha=alpha,
+        scene=used_file(Path(scene)),
+    )
+
+
+def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPoint":
+    from rigctl.comparison.series import SeriesPoint
+
+    first = comparison.measurement.grid.records[0][0].start_utc
+    return SeriesPoint(
+        name=name,
+        comparison=comparison,
+        start=None if first is None else datetime.fromisoformat(first),
+        sun_zenith_deg=_sun_zenith_deg(comparison.measurement, scene),
+    )
+
+
+def _sun_zenith_deg(measurement: "Measurement", scene: "SceneFile") -> float | None:
+    from rigctl.comparison.run_geometry import scene_of_run
+    from rigctl.scene.scene_reading import sun_of_file
+
+    frames = measurement.grid.frames
+    elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
+    if len(elevations) == len(frames):
+        return 90.0 - sum(elevations) / len(elevations)
+    changed, _ = scene_of_run(scene, measurement.run, frames)
+    sun = sun_of_file(changed)
+    return None if sun is None else sun.zenith_deg.value

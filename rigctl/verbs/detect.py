@@ -1,0 +1,140 @@
+"""`rigctl detect`: the RX detector on two regions of a run."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Unpack
+
+from cyclopts import Parameter
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import (
+    FilePath,
+    RegionsPath,
+    RunOptions,
+    RunPath,
+    ScenePath,
+    Writes,
+    path_of,
+    regions_of,
+    scene_file_of,
+)
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.comparison.rx_detection import RxOnRun
+
+_FILES = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
+
+
+def detect(
+    run: RunPath,
+    /,
+    *,
+    background: str,
+    target: str,
+    regions: RegionsPath | None = None,
+    scene: ScenePath | None = None,
+    noise: FilePath | None = None,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES), Parameter(required=True)] = None,
+    **frames: Unpack[RunOptions],
+) -> "DetectResult":
+    """Run the RX detector on the Stokes parameters of a run's first cycle.
+
+    Writes the map of D, the measured ROC of the target's pixels with its 95 % band, and the ROC that the exact law
+    predicts, from the scene file or from the regions' own moments.
+
+    Example: rigctl detect runs/panels --background asphalt --target black_panel --out rx
+    --regions examples/regions.toml
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    background : str
+        Region that gives mean and covariance.
+    target : str
+        Region that is to be detected.
+    regions : path or sequence of Region
+        Regions file.
+    scene : path or SceneFile
+        Scene file: predicts from it; holds the regions too.
+    noise : path
+        Noise calibration, for a scene.
+    out : path
+        Folder for map, curves and numbers. Python may leave it out: nothing is written then.
+    **frames
+        See `RunOptions`.
+
+    Returns
+    -------
+    DetectResult
+        Map, measured and predicted ROC.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, a region is not there, or the run cannot give the detector what it needs.
+    """
+    import numpy as np
+
+    from rigctl.calibrations.noise.noise_file import read_fitting_noise
+    from rigctl.comparison import rx_detection
+    from rigctl.comparison.run_prediction import run_predictor
+    from rigctl.files.rig_file import unset_polarizer
+    from rigctl.measurement.measurement import measure, signal_of_cycle
+    from rigctl.runs.wholeness import used_run
+
+    if (regions is None) == (scene is None):
+        raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
+    content = None if scene is None else scene_file_of(scene)
+    drawn = regions_of(regions if content is None else content.regions)
+    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    calibrated, doubts = (None, ()) if noise is None else read_fitting_noise(Path(noise), record)
+    measurement, predicted = measure(record, regions=drawn, noise=calibrated), None
+    if content is not None:
+        with solving_shown():
+            predictor = run_predictor(measurement, scene=content, noise=calibrated)
+            predictions = predictor.predictions(predictor.inputs.values)
+        predicted = {name: prediction.stokes_dn for name, prediction in predictions.items()}
+    stokes = np.einsum("kn,nij->kij", measurement.plan.inverse, signal_of_cycle(measurement, 0))
+    found = rx_detection.detect(measurement, stokes, background=background, target=target, predicted=predicted)
+    for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
+        warn(doubt)
+    result = DetectResult(background=background, target=target, found=found)
+    if out is not None:
+        note(f"{', '.join(result.write(Path(out)))} in {out}")
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DetectResult(Result):
+    """RX detection of one region of a run on another."""
+
+    background: str
+    target: str
+    found: "RxOnRun"  #: map, measured and predicted ROC
+
+    def content(self) -> Iterable[Part]:
+        """Return the curves at round false alarm rates, and what predicts them."""
+        from rigctl.reports.figures.detection_figures import roc_plot
+        from rigctl.reports.tables.detection_tables import round_roc_table
+
+        yield round_roc_table(self.found, background=self.background, target=self.target)
+        yield f"predicted from {self.found.predicted_from}"
+        yield from self.found.warnings
+        yield lambda: roc_plot(self.found, background=self.background, target=self.target)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what detection.json holds."""
+        from rigctl.reports.tables.detection_tables import detection_json
+
+        return detection_json(self.found, background=self.background, target=self.target)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write map, curves and numbers into a folder; return the names of the files."""
+        from rigctl.reports.outputs.measurement_files import write_detection
+
+        return write_detection(self.found, folder, background=self.background, target=self.target)
