@@ -4,6 +4,7 @@
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
@@ -106,15 +107,23 @@ def _flags() -> str:
     )
     found: dict[str, list[str]] = {}
     for path in sorted((ROOT / "calibration").rglob("*.py")):
-        for function in _functions(path):
-            for name, message in _flags_of(function):
-                if message not in found.setdefault(name, []):
-                    found[name].append(message)
+        for name, message in (*_messages(path), *(one for function in _functions(path) for one in _flags_of(function))):
+            if message not in found.setdefault(name, []):
+                found[name].append(message)
     return text + "".join(f"| `{name}` | {'<br>'.join(found[name])} |\n" for name in sorted(found))
 
 
 def _functions(path: Path) -> Iterator[ast.FunctionDef]:
     yield from (one for one in ast.walk(ast.parse(path.read_text())) if isinstance(one, ast.FunctionDef))
+
+
+def _messages(path: Path) -> Iterator[tuple[str, str]]:
+    """Return the flags and messages of a module's table of them."""
+    for one in ast.parse(path.read_text()).body:
+        if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == "_MESSAGES":
+            yield from (
+                (name, _cell(re.sub(r"{\w+}", "...", said))) for name, said in ast.literal_eval(one.value).items()
+            )
 
 
 def _flags_of(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
@@ -125,15 +134,9 @@ def _flags_of(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
         given = {one.arg: one.value for one in call.keywords}
         message = assigned.get(ast.unparse(given["message"]), given["message"])
         refuses = "; refuses" if isinstance(given.get("refuses"), ast.Constant) else ""
-        chosen = next((one for one in assigned.values() if isinstance(one, ast.Dict)), None)
-        if isinstance(given["name"], ast.Name) and chosen is not None:
-            yield from (
-                (ast.literal_eval(key), _said(value)) for key, value in zip(chosen.keys, chosen.values, strict=True)
-            )
-        else:
-            name = _template(given["name"])
-            if name != "...":
-                yield name, _said(message) + refuses
+        name = _template(given["name"])
+        if name != "...":
+            yield name, _said(message) + refuses
 
 
 def _said(node: ast.expr) -> str:

@@ -1,4 +1,4 @@
-"""Single levels beside the others, by statistics that are drawn and not measured."""
+"""Single darks compared with the others, by statistics that are drawn and not measured."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from calibration.sensor.judging import dark_influence
+from calibration.sensor.judging import sound_darks
 from calibration.sensor.levels import LevelStatistics, level_statistics
 
 FloatArray = NDArray[np.float64]
@@ -45,27 +45,21 @@ def test_sound_darks_whose_noise_grows_are_not_named() -> None:
     # A lamp sweep with darks of three exposures: 2 % of such were named, with the errors of the middle.
     draw, one = np.random.default_rng(3), template()
     exposures_s, n_sets = np.tile([1.0, 0.5, 2.0], 8), 150
-    named = 0
-    for _ in range(n_sets):
-        found = dark_influence(drawn_darks(one, exposures_s, draw))
-        assert found is not None
-        named += any(dark.outlying for dark in found)
+    named = sum(bool(sound_darks(drawn_darks(one, exposures_s, draw))[1]) for _ in range(n_sets))
     assert named <= binom.ppf(1.0 - 1e-3, n_sets, FALSE_NAMES)
 
 
 def test_a_dark_off_by_ten_errors_is_named_wherever_it_stands() -> None:
-    # Errors of its difference to all others: at the ends of a sweep a curve through the others is known less well.
     draw, one = np.random.default_rng(4), template()
     darks = drawn_darks(one, np.linspace(0.1, 2.0, 16), draw)
-    sound = dark_influence(darks)
-    assert sound is not None
+    assert sound_darks(darks) == (darks, ())
     for place, dark in enumerate(darks):
-        wrong = replace(
-            dark, temporal_variance_dn2=dark.temporal_variance_dn2 + 10.0 * sound[place].variance_std_error_dn2
-        )
-        found = dark_influence([*darks[:place], wrong, *darks[place + 1 :]])
-        assert found is not None
-        assert [at for at, level in enumerate(found) if level.outlying] == [place]
+        # Errors of the difference from a curve through the others, which has twice the error at the shortest exposure.
+        off_dn2 = (20.5 if place == 0 else 10.0) * dark.temporal_std_error_dn2
+        wrong = replace(dark, temporal_variance_dn2=dark.temporal_variance_dn2 + off_dn2)
+        kept, flags = sound_darks([*darks[:place], wrong, *darks[place + 1 :]])
+        assert kept == [*darks[:place], *darks[place + 1 :]]
+        assert [flag.name for flag in flags] == ["wrong_dark"]
 
 
 def test_one_long_dark_that_decides_the_curve_is_not_judged_by_it() -> None:
@@ -73,7 +67,5 @@ def test_one_long_dark_that_decides_the_curve_is_not_judged_by_it() -> None:
     draw, one = np.random.default_rng(5), template()
     for n_long in (1, 2, 3):
         exposures_s = np.concatenate([np.linspace(1e-5, 1e-2, 20), [0.1, 1.0, 10.0][:n_long]])
-        found = dark_influence(drawn_darks(one, exposures_s, draw))
-        assert found is not None
-        assert not any(dark.outlying for dark in found)
-        assert all(np.isfinite(dark.variance_std_error_dn2) for dark in found)
+        darks = drawn_darks(one, exposures_s, draw)
+        assert sound_darks(darks) == (darks, ())
