@@ -34,7 +34,7 @@ from rigctl.storage.destination import (
     snapshot,
 )
 from rigctl.storage.origin import origin_of
-from rigctl.verbs import HEADINGS, MOVED
+from rigctl.verbs import HEADINGS, MOVED, VERBS
 from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.
@@ -122,7 +122,7 @@ def commands_page() -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; return its exit code. Only this function turns an exception into words."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if given and old_cli.holds(given[0]):
+    if given and old_cli.holds(given[0]) and " ".join(given[:2]) not in VERBS:
         return old_cli.main(given)
     tokens, flags = _taken_flags(given)
     _keep_memory()

@@ -26,8 +26,6 @@ from rigctl.storage.destination import (
 from rigctl.storage.origin import origin_of
 
 _FORCE, _ANONYMOUS = "force", "anonymous"
-# They write a file that nobody keeps, again and again.
-_ALWAYS_ANEW = ("doctor",)
 # They decide how a result is told, and not what is in it.
 _TELLING = ("as_json", _FORCE)
 _PREDICTED = ("prediction.*", "counts.png", "laws.png", "roc.csv", "roc.png", "sweep.*")
@@ -66,13 +64,11 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "calibrate registration": {"out": _FILE},
     "calibrations": {"history": _FILE},
     "demo": {"out": _NEW},
-    "doctor": {"folder": _folder()},
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
     "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},
-    "stage characterise": {"out": _FILE, "plot": _FILE},
     "study": {"out": _folder(*_STUDIED)},
     "tradeoff": {"out": _folder(*_TRADED)},
 }
@@ -88,7 +84,7 @@ def with_tried_destinations(verb: str, command: Any) -> Any:
     body = command.callback
     if places is None or body is None:
         return command
-    if any(place.kind in ("file", "folder") for place in places.values()) and verb not in _ALWAYS_ANEW:
+    if any(place.kind in ("file", "folder") for place in places.values()):
         known = {one.name for one in command.params}
         command.params += [option for option in options_of(_shared) if option.name not in known]
     has_own_anonymous = _ANONYMOUS in inspect.signature(body).parameters

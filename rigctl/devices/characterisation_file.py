@@ -1,4 +1,4 @@
-"""The file that `rigctl stage characterise` writes, and of which a session uses the time to settle."""
+"""The file that `rigctl calibrate stage` writes, and of which a session uses the time to settle."""
 
 import json
 import time
@@ -85,7 +85,7 @@ def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
     Parameters
     ----------
     path : Path
-        What `rigctl stage characterise` wrote.
+        What `rigctl calibrate stage` wrote.
     identity : DeviceIdentity
         The stage that is to be used: it must be the one that was measured.
 
@@ -107,7 +107,7 @@ def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
         if later is not None:
             raise DataError(f"{path}: {later}") from error
         problem = describe(path, error) if isinstance(error, ValidationError) else f"{path}: is no JSON: {error}"
-        raise DataError(f"{problem}\n  this file is made by `rigctl stage characterise`") from error
+        raise DataError(f"{problem}\n  this file is made by `rigctl calibrate stage`") from error
     if content.stage.serial_number != identity.serial_number:
         raise NotConnectedError(
             f"{path}: that stage was {content.stage.model} {content.stage.serial_number}, and this one is "

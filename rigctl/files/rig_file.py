@@ -32,7 +32,7 @@ class StageSection(Section):
     """The rotation stage, and how to reach it.
 
     `options` are what the driver takes beside: see its documentation. `characterisation` is a file that
-    `rigctl stage characterise` made of this stage; each move then waits until the stage rests.
+    `rigctl calibrate stage` made of this stage; each move then waits until the stage rests.
     """
 
     driver: str
@@ -48,7 +48,7 @@ class StageSection(Section):
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
     """What the driver takes beside. Example: `{ steps_per_turn = 24000 }`."""
     characterisation: Path | None = None
-    """File of `rigctl stage characterise`; each move then waits until the stage rests. Example: `"stage.json"`."""
+    """File of `rigctl calibrate stage`; each move then waits until the stage rests. Example: `"stage.json"`."""
 
 
 class PolarizerSection(Section):

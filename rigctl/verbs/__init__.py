@@ -6,18 +6,16 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     "Start": {
         "demo": ("old", "Run the whole job on a simulated rig: session, calibration, report."),
         "new": ("rigctl.verbs.new:new", "Write the files of a new rig into a folder, ready to run."),
-        "doctor": ("old", "Check network, disk, clock and devices, and say what to change."),
+        "doctor": ("rigctl.verbs.doctor:doctor", "Check network, disk, clock and devices, and say what to change."),
     },
     "Rig": {
         "devices": ("rigctl.verbs.devices:devices", "List ports, stages and cameras, with lines for the rig file."),
-        "stage": ("old", "Characterise a rotation stage: readback error, backlash, settling."),
         "preview": ("rigctl.verbs.preview:preview", "Show what a camera sees, and how sharp it is, for focusing."),
         "serve": ("rigctl.verbs.serve:serve", "Work a rig from a browser, or watch a run as it grows."),
         "sim": (None, "Serve simulated devices to other programs."),
         "sim stage": ("rigctl.verbs.sim:stage", "Serve a simulated rotation stage on a pseudo-terminal."),
         "sim camera": ("rigctl.verbs.sim:camera", "Serve a simulated camera over GigE Vision."),
         "sim lens": ("rigctl.verbs.sim:lens", "Turn the lens of a simulated camera."),
-        "notify": ("old", "Try the notices that a session sends."),
     },
     "Session": {
         "plan": ("rigctl.verbs.session:plan", "Print the steps of a session, and what it can give."),
@@ -41,6 +39,10 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     },
     "Calibrate": {
         "calibrate": ("old", "Calibrate the sensor's noise, and the polarizer's axis and throughput."),
+        "calibrate stage": (
+            "rigctl.verbs.calibrate_stage:stage",
+            "Measure a rotation stage: readback error, backlash, settling.",
+        ),
         "calibrations": ("old", "List the store of calibrations, and how their numbers move."),
         "point": ("old", "Find where camera and panels point, from sun, shadow, outlines, compass, level."),
     },
@@ -71,7 +73,10 @@ MOVED = {
     "exclude": "note RUN --exclude FRAMES REASON",
     "info": "status RUN --contents",
     "log": "status RUN --log",
+    "notify": "doctor RIG.toml --try-notices",
+    "stage": "calibrate stage",
     "summary": "status RUN --page FILE",
+    "watch": "serve RUN",
 }
 
 VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)

@@ -165,10 +165,10 @@ def _verified(run_path: Path) -> Iterator[str]:
 
 def _checked() -> Iterator[str]:
     """Check up the machine alone: no device is touched."""
-    from rigctl.jobs.doctor import DoctorRequest, check_up
+    from rigctl.verbs.doctor import check_up
 
     with tempfile.TemporaryDirectory() as folder:
-        for finding in check_up(DoctorRequest(rig=None, session=None, folder=Path(folder), frames=1)):
+        for finding in check_up(None, None, folder=Path(folder), frames=1):
             yield f"{finding.what}: {finding.found}"
             yield from () if finding.advice is None else (f"  change: {finding.advice}",)
 

@@ -71,7 +71,7 @@ calibrate doubling noise.json radiometric.json --json
 regions mark run regions.toml --out OUT.toml
 regions find run regions.toml --out OUT.toml --json
 fit surface fit.toml --profile --out OUT.toml --json
-stage characterise rig.toml session.toml --repeats 1
+calibrate stage rig.toml session.toml --repeats 1
 sim stage nothing --link OUT
 import OUT images/0.png images/1.png images/2.png images/3.png --angles 0,45,90,135 --same-exposure --black-level-dn 64
 import OUT images/0.png --mosaic 90,45,135,0 --exposure-s 0.01 --black-level-dn 64 --bit-depth 12 --max-frame-mb 1
@@ -116,8 +116,8 @@ serve run --listen 127.0.0.1:0 --certificate none.pem --key none.pem
 serve scene.toml
 serve rig.toml --listen nowhere
 serve nothing --runs none --json
-notify test rig.toml
-notify test scene.toml
+doctor rig.toml --try-notices
+doctor scene.toml --try-notices
 regions draw run --out OUT.toml --port 99999999
 regions draw none --out OUT.toml --no-browser
 sim stage nothing --link OUT

@@ -84,7 +84,7 @@ def test_characterise_writes_what_a_session_uses(tmp_path: Path, capsys: pytest.
     (tmp_path / "scene-panels.toml").write_text((EXAMPLES / "scene-panels.toml").read_text())
     out, plot = tmp_path / "stage.json", tmp_path / "stage.png"
     arguments = ["--out", str(out), "--plot", str(plot), "--repeats", "2", "--watch-s", "0.1"]
-    assert cli.main(["stage", "characterise", str(rig), str(EXAMPLES / "session.toml"), *arguments]) == 0
+    assert cli.main(["calibrate", "stage", str(rig), str(EXAMPLES / "session.toml"), *arguments]) == 0
     text = capsys.readouterr().out
     assert "angle [deg]" in text
     assert "ELL14 11401326" in text
@@ -96,5 +96,5 @@ def test_characterise_without_a_folder_for_its_file_touches_no_stage(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "nowhere" / "stage.json"
-    assert cli.main(["stage", "characterise", str(EXAMPLES / "rig-sim.toml"), "--out", str(out)]) == 2
+    assert cli.main(["calibrate", "stage", str(EXAMPLES / "rig-sim.toml"), "--out", str(out)]) == 2
     assert "there is no folder" in capsys.readouterr().err

@@ -12,9 +12,9 @@ from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, ro
 from rigctl.devices.rig_checkup import TimedFrame, adapter_wait, camera_frames, interface_mtu, timed_frames
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
-from rigctl.jobs.doctor import most_important_first
 from rigctl.session.planning.disk_demand import demand_of
 from rigctl.simulated.serving import serve_rig_camera
+from rigctl.verbs.doctor import most_important_first
 from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.sim_devices.camera_builders import small_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port

@@ -13,7 +13,6 @@ from drivers.monitors import open_command_monitor, open_file_monitor, open_seria
 from rigctl.devices.rig import require_drivers
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import MonitorSection, RigFile
-from rigctl.jobs.doctor import monitor_findings
 from rigctl.live.cycle_history import CycleHistory, CycleLook
 from rigctl.live.light_followed import followed_light, light_lines
 from rigctl.live.live_status import Estimate, RegionPolarization
@@ -22,6 +21,7 @@ from rigctl.runs.run_events import RunEvent, read_events
 from rigctl.runs.run_folder import read_run
 from rigctl.session.monitors import Monitors
 from rigctl.session.take_session import resume_session, take_session
+from rigctl.verbs.doctor import monitor_findings
 from rigctl.verbs.status import SessionPage, status
 from rigctl.verbs.verify import verification_of
 from tests.rigctl.example_files import small_rig, small_session

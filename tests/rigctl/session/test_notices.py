@@ -73,12 +73,12 @@ def test_a_command_gets_the_notice_and_a_failure_is_said(tmp_path: Path, capsys:
     base = (EXAMPLES / "rig-sim.toml").read_text().replace("scene-panels.toml", str(EXAMPLES / "scene-panels.toml"))
     rig = tmp_path / "rig.toml"
     rig.write_text(base + f"\n[notify]\ncommand = {json.dumps([sys.executable, '-c', program])}\n")
-    assert main(["notify", "test", str(rig)]) == 0
+    assert main(["doctor", str(rig), "--try-notices"]) == 0
     assert json.loads(out.read_text())["event"] == "test"
     rig.write_text(base + '\n[notify]\ncommand = ["/no/such/program"]\n')
-    assert main(["notify", "test", str(rig)]) == 3
-    assert "/no/such/program" in capsys.readouterr().err
+    assert main(["doctor", str(rig), "--try-notices"]) == 3
+    assert "/no/such/program" in capsys.readouterr().out
     rig.write_text(base)
-    assert main(["notify", "test", str(rig)]) == 2
+    assert main(["doctor", str(rig), "--try-notices"]) == 2
     rig.write_text(base + '\n[notify]\nwebhook = "file:///etc/passwd"\n')
-    assert main(["notify", "test", str(rig)]) == 2
+    assert main(["doctor", str(rig), "--try-notices"]) == 2

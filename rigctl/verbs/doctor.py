@@ -1,0 +1,203 @@
+"""`rigctl doctor`: whether this machine and these devices are fit for a session, and what to change."""
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import FilePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.devices.host_checkup import Finding
+    from rigctl.files.rig_file import MonitorSection, NotifySection
+
+_SAMPLE_BYTES = 2
+_USUAL_PIXELS = 782 * 582
+_USUAL_PERIOD_S = 1.0 / 60.0
+# Subjects of findings; what stops a session comes first, what would spoil it later.
+_ORDER = (
+    "devices", "room", "loss", "disk", "receive buffer", "MTU", "stage", "serial adapter", "clock", "monitor",
+)  # fmt: skip
+
+
+def doctor(
+    rig: FilePath | None = None,
+    session: FilePath | None = None,
+    /,
+    *,
+    folder: Annotated[FilePath, Writes(kind="folder")] = Path(),
+    frames: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
+    try_notices: bool = False,
+) -> "CheckUp":
+    """Check network, disk, clock and, with a rig file, its devices; each line says what to change.
+
+    The stage is asked for its position and not moved. Without a session file the disk is held against 60 frames a
+    second. Exit code 3 if something has to be changed.
+
+    Example: rigctl doctor examples/rig-sim.toml examples/session.toml --folder /data/runs
+
+    Parameters
+    ----------
+    rig : path
+        Rig file: check its devices too.
+    session : path
+        Session file: compare the disk with what the session needs.
+    folder : path
+        Folder where runs will be.
+    frames : int
+        Pictures to take.
+    try_notices : bool
+        Send a notice as [notify] of the rig file says, and check nothing else.
+
+    Returns
+    -------
+    CheckUp
+        Findings, and those that ask for a change.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or the folder cannot be written.
+    """
+    from rigctl.files.rig_file import load_rig
+
+    rig_path, session_path = (None if given is None else Path(given) for given in (rig, session))
+    if try_notices:
+        notices = None if rig_path is None else load_rig(rig_path).notify
+        if notices is None:
+            raise ConfigError(
+                f'--try-notices: {rig or "no rig file"}: has no [notify]; write one with webhook = "https://..." or '
+                'command = ["program"]'
+            )
+        return CheckUp(findings=(_notice_finding(notices),))
+    if rig_path is not None:
+        note(f"checking the devices of {rig_path}")
+    return CheckUp(findings=tuple(check_up(rig_path, session_path, folder=Path(folder), frames=frames)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckUp(Result):
+    """Findings of machine and devices."""
+
+    findings: "tuple[Finding, ...]"
+
+    @property
+    def to_change(self) -> "tuple[Finding, ...]":
+        """Findings that ask for a change: what would stop a session first, then what would spoil it."""
+        return most_important_first(self.findings)
+
+    @property
+    def exit_code(self) -> int:
+        """3 where something has to be changed."""
+        from rigctl.console.failures import EXIT_DEVICE
+
+        return EXIT_DEVICE if self.to_change else 0
+
+    def content(self) -> Iterable[Part]:
+        """Return what to change, then every finding."""
+        changes = self.to_change
+        yield f"{len(changes)} to change, what stops a session first:" if changes else "ready: nothing to change"
+        yield from (f"  {number}. {one.what}: {one.advice}" for number, one in enumerate(changes, 1))
+        for finding in self.findings:
+            yield f"{finding.what}: {finding.found}"
+            if finding.advice is not None:
+                yield f"  change: {finding.advice}"
+            if finding.hint is not None:
+                yield f"  hint: {finding.hint}"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return findings, and those that ask for a change."""
+        return {
+            "findings": [vars(finding) for finding in self.findings],
+            "to_change": [vars(finding) for finding in self.to_change],
+        }
+
+
+def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: int) -> "Iterator[Finding]":
+    """Yield findings of devices and machine; a wrong file is refused before anything is opened."""
+    from drivers.errors import DeviceError
+    from rigctl.calibrations.rig_picks import store_doubts
+    from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
+    from rigctl.devices.rig_checkup import RigCheckup
+    from rigctl.files.rig_file import load_rig, placeholder_doubt
+    from rigctl.files.session_file import load_session
+    from rigctl.session.planning.disk_demand import DiskDemand, demand_of
+
+    rig_file = None if rig is None else load_rig(rig)
+    session_file = None if session is None else load_session(session)
+    pixels, camera_s = _USUAL_PIXELS, None
+    if rig_file is not None and rig is not None:
+        doubt = placeholder_doubt(rig_file)
+        if doubt is not None:
+            yield Finding(what="polarizer", found=doubt, hint="docs/how-to/calibrate.md has the two runs that it takes")
+        for doubt in store_doubts(rig_file, rig, now_ns=time.time_ns()):
+            yield Finding(what="calibrations", found=doubt, hint="docs/how-to/calibrate.md has how each is made")
+        checkup = RigCheckup(rig_file, frames=frames)
+        try:
+            yield from checkup.findings()
+        except DeviceError as error:
+            yield Finding(what="devices", found=str(error), advice="mend this, and call the doctor again")
+        pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
+        yield from monitor_findings(rig_file.monitors)
+    demand = DiskDemand(frame_bytes=_SAMPLE_BYTES * pixels, period_s=_USUAL_PERIOD_S)
+    if rig_file is not None and session_file is not None:
+        demand = demand_of(rig_file, session_file, pixels=pixels, now_ns=time.time_ns(), camera_s=camera_s)
+    yield receive_buffer(frame_bytes=_SAMPLE_BYTES * pixels)
+    yield disk(folder, frame_bytes=demand.frame_bytes, period_s=demand.period_s)
+    if demand.total_bytes is not None:
+        yield room(folder, total_bytes=demand.total_bytes)
+    yield clock()
+
+
+def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]":
+    """Yield the reading of each monitor, or why it gives none."""
+    from rigctl.devices.host_checkup import Finding
+    from rigctl.runs.monitor_readings import monitor_traces
+    from rigctl.runs.run_events import RunEvent
+    from rigctl.session.monitors import Monitors
+
+    events: list[RunEvent] = []
+    monitors = Monitors(
+        sections, lambda event, **facts: events.append(RunEvent(event=event, facts=facts)), time.time_ns
+    )
+    monitors.look(0)
+    monitors.finish()
+    for trace in monitor_traces(events):
+        facts = trace.facts
+        if trace.values:
+            yield Finding(
+                what="monitor", found=f"{facts.monitor}: {trace.values[-1]:.6g} {facts.unit} ({facts.device})"
+            )
+        else:
+            advice = "mend its table in the rig file, or leave it out: frames are taken without it"
+            yield Finding(what="monitor", found=f"{facts.monitor}: {'; '.join(trace.problems)}", advice=advice)
+
+
+def _notice_finding(section: "NotifySection") -> "Finding":
+    """Send a notice; return whether it went."""
+    from rigctl.devices.host_checkup import Finding
+    from rigctl.numbers.utc_time import utc_text
+    from rigctl.session.notices import Notice, send
+
+    problems = send(section, Notice(run="none", event="test", text="rigctl doctor", utc=utc_text(time.time_ns())))
+    if not problems:
+        return Finding(what="notices", found="a notice was sent")
+    return Finding(what="notices", found="; ".join(problems), advice="mend [notify] in the rig file")
+
+
+def most_important_first(findings: "Sequence[Finding]") -> "tuple[Finding, ...]":
+    """Return those findings that ask for a change: what would stop a session first, then what would spoil it."""
+
+    def rank(finding: "Finding") -> int:
+        places = (place for place, name in enumerate(_ORDER) if finding.what.startswith(name))
+        return next(places, len(_ORDER))
+
+    return tuple(sorted((finding for finding in findings if finding.advice is not None), key=rank))
