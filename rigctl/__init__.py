@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
     from rigctl.interface.archive import open_archive
-    from rigctl.interface.calls import predict, sweep
     from rigctl.interface.run import open_run
     from rigctl.verbs.compare import compare
+    from rigctl.verbs.predict import predict, sweep
     from rigctl.verbs.session import acquire
     from rigctl.verbs.sky import sky
     from rigctl.verbs.stokes import stokes
@@ -38,9 +38,8 @@ __all__ = [
 ]
 
 
-_CALLS = "rigctl.interface.calls"
-# Where a name is found, if not among the calls under its own name.
-_ELSEWHERE = {
+# Module and name of each.
+_PLACES = {
     "open_run": ("rigctl.interface.run", "open_run"),
     "acquire": ("rigctl.verbs.session", "acquire"),
     "compare": ("rigctl.verbs.compare", "compare"),
@@ -49,9 +48,11 @@ _ELSEWHERE = {
     "load_rig": ("rigctl.files.rig_file", "load_rig"),
     "load_scene": ("rigctl.files.scene_file", "load_scene"),
     "open_archive": ("rigctl.interface.archive", "open_archive"),
+    "predict": ("rigctl.verbs.predict", "predict"),
     "sky": ("rigctl.verbs.sky", "sky"),
     "stokes": ("rigctl.verbs.stokes", "stokes"),
     "surface": ("rigctl.verbs.surface", "surface"),
+    "sweep": ("rigctl.verbs.predict", "sweep"),
 }
 
 
@@ -59,7 +60,7 @@ def __getattr__(name: str) -> Any:
     """Return a name of the interface, imported now."""
     if name not in __all__:
         raise AttributeError(f"module 'rigctl' has no attribute {name!r}")
-    module, inner = _ELSEWHERE.get(name, (_CALLS, name))
+    module, inner = _PLACES[name]
     found = getattr(importlib.import_module(module), inner)
     globals()[name] = found
     return found

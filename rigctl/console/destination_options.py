@@ -28,7 +28,6 @@ from rigctl.storage.origin import origin_of
 _FORCE, _ANONYMOUS = "force", "anonymous"
 # They decide how a result is told, and not what is in it.
 _TELLING = ("as_json", _FORCE)
-_PREDICTED = ("prediction.*", "counts.png", "laws.png", "roc.csv", "roc.png", "sweep.*")
 _STUDIED = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
 _TRADED = ("digits.png", *(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png")))
 
@@ -68,7 +67,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "dolp fig5": {"out": _folder("fig5.png")},
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
-    "predict": {"out": _folder(*_PREDICTED), "write_truth": _FILE},
     "study": {"out": _folder(*_STUDIED)},
     "tradeoff": {"out": _folder(*_TRADED)},
 }

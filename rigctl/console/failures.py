@@ -60,6 +60,8 @@ _KINDS: dict[int, tuple[str, str]] = {
 }
 # A problem begins with its key or option: "  camera.address: is missing", "--alpha: is 2".
 _KEY = re.compile(r"^\s*(--[a-z][a-z-]*|(?:\w+ \[\[[\w.]+\]\], )?[A-Za-z_][\w.]*)(?=: )", re.MULTILINE)
+# Added by the command line to a usage error.
+_TRY = re.compile(r"\nTry: .*")
 
 
 def failure_of(error: Exception) -> tuple[int, str]:
@@ -109,6 +111,7 @@ def failure_content(code: int, message: str, *, verb: str) -> dict[str, Json]:
 
 def _key(message: str) -> str | None:
     """Return the first key or option that a message names; None where it names none."""
+    message = _TRY.sub("", message)
     keys = [found[1] for found in _KEY.finditer(message) if not found[1].endswith((".toml", ".json"))]
     if keys:
         return keys[0]

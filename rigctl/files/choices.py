@@ -19,8 +19,8 @@ ScaleKind = Literal["absolute", "panel", "free"]
 # Parts of the light of a material, as `model.scene.field.Source` has them.
 LightPart = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
 
-# What decides whether an effect is left out, as `model.effects.names.EffectRule` has it.
-EffectRule = Literal["safe", "estimated", "all"]
+# What decides whether an effect is left out: its bound, or nothing.
+EffectRule = Literal["safe", "all"]
 
 # Vectors that the RX detector works on: Stokes parameters, or the counts behind each angle of the polarizer.
 RocKind = Literal["stokes", "intensity"]

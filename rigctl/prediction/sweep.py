@@ -128,7 +128,7 @@ def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPai
     for index in sorted(scenes, key=lambda index: tuple(index[k] for k in slow)):
         found[index] = predictor.predictions_of(scenes[index])
         # The model names what it cannot compute better than a range can; what it could is held to the range as well.
-        require_within(predictor.scene, _at(axes, index), option="--sweep")
+        require_within(predictor.scene, _at(axes, index), option="RANGES")
     return sweep_of(axes, [found[index] for index in scenes], roc=roc)
 
 
@@ -189,7 +189,7 @@ def _changed(scene: Scene, numbers: dict[str, float]) -> Scene:
     try:
         return with_values(scene, numbers)
     except ConfigError as error:
-        raise ConfigError(f"--sweep: {error}") from error
+        raise ConfigError(f"RANGES: {error}") from error
 
 
 def _warnings(
@@ -247,5 +247,5 @@ def sweep_to_tolerance(
         list(scenes.values()), tolerance, shape=shape, rule=rule, estimated_only=estimated_only
     )
     for index in scenes:
-        require_within(predictor.scene, _at(axes, index), option="--sweep")
+        require_within(predictor.scene, _at(axes, index), option="RANGES")
     return sweep_of(axes, [case.result.predictions for case in series.cases], roc=roc), series

@@ -34,10 +34,10 @@ def parse_sweeps(requests: Sequence[str]) -> tuple[Axis, ...]:
     axes = tuple(Axis(key=key, values=values) for key, values in map(parse_sweep, requests))
     for key, times in Counter(axis.key for axis in axes).items():
         if times > 1:
-            raise ConfigError(f"--sweep: {key} is given {times} times; a number has one range")
+            raise ConfigError(f"RANGES: {key} is given {times} times; a number has one range")
     points = math.prod(axis.values.size for axis in axes)
     if points > MOST_STEPS:
-        raise ConfigError(f"--sweep: the grid has {points} points, allowed is {MOST_STEPS}")
+        raise ConfigError(f"RANGES: the grid has {points} points, allowed is {MOST_STEPS}")
     return axes
 
 
@@ -51,7 +51,7 @@ def parse_sweep(request: str) -> tuple[str, FloatArray]:
     """
     key, _, span = request.partition("=")
     parts = span.split(":")
-    wanted = f"--sweep: is {request!r}, must be KEY=start:stop:n, for instance sun.zenith_deg=10:80:8"
+    wanted = f"RANGES: is {request!r}, must be KEY=start:stop:n, for instance sun.zenith_deg=10:80:8"
     try:
         start, stop, steps = float(parts[0]), float(parts[1]), int(parts[2])
     except (IndexError, ValueError) as error:
@@ -59,5 +59,5 @@ def parse_sweep(request: str) -> tuple[str, FloatArray]:
     if len(parts) != 3 or not key.strip() or not (math.isfinite(start) and math.isfinite(stop)):
         raise ConfigError(wanted)
     if not 1 <= steps <= MOST_STEPS:
-        raise ConfigError(f"--sweep: has {steps} steps, allowed is 1 to {MOST_STEPS}")
+        raise ConfigError(f"RANGES: has {steps} steps, allowed is 1 to {MOST_STEPS}")
     return key.strip(), np.linspace(start, stop, steps)

@@ -52,8 +52,9 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "compare": ("rigctl.verbs.compare:compare", "Compare a run with the model, with a verdict."),
     },
     "Model": {
-        "predict": ("old", "What the analytical model says that a scene will give."),
-        "effects": ("old", "Which effects a scene calls for, and why."),
+        "predict": ("rigctl.verbs.predict:predict", "Predict counts, Stokes parameters and DoLP of a scene."),
+        "sweep": ("rigctl.verbs.predict:sweep", "Predict a scene over ranges of its numbers."),
+        "effects": ("rigctl.verbs.effects:effects", "Which effects a scene calls for, and why."),
         "tradeoff": ("old", "What accuracy costs in time, computed or on the roof."),
         "fit": (None, "Fit the parameters of a surface to measured regions."),
         "fit surface": ("rigctl.verbs.fit:surface", "Fit index, roughness and reflectance of a surface."),

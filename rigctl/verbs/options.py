@@ -5,7 +5,7 @@ page. Options that many verbs have stand in a `TypedDict` here and reach a verb 
 flat keywords in Python, flat options on the command line, one declaration.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict, cast
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict,
 from cyclopts import Parameter, Token, convert
 from cyclopts.validators import Number
 
-from rigctl.files.choices import EffectRule, ScaleKind
+from rigctl.files.choices import EffectRule, Engine, LightPart, ScaleKind, SnrKind
 
 if TYPE_CHECKING:
     from rigctl.calibrations.store import CalibrationKind
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     RunPath: TypeAlias = Path | str | Run
     RegionsPath: TypeAlias = Path | str | Sequence[Region]
     ScenePath: TypeAlias = Path | str | SceneFile
+    Changes: TypeAlias = Mapping[str, float] | Sequence[str]
 else:
+    Changes = Sequence[str]
     FilePath = RunPath = RegionsPath = ScenePath = Path
 
 
@@ -145,12 +147,12 @@ class EffectOptions(TypedDict, total=False):
 
     Parameters
     ----------
-    effects : {"safe", "estimated", "all"}
-        Leave effects of the light out by bounds (safe, the default), by estimates (estimated), none (all).
+    effects : {"safe", "all"}
+        Leave effects out by their bounds within the tolerance (safe, the default), or leave none out (all).
     switched_on : sequence of str
-        Let the effect of this name act.
+        Let the effect of this name act, whatever its bound; rigctl effects lists the names. Repeatable.
     left_out : sequence of str
-        Leave the effect of this name out, whatever its bound.
+        Leave the effect of this name out, whatever its bound. Repeatable.
     """
 
     effects: EffectRule | None
@@ -203,3 +205,60 @@ def calibrations_of(frames: FrameOptions | CompareOptions) -> "CalibrationPaths"
         store=None if store is None else Path(store),
         force_registration=frames.get("force_registration", False),
     )
+
+
+class PredictOptions(EffectOptions, total=False):
+    """How a scene is predicted.
+
+    Parameters
+    ----------
+    changes : mapping, or sequence of "KEY=VALUE"
+        Numbers in place of those of the file and of the calibrations, by the keys of docs/parameters.md. Repeatable.
+    noise : path or "none"
+        Noise calibration in place of the assumed noise; picked from the store unless named. none: pick none.
+    radiometric : path
+        Radiometric calibration, in place of optics and efficiency.
+    calibrations : path or "none"
+        Store to pick calibrations from; the folder ``calibrations`` beside the scene file unless given. none: pick
+        none.
+    light : {"total", "reflected", "reflected_sun", "reflected_sky", "path"}
+        Predict as if only this part of the light of materials came.
+    engine : {"own", "sasktran2"}
+        Solver of the light of the air: own, or sasktran2 as an independent check.
+    tolerance : float
+        Largest numerical error, 1e-6 to 0.1: absolute in DoLP, s1, s2 and P_D, relative in radiance, counts, deviations
+        and SNR. Settings are chosen and errors estimated; numbers that cannot keep it are listed (docs/accuracy.md).
+    estimated_only : bool
+        With a tolerance: aerosol = spheres too, whose errors are estimated and not promised.
+    roc : "TARGET,BACKGROUND"
+        Whole ROC curves of a pair of regions, on Stokes parameters and on intensity.
+    snr : {"exact", "first-order", "both"}
+        DoLP SNR that is shown: of the exact law, to first order ([MK14]), or both.
+    """
+
+    changes: Annotated[Changes, Parameter(name="--set")]
+    noise: FilePath | None
+    radiometric: FilePath | None
+    calibrations: FilePath | None
+    light: LightPart
+    engine: Engine
+    tolerance: float | None
+    estimated_only: bool
+    roc: str | None
+    snr: SnrKind
+
+
+_extend_help(PredictOptions, EffectOptions)
+
+
+def changes_of(changes: Changes) -> dict[str, float]:
+    """Return the numbers that are changed, by their keys.
+
+    Raises
+    ------
+    ConfigError
+        A text cannot be read, or a number is given twice.
+    """
+    from rigctl.scene.parameters import parse_changes
+
+    return dict(changes) if isinstance(changes, Mapping) else parse_changes(changes)

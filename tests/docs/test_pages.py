@@ -9,7 +9,7 @@ import pytest
 
 from model.quantities import QUANTITIES
 from rigctl.files.interlock_section import InterlockSection
-from rigctl.reports.outputs import paper_files, prediction_files
+from rigctl.reports.outputs import paper_files
 from rigctl.reports.tables.accuracy_tables import curve_table
 from rigctl.reports.tables.acquisition_tables import tradeoff_csv
 from rigctl.reports.tables.detection_tables import measured_roc_table, roc_csv
@@ -21,6 +21,7 @@ from rigctl.reports.writers.data_files import csv_rows
 from rigctl.runs.fits.frame_header import _KEYWORDS
 from rigctl.runs.frame_record import FrameRecord
 from rigctl.session.interlocks import Name
+from rigctl.verbs.predict import _csv_table
 from tests.docs.blocks import ROOT, blocks_of, pages, problem_of
 from tests.docs.reference import DOCS, PAGES
 from tests.docs.run_pages import run_blocks, runs
@@ -59,7 +60,7 @@ _NO_POINTS = SimpleNamespace(p_false_alarm=np.empty(0))
 _CSV_FILES = {
     "comparison.csv": csv_rows(row_table(())),
     "series.csv": csv_rows(series_rows(_NOTHING)),
-    "prediction.csv": prediction_files._csv({}, ()),
+    "prediction.csv": csv_rows(_csv_table((), ())),
     "sweep.csv": sweep_csv(_NOTHING),
     "roc.csv` of `predict": roc_csv({}),
     "roc.csv` of `detect": csv_rows(measured_roc_table(_NO_POINTS)),

@@ -35,10 +35,9 @@ CHAPTERS = {
             "set": "predict scene-panels.toml --set sensor.f_number=4 --set acquisition.exposure_ms=0.1 --json",
             "roc": "predict scene-panels.toml --roc black_panel,asphalt --snr both --out roc --json",
             "light": "predict scene-airborne.toml --light reflected_sun --json",
-            "sweep": "predict scene-panels.toml --sweep sensor.f_number=2:8:4 --out sweep --json",
-            "grid": "predict scene-panels.toml --sweep sensor.f_number=2:8:3 --sweep"
-            " acquisition.exposure_ms=0.01:0.03:3 --json",
-            "sky-sweep": "predict scene-airborne.toml --sweep sun.zenith_deg=20:60:3 --json",
+            "sweep": "sweep scene-panels.toml sensor.f_number=2:8:4 --out sweep --json",
+            "grid": "sweep scene-panels.toml sensor.f_number=2:8:3 acquisition.exposure_ms=0.01:0.03:3 --json",
+            "sky-sweep": "sweep scene-airborne.toml sun.zenith_deg=20:60:3 --json",
             "tolerance-0.1": "predict scene-airborne.toml --tolerance 0.1 --json",
             "tolerance-0.03": "predict scene-airborne.toml --tolerance 0.03 --json",
             "tolerance-0.01": "predict scene-airborne.toml --tolerance 0.01 --json",

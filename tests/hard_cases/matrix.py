@@ -123,7 +123,7 @@ class Column:
 COLUMNS: tuple[Column, ...] = (
     Column(name="predict", words=("predict", "SCENE"), read=_dolp),
     Column(name="--tolerance", words=("predict", "SCENE", "--tolerance", "0.01"), read=_promised),
-    Column(name="sweep", words=("predict", "SCENE", "--sweep", "sensor.f_number=2:2.5:2"), read=_swept),
+    Column(name="sweep", words=("sweep", "SCENE", "sensor.f_number=2:2.5:2"), read=_swept),
     Column(name="uncertainty", words=("predict", "SCENE", "--uncertainty"), read=_uncertain),
     Column(name="effects", words=("effects", "SCENE"), read=_acting),
     Column(name="tradeoff", words=("tradeoff", "SCENE", "--tolerances", "0.1"), read=_traded),

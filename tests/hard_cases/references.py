@@ -9,7 +9,7 @@ from scipy.special import chdtri
 from model.processing.detection import rx_p_detection, rx_p_miss
 from model.processing.dolp import moments
 from rigctl.errors import ConfigError
-from rigctl.jobs.predict import PredictRequest, predict_scene
+from rigctl.verbs.predict import predict
 from tests.hard_cases.cases import HardCase
 from tests.model.processing.dolp_reference import dolp_cases
 from tests.model.processing.rx_reference import CASES, column
@@ -52,17 +52,17 @@ def reference_of(case: HardCase, folder: Path) -> str:
         return _NO_SOLVER[case.name]
     by_solver = "material" in case.text
     try:
-        found = predict_scene(PredictRequest(scene=folder / "scene.toml", engine="sasktran2" if by_solver else "own"))
+        found = predict(folder / "scene.toml", engine="sasktran2" if by_solver else "own", calibrations="none")
     except ConfigError:
         return "refused by what the file says"
-    numbers = found.found.predictions["black"].quantities
+    numbers = found.predictions["black"].quantities
     if by_solver:
         snr = numbers.get("dolp_snr", {}).get("mean")
         return f"DoLP {numbers['dolp']['mean']:.5g}{'' if snr is None else f', SNR {snr:.4g}'} by sasktran2"
     stated = f"DoLP {case.dolp:g} as stated"
     if "mean" not in numbers.get("dolp_snr", {}):
         return stated
-    laws = [found.found.predictions[name].stokes_dn for name in ("black", "white")]
+    laws = [found.predictions[name].stokes_dn for name in ("black", "white")]
     return f"{stated}; {_by_draws(*((law.mean, law.cov) for law in laws))} by {_DRAWS:.0e} draws"
 
 

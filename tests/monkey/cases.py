@@ -25,8 +25,8 @@ predict scene.toml --json
 predict scene.toml
 predict scene.toml --noise noise.json --json
 predict scene.toml --uncertainty --noise noise.json --set noise.prnu=0.01
-predict scene.toml --sweep acquisition.exposure_ms=0.01:1:3 --json
-predict scene.toml --sweep acquisition.exposure_ms=0.01:1:2 --sweep sensor.f_number=2:4:2 --json
+sweep scene.toml acquisition.exposure_ms=0.01:1:3 --json
+sweep scene.toml acquisition.exposure_ms=0.01:1:2 sensor.f_number=2:4:2 --json
 predict scene.toml --radiometric radiometric.json --snr first-order --json
 predict scene.toml --write-truth OUT.toml
 surface scene.toml
@@ -131,7 +131,7 @@ _PEOPLE = (
 )  # fmt: skip
 _CALIBRATIONS = ("noise.json", "polarizer.json", "radiometric.json")
 _RUNS = ("run", "run", "run", "scan")
-_OPTIONS = ("--json", "--out", "--at", "--region", "--noise", "--sweep", "--tolerance", "--uncertainty", "--help", "--")
+_OPTIONS = ("--json", "--out", "--at", "--region", "--noise", "--tolerance", "--uncertainty", "--help", "--")
 
 
 def _words(lines: str) -> tuple[list[str], ...]:

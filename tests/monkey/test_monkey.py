@@ -46,7 +46,7 @@ def test_no_input_ends_in_a_fault_of_ours(tmp_path, sound, chunk):
         ("run/status.json", b'{"regions": {"a": {}}}', ["status", "run"]),
         ("run/events.jsonl", b'{"event": "x", "utc": 5}\n', ["status", "--log", "run"]),
         ("run/events.jsonl", b'{"event": "x", "utc": "\\u001b[2J"}\n', ["status", "--log", "run"]),
-        ("", b"", ["predict", "scene.toml", "--write-truth", "OUT.toml", "--sweep", "nan"]),
+        ("", b"", ["predict", "scene.toml", "--write-truth", "OUT.toml", "--set", "nan"]),
         ("", b"", ["acquire", "rig.toml", "session.toml", "--out", "run"]),
         ("", b"", ["sim", "stage", "sim:ellx", "--link", "link", "--truth", "session.toml"]),
         ("", b"", ["predict", "loop"]),

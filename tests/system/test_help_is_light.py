@@ -79,6 +79,7 @@ def test_a_job_starts_with_the_modules_that_it_uses(job):
     verbs = {
         "stokes": "rigctl.verbs.stokes",
         "compare": "rigctl.verbs.compare",
+        "predict": "rigctl.verbs.predict",
         "acquire": "rigctl.session.preparation",
     }
     module = verbs.get(job, f"rigctl.jobs.{job}")

@@ -94,7 +94,7 @@ _FOLDERS = {
     "estimators": ["dolp", "estimators", "--out"],
     "fig5": ["dolp", "fig5", "--out"],
     "paper": ["paper", "--out"],
-    "predict": ["predict", "no.toml", "--sweep", "sun.zenith_deg=10:20:2", "--out"],
+    "predict": ["sweep", "no.toml", "sun.zenith_deg=10:20:2", "--out"],
     "sky": ["sky", "no.toml", "--out"],
     "stokes": ["stokes", "run", "--out"],
     "surface": ["surface", "black-paint", "--sun-zenith-deg", "50", "--out"],

@@ -25,7 +25,7 @@ def scene(tmp_path, monkeypatch):
     [
         ("predict",),
         ("predict", "--tolerance", "0.1"),
-        ("predict", "--sweep", "sensor.f_number=2:2.5:2"),
+        ("sweep", "sensor.f_number=2:2.5:2"),
         ("sky",),
     ],
     ids=" ".join,

@@ -9,8 +9,8 @@ import pytest
 import rigctl
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.regions import load_regions
-from rigctl.jobs.predict import PredictedScene
 from rigctl.reports import data_frames as optional_packages
+from rigctl.verbs.predict import Prediction
 from rigctl.verbs.stokes import StokesResult
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.made_runs import at, make_run
@@ -133,7 +133,7 @@ def test_a_changed_scene_is_predicted_as_a_changed_file_is(tmp_path):
     changed = tmp_path / "scene.toml"
     changed.write_text(SCENE.read_text().replace("f_number = 2.0", "f_number = 2.1"))
     by_key = rigctl.predict(SCENE, changes={"sensor.f_number": 2.1})
-    assert isinstance(by_key, PredictedScene)
+    assert isinstance(by_key, Prediction)
     by_file = rigctl.predict(rigctl.load_scene(changed))
     assert by_key.table().value.tolist() == by_file.table().value.tolist()
     assert rigctl.predict(str(SCENE)).table().value.tolist() != by_key.table().value.tolist()

@@ -5,7 +5,7 @@ import pytest
 import rigctl
 from model.effects.names import Effect
 from rigctl.errors import ConfigError
-from rigctl.jobs.effects import plan_scene_effects
+from rigctl.verbs.effects import effects
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 
@@ -45,8 +45,8 @@ def test_a_sun_below_the_surface_is_refused():
 
 
 def test_effects_come_back_with_what_is_forced():
-    found = plan_scene_effects(EXAMPLES / "scene-panels.toml", tolerance=0.02, left_out=["texture"])
+    found = effects(EXAMPLES / "scene-panels.toml", tolerance=0.02, left_out=["texture"])
     forced = {one.effect for one in found.plan.decisions if one.forced}
     assert forced == {Effect.TEXTURE}
-    assert found.verification is None
+    assert found.checked is None
     assert any("left out by request: texture" in remark for remark in found.remarks)

@@ -90,9 +90,9 @@ def test_a_rig_that_is_not_as_recorded_has_no_prediction_to_a_tolerance(tmp_path
         turned.to_tolerance(0.01)
 
 
-@pytest.mark.parametrize("words", [["--tolerance", "0.01"], ["--sweep", "sensor.f_number=1:2:2"]])
-def test_uncertainty_is_of_one_plain_prediction(tmp_path, words):
-    assert main(["predict", str(written(tmp_path, UNCERTAIN)), "--uncertainty", *words]) == 2
+def test_uncertainty_is_of_a_prediction_without_a_tolerance(tmp_path):
+    words = ["--uncertainty", "--tolerance", "0.01"]
+    assert main(["predict", str(written(tmp_path, UNCERTAIN)), *words]) == 2
 
 
 def test_the_command_shows_errors_and_what_makes_them(tmp_path, capsys):
@@ -104,7 +104,7 @@ def test_the_command_shows_errors_and_what_makes_them(tmp_path, capsys):
 
 def test_the_command_says_that_inputs_are_uncertain(tmp_path, capsys):
     assert main(["predict", str(written(tmp_path, UNCERTAIN))]) == 0
-    assert "--uncertainty" in capsys.readouterr().err
+    assert "--uncertainty" in capsys.readouterr().out
 
 
 def test_angles_that_are_off_together_are_propagated_as_draws_of_them(tmp_path):
@@ -124,6 +124,6 @@ def test_the_listing_says_which_errors_go_together(tmp_path, capsys):
     pointing = f"[pointing]\nparameters = {names}\ncorrelation = [[1.0, -0.6], [-0.6, 1.0]]\n"
     scene = written(tmp_path, text + pointing)
     assert main(["predict", str(scene), "--uncertainty"]) == 0
-    said = " ".join(capsys.readouterr().err.split())
+    said = " ".join(capsys.readouterr().out.split())
     assert "errors of geometry.camera_zenith_deg and geometry.camera_azimuth_deg go together: correlation -0.60" in said
     assert "as [pointing] says" in said

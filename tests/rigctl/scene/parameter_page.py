@@ -7,9 +7,9 @@ from rigctl.scene.parameters import describe
 
 HEAD = """# Parameters of a scene
 
-Every number of a scene file by its key: as it may be uncertain there, be swept (`rigctl predict --sweep
-KEY=start:stop:n`), and stand in reports. NAME is that of a region, ANGLE one of the polarizer in degrees. Written from
-the table in `rigctl/scene/parameter_table.py`.
+Every number of a scene file by its key: as it may be uncertain there, be swept (`rigctl sweep`), and stand in reports.
+NAME is that of a region, ANGLE one of the polarizer in degrees. Written from the table in
+`rigctl/scene/parameter_table.py`.
 
 | key | unit | range | meaning |
 |---|---|---|---|

@@ -1,0 +1,610 @@
+"""`rigctl predict` and `rigctl sweep`: the analytical model of a scene, and of a scene over ranges of its numbers."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Unpack
+
+from cyclopts import Parameter
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.errors import ConfigError
+from rigctl.files.choices import RocKind, SnrKind
+from rigctl.verbs.options import FilePath, PredictOptions, ScenePath, Writes, changes_of, scene_file_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from model.accuracy.predict import AccuratePrediction
+    from model.accuracy.series import SeriesPrediction
+    from model.effects.names import EffectPlan
+    from model.prediction import PairDetection, RegionPrediction
+    from rigctl.calibrations.rig_picks import RigPicks
+    from rigctl.prediction.performance import Performance
+    from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
+    from rigctl.prediction.roc_curves import RocPair
+    from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
+    from rigctl.prediction.sweep import Sweep
+    from rigctl.prediction.sweep_axes import Axis
+    from rigctl.reports.table import AnyTable
+
+    Ranges: TypeAlias = str | Sequence[str]
+    Values: TypeAlias = Sequence[float] | NDArray[np.float64]
+else:
+    Ranges, Values = list[str], Any
+
+_PREDICTED = ("prediction.json", "prediction.csv", "counts.png", "laws.png", "roc.csv", "roc.png")
+_SWEPT = ("sweep.csv", "sweep.json", "sweep.png", "roc.csv", "roc.png")
+
+
+def predict(
+    scene: ScenePath,
+    /,
+    *,
+    uncertainty: bool = False,
+    write_truth: Annotated[FilePath | None, Writes()] = None,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_PREDICTED)] = None,
+    **options: Unpack[PredictOptions],
+) -> "Prediction":
+    """Predict each region of a scene by the analytical model: counts, Stokes parameters, DoLP, deviations, SNR.
+
+    Regions are given by their radiance, or by material, sun and atmosphere; then the answer also has the parts of the
+    light at the aperture.
+
+    Inputs may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: --uncertainty gives each number its standard
+    uncertainty by all of them, [rig] included, and ranks them (docs/comparison.md).
+
+    Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
+
+    Example: rigctl predict examples/scene-airborne.toml --set sun.zenith_deg=25 --roc black_paint,asphalt --out noon
+
+    Parameters
+    ----------
+    scene : path or SceneFile
+        Scene file.
+    uncertainty : bool
+        Also propagate the stated uncertainties of the inputs to each number.
+    write_truth : path
+        Also write a scene file of plain radiances, for simulators (.toml).
+    out : path
+        Folder for pictures, tables, JSON: counts behind each angle and the laws of s1, s2 and DoLP ([MK14] Figs 7, 8b).
+    **options
+        Changed numbers, calibrations, effects, tolerance, see `PredictOptions`.
+
+    Returns
+    -------
+    Prediction
+        Numbers of each region, as a table and as prediction.json has them.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, there is no such number, or the tolerance cannot be kept.
+    """
+    from rigctl.prediction.performance import performance_of
+    from rigctl.prediction.roc_curves import roc_curves
+    from rigctl.scene.scene_inputs import only_uncertain
+
+    tolerance = _tolerance(options)
+    if tolerance is not None and uncertainty:
+        raise ConfigError("--tolerance: is of the computation, --uncertainty of the inputs; give one of them")
+    with solving_shown() as tell:
+        predictor, doubts, picked = _predictor(scene, options, tell=tell)
+        pair = _pair(options.get("roc"), predictor)
+        light: ScenePrediction | None = None
+        accuracy: AccuratePrediction | None = None
+        effects: EffectPlan | None = None
+        errors: PredictedUncertainty | None = None
+        if tolerance is None:
+            light = predictor.predict()
+            predictions, remarks = light.predictions, light.remarks
+            if uncertainty:
+                from rigctl.prediction.predicted_uncertainty import predicted_uncertainty
+
+                errors = predicted_uncertainty(predictor, predictions)
+        else:
+            effects = predictor.effect_plan(tolerance, rule=options.get("effects") or "safe")
+            accuracy = predictor.to_tolerance(
+                tolerance, effects=effects, estimated_only=options.get("estimated_only", False)
+            )
+            predictions, remarks = accuracy.result.predictions, (*predictor.remarks, *effects.remarks)
+        found = Prediction(
+            predictions=predictions,
+            performance=performance_of(predictions),
+            scene_remarks=remarks,
+            doubts=doubts,
+            rocs={} if pair is None else roc_curves(predictions, pair),
+            picked=picked,
+            light=light,
+            uncertain_inputs=only_uncertain(predictor.inputs).names,
+            uncertainty=errors,
+            accuracy=accuracy,
+            effects=effects,
+            snr=options.get("snr", "exact"),
+        )
+    _report(picked, doubts)
+    if out is not None:
+        with solving_shown():
+            note(f"{', '.join(found.write(Path(out)))} in {out}")
+    if write_truth is not None:
+        from rigctl.prediction.truth_file import write_truth as write
+
+        if not isinstance(scene, str | Path):
+            raise ConfigError("--write-truth: needs the scene as a file")
+        write(Path(scene), Path(write_truth), changes=changes_of(options.get("changes", ())))
+        note(f"truth: {write_truth}")
+    return found
+
+
+def sweep(
+    scene: ScenePath,
+    ranges: Ranges,
+    values: Annotated[Values | None, Parameter(parse=False)] = None,
+    /,
+    *,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_SWEPT)] = None,
+    **options: Unpack[PredictOptions],
+) -> "SweepResult":
+    """Predict a scene over a range of one of its numbers, or over a grid of several.
+
+    With --tolerance some points are judged; those between them take the plans and errors of these.
+
+    Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=10:80:8 --out sweep
+
+    Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=20:60:3 sensor.f_number=2:4:3 --tolerance 0.01
+
+    Parameters
+    ----------
+    scene : path or SceneFile
+        Scene file.
+    ranges : KEY=start:stop:n
+        Any number of docs/parameters.md over a range; a second range makes a grid. Python may give the key alone, such
+        as "sun.zenith_deg", and its values.
+    values : sequence of float
+        Values of one key, in the unit that the key ends in (Python only).
+    out : path
+        Folder for sweep.csv, sweep.json and a plot, or two maps of a grid; with --roc the curves.
+    **options
+        Changed numbers, calibrations, effects, tolerance, see `PredictOptions`.
+
+    Returns
+    -------
+    SweepResult
+        Numbers of each region at each point.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong or does not fit, there is no such number, or a value is outside its range.
+    """
+    from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
+
+    axes, tolerance = _axes(ranges, values), _tolerance(options)
+    twice = [axis.key for axis in axes if axis.key in changes_of(options.get("changes", ()))]
+    if twice:
+        raise ConfigError(f"RANGES: {twice[0]} is set by --set as well; leave one of them out")
+    with solving_shown() as tell:
+        predictor, doubts, picked = _predictor(scene, options, tell=tell)
+        pair = _pair(options.get("roc"), predictor)
+        accuracy: SeriesPrediction | None = None
+        if tolerance is None:
+            swept = sweep_over(predictor, axes, roc=pair)
+        else:
+            swept, accuracy = sweep_to_tolerance(
+                predictor,
+                axes,
+                tolerance,
+                roc=pair,
+                rule=options.get("effects") or "safe",
+                estimated_only=options.get("estimated_only", False),
+            )
+    found = SweepResult(
+        found=swept,
+        scene_remarks=predictor.remarks,
+        doubts=doubts,
+        accuracy=accuracy,
+        picked=picked,
+        snr=options.get("snr", "exact"),
+    )
+    _report(picked, doubts)
+    if out is not None:
+        note(f"{', '.join(found.write(Path(out)))} in {out}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction(Result):
+    """Prediction of a scene, as tables and as prediction.json has it."""
+
+    predictions: "dict[str, RegionPrediction]"
+    performance: "Performance"  #: distribution of DoLP and detection
+    scene_remarks: tuple[str, ...]  #: what is assumed, and what is least known
+    doubts: tuple[str, ...]  #: about the calibrations
+    rocs: "dict[RocKind, PairDetection]"  #: whole curves; empty where none was asked for
+    picked: "RigPicks"  #: which calibrations were picked from the store
+    uncertain_inputs: tuple[str, ...]  #: inputs that have a stated uncertainty
+    light: "ScenePrediction | None" = None  #: geometry and parts of the light; None to a tolerance
+    uncertainty: "PredictedUncertainty | None" = None  #: of each number by the inputs, where that was asked for
+    accuracy: "AccuratePrediction | None" = None  #: numerical errors, to a tolerance
+    effects: "EffectPlan | None" = None  #: which effects act, to a tolerance
+    snr: SnrKind = "exact"  #: DoLP SNR that tables show
+
+    def __repr__(self) -> str:
+        from rigctl.measurement.picked_calibrations import named_calibrations
+
+        return f"<prediction of {', '.join(self.predictions)}{named_calibrations(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        from rigctl.measurement.picked_calibrations import calibrations_json
+
+        return calibrations_json(self.picked)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about regions and their detection, each once."""
+        from rigctl.comparison.remarks import model_warnings
+
+        pairs = (*self.performance.detections, *self.rocs.values())
+        of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)
+        return tuple(dict.fromkeys((*model_warnings(self.predictions), *of_pairs)))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks about calibrations, scene, regions and detection."""
+        return (*self.doubts, *self.scene_remarks, *self.warnings)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Calibrations that were picked, and doubts about them."""
+        return (*self.picked.lines, *self.doubts)
+
+    def content(self) -> Iterable[Part]:
+        """Return the DoLP of each region, the light, all numbers, their errors, and what is assumed."""
+        yield self._answer()
+        yield from self._light()
+        yield from self._tables()
+        yield from self._lines()
+
+    def _answer(self) -> str:
+        return f"DoLP of single pixels: {'; '.join(_dolp_text(name, one) for name, one in self.predictions.items())}"
+
+    def _light(self) -> Iterable[Part]:
+        from rigctl.reports.tables.light_tables import geometry_lines, light_tables
+
+        if self.light is not None:
+            yield from geometry_lines(self.light)
+            yield from light_tables(self.light)
+
+    def _tables(self) -> Iterable[Part]:
+        from rigctl.reports.tables.detection_tables import roc_table
+        from rigctl.reports.tables.prediction_tables import input_effect_tables, quantity_tables
+
+        yield from quantity_tables(self._regions(), snr=self.snr)
+        if self.uncertainty is not None:
+            yield from input_effect_tables(self.uncertainty)
+        if self.rocs:
+            yield roc_table({kind: (one,) for kind, one in self.rocs.items()})
+
+    def _lines(self) -> Iterable[Part]:
+        if self.accuracy is not None and self.effects is not None:
+            from rigctl.reports.tables.accuracy_tables import accuracy_lines, accuracy_table
+            from rigctl.reports.tables.effects_tables import left_out_line
+
+            yield accuracy_table(self.accuracy)
+            yield from (*accuracy_lines(self.accuracy), left_out_line(self.effects))
+        yield from (*self.scene_remarks, *self.warnings)
+        if self.uncertainty is not None:
+            from rigctl.reports.tables.prediction_tables import correlation_lines
+
+            yield from correlation_lines(self.uncertainty)
+            none = () if self.uncertain_inputs else ("no input has a stated uncertainty: all are taken as exact",)
+            yield from self.uncertainty.remarks or none
+        elif self.uncertain_inputs and self.accuracy is None:
+            yield f"{len(self.uncertain_inputs)} inputs have a stated uncertainty: --uncertainty propagates it"
+
+    def _regions(self) -> "Mapping[str, Mapping[str, Mapping[str, float]]]":
+        if self.uncertainty is None:
+            return {name: one.quantities for name, one in self.predictions.items()}
+        from rigctl.reports.tables.prediction_tables import with_input_errors
+
+        return with_input_errors(self.predictions, self.uncertainty)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what prediction.json holds."""
+        from model.prediction import reason_missing
+        from rigctl.reports.tables.accuracy_tables import accuracy_json
+        from rigctl.reports.tables.detection_tables import roc_json
+        from rigctl.reports.tables.effects_tables import effects_json
+        from rigctl.reports.tables.light_tables import light_json
+        from rigctl.reports.tables.numbers_json import prediction_json
+        from rigctl.reports.tables.prediction_tables import input_effects_json
+
+        content = prediction_json(self.predictions, self.performance, remarks=(*self.doubts, *self.scene_remarks))
+        content |= {} if self.light is None else light_json(self.light)
+        content["reasons"] = [
+            {"number": f"{name}.{quantity}", "reason": reason}
+            for name, one in self.predictions.items()
+            for quantity, reason in reason_missing(one).items()
+        ]
+        if self.rocs:
+            content["roc"] = roc_json({kind: (one,) for kind, one in self.rocs.items()}, ())
+        content |= self.picked.as_json()
+        if self.uncertainty is not None:
+            content |= {"regions": self._regions(), **input_effects_json(self.uncertainty)}
+        if self.accuracy is not None and self.effects is not None:
+            content |= {"accuracy": accuracy_json(self.accuracy), "effects": effects_json(self.effects, None)}
+        return content
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write numbers, plots and curves into a folder; return the names of the files."""
+        from rigctl.reports.figures.detection_figures import roc_png
+        from rigctl.reports.figures.prediction_figures import counts_png, laws_png
+        from rigctl.reports.tables.detection_tables import roc_csv
+        from rigctl.reports.writers.data_files import csv_rows, json_file
+        from rigctl.reports.writers.output_folder import write_folder
+
+        warnings = [f"{name}: {text}" for name, one in self.predictions.items() for text in one.warnings]
+        contents = {
+            "prediction.json": json_file(self.as_json()),
+            "prediction.csv": csv_rows(_csv_table(self._numbers(), self.remarks)),
+            "counts.png": counts_png(self.predictions, warnings=warnings),
+            "laws.png": laws_png(self.predictions, warnings=warnings),
+        }
+        if self.rocs:
+            curves = {kind: (one,) for kind, one in self.rocs.items()}
+            contents |= {"roc.csv": roc_csv(curves), "roc.png": roc_png(curves)}
+        return write_folder(folder, contents)
+
+    def _numbers(self) -> Iterable[tuple[str, str, str, float]]:
+        for region, prediction in self.predictions.items():
+            for quantity, statistics in prediction.quantities.items():
+                for statistic, value in statistics.items():
+                    yield region, quantity, statistic, value
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return every predicted number: region, quantity, statistic, value, std_error_inputs.
+
+        Parameters
+        ----------
+        backend : {"pandas", "polars"}
+            Whose data frame. The error is there after ``predict(..., uncertainty=True)``.
+        """
+        from rigctl.reports.data_frames import data_frame, number_table
+
+        errors = {} if self.uncertainty is None else self.uncertainty.std_errors
+        rows = (
+            (region, quantity, statistic, value, errors.get(region, {}).get(quantity, {}).get(statistic))
+            for region, quantity, statistic, value in self._numbers()
+        )
+        return data_frame(number_table(rows, error="std_error_inputs"), backend)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SweepResult(Result):
+    """Prediction of a scene over ranges of its numbers, as tables and as sweep.json has it."""
+
+    found: "Sweep"
+    scene_remarks: tuple[str, ...]
+    doubts: tuple[str, ...]
+    picked: "RigPicks"
+    accuracy: "SeriesPrediction | None" = None  #: numerical errors, to a tolerance
+    snr: SnrKind = field(default="exact")
+
+    def __repr__(self) -> str:
+        from rigctl.measurement.picked_calibrations import named_calibrations
+
+        values = self.found.values
+        span = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
+        return f"<sweep of {self.found.key}, {span}{named_calibrations(self.picked)}>"
+
+    @property
+    def calibrations(self) -> dict[str, Json]:
+        """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
+        from rigctl.measurement.picked_calibrations import calibrations_json
+
+        return calibrations_json(self.picked)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Calibrations that were picked, and doubts about them."""
+        return (*self.picked.lines, *self.doubts)
+
+    def content(self) -> Iterable[Part]:
+        """Return the span of DoLP of each region, tables, warnings, and what is assumed."""
+        from rigctl.reports.figures.prediction_figures import MOST_AXES, sweep_png
+        from rigctl.reports.tables.accuracy_tables import series_lines
+        from rigctl.reports.tables.sweep_tables import sweep_tables, warning_lines
+
+        yield self._answer()
+        if len(self.found.axes) <= MOST_AXES:
+            yield lambda: sweep_png(self.found)
+        yield from sweep_tables(self.found, snr=self.snr)
+        if self.accuracy is not None:
+            yield from series_lines(self.accuracy)
+        yield from warning_lines(self.found)
+        yield from self.scene_remarks
+        yield from dict.fromkeys(f"{one.number}: missing where {one.reason}" for one in self.found.missing)
+
+    def _answer(self) -> str:
+        import numpy as np
+
+        spans = []
+        for region in self.found.regions:
+            dolp = self.found.series(region, "dolp_pixels", "mean")
+            known = dolp[np.isfinite(dolp)]
+            spans.append(f"{region} {known.min():.4g} to {known.max():.4g}" if known.size else f"{region} undefined")
+        return f"mean DoLP of pixels over {self.found.key}: {'; '.join(spans)}"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what sweep.json holds, with numerical errors and calibrations."""
+        from rigctl.reports.tables.accuracy_tables import series_json
+
+        accuracy = {} if self.accuracy is None else {"accuracy": series_json(self.accuracy)}
+        return self._json() | accuracy | self.picked.as_json()
+
+    def _json(self) -> dict[str, Json]:
+        from rigctl.reports.tables.sweep_tables import sweep_json
+
+        return sweep_json(self.found, remarks=(*self.doubts, *self.scene_remarks))
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write numbers, plot and curves into a folder; return the names of the files."""
+        from rigctl.reports.figures.detection_figures import roc_png
+        from rigctl.reports.figures.prediction_figures import MOST_AXES, sweep_png
+        from rigctl.reports.tables.detection_tables import roc_csv
+        from rigctl.reports.tables.sweep_tables import sweep_csv
+        from rigctl.reports.writers.data_files import json_file
+        from rigctl.reports.writers.output_folder import write_folder
+
+        remarks = (*self.doubts, *self.scene_remarks)
+        contents = {"sweep.csv": sweep_csv(self.found, remarks=remarks), "sweep.json": json_file(self._json())}
+        if len(self.found.axes) <= MOST_AXES:
+            contents["sweep.png"] = sweep_png(self.found, snr=self.snr, remarks=remarks)
+        if self.found.rocs:
+            contents |= {"roc.csv": roc_csv(self.found.rocs), "roc.png": roc_png(self.found.rocs, self._labels())}
+        return write_folder(folder, contents)
+
+    def _labels(self) -> tuple[str, ...]:
+        points = [""]
+        for axis in self.found.axes:
+            points = [
+                ", ".join(filter(None, (text, f"{axis.key}={value:g}"))) for text in points for value in axis.values
+            ]
+        return tuple(points)
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return every number at every value: key, at, region, quantity, statistic, value."""
+        from rigctl.reports.data_frames import data_frame
+        from rigctl.reports.table import Table
+
+        found = self.found
+        rows = tuple(
+            (float(at), region, quantity, statistic, value)
+            for at, step in zip(found.values, found.quantities, strict=True)
+            for region, quantities in step.items()
+            for quantity, statistics in quantities.items()
+            for statistic, value in statistics.items()
+        )
+        names = (found.key, "region", "quantity", "statistic", "value")
+        return data_frame(Table(columns=tuple(_place(name, k) for k, name in enumerate(names)), rows=rows), backend)
+
+
+def _csv_table(numbers: Iterable[tuple[str, str, str, float]], remarks: Iterable[str]) -> "AnyTable":
+    """Return a row a number, then a row without a number for each remark."""
+    from rigctl.reports.table import Table
+
+    rows = [(*number, "") for number in numbers] + [("", "", "", None, text) for text in remarks]
+    names = ("region", "quantity", "statistic", "value", "remark")
+    return Table(columns=tuple(_place(name, k) for k, name in enumerate(names)), rows=tuple(rows))
+
+
+def _place(name: str, k: int) -> Any:
+    from operator import itemgetter
+
+    from rigctl.reports.table import Column
+
+    return Column[Any](key=name, value=itemgetter(k))
+
+
+def _dolp_text(name: str, prediction: "RegionPrediction") -> str:
+    from rigctl.numbers.number_text import to_digits
+
+    dolp = prediction.quantities.get("dolp", {})
+    mean, std = dolp.get("mean"), dolp.get("std")
+    if mean is None or std is None or math.isnan(mean):
+        return f"{name} undefined"
+    return f"{name} {to_digits(mean, std)} ± {to_digits(std, std)}"
+
+
+def _report(picked: "RigPicks", doubts: Iterable[str]) -> None:
+    picked.report()
+    for doubt in doubts:
+        warn(doubt)
+
+
+def _tolerance(options: PredictOptions) -> float | None:
+    """Return the tolerance; without one, refuse options that only have a meaning with it."""
+    tolerance = options.get("tolerance")
+    for option, value in (("effects", options.get("effects")), ("estimated-only", options.get("estimated_only"))):
+        if tolerance is None and value:
+            raise ConfigError(f"--{option}: needs a tolerance; give --tolerance T too")
+    return tolerance
+
+
+def _axes(ranges: Ranges, values: "Values | None") -> "tuple[Axis, ...]":
+    import numpy as np
+
+    from rigctl.prediction.sweep_axes import Axis, parse_sweeps
+
+    texts = [ranges] if isinstance(ranges, str) else list(ranges)
+    if values is None:
+        return parse_sweeps(texts)
+    at = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if at.ndim != 1 or not len(at) or not np.all(np.isfinite(at)) or len(texts) != 1:
+        raise ConfigError("values: give one key and one finite number or more")
+    return (Axis(key=texts[0], values=at),)
+
+
+def _pair(roc: str | None, predictor: "ScenePredictor") -> "RocPair | None":
+    from rigctl.prediction.roc_curves import parse_roc
+
+    return None if roc is None else parse_roc(roc, tuple(region.name for region in predictor.scene.regions))
+
+
+def _predictor(
+    scene: ScenePath, options: PredictOptions, *, tell: Any
+) -> "tuple[ScenePredictor, tuple[str, ...], RigPicks]":
+    """Return what predicts the scene, what is doubtful of the calibrations, and which were picked."""
+    import time
+    from functools import partial
+
+    from rigctl.calibrations.made_for import MadeFor
+    from rigctl.calibrations.rig_picks import NONE, picked_for_scene
+    from rigctl.numbers.utc_time import utc_text
+    from rigctl.prediction.scene_prediction import ScenePredictor
+    from rigctl.scene.effect_choice import with_choices
+    from rigctl.scene.scene_light import SceneLight
+    from rigctl.scene.skies.engine import require_engine
+
+    engine, noise, radiometric = options.get("engine", "own"), options.get("noise"), options.get("radiometric")
+    file = with_choices(
+        scene_file_of(scene),
+        switched_on=tuple(options.get("switched_on", ())),
+        left_out=tuple(options.get("left_out", ())),
+    )
+    require_engine(engine, tier=None if file.atmosphere is None else file.atmosphere.tier)
+    # A prediction names no camera, so that only format and age can be unfit.
+    used = MadeFor(bit_depth=file.sensor.bit_depth, taken_utc=utc_text(time.time_ns()))
+    named, store = (None if path is None else Path(path) for path in (noise, options.get("calibrations")))
+    place = Path(scene) if isinstance(scene, str | Path) else None
+    picked = picked_for_scene(place, used, store, named)
+    calibration = picked.files.get("noise", None if named == NONE else named)
+    parameters, scaled, doubts = None, None, tuple[str, ...]()
+    # Calibrations bring run folders and measurement, a tenth of a second that a prediction without one does not need.
+    if calibration is not None:
+        from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+
+        parameters = read_noise_file(calibration)
+        doubts = require_noise_fits(parameters, used)
+    if radiometric is not None:
+        from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
+        from rigctl.comparison.scale import with_panel_scale
+
+        response = read_radiometric_file(Path(radiometric))
+        scaled = partial(with_panel_scale, radiometric=response)
+        doubts += require_radiometric_fits(response, used)
+    predictor = ScenePredictor(
+        file,
+        parameters,
+        light=SceneLight(engine=engine, tell=tell),
+        source=options.get("light", "total"),
+        scaled=scaled,
+        changes=changes_of(options.get("changes", ())),
+    )
+    return predictor, doubts, picked
