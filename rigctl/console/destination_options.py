@@ -29,7 +29,6 @@ _FORCE, _ANONYMOUS = "force", "anonymous"
 # They decide how a result is told, and not what is in it.
 _TELLING = ("as_json", _FORCE)
 _STUDIED = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
-_TRADED = ("digits.png", *(f"{name}.{end}" for name in ("tradeoff", "acquisition") for end in ("csv", "json", "png")))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +67,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
     "study": {"out": _folder(*_STUDIED)},
-    "tradeoff": {"out": _folder(*_TRADED)},
 }
 
 

@@ -97,3 +97,15 @@ def print_json_list(content: Sequence[Mapping[str, Json]]) -> None:
 def print_json(content: Mapping[str, Json]) -> None:
     """Write a result for other programs: JSON on standard output, null with its reason for what is no number."""
     sys.stdout.write(json_text(told_content(content)))
+
+
+@contextmanager
+def steps_shown() -> Iterator[Callable[[str, int, int], None]]:
+    """Show a bar on a terminal; what is yielded takes what is being done, the steps done and how many there are."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = progress()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda text, done, steps: bar.update(task, completed=done, total=steps, description=text)

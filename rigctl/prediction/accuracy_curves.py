@@ -21,7 +21,7 @@ from model.accuracy.chain import (
 from model.accuracy.effect_estimates import kind_of, readings_of
 from model.accuracy.errors import error_budget, light_errors
 from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
-from model.accuracy.predict import AccuratePrediction, predict
+from model.accuracy.predict import ESTIMATES, AccuratePrediction, predict
 from model.prediction import predict_with_errors
 from model.scene.scene import LitScene
 from rigctl.errors import ConfigError
@@ -171,6 +171,18 @@ def accuracy_curves(
         named=named,
         digits=tuple(one for found in predictions for one in _digits(found, truth)),
     )
+
+
+def faster_and_better(choice: NamedChoice, curves: Curves) -> bool:
+    """Return whether a fixed choice is faster than a tolerance, and its error no larger than the true one of that."""
+    chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
+    return choice.error > 0.0 and any(choice.seconds <= point.seconds and choice.error <= point.true for point in chain)
+
+
+def estimates_share(found: AccuratePrediction) -> float:
+    """Return the share of a prediction's time that its error estimates take."""
+    total = sum(found.stage_s.values())
+    return found.stage_s[ESTIMATES] / total if total > 0.0 else 0.0
 
 
 def _fastest(scene: LitScene, tolerance: float, clock: Clock) -> AccuratePrediction:

@@ -55,7 +55,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "predict": ("rigctl.verbs.predict:predict", "Predict counts, Stokes parameters and DoLP of a scene."),
         "sweep": ("rigctl.verbs.predict:sweep", "Predict a scene over ranges of its numbers."),
         "effects": ("rigctl.verbs.effects:effects", "Which effects a scene calls for, and why."),
-        "tradeoff": ("old", "What accuracy costs in time, computed or on the roof."),
+        "tradeoff": ("rigctl.verbs.tradeoff:tradeoff", "What accuracy costs in time, computed or on the roof."),
         "fit": (None, "Fit the parameters of a surface to measured regions."),
         "fit surface": ("rigctl.verbs.fit:surface", "Fit index, roughness and reflectance of a surface."),
         "sky": ("rigctl.verbs.sky:sky", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from model.accuracy.predict import ESTIMATES
+from model.accuracy.predict import AccuratePrediction
 from model.acquisition import degrees_text
-from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves, DigitPoint
+from rigctl.prediction.accuracy_curves import WHOLE_CHAIN, Curves, DigitPoint, estimates_share, faster_and_better
 from rigctl.prediction.accuracy_curves import CurvePoint as CostPoint
 from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff, CurvePoint
 from rigctl.prediction.paper_choices import NamedChoice
@@ -38,22 +38,38 @@ _WIDTH = 6.0
 _APART = 0.04
 
 
-def curve_png(curves: Curves) -> bytes:
-    """Return error against time: of tolerances and the paper's choices, of each setting alone; and where time goes."""
-    figure, axes = placed_axes(1, 3, size=(17.0, 7.2), margins=(0.8, 0.2, 1.8, 0.5), apart=(0.8, 0.0))
+def curve_png(curves: Curves, *, worth: AccuratePrediction) -> bytes:
+    """Return error against time of tolerances and of the paper's choices, with the tolerance that is worth having."""
+    figure, axes = placed_axes(1, 1, size=(8.5, 6.8), margins=(0.9, 0.2, 1.6, 0.5))
     chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
     _draw_chain(axes[0], chain)
     _draw_named(axes[0], curves.named)
     _draw_floor(axes[0], curves)
+    best = next(point for point in chain if point.level == f"tolerance {worth.tolerance:g}")
+    if math.isfinite(_shown(best.true)):
+        axes[0].plot(best.seconds, best.true, "o", ms=18, mfc="none", mec=_COLOURS[1], mew=2.0, label="worth having")
     _finish_errors_of(axes[0], f"what accuracy costs: {_BETTER}")
-    name_points(figure, axes[0], [*_tolerance_names(chain), *_choice_names(curves.named)])
+    name_points(figure, axes[0], [*_tolerance_names(chain), *_choice_names(curves)])
     _say_without_error(figure, curves.named, chain)
-    _draw_settings(axes[1], curves)
-    _finish_errors_of(axes[1], f"each setting alone: {_BETTER}")
-    for axis in axes[:2]:
-        _say_if_empty(axis)
-        legend_below(axis, columns=2)
-    _draw_stages(axes[2], curves)
+    _say_if_empty(axes[0])
+    legend_below(axes[0], columns=2)
+    return png(figure)
+
+
+def settings_png(curves: Curves) -> bytes:
+    """Return error against time of each setting by itself."""
+    figure, axes = placed_axes(1, 1, size=(8.5, 6.8), margins=(0.9, 0.2, 1.8, 0.5))
+    _draw_settings(axes[0], curves)
+    _finish_errors_of(axes[0], f"each setting alone: {_BETTER}")
+    _say_if_empty(axes[0])
+    legend_below(axes[0], columns=2)
+    return png(figure)
+
+
+def stages_png(curves: Curves) -> bytes:
+    """Return where the time of each tolerance goes."""
+    figure, axes = placed_axes(1, 1, size=(6.5, 6.0), margins=(0.9, 0.2, 1.8, 0.5))
+    _draw_stages(axes[0], curves)
     return png(figure)
 
 
@@ -216,8 +232,17 @@ def _tolerance_names(chain: Sequence[CostPoint]) -> list[PointName]:
     return [replace(one, text=f"{'' if k else '--tolerance '}{one.text}") for k, one in enumerate(names)]
 
 
-def _choice_names(named: Sequence[NamedChoice]) -> list[PointName]:
-    return [PointName(text=one.name, x=one.seconds, y=one.error) for one in named if one.error > 0.0]
+def _choice_names(curves: Curves) -> list[PointName]:
+    """Return each choice at its point, with the reason where it seems better than a tolerance."""
+    return [
+        PointName(
+            text=f"{one.name}\n(states no error)" if faster_and_better(one, curves) else one.name,
+            x=one.seconds,
+            y=one.error,
+        )
+        for one in curves.named
+        if one.error > 0.0
+    ]
 
 
 def _draw_stages(axis: Axes, curves: Curves) -> None:
@@ -229,8 +254,13 @@ def _draw_stages(axis: Axes, curves: Curves) -> None:
         axis.bar(range(low.size), seconds, bottom=low, label=stage, color=_COLOURS[place], hatch=_HATCHES[place])
         low += seconds
     for place, found in enumerate(curves.predictions):
-        share = found.stage_s[ESTIMATES] / low[place] if low[place] > 0.0 else 0.0
-        axis.annotate(f"estimates\n{100.0 * share:.0f} %", (place, low[place]), ha="center", va="bottom", fontsize=8)
+        axis.annotate(
+            f"estimates\n{100.0 * estimates_share(found):.0f} %",
+            (place, low[place]),
+            ha="center",
+            va="bottom",
+            fontsize=8,
+        )
     axis.margins(y=0.12)
     axis.set_xticks(range(low.size), [f"{found.tolerance:g}" for found in curves.predictions])
     axis.set(xlabel="--tolerance", ylabel="processor time [s]")

@@ -281,13 +281,18 @@ def floor_lines(curves: Curves) -> list[str]:
         keys = [key for key in curves.floor if key.quantity == quantity and is_mean(key)]
         if keys:
             lines.append("  " + "; ".join(f"{key.place} {quantity} {curves.floor[key]:.1e}" for key in keys[:4]))
-    known = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
-    least = min((floor for floor in known if floor > 0.0), default=None)
+    least = dolp_floor(curves)
     if least is not None:
         lines.append(
             f"a tolerance below {least:.1e} buys nothing for DoLP: the inputs are not known better (absolute error)"
         )
     return lines
+
+
+def dolp_floor(curves: Curves) -> float | None:
+    """Return the least uncertainty that the inputs leave of a region's DoLP; None where they are all exact."""
+    known = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
+    return min((floor for floor in known if floor > 0.0), default=None)
 
 
 def is_mean(key: Reading) -> bool:

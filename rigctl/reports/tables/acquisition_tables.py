@@ -38,6 +38,7 @@ _SESSION_COLUMNS: tuple[Column[Session], ...] = (
     Column(title="time s", key="duration_s", text=lambda session: f"{session.duration_s:.4g}"),
 )
 _OF_A_WAY = ("angles_deg", "order", "exposure_ms", "settle_ms")
+_BRIEFLY = ("angles_deg", "order")
 _Way = dict[int, CurvePoint]
 _Reached = tuple[Session, Reached]
 
@@ -55,15 +56,18 @@ def assumptions(found: AcquisitionTradeoff) -> Iterable[str]:
     yield "texture and fixed pattern are the same in all cycles: no number of frames averages them out"
 
 
-def curve_table(found: AcquisitionTradeoff) -> Table[_Way]:
+def curve_table(found: AcquisitionTradeoff, *, wide: bool = True) -> Table[_Way]:
     """Return for each way, at its best exposure and settling, the total error of DoLP after so many cycles."""
-    last = _SHOWN_CYCLES[-1]
+    last, of_a_way = _SHOWN_CYCLES[-1], _OF_A_WAY if wide else _BRIEFLY
     columns: list[Column[_Way]] = [
-        *(column.of(lambda after: after[1].session) for column in _SESSION_COLUMNS if column.key in _OF_A_WAY),
+        *(column.of(lambda after: after[1].session) for column in _SESSION_COLUMNS if column.key in of_a_way),
         Column(title="s a cycle", text=lambda after: f"{after[1].session.duration_s:.3g}"),
         *(Column(title=f"n = {cycles}", text=partial(_total_after, cycles=cycles)) for cycles in _SHOWN_CYCLES),
-        Column(title=f"of it drift, n = {last}", text=lambda after: _shown(after[last].worst.drift_error)),
     ]
+    if wide:
+        columns.append(
+            Column(title=f"of it drift, n = {last}", text=lambda after: _shown(after[last].worst.drift_error))
+        )
     if found.request.pair is not None:
         cycles = _SHOWN_CYCLES[1]
         columns.append(Column(title=f"P_D, n = {cycles}", text=lambda after: _probability(after[cycles].p_detection)))
@@ -75,7 +79,7 @@ def _total_after(after: _Way, cycles: int) -> str:
     return _shown(after[cycles].worst.total)
 
 
-def reached_table(found: AcquisitionTradeoff) -> Table[_Reached]:
+def reached_table(found: AcquisitionTradeoff, *, wide: bool = True) -> Table[_Reached]:
     """Return the shortest session of each way that reaches what is wanted."""
     columns: list[Column[_Reached]] = [
         Column(title="angles deg", text=lambda row: degrees_text(row[0].angles_rad), left=True),
@@ -83,7 +87,7 @@ def reached_table(found: AcquisitionTradeoff) -> Table[_Reached]:
         *(
             Column(title=column.title, text=partial(_of_session, column=column))
             for column in _SESSION_COLUMNS
-            if column.key not in ("angles_deg", "order")
+            if column.key not in (_BRIEFLY if wide else _OF_A_WAY)
         ),
         Column(title="total", text=_total),
     ]

@@ -1,5 +1,6 @@
 import csv
 import json
+import re
 
 import pytest
 
@@ -13,13 +14,32 @@ PANELS = str(EXAMPLES / "scene-panels.toml")
 def test_curves_choices_and_floor_are_written(tmp_path, capsys):
     assert cli.main(["tradeoff", PANELS, "--tolerances", "0.01,0.001", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    assert "what --tolerance chooses" in shown
-    assert "stated without uncertainty: no floor" in shown
+    assert shown.startswith(
+        "The inputs have no uncertainty, so every tolerance buys something: --tolerance 0.001 costs"
+    )
+    assert "worth having" in shown
+    assert {"tradeoff.png", "settings.png", "stages.png", "digits.png"} <= {one.name for one in tmp_path.iterdir()}
     rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
     assert [row["setting"] for row in rows if row["knob"] == "whole chain"] == ["tolerance 0.01", "tolerance 0.001"]
     assert all(float(row["true_error"]) <= 0.001 for row in rows)
     assert (tmp_path / "tradeoff.png").read_bytes().startswith(b"\x89PNG")
     assert len(json.loads((tmp_path / "tradeoff.json").read_text())["choices"]) == 2
+
+
+def test_wide_shows_each_setting_and_the_floor(capsys):
+    assert cli.main(["tradeoff", PANELS, "--tolerances", "0.01", "--wide"]) == 0
+    shown = capsys.readouterr().out
+    assert "what --tolerance chooses" in shown
+    assert "stated without uncertainty: no floor" in shown
+
+
+def test_uncertain_inputs_say_which_tolerance_is_worth_having(capsys):
+    assert cli.main(["tradeoff", str(EXAMPLES / "scene-panels-uncertain.toml"), "--tolerances", "0.1,0.01"]) == 0
+    first, _, *rows = capsys.readouterr().out.splitlines()
+    floor = float(re.match(r"A tolerance below (\S+) buys nothing for DoLP", first)[1])
+    (worth,) = [float(row.split()[1]) for row in rows if "worth having" in row]
+    assert worth <= floor
+    assert all(len(row) <= 80 for row in rows if row.startswith("--tolerance"))
 
 
 @pytest.mark.parametrize("tolerances", ["0.5", "1e-9", "fine"])

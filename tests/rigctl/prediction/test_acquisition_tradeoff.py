@@ -11,7 +11,6 @@ from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.jobs.tradeoff import trade_acquisition
 from rigctl.prediction.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
 from rigctl.prediction.scene_prediction import ScenePredictor
 from rigctl.prediction.scene_sessions import SceneSessions
@@ -181,5 +180,5 @@ def test_options_out_of_range_are_refused(scene_path, capsys, option):
 
 
 def test_an_overhead_below_0_is_refused(scene_path):
-    with pytest.raises(ConfigError, match="overhead"):
-        trade_acquisition(scene_path, TradeoffRequest(overhead_s=-1e-3))
+    with pytest.raises(ValueError, match="overhead"):
+        acquisition_tradeoff(load_scene(scene_path), None, TradeoffRequest(overhead_s=-1e-3))

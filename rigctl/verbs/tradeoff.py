@@ -1,0 +1,356 @@
+"""`rigctl tradeoff`: what accuracy costs in time, of the computation or of a session on the roof."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, solving_shown, steps_shown
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from model.accuracy.predict import AccuratePrediction
+    from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.prediction.accuracy_curves import Curves
+    from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
+    from rigctl.reports.table import AnyTable
+
+_SMALLEST, _LARGEST = 1e-5, 0.1
+_TOLERANCES = (0.1, 0.03, 0.01, 0.003, 0.001)
+_MS_PER_S = 1000.0
+_PERCENT_A_MINUTE = 0.01 / 60.0
+_ACCURACY_FILES = ("tradeoff.csv", "tradeoff.json", "tradeoff.png", "settings.png", "stages.png", "digits.png")
+_ACQUISITION_FILES = ("acquisition.csv", "acquisition.json", "acquisition.png")
+_NO_ERROR_STATED = "states no error"
+
+
+def tradeoff(
+    scene: FilePath,
+    /,
+    *,
+    noise: FilePath | None = None,
+    tolerances: Annotated[
+        Sequence[float], COMMA_SEPARATED, Parameter(validator=Number(gte=_SMALLEST, lte=_LARGEST))
+    ] = _TOLERANCES,
+    also: Sequence[str] = (),
+    wide: bool = False,
+    acquisition: bool = False,
+    target_dolp_sigma: float | None = None,
+    p_detection: float | None = None,
+    p_false_alarm: float = 1e-3,
+    region: str | None = None,
+    pair: Annotated[Sequence[str] | None, COMMA_SEPARATED] = None,
+    pixels: int = 1,
+    drift_percent_per_min: float = 1.0,
+    settling_time_ms: float = 0.0,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=(*_ACCURACY_FILES, *_ACQUISITION_FILES))] = None,
+) -> "AccuracyTradeoff | AcquisitionResult":
+    """Say which tolerance is worth having for a scene, and its cost in time; or with --acquisition which session is.
+
+    The table sets tolerances next to choices of the paper (midpoint tiles, a sky kept every 10 deg, first-order DoLP,
+    draws for the ROC, one wavelength, single scattering), and your own by --also. Times are measured on this machine,
+    now. True errors are against finer settings of all.
+
+    Example: rigctl tradeoff examples/scene-airborne.toml --out tradeoff
+
+    Example: rigctl tradeoff examples/scene-airborne.toml --acquisition --target-dolp-sigma 0.002
+
+    Parameters
+    ----------
+    scene : path
+        Scene file.
+    noise : path
+        Noise calibration in place of the assumed noise.
+    tolerances : sequence of float
+        Tolerances to show, 1e-5 to 0.1, with commas between them; small ones take longest.
+    also : sequence of "KEY=VALUE,..."
+        Own choice of settings to show with the paper's, such as tiles_per_side=3,rule=midpoint. Repeatable.
+    wide : bool
+        Also show each setting by itself, what each tolerance chooses, and the floor of the uncertain inputs; of
+        sessions all columns.
+    acquisition : bool
+        Trade the session instead: frames, angles and exposure against the error of DoLP.
+    target_dolp_sigma : float
+        With --acquisition: find the shortest session with this error of DoLP.
+    p_detection : float
+        With --acquisition: wanted probability of detection.
+    p_false_alarm : float
+        With --acquisition: at this probability of a false alarm.
+    region : str
+        With --acquisition: region whose DoLP counts.
+    pair : "TARGET,BACKGROUND"
+        With --acquisition: regions to tell apart.
+    pixels : int
+        With --acquisition: pixels averaged before DoLP is taken.
+    drift_percent_per_min : float
+        With --acquisition: drift of the light.
+    settling_time_ms : float
+        With --acquisition: of the polarizer.
+    out : path
+        Folder for table, numbers and plots: tradeoff.png answers the question; settings.png has each setting by
+        itself, stages.png where the time goes, digits.png what a digit costs.
+
+    Returns
+    -------
+    AccuracyTradeoff or AcquisitionResult
+        Error against time of the computation, or of sessions.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, a number is outside its range, or the scene has no such region.
+    """
+    from rigctl.calibrations.noise.noise_file import read_noise_file
+    from rigctl.files.scene_file import load_scene
+
+    if not acquisition and any(option is not None for option in (target_dolp_sigma, p_detection, region, pair)):
+        raise ConfigError("--target-dolp-sigma, --p-detection, --region and --pair: are for --acquisition; give it too")
+    file, parameters = load_scene(Path(scene)), None if noise is None else read_noise_file(Path(noise))
+    found: AccuracyTradeoff | AcquisitionResult
+    if not acquisition:
+        found = AccuracyTradeoff(curves=_curves(file, parameters, tuple(tolerances), tuple(also)), is_wide=wide)
+    else:
+        from model.acquisition import Disturbances, Wanted
+        from rigctl.prediction.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
+
+        try:
+            request = TradeoffRequest(
+                wanted=Wanted(dolp_total=target_dolp_sigma, p_detection=p_detection, p_false_alarm=p_false_alarm),
+                region=region,
+                pair=_pair(pair),
+                pixels=pixels,
+                disturbances=Disturbances(
+                    drift_per_s=drift_percent_per_min * _PERCENT_A_MINUTE, settling_time_s=settling_time_ms / _MS_PER_S
+                ),
+            )
+            with solving_shown():
+                sessions = acquisition_tradeoff(file, parameters, request)
+        except ValueError as error:
+            raise ConfigError(f"--acquisition: {error}") from error
+        found = AcquisitionResult(found=sessions, is_wide=wide)
+    if out is not None:
+        note(f"{', '.join(found.write(Path(out)))} in {out}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AccuracyTradeoff(Result):
+    """Error against time of tolerances, of choices of the paper and of each numerical setting."""
+
+    curves: "Curves"
+    is_wide: bool = False
+
+    def content(self) -> Iterable[Part]:
+        """Return which tolerance is worth having, the table of tolerances and choices, and why some seem better."""
+        from rigctl.reports.figures.tradeoff_figures import curve_png
+        from rigctl.reports.tables.accuracy_tables import choice_table, curve_table, floor_lines
+
+        yield self._answer()
+        yield self._table()
+        yield from self._explanation()
+        if self.is_wide:
+            yield curve_table(self.curves)
+            yield choice_table(self.curves)
+            yield from floor_lines(self.curves)
+        yield f"the finest settings took {self.curves.reference_s:.3g} s"
+        yield lambda: curve_png(self.curves, worth=self.worth)
+
+    @property
+    def worth(self) -> "AccuratePrediction":
+        """The prediction to the tolerance that is worth having: the largest within what the inputs leave of DoLP."""
+        from rigctl.reports.tables.accuracy_tables import dolp_floor
+
+        predictions, floor = self.curves.predictions, dolp_floor(self.curves)
+        within = [one for one in predictions if floor is not None and one.tolerance <= floor]
+        return max(within, key=lambda one: one.tolerance) if within else predictions[-1]
+
+    def _answer(self) -> str:
+        from rigctl.reports.tables.accuracy_tables import dolp_floor
+
+        floor, worth, shown = dolp_floor(self.curves), self.worth, self.curves.predictions
+        below = [one for one in shown if one.tolerance < worth.tolerance]
+        price = f"--tolerance {worth.tolerance:g} costs {_seconds(worth):.2g} s"
+        step = f", the next step down ({below[0].tolerance:g}) {_seconds(below[0]):.2g} s" if below else ""
+        if floor is None:
+            return f"The inputs have no uncertainty, so every tolerance buys something: {price}."
+        if worth.tolerance > floor:
+            return f"A tolerance down to {floor:.2g} buys accuracy of DoLP (uncertainty of the inputs): {price}."
+        return (
+            f"A tolerance below {floor:.2g} buys nothing for DoLP, for the inputs are not known better: {price}{step}."
+        )
+
+    def _table(self) -> "AnyTable":
+        from rigctl.prediction.accuracy_curves import WHOLE_CHAIN
+        from rigctl.reports.table import Table, text_columns
+
+        better = set(self._seemingly_better())
+        rows = [
+            (
+                f"--{point.level}",
+                f"{point.seconds:.2g}",
+                _error(point.true),
+                _error(point.estimated),
+                "worth having" if point.level == f"tolerance {self.worth.tolerance:g}" else "",
+            )
+            for point in self.curves.points
+            if point.varied == WHOLE_CHAIN
+        ]
+        rows += [
+            (one.name, f"{one.seconds:.2g}", _error(one.error), "-", _NO_ERROR_STATED if one.name in better else "")
+            for one in self.curves.named
+        ]
+        titles = ("choice", "seconds", "true error", "stated error", "")
+        return Table(columns=text_columns(*titles, left=(0, 4)), rows=tuple(rows))
+
+    def _seemingly_better(self) -> Iterable[str]:
+        """Yield choices that are faster and better than a tolerance: they come without an error that they promise."""
+        from rigctl.prediction.accuracy_curves import faster_and_better
+
+        return (one.name for one in self.curves.named if faster_and_better(one, self.curves))
+
+    def _explanation(self) -> Iterable[str]:
+        if not any(self._seemingly_better()):
+            return
+        from rigctl.prediction.accuracy_curves import estimates_share
+
+        yield (
+            f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, by settings that were chosen finer beforehand '
+            f"and without error estimates ({estimates_share(self.worth):.0%} of the time of --tolerance "
+            f"{self.worth.tolerance:g}); the error is known from the finest settings alone"
+        )
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what tradeoff.json holds."""
+        from rigctl.reports.tables.accuracy_tables import curve_json
+
+        return curve_json(self.curves)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write table, numbers and plots into a folder; return the names of the files."""
+        from rigctl.reports.figures.tradeoff_figures import curve_png, digits_png, settings_png, stages_png
+        from rigctl.reports.tables.accuracy_tables import curve_table
+        from rigctl.reports.writers.data_files import csv_rows, json_file
+        from rigctl.reports.writers.output_folder import write_folder
+
+        return write_folder(
+            folder,
+            {
+                "tradeoff.csv": csv_rows(curve_table(self.curves)),
+                "tradeoff.json": json_file(self.as_json(), indent=None),
+                "tradeoff.png": curve_png(self.curves, worth=self.worth),
+                "settings.png": settings_png(self.curves),
+                "stages.png": stages_png(self.curves),
+                "digits.png": digits_png(self.curves),
+            },
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AcquisitionResult(Result):
+    """Error of DoLP against the time of sessions, and the shortest that reaches what is wanted."""
+
+    found: "AcquisitionTradeoff"
+    is_wide: bool = False
+
+    def content(self) -> Iterable[Part]:
+        """Return the shortest session or the best error, what each way of taking frames gives, and what is assumed."""
+        from rigctl.reports.tables.acquisition_tables import assumptions, curve_table, proposal, reached_table, reasons
+
+        text = proposal(self.found)
+        if text is not None:
+            yield text
+        elif self.found.reached:
+            yield "nothing that was tried reaches it"
+        else:
+            yield self._best()
+        if self.found.reached:
+            yield reached_table(self.found, wide=self.is_wide)
+        yield curve_table(self.found, wide=self.is_wide)
+        yield from assumptions(self.found)
+        yield from reasons(self.found)
+        yield from self.found.remarks
+
+    def _best(self) -> str:
+        from model.acquisition import degrees_text
+
+        known = [point for point in self.found.points if math.isfinite(point.worst.total)]
+        if not known:
+            return "no session gives a DoLP"
+        best = min(known, key=lambda point: point.worst.total)
+        session = best.session
+        return (
+            f"error of DoLP down to {best.worst.total:.2g}, after {session.duration_s:.0f} s at "
+            f"{degrees_text(session.angles_rad)} deg ({session.pattern}, {session.cycles} cycles)"
+        )
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what acquisition.json holds."""
+        from rigctl.reports.tables.acquisition_tables import tradeoff_json
+
+        return tradeoff_json(self.found)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write table, numbers and plot into a folder; return the names of the files."""
+        from rigctl.reports.figures.tradeoff_figures import tradeoff_picture
+        from rigctl.reports.tables.acquisition_tables import tradeoff_csv
+        from rigctl.reports.writers.data_files import json_file
+        from rigctl.reports.writers.output_folder import write_folder
+
+        return write_folder(
+            folder,
+            {
+                "acquisition.csv": tradeoff_csv(self.found),
+                "acquisition.json": json_file(self.as_json(), indent=None),
+                "acquisition.png": tradeoff_picture(self.found),
+            },
+        )
+
+
+def _curves(
+    file: "SceneFile", noise: "NoiseParameters | None", tolerances: tuple[float, ...], also: tuple[str, ...]
+) -> "Curves":
+    from model.accuracy.plan import optical_depth
+    from model.accuracy.predict import DEEPEST
+    from rigctl.errors import as_config_error
+    from rigctl.prediction.accuracy_curves import Curves, accuracy_curves, steps
+    from rigctl.prediction.scene_prediction import ScenePredictor
+    from rigctl.scene.scene_light import SceneLight
+
+    predictor = ScenePredictor(file, noise, light=SceneLight())
+    with as_config_error(f"scene {predictor.scene.name}"), steps_shown() as tell:
+        depth = optical_depth(predictor.lit_scene())
+        if depth > DEEPEST:
+            raise ConfigError(
+                f"scene {predictor.scene.name}: its optical depth is {depth:.3g}, allowed for a trade-off is "
+                f"{DEEPEST:g}: the reference for deeper air takes minutes. rigctl predict --tolerance says what coarse "
+                "settings keep"
+            )
+        for done, step in enumerate(accuracy_curves(predictor, tolerances, also=also)):
+            if isinstance(step, Curves):
+                return step
+            tell(step, done, steps(tolerances))
+    raise RuntimeError("the curves ended without a result")
+
+
+def _pair(names: Sequence[str] | None) -> tuple[str, str] | None:
+    if names is None:
+        return None
+    if len(names) != 2 or not all(names):
+        raise ConfigError(f"--pair: is {','.join(names)!r}, must be TARGET,BACKGROUND")
+    return names[0], names[1]
+
+
+def _seconds(found: "AccuratePrediction") -> float:
+    return sum(found.stage_s.values())
+
+
+def _error(value: float) -> str:
+    return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.1e}"
