@@ -222,8 +222,8 @@ class AccuracyTradeoff(Result):
         from rigctl.prediction.accuracy_curves import estimates_share
 
         yield (
-            f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, by settings that were chosen finer beforehand '
-            f"and without error estimates ({estimates_share(self.worth):.0%} of the time of --tolerance "
+            f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, with settings that were chosen finer '
+            f"beforehand and without error estimates ({estimates_share(self.worth):.0%} of the time of --tolerance "
             f"{self.worth.tolerance:g}); the error is known from the finest settings alone"
         )
 

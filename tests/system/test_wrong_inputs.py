@@ -22,14 +22,14 @@ UGLY = re.compile(
 CASES = [
     # Commands and options.
     (("comapre",), 2, 'Did you mean "compare"?', ()),
-    (("help",), 2, "Did you mean --help?", ()),
+    (("help",), 2, "Try: rigctl --help", ()),
     (("calibrate", "nois"), 2, "Did you mean 'noise'?", ()),
     (("dolp", "fig6"), 2, "Did you mean 'fig5'?", ()),
     (("predict", SCENE, "--noize", "x"), 2, "--noise", ()),
     (("predict", SCENE, "--tolerance", "abc"), 2, 'unable to convert "abc"', ()),
-    (("effects", SCENE, "--tolerance", "0"), 2, "must be at least 1e-09", ()),
+    (("effects", SCENE, "--tolerance", "0"), 2, "Must be >= 1e-09", ()),
     (("compare", "x", SCENE, "--scale", "panle", "--out", "o"), 2, 'Did you mean "panel"?', ()),
-    (("export", "x", "--to", "tif", "--out", "o"), 2, "did you mean tiff?", ()),
+    (("export", "x", "--to", "tif", "--out", "o"), 2, 'Did you mean "tiff"?', ()),
     (("compare", "x", SCENE, "--alpha", "1.5", "--out", "o"), 2, "allowed is above 0 and below 1", ()),
     (("predict", SCENE, "--seed", "1"), 2, "Unknown option", ()),
     (("predict", SCENE, "--set", "sensor.f_numbr=2"), 2, "did you mean sensor.f_number", ()),
