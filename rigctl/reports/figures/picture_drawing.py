@@ -37,7 +37,7 @@ _RED_BLUE = (
     *((5, 48, 97), (33, 102, 172), (67, 147, 195), (146, 197, 222), (209, 229, 240), (247, 247, 247)),
     *((253, 219, 199), (244, 165, 130), (214, 96, 77), (178, 24, 43), (103, 0, 31)),
 )
-_OF_OPENCV = {"viridis": cv2.COLORMAP_VIRIDIS, "cividis": cv2.COLORMAP_CIVIDIS, "twilight": cv2.COLORMAP_TWILIGHT}
+_OF_OPENCV = {"viridis": "COLORMAP_VIRIDIS", "cividis": "COLORMAP_CIVIDIS", "twilight": "COLORMAP_TWILIGHT"}
 
 Colours = Literal["gray", "viridis", "cividis", "twilight", "red-blue"]
 
@@ -146,7 +146,7 @@ def _table(colours: Colours) -> ByteArray:
     """Return 256 colours, blue first."""
     steps = np.arange(256, dtype=np.uint8)
     if colours in _OF_OPENCV:
-        return np.asarray(cv2.applyColorMap(steps[:, None], _OF_OPENCV[colours])[:, 0], dtype=np.uint8)
+        return np.asarray(cv2.applyColorMap(steps[:, None], getattr(cv2, _OF_OPENCV[colours]))[:, 0], dtype=np.uint8)
     known = np.array(((0, 0, 0), (255, 255, 255)) if colours == "gray" else _RED_BLUE, dtype=float)
     places = np.linspace(0.0, 255.0, len(known))
     table = [np.interp(steps, places, known[:, k]).round() for k in (2, 1, 0)]
