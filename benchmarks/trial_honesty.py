@@ -14,9 +14,9 @@ from scipy.special import bdtrc
 
 from rigctl.files.rig_file import load_rig
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-from rigctl.jobs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 from rigctl.simulated.perturbation import PERTURBATIONS, Perturbation, perturbed
 from rigctl.verbs.compare import compare_run
+from rigctl.verbs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 
 ALPHA = 1e-3
 POINTS_TO = {

@@ -47,7 +47,6 @@ def _folder(*names: str) -> _Place:
     return _Place(kind="folder", names=names)
 
 
-_NEW = _Place(kind="new")
 # As many figures and sets of materials as are asked for.
 _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
 _ARCHIVED = ("archive.csv", "archive.json", "archive.html")
@@ -61,7 +60,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "calibrate radiometric": {"out": _FILE},
     "calibrate registration": {"out": _FILE},
     "calibrations": {"history": _FILE},
-    "demo": {"out": _NEW},
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
     "paper": {"out": _folder(*_PAPER)},

@@ -4,7 +4,7 @@
 # its verb is called. "old" marks verbs that old_cli.py still holds.
 HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     "Start": {
-        "demo": ("old", "Run the whole job on a simulated rig: session, calibration, report."),
+        "demo": ("rigctl.verbs.demo:demo", "Run the whole job on a simulated rig: session, calibration, report."),
         "new": ("rigctl.verbs.new:new", "Write the files of a new rig into a folder, ready to run."),
         "doctor": ("rigctl.verbs.doctor:doctor", "Check network, disk, clock and devices, and say what to change."),
     },

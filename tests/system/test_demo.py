@@ -9,12 +9,11 @@ from pathlib import Path
 
 import cv2
 import pytest
-from typer.testing import CliRunner
 
-from rigctl.cli import app, main
-from rigctl.jobs import demo
+from rigctl.cli import main
 from rigctl.runs.run_events import read_events
 from rigctl.runs.run_folder import read_run
+from rigctl.verbs import demo
 from sim_devices.camera import SimCamera
 from tests.rigctl.example_files import SHORT_SESSION, SMALL_SCENE
 from tests.sim_devices.cameras.gige_port import gige_port
@@ -171,7 +170,7 @@ def test_real_frames_become_a_run_images_and_a_closed_loop_report(tmp_path, in_p
 
 @pytest.mark.slow
 def test_the_demo_over_a_network_that_loses_packets_agrees_and_every_frame_is_bit_exact(
-    tmp_path, monkeypatch, small_demo
+    tmp_path, monkeypatch, capsys, small_demo
 ):
     """The command `rigctl demo --gige --lost 0.01`, with small pictures and few of them."""
     take_frame, rendered = SimCamera.take_frame, set()
@@ -184,9 +183,8 @@ def test_the_demo_over_a_network_that_loses_packets_agrees_and_every_frame_is_bi
     monkeypatch.setattr(SimCamera, "take_frame", noted)
     out = tmp_path / "demo"
     with gige_port():
-        result = CliRunner().invoke(app, ["demo", "--gige", "--lost", "0.01", "--out", str(out), "--json"])
-    assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout)["agrees"] is True
+        assert main(["demo", "--gige", "--lost", "0.01", "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["agrees"] is True
     lost = 0
     for name in ("noise-run", "run"):
         run = read_run(out / name)
