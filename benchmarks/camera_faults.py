@@ -19,8 +19,7 @@ from benchmarks.trial_lossy_network import NumberedPictures, picture
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, ProtocolError
-from sim_devices.cameras.gige_faults import GigeFaults
-from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
+from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, serve_gige_camera
 
 ADDRESS = "127.0.0.1"
 GRACE_S = 0.5

@@ -17,8 +17,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import FrameRecord
 
 RUNS = 3
 EMPTY_FIGURE = (

@@ -20,14 +20,14 @@ from unittest import mock
 
 from benchmarks.loop_disk import ext4_image, mounted, why_not
 from drivers.caller import Caller
+from rigctl.base import durable as disk_calls
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.verification import verify_run
-from rigctl.session.take_session import take_session
-from rigctl.storage import disk_calls
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
 
 Result = TypeVar("Result")
 

@@ -28,8 +28,7 @@ from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
-from sim_devices.stages.simulated_stage import SimulatedStage
+from sim_devices.stages.stage import InProcessPort, SimulatedStage
 
 TOLERANCE_DEG = 0.02
 _HALF_COUNT_DEG = 0.0028  # of the coarsest encoder, 65536 counts

@@ -30,15 +30,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
-from rigctl.devices.rig import Rig
 from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
-from rigctl.runs import run_writer
-from rigctl.runs.journal import Journal
+from rigctl.rig.rig import Rig
+from rigctl.runs import writer as run_writer
+from rigctl.runs.folder import Journal
 from rigctl.session import acquisition
-from rigctl.session.frame_store import FrameStore, StoredFrame, WriterThread
-from rigctl.session.take_session import take_session
+from rigctl.session.acquisition import FrameStore, StoredFrame, WriterThread
+from rigctl.session.take import take_session
 
 TARGET_MS = 5.0
 _MS = 1e3

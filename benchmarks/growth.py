@@ -25,11 +25,11 @@ from model.processing.maps import polarization_maps
 from model.processing.reconstruction import design
 from rigctl.files.regions import Rectangle, Region
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.measure.measure import measure
+from rigctl.predict.predict import ScenePredictor
+from rigctl.runs.folder import Run, read_run
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "pictures" / "benchmark-growth.svg"

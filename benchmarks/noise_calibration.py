@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from calibration.sensor.levels import LevelKind
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise.calibrate_files import calibrate_frames
-from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, emva_frames
+from rigctl.calibrations.noise_calibration import calibrate_frames
+from rigctl.calibrations.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, emva_frames
 
 ROUNDS = 7
 SHAPE = (2048, 2448)

@@ -20,10 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from websockets.sync.client import connect
 
-from rigctl.web.page import page_app
-from rigctl.web.pictures import MAP_WIDTH, MOST_WIDTH, CyclePictures, Picture, map_pictures, picture_of, smaller
-from rigctl.web.run_pictures import MAPS
-from rigctl.web.server import PageServer, Place
+from rigctl.web.pictures import MAP_WIDTH, MAPS, MOST_WIDTH, CyclePictures, Picture, map_pictures, picture_of, smaller
+from rigctl.web.server import PageServer, Place, page_app
 
 ANGLES_RAD = np.deg2rad([0.0, 45.0, 90.0, 135.0])
 SIZES = {"782 x 582": (582, 782), "2448 x 2048": (2048, 2448)}

@@ -16,10 +16,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim_devices.camera import SimCamera
-from sim_devices.detector import Detector, Lens
-from sim_devices.rendering.effect import FloatArray, RenderingEffect, Shot
-from sim_devices.rendering.optics import beam_wander, drift, point_spread, vignetting
-from sim_devices.rendering.readout import cosmic_hits, fixed_pattern, smear
+from sim_devices.exposure import (
+    Detector,
+    FloatArray,
+    Lens,
+    RenderingEffect,
+    Shot,
+    beam_wander,
+    cosmic_hits,
+    drift,
+    fixed_pattern,
+    point_spread,
+    smear,
+    vignetting,
+)
 from sim_devices.world import Polarizer, World
 
 _LENS, _DETECTOR = Lens(), Detector()

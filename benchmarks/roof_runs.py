@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import Literal
 
 from model.surface.materials import MATERIALS, properties
-from rigctl.comparison.checks import registration_of, run_checks
-from rigctl.comparison.comparison import Comparison, compare_with_scene
+from rigctl.base.numbers import unix_ns
+from rigctl.compare.checks import registration_of, run_checks
+from rigctl.compare.compare import Comparison, compare_with_scene
 from rigctl.files.choices import RoofChange
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.measurement.measurement import measure
-from rigctl.numbers.utc_time import unix_ns
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import take_session
-from rigctl.simulated.simulation import with_simulation
+from rigctl.measure.measure import measure
+from rigctl.rig.simulation import with_simulation
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 
 Hour = Literal["noon", "morning"]
 TIMES: dict[Hour, datetime] = {
@@ -27,7 +27,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 ALPHA = 1e-3
 _WIDTH, _HEIGHT, _SIDE = 150, 50, 40
 _PANELS = {"black_panel": ("black-paint", 0.012), "white_panel": ("white-paint", 0.008), "asphalt": ("asphalt", 0.02)}
-# What a person might know of a roof; each change of `rigctl.simulated.perturbation` is five of these or more.
+# What a person might know of a roof; each change of `rigctl.rig.roof` is five of these or more.
 _VISIBILITY_STD_KM, _DHR_STD, _TILT_STD_DEG, _DRIFT_STD, _SHARE_STD = 1.0, 0.03, 0.5, 5e-4, 0.05
 
 

@@ -11,9 +11,8 @@ from pathlib import Path
 import erfa  # noqa: F401  (its import is not what is measured)
 
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.light import SceneLight, SkyStore
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-airborne.toml"
 ALLOWED_S = 1.0

@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.trial_damaged_runs import damaged_copy
-from rigctl.archive.run_rows import RunRow, Verb
-from rigctl.cluster.on_dask import Engine
+from rigctl.archive.over_runs import RunRow, Verb
 from rigctl.jobs.archive import find_runs, index_archive
 from rigctl.jobs.archive_runs import ArchiveResult, run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest
-from rigctl.runs.run_folder import INPUTS_FOLDER, Run, read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.session.take_session import take_session
+from rigctl.mapped import Engine
+from rigctl.runs.folder import INPUTS_FOLDER, Run, read_run
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.verify import verification_of

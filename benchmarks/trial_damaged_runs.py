@@ -22,8 +22,8 @@ import numpy as np
 import rigctl
 from rigctl import cli
 from rigctl.errors import ConfigError, DataError
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import take_session
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from rigctl.verbs.verify import verification_of
 from tests.rigctl.example_files import small_rig, small_session
 

@@ -24,14 +24,14 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.base.numbers import unix_ns
 from rigctl.files.session_file import SessionFile
-from rigctl.numbers.utc_time import unix_ns
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.verification import verify_run
-from rigctl.session.session_clock import clock_of
-from rigctl.session.take_session import take_session
-from rigctl.simulated.simulation import with_simulation
+from rigctl.rig.simulation import with_simulation
+from rigctl.runs.check import verify_run
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
+from rigctl.session.timing import clock_of
 from tests.rigctl.example_files import small_rig
 
 _ROUNDS_A_DAY, _ROUNDS_AN_HOUR, _ANGLES = 144, 6, 4

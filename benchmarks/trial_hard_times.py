@@ -21,15 +21,15 @@ from pathlib import Path
 
 from benchmarks.loop_disk import ext4_image, mounted, why_not
 from benchmarks.trial_kills import killed_session, mislabelled, write_files
-from drivers.cameras.aravis_library import load_aravis
+from drivers.cameras.aravis import load_aravis
 from drivers.errors import NotConnectedError
+from rigctl.base.numbers import NS_PER_S
 from rigctl.files.session_file import load_session
-from rigctl.numbers.utc_time import NS_PER_S
-from rigctl.runs.run_events import EVENTS_FILE, read_events
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.verification import verify_run
-from rigctl.session.session_clock import SessionClock
-from rigctl.session.take_session import take_session
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import EVENTS_FILE, read_events
+from rigctl.session.take import take_session
+from rigctl.session.timing import SessionClock
 from sim_devices.truth_log import read_truth
 from tests.rigctl.example_files import small_rig
 

@@ -14,7 +14,7 @@ from scipy.special import bdtrc
 
 from rigctl.files.rig_file import load_rig
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-from rigctl.simulated.perturbation import PERTURBATIONS, Perturbation, perturbed
+from rigctl.rig.roof import PERTURBATIONS, Perturbation, perturbed
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 

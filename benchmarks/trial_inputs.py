@@ -17,10 +17,10 @@ import numpy as np
 from scipy.special import bdtr
 
 from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
-from rigctl.comparison.comparison import compare_with_scene
-from rigctl.comparison.input_attribution import InputAttribution
+from rigctl.compare.compare import compare_with_scene
+from rigctl.compare.explain import InputAttribution
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
+from rigctl.measure.measure import measure
 
 ALPHA = 1e-3
 MOVED_STD = 5.0

@@ -28,13 +28,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.numbers.utc_time import NS_PER_S, utc_text
-from rigctl.runs.fits.fits_frame import decode_frame
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_description import SESSION_FILE
-from rigctl.runs.run_events import EVENTS_FILE, read_events
-from rigctl.runs.run_folder import FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
-from rigctl.runs.verification import verify_run
+from rigctl.base.numbers import NS_PER_S, utc_text
+from rigctl.runs.check import verify_run
+from rigctl.runs.fits import decode_frame
+from rigctl.runs.folder import FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
+from rigctl.runs.records import EVENTS_FILE, SESSION_FILE, FrameRecord, read_events
 from sim_devices.truth_log import TrueFrame, read_truth
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -25,14 +25,13 @@ from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
-from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_events import EVENTS_FILE
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.session.take_session import take_session
-from sim_devices.cameras.gige_faults import GigeFaults
-from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
+from rigctl.rig.rig import Rig
+from rigctl.runs.folder import Run, read_run
+from rigctl.runs.records import EVENTS_FILE
+from rigctl.session.take import take_session
+from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, serve_gige_camera
 
 ADDRESS = "127.0.0.1"
 PLACE = f"{ADDRESS}?pixel_format=Mono12Packed"

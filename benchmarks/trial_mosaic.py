@@ -14,12 +14,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from rigctl.comparison.comparison import compare_with_scene
+from rigctl.compare.compare import compare_with_scene
 from rigctl.files.choices import Interpolation
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import take_session
+from rigctl.measure.measure import measure
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from tests.rigctl.session.test_mosaic_session import TAKES, mosaic_rig, mosaic_session
 
 # Deviations of interpolated pictures are known to be worth less than P / 4.5 pixels, means to somewhat more than P / 4.

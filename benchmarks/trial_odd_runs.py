@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from rigctl.cli import main as rigctl
 from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_USAGE
-from rigctl.reports.outputs import comparison_files, measurement_files
+from rigctl.report import comparison as comparison_files
+from rigctl.report import comparison as measurement_files
 from tests.rigctl.made_runs import at, make_run
 from tests.worldlike import Faults, expose, other_world, random_world
 

@@ -33,8 +33,7 @@ from calibration.pointing.pose import (
     wrapped_rad,
 )
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.propagated_inputs import NumberKey, propagate_numbers
-from rigctl.prediction.scene_prediction import ScenePredictor
+from rigctl.predict.predict import NumberKey, ScenePredictor, propagate_numbers
 from tests.rigctl.scene_texts import SCENE, written
 
 FloatArray = NDArray[np.float64]

@@ -28,11 +28,11 @@ from benchmarks.loop_disk import ext4_image, mounted, why_not
 from benchmarks.trial_kills import write_files
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import read_contents
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.verification import frame_problems, verify_run
-from rigctl.session.take_session import take_session
+from rigctl.runs.check import frame_problems, verify_run
+from rigctl.runs.folder import read_contents
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
 
 _IMAGE_BYTES = 128 * 1024 * 1024
 _FRAMES = 20

@@ -18,16 +18,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.cameras.aravis_library import load_aravis
-from drivers.cameras.gige import open_gige
-from drivers.cameras.gige_link import GigeLink
-from drivers.cameras.gige_options import read_gige_place
+from drivers.cameras.aravis import load_aravis
+from drivers.cameras.gige import GigeLink, open_gige, read_gige_place
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, RotationStage
 from drivers.stages.elliptec import open_elliptec
 from sim_devices.cameras.gige_server import serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.stage import serve_on_pty
 
 ADDRESS = "127.0.0.1"
 WIDTH, HEIGHT, BIT_DEPTH = 782, 582, 12

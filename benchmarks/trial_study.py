@@ -24,10 +24,10 @@ import numpy as np
 import psutil
 import xarray as xr
 
-from rigctl.cluster.held_folder import PARTS_FOLDER
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.study.kept_parts import read_parts
+from rigctl.mapped import PARTS_FOLDER
+from rigctl.predict.predict import ScenePredictor
+from rigctl.study import read_parts
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-panels.toml"
 EXPOSURE, EFFICIENCY = "acquisition.exposure_ms", "sensor.quantum_efficiency"

@@ -32,7 +32,7 @@ from benchmarks.trial_stale_frames import run_turns
 from benchmarks.trial_study import run_study
 from benchmarks.trial_sweeps import run_sweeps
 from benchmarks.trial_tolerance import run_tolerance
-from drivers.cameras.aravis_library import load_aravis
+from drivers.cameras.aravis import load_aravis
 from drivers.errors import NotConnectedError
 from tests.monkey.__main__ import run_monkey
 

@@ -8,8 +8,7 @@ import time
 
 import numpy as np
 
-from drivers.cameras.known_formats import GENICAM, V4L2
-from drivers.cameras.pixel_format import PixelFormat, needed_bytes, unpack
+from drivers.cameras.samples import GENICAM, V4L2, PixelFormat, needed_bytes, unpack
 
 WIDTH, HEIGHT = 782, 582
 BAR_FRAMES_PER_S = 1000.0

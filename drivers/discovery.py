@@ -6,8 +6,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 
 from drivers.errors import DeviceError
-from drivers.serial_port import BytePort, open_serial_port
-from drivers.serial_ports import PortInfo
+from drivers.serial_port import BytePort, PortInfo, open_serial_port
 from drivers.stages.serial_stage import Answer, StageProbe
 
 STAGES = "rigctl.stages"

@@ -8,8 +8,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.noise.noise_file import read_noise_file as load_noise
-    from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file as load_polarizer
+    from rigctl.calibrations.noise import read_noise_file as load_noise
+    from rigctl.calibrations.polarizer import read_polarizer_file as load_polarizer
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
     from rigctl.interface.archive import open_archive
@@ -43,8 +43,8 @@ _PLACES = {
     "open_run": ("rigctl.interface.run", "open_run"),
     "acquire": ("rigctl.verbs.session", "acquire"),
     "compare": ("rigctl.verbs.compare", "compare"),
-    "load_noise": ("rigctl.calibrations.noise.noise_file", "read_noise_file"),
-    "load_polarizer": ("rigctl.calibrations.polarizer.polarizer_file", "read_polarizer_file"),
+    "load_noise": ("rigctl.calibrations.noise", "read_noise_file"),
+    "load_polarizer": ("rigctl.calibrations.polarizer", "read_polarizer_file"),
     "load_rig": ("rigctl.files.rig_file", "load_rig"),
     "load_scene": ("rigctl.files.scene_file", "load_scene"),
     "open_archive": ("rigctl.interface.archive", "open_archive"),

@@ -20,20 +20,20 @@ from typing import Any, get_args, get_type_hints
 from cyclopts import App, CycloptsError, Group, Parameter
 
 from rigctl import old_cli
-from rigctl.console.anonymity import anonymous
-from rigctl.console.console_streams import lasting_streams, visible
-from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
-from rigctl.errors import ConfigError
-from rigctl.storage.destination import (
+from rigctl.base.destination import (
     Destination,
     edited_before,
     keep_old,
+    origin_of,
     remember_written,
     require_free,
     results_of,
     snapshot,
 )
-from rigctl.storage.origin import origin_of
+from rigctl.console.anonymity import anonymous
+from rigctl.console.console_streams import lasting_streams, visible
+from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
+from rigctl.errors import ConfigError
 from rigctl.verbs import HEADINGS, MOVED, VERBS
 from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
@@ -234,7 +234,7 @@ def hints_of(command: Callable[..., Any]) -> dict[str, Any]:
 
 def _require_numbers(values: Mapping[str, Any]) -> None:
     """Refuse numbers that no arithmetic may be done with."""
-    from rigctl.numbers.number_range import wild_numbers
+    from rigctl.base.numbers import wild_numbers
 
     problems = [f"{_option(name.partition('.')[0])}: {text}" for name, text in wild_numbers(values)]
     if problems:

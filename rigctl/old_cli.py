@@ -14,12 +14,12 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from rigctl.base.numbers import with_options_in_range
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.destination_options import with_tried_destinations
 from rigctl.console.exclusion_option import with_exclusion_option
 from rigctl.console.failures import EXIT_INTERRUPTED, failure_json, failure_of
 from rigctl.errors import ConfigError
-from rigctl.numbers.number_range import with_options_in_range
 from rigctl.verbs import HEADINGS
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.

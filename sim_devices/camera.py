@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
-from sim_devices.detector import Detector, Lens, draw_fixed_pattern
-from sim_devices.exposure import counts_of, exposure_effects
+from sim_devices.exposure import Detector, Lens, RenderingEffect, Shot, counts_of, draw_fixed_pattern, exposure_effects
 from sim_devices.random_streams import Stream, generator
-from sim_devices.rendering.effect import RenderingEffect, Shot
 from sim_devices.truth_log import TrueFrame, TruthLog
 from sim_devices.world import World
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.rendering.effect import RenderingEffect, Shot, refuse_outside
+from sim_devices.exposure import RenderingEffect, Shot, refuse_outside
 
 FloatArray = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cameras.camera_place import one_of, split_place, whole
-from drivers.cameras.pixel_format import Justified
+from drivers.cameras.bounded_camera import one_of, split_place, whole
 from drivers.cameras.raw_files import RAW_SUFFIXES, read_raw
 from drivers.cameras.raw_planes import PLANES, Plane
+from drivers.cameras.samples import Justified
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cameras import bayer
+from drivers.cameras import samples as bayer
 from drivers.cameras.raw_planes import PLANES, Plane
 from drivers.errors import LimitError, ProtocolError
 
@@ -62,7 +62,7 @@ def read_raw(path: Path, *, plane: Plane | None) -> RawPicture:
         The file.
     plane : str or None
         "red", "green-1" (in the rows of red), "green-2", "blue"; "green" (the sum of both) or "sum" (of all four):
-        see `drivers.cameras.bayer.take_plane` for what a sum loses; or "all": the whole mosaic. None is for a camera
+        see `drivers.cameras.samples.take_plane` for what a sum loses; or "all": the whole mosaic. None is for a camera
         without a mosaic.
 
     Raises

@@ -1,23 +1,624 @@
-"""A camera behind Linux's video interface (V4L2), straight through its requests: nothing is hidden on the way."""
+"""Structures and numbers of the Linux video interface (V4L2), as 64-bit little-endian Linux lays them out.
+
+A video device of Linux: its file, its requests, its memory.
+
+Time stamps of a video device: by which clock they are, and when the exposure of a picture began.
+
+Options of a video device, as its address gives them.
+
+The controls of a video device: everything automatic off, exposure and gain set and read back.
+
+A camera behind Linux's video interface (V4L2), straight through its requests: nothing is hidden on the way.
+
+Finds video devices, and the format in which each is best read.
+"""
 
 import ctypes
+import errno
+import fcntl
+import mmap
+import os
+import select
+import struct
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.cameras import v4l2_structs as v4l2
-from drivers.cameras.bayer import counts_of_picture, size_of_counts
-from drivers.cameras.bounded_camera import BoundedCamera
-from drivers.cameras.pixel_format import needed_bytes, unpack
-from drivers.cameras.v4l2_controls import V4l2Controls
-from drivers.cameras.v4l2_node import LinuxVideoNode, VideoNode, told
-from drivers.cameras.v4l2_options import V4l2Options, read_v4l2_place, sample_format
-from drivers.cameras.v4l2_stamps import Asked, V4l2Stamps
-from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from drivers.cameras.bounded_camera import BoundedCamera, one_of, positive, split_place, whole
+from drivers.cameras.samples import (
+    PLANES,
+    V4L2,
+    Justified,
+    PixelFormat,
+    Plane,
+    counts_of_picture,
+    needed_bytes,
+    size_of_counts,
+    unpack,
+)
+from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
+
+_u8, _u32, _i32, _i64, _u64 = ctypes.c_uint8, ctypes.c_uint32, ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
+
+
+class Capability(ctypes.Structure):
+    """Answer of a device on what it is."""
+
+    _fields_ = (
+        ("driver", ctypes.c_char * 16),
+        ("card", ctypes.c_char * 32),
+        ("bus_info", ctypes.c_char * 32),
+        ("version", _u32),
+        ("capabilities", _u32),
+        ("device_caps", _u32),
+        ("reserved", _u32 * 3),
+    )
+
+
+class PixFormat(ctypes.Structure):
+    """Size and format of pictures in one plane."""
+
+    _fields_ = (
+        ("width", _u32),
+        ("height", _u32),
+        ("pixelformat", _u32),
+        ("field", _u32),
+        ("bytesperline", _u32),
+        ("sizeimage", _u32),
+        ("colorspace", _u32),
+        ("priv", _u32),
+        ("flags", _u32),
+        ("ycbcr_enc", _u32),
+        ("quantization", _u32),
+        ("xfer_func", _u32),
+    )
+
+
+class _FormatUnion(ctypes.Union):
+    _fields_ = (("pix", PixFormat), ("raw", _u8 * 200), ("alignment", _u64))
+
+
+class Format(ctypes.Structure):
+    """A format and what it is for."""
+
+    _fields_ = (("type", _u32), ("fmt", _FormatUnion))
+
+
+class FormatDescription(ctypes.Structure):
+    """One of the formats that a device offers, by its place in their list."""
+
+    _fields_ = (
+        ("index", _u32),
+        ("type", _u32),
+        ("flags", _u32),
+        ("description", ctypes.c_char * 32),
+        ("pixelformat", _u32),
+        ("mbus_code", _u32),
+        ("reserved", _u32 * 3),
+    )
+
+
+class RequestBuffers(ctypes.Structure):
+    """Number of buffers that are wanted, and then of those that there are."""
+
+    _fields_ = (
+        ("count", _u32),
+        ("type", _u32),
+        ("memory", _u32),
+        ("capabilities", _u32),
+        ("flags", _u8),
+        ("reserved", _u8 * 3),
+    )
+
+
+class _Timeval(ctypes.Structure):
+    _fields_ = (("seconds", _i64), ("microseconds", _i64))
+
+
+class _Memory(ctypes.Union):
+    _fields_ = (("offset", _u32), ("pointer", _u64))
+
+
+class Buffer(ctypes.Structure):
+    """A buffer with a picture, or for one."""
+
+    _fields_ = (
+        ("index", _u32),
+        ("type", _u32),
+        ("bytesused", _u32),
+        ("flags", _u32),
+        ("field", _u32),
+        ("timestamp", _Timeval),
+        ("timecode", _u8 * 16),
+        ("sequence", _u32),
+        ("memory", _u32),
+        ("m", _Memory),
+        ("length", _u32),
+        ("reserved2", _u32),
+        ("request_fd", _i32),
+    )
+
+
+class Control(ctypes.Structure):
+    """Value of a control."""
+
+    _fields_ = (("id", _u32), ("value", _i32))
+
+
+class QueryControl(ctypes.Structure):
+    """Range and kind of a control."""
+
+    _fields_ = (
+        ("id", _u32),
+        ("type", _u32),
+        ("name", ctypes.c_char * 32),
+        ("minimum", _i32),
+        ("maximum", _i32),
+        ("step", _i32),
+        ("default_value", _i32),
+        ("flags", _u32),
+        ("reserved", _u32 * 2),
+    )
+
+
+_READ, _WRITE, _BOTH = 2, 1, 3
+
+
+def _request(direction: int, number: int, content: type[ctypes.Structure] | type[ctypes.c_int]) -> int:
+    return direction << 30 | ctypes.sizeof(content) << 16 | ord("V") << 8 | number
+
+
+QUERYCAP = _request(_READ, 0, Capability)
+ENUM_FMT = _request(_BOTH, 2, FormatDescription)
+G_FMT, S_FMT = _request(_BOTH, 4, Format), _request(_BOTH, 5, Format)
+REQBUFS = _request(_BOTH, 8, RequestBuffers)
+QUERYBUF, QBUF, DQBUF = (_request(_BOTH, number, Buffer) for number in (9, 15, 17))
+STREAMON, STREAMOFF = _request(_WRITE, 18, ctypes.c_int), _request(_WRITE, 19, ctypes.c_int)
+G_CTRL, S_CTRL = _request(_BOTH, 27, Control), _request(_BOTH, 28, Control)
+QUERYCTRL = _request(_BOTH, 36, QueryControl)
+
+CAPTURE, MMAP, NO_FIELDS = 1, 1, 1
+CAN_CAPTURE, CAN_STREAM, HAS_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
+DAMAGED, MONOTONIC, COPIED, CLOCK_MASK, AT_START_OF_EXPOSURE, SOURCE_MASK = (
+    0x40,
+    0x2000,
+    0x4000,
+    0xE000,
+    0x10000,
+    0x70000,
+)
+DISABLED_CONTROL = 0x1
+
+EXPOSURE_AUTO, EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
+GAIN = 0x00980913
+# Control -> value that switches it off.
+AUTOMATIC = {
+    EXPOSURE_AUTO: 1,
+    0x009A0903: 0,  # exposure by frame rate
+    0x00980912: 0,  # gain
+    0x0098090C: 0,  # white balance
+    0x00980920: 0,  # brightness
+    0x00980919: 0,  # hue
+    0x009A090C: 0,  # focus
+}
+# What else may change counts: brightness, contrast, gamma, sharpness, backlight compensation. The standard does not say
+# which value of each changes nothing.
+PROCESSING = (0x00980900, 0x00980901, 0x00980910, 0x0098091B, 0x0098091C)
+
+
+def can_take_pictures(device: Capability) -> bool:
+    """Return whether a device is a camera that streams."""
+    can = device.device_caps if device.capabilities & HAS_DEVICE_CAPS else device.capabilities
+    return bool(can & CAN_CAPTURE and can & CAN_STREAM)
+
+
+_BIG_END, _BIG_END_BIT = "_BE", 1 << 31
+
+
+def fourcc(letters: str) -> int:
+    """Return the number of a format by its four letters; "_BE" behind them sets the highest bit."""
+    plain = letters.removesuffix(_BIG_END).ljust(4)
+    return int.from_bytes(plain.encode(), "little") | (_BIG_END_BIT if letters.endswith(_BIG_END) else 0)
+
+
+def letters_of(number: int) -> str:
+    """Return the four letters of a format, "_BE" behind them where its highest bit is set."""
+    plain = (number & ~_BIG_END_BIT).to_bytes(4, "little").decode(errors="replace")
+    return f"{plain.strip()}{_BIG_END}" if number & _BIG_END_BIT else plain
+
+
+class VideoNode(Protocol):
+    """Calls to the system that the driver needs."""
+
+    @property
+    def path(self) -> str:
+        """Return what messages call it."""
+
+    def request(self, number: int, content: Any) -> None:
+        """Make a request; its content is changed in place. Raises OSError."""
+
+    def map(self, *, length: int, offset: int) -> memoryview:
+        """Return the memory of a buffer."""
+
+    def wait(self, timeout_s: float) -> bool:
+        """Return whether a picture is there, once one is or the time is over."""
+
+    def close(self) -> None:
+        """Give up the device. May be called twice."""
+
+
+class LinuxVideoNode:
+    """A device file such as /dev/video0."""
+
+    def __init__(self, path: str) -> None:
+        if struct.calcsize("P") != 8 or sys.byteorder != "little":
+            raise NotConnectedError(f"{path}: video devices are read on 64-bit little-endian Linux only")
+        self._path = path
+        self._maps: list[mmap.mmap] = []
+        try:
+            self._file: int | None = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+        except OSError as error:
+            raise told(error, path=path, what="opening") from error
+
+    @property
+    def path(self) -> str:
+        """Return the path."""
+        return self._path
+
+    def request(self, number: int, content: Any) -> None:
+        """Make a request; its content is changed in place."""
+        fcntl.ioctl(self._opened(), number, content)
+
+    def map(self, *, length: int, offset: int) -> memoryview:
+        """Return the memory of a buffer."""
+        self._maps.append(mmap.mmap(self._opened(), length, offset=offset))
+        return memoryview(self._maps[-1])
+
+    def wait(self, timeout_s: float) -> bool:
+        """Return whether a picture is there, once one is or the time is over."""
+        readable, _, _ = select.select([self._opened()], [], [], max(0.0, timeout_s))
+        return bool(readable)
+
+    def close(self) -> None:
+        """Give up the device; its memory goes once nobody looks at it. May be called twice."""
+        self._maps.clear()
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _opened(self) -> int:
+        if self._file is None:
+            raise NotConnectedError(f"{self._path}: it was closed; open it again")
+        return self._file
+
+
+def told(error: OSError, *, path: str, what: str) -> DeviceError:
+    """Return the error of the drivers that a refusal of the system stands for."""
+    text = f"video device {path}: {what}: {error.strerror}"
+    if error.errno in (errno.ENODEV, errno.ENOENT, errno.ENXIO):
+        return NotConnectedError(f"{text}. It is not there, or was unplugged")
+    if error.errno == errno.EBUSY:
+        return NotConnectedError(f"{text}. Another program has it: close that one first")
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return NotConnectedError(f"{text}. You may not use it: join its group (`ls -l {path}`, mostly `video`)")
+    if error.errno in (errno.EINVAL, errno.ERANGE):
+        return LimitError(f"{text}. The device does not have this, or not with this value")
+    return ProtocolError(f"{text}. Unplug it and plug it in again")
+
+
+_STAMP_STEP_NS = 1000
+# A stamp from here on is no time since the machine was started: the time of day, in 2001.
+_TIME_OF_DAY_NS = 10**18
+_CLOCK_STEP_NS = 2_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """Moment at which a picture was asked for.
+
+    Attributes
+    ----------
+    monotonic_ns : int
+        By the host's monotonic clock.
+    to_utc_ns : int
+        How far the time of day was ahead of it.
+    error_ns : int
+        How far from each other the two may have been read.
+    """
+
+    monotonic_ns: int
+    to_utc_ns: int
+    error_ns: int
+
+
+class V4l2Stamps:
+    """Memory of the stamps of one device.
+
+    Parameters
+    ----------
+    name : str
+        What messages call the device.
+    now_ns, utc_ns : callable
+        The host's clocks.
+    """
+
+    def __init__(self, name: str, *, now_ns: Callable[[], int], utc_ns: Callable[[], int]) -> None:
+        self._name, self._now_ns, self._utc_ns = name, now_ns, utc_ns
+        self._last: tuple[int, int] | None = None
+        self._period_ns: int | None = None
+
+    def asked_now(self) -> Asked:
+        """Return the time, for a picture that is asked for now."""
+        before_ns = self._now_ns()
+        to_utc_ns = self._utc_ns() - before_ns
+        return Asked(monotonic_ns=before_ns, to_utc_ns=to_utc_ns, error_ns=self._now_ns() - before_ns)
+
+    def start_of(self, buffer: Buffer, asked: Asked, *, exposure_ns: int) -> tuple[int, int | None]:
+        """Return when a picture's exposure began, and by how much that may be off; None for not known yet [ns].
+
+        Raises
+        ------
+        ProtocolError
+            Its stamp is of neither clock.
+
+        Notes
+        -----
+        A stamp of the picture's end leaves open how long it took to come: not longer than from one picture to the next,
+        which is measured.
+        """
+        stamp_ns = self._monotonic_ns(buffer, asked)
+        self._measure_period(buffer.sequence, stamp_ns)
+        if buffer.flags & SOURCE_MASK == AT_START_OF_EXPOSURE:
+            return stamp_ns, _STAMP_STEP_NS + asked.error_ns
+        error_ns = None if self._period_ns is None else self._period_ns + asked.error_ns
+        return stamp_ns - exposure_ns, error_ns
+
+    def _monotonic_ns(self, buffer: Buffer, asked: Asked) -> int:
+        """Return a picture's time stamp on the monotonic clock.
+
+        Notes
+        -----
+        Of a stamp of the time of day the flags say "unknown", or "monotonic" where the driver was told to use that
+        clock later (uvcvideo's parameter ``clock``): its size tells. Where the time of day was set meanwhile, such a
+        stamp counts as of long ago.
+        """
+        stamp_ns = int(buffer.timestamp.seconds) * 10**9 + int(buffer.timestamp.microseconds) * 1000
+        clock = buffer.flags & CLOCK_MASK
+        if stamp_ns >= _TIME_OF_DAY_NS and clock != COPIED:
+            was_set = abs(self._utc_ns() - self._now_ns() - asked.to_utc_ns) > _CLOCK_STEP_NS
+            return 0 if was_set else stamp_ns - asked.to_utc_ns
+        if clock != MONOTONIC:
+            raise ProtocolError(
+                f"{self._name}: its time stamps are neither of the monotonic clock nor of the time of day, so age "
+                "cannot be known"
+            )
+        return stamp_ns
+
+    def _measure_period(self, sequence: int, stamp_ns: int) -> None:
+        """Take in when a picture came, for the time from one to the next."""
+        last, self._last = self._last, (sequence, stamp_ns)
+        if last is not None and sequence > last[0] and stamp_ns > last[1]:
+            self._period_ns = (stamp_ns - last[1]) // (sequence - last[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class V4l2Options:
+    """Content of an address ``/dev/video0?key=value``.
+
+    Attributes
+    ----------
+    path : str
+        The device file.
+    pixel_format : str
+        Its four letters, without the space at the end that some have.
+    width, height : int or None
+        Size of a picture; None: as the device has it.
+    plane : str or None
+        What is taken of a Bayer format: see `drivers.cameras.samples`.
+    bit_depth : int or None
+        True bits, where a format of 16 has fewer.
+    justified : str
+        Where these stand.
+    exposure_control : {"device", "none"}
+        "none": the device has none, and what the caller configures is what somebody has set by other means.
+    gain_step_db : float or None
+        What a step of the gain is [dB]. None: nobody knows; then the gain is the smallest, which is called 0 dB.
+    retakes : int
+        How many damaged pictures in a row are an error.
+    """
+
+    path: str
+    pixel_format: str = "Y12"
+    width: int | None = None
+    height: int | None = None
+    plane: Plane | None = None
+    bit_depth: int | None = None
+    justified: Justified = "right"
+    exposure_control: str = "device"
+    gain_step_db: float | None = None
+    retakes: int = 20
+
+
+_READERS: dict[str, Callable[[str], Any]] = {
+    "pixel_format": one_of(*(name.strip() for name in V4L2)),
+    "width": whole(1, 65535),
+    "height": whole(1, 65535),
+    "plane": one_of(*PLANES),
+    "bit_depth": whole(8, 16),
+    "justified": one_of("right", "left"),
+    "exposure_control": one_of("device", "none"),
+    "gain_step_db": positive,
+    "retakes": whole(0, 1000),
+}
+
+
+def read_v4l2_place(text: str) -> V4l2Options:
+    """Return what an address says; see `V4l2Options` for its keys.
+
+    Raises
+    ------
+    LimitError
+        A key or value is not allowed, or a colour is missing or has no place; all are named.
+    """
+    path, values = split_place(text, _READERS)
+    options = V4l2Options(path=path, **values)
+    if (_known(options).cell is None) != (options.plane is None):
+        raise LimitError(f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there")
+    return options
+
+
+def sample_format(options: V4l2Options) -> PixelFormat:
+    """Return how samples stand in a picture of the device."""
+    known = _known(options)
+    depth = options.bit_depth or known.bit_depth
+    if depth != known.bit_depth and known.bit_depth != 16:
+        raise LimitError(f"{options.path}: bit_depth {depth}: samples of {known.name} have {known.bit_depth}")
+    return replace(known, bit_depth=depth, justified=options.justified)
+
+
+def _known(options: V4l2Options) -> PixelFormat:
+    return V4L2[options.pixel_format.ljust(4)]
+
+
+_EXPOSURE_STEP_S = 100e-6
+
+
+class V4l2Controls:
+    """The controls of one device.
+
+    Attributes
+    ----------
+    used : dict
+        Name and value of every control that was set.
+    """
+
+    def __init__(self, node: VideoNode, options: V4l2Options) -> None:
+        self._node, self._options = node, options
+        self.used: dict[str, str] = {}
+        for control, off in AUTOMATIC.items():
+            if self._described(control) is not None:
+                self._set(control, off)
+        self._exposure_s = 0.0
+        if options.exposure_control == "device" and self._described(EXPOSURE_ABSOLUTE) is None:
+            raise LimitError(
+                f"video device {node.path}: it has no exposure in units of 100 us; where it is set by other means, say "
+                "exposure_control=none in its address"
+            )
+
+    def set(self, *, exposure_s: float, gain_db: float) -> None:
+        """Set exposure and gain; a refusal changes nothing.
+
+        Raises
+        ------
+        LimitError
+            A value is outside of what the device allows, or not a step of it.
+        """
+        steps = self._exposure_steps(exposure_s)
+        gain = self._gain(gain_db)
+        if steps is not None:
+            self._set(EXPOSURE_ABSOLUTE, steps)
+        if gain is not None:
+            self._set(GAIN, gain)
+        self._exposure_s = exposure_s
+
+    def exposure_s(self) -> float:
+        """Read the exposure; return what was said last where the device has none."""
+        if self._options.exposure_control == "none":
+            return self._exposure_s
+        return self._get(EXPOSURE_ABSOLUTE) * _EXPOSURE_STEP_S
+
+    def gain_db(self) -> float:
+        """Read the gain."""
+        limits = self._described(GAIN)
+        if limits is None:
+            return 0.0
+        return (self._get(GAIN) - int(limits.minimum)) * (self._options.gain_step_db or 0.0)
+
+    def found(self) -> dict[str, str]:
+        """Return name and value of the controls that bend or shift counts, which are left as they were found."""
+        there = ((control, self._described(control)) for control in PROCESSING)
+        return {
+            described.name.decode(): f"{self._get(control)} (as found)"
+            for control, described in there
+            if described is not None
+        }
+
+    def require_manual(self) -> None:
+        """Refuse a device on which something automatic is on again."""
+        for control, off in AUTOMATIC.items():
+            described = self._described(control)
+            if described is not None and (found := self._get(control)) != off:
+                raise LimitError(
+                    f"video device {self._node.path}: {described.name.decode()} is {found} again instead of {off}: "
+                    "another program has switched it on"
+                )
+
+    def _exposure_steps(self, exposure_s: float) -> int | None:
+        if not 0.0 < exposure_s < float("inf"):
+            raise LimitError(f"video device {self._node.path}: exposure_s is {exposure_s} s; it has to be above 0")
+        limits = self._described(EXPOSURE_ABSOLUTE)
+        if self._options.exposure_control == "none" or limits is None:
+            return None
+        steps = round(exposure_s / _EXPOSURE_STEP_S)
+        if not limits.minimum <= steps <= limits.maximum:
+            raise LimitError(
+                f"video device {self._node.path}: exposure_s is {exposure_s} s; it takes "
+                f"{limits.minimum * _EXPOSURE_STEP_S:g} to {limits.maximum * _EXPOSURE_STEP_S:g} s"
+            )
+        return steps
+
+    def _gain(self, gain_db: float) -> int | None:
+        limits = self._described(GAIN)
+        step_db = self._options.gain_step_db
+        if limits is None or step_db is None:
+            if gain_db != 0.0:
+                raise LimitError(
+                    f"video device {self._node.path}: gain_db is {gain_db} dB; a step of its gain is not known in dB: "
+                    "state gain_step_db=X in its address, or ask for 0"
+                )
+            return None if limits is None else int(limits.minimum)
+        steps = gain_db / step_db
+        if not 0 <= steps <= limits.maximum - limits.minimum or steps != round(steps):
+            raise LimitError(
+                f"video device {self._node.path}: gain_db is {gain_db} dB; it takes 0 to "
+                f"{(limits.maximum - limits.minimum) * step_db:g} dB in steps of {step_db:g} dB"
+            )
+        return int(limits.minimum) + round(steps)
+
+    def _described(self, control: int) -> QueryControl | None:
+        described = QueryControl(id=control)
+        try:
+            self._node.request(QUERYCTRL, described)
+        except OSError:
+            return None  # the device has no such control: this request has no other way to say so
+        return None if described.flags & DISABLED_CONTROL else described
+
+    def _get(self, control: int) -> int:
+        content = Control(id=control)
+        try:
+            self._node.request(G_CTRL, content)
+        except OSError as error:
+            raise told(error, path=self._node.path, what=f"control {control:#x}") from error
+        return int(content.value)
+
+    def _set(self, control: int, value: int) -> None:
+        try:
+            self._node.request(S_CTRL, Control(id=control, value=value))
+        except OSError as error:
+            raise told(error, path=self._node.path, what=f"control {control:#x} = {value}") from error
+        described = self._described(control)
+        name = described.name.decode() if described is not None else f"{control:#x}"
+        if (found := self._get(control)) != value:
+            raise LimitError(f"video device {self._node.path}: {name} was set to {value}, and is {found}")
+        self.used[name] = str(value)
+
 
 _BUFFERS = 4
 _FIRST_EXPOSURE_S = 0.01
@@ -142,7 +743,7 @@ class V4l2Camera:
         self._open = False
         self._memory = []
         try:
-            self._node.request(v4l2.STREAMOFF, ctypes.c_int(v4l2.CAPTURE))
+            self._node.request(STREAMOFF, ctypes.c_int(CAPTURE))
         except OSError:
             pass  # unplugged: there is nothing left to stop
         finally:
@@ -163,9 +764,9 @@ class V4l2Camera:
             raise told(error, path=self._node.path, what=what) from error
 
     def _identified(self) -> DeviceIdentity:
-        found = v4l2.Capability()
-        self._ask(v4l2.QUERYCAP, found, "asking what it is")
-        if not v4l2.can_take_pictures(found):
+        found = Capability()
+        self._ask(QUERYCAP, found, "asking what it is")
+        if not can_take_pictures(found):
             raise NotConnectedError(f"{self._name}: it is no camera that streams; try the next /dev/video*")
         version = (found.version >> 16, found.version >> 8 & 0xFF, found.version & 0xFF)
         return DeviceIdentity(
@@ -174,51 +775,51 @@ class V4l2Camera:
             firmware=f"{found.driver.decode(errors='replace')} {'.'.join(map(str, version))}",
         )
 
-    def _set_format(self) -> v4l2.PixFormat:
+    def _set_format(self) -> PixFormat:
         """Set size and format; refuse what the device has made of it."""
-        content = v4l2.Format(type=v4l2.CAPTURE)
-        self._ask(v4l2.G_FMT, content, "asking for its format")
+        content = Format(type=CAPTURE)
+        self._ask(G_FMT, content, "asking for its format")
         pix, letters = content.fmt.pix, self._options.pixel_format.ljust(4)
-        asked = (self._options.width or pix.width, self._options.height or pix.height, v4l2.fourcc(letters))
+        asked = (self._options.width or pix.width, self._options.height or pix.height, fourcc(letters))
         pix.width, pix.height, pix.pixelformat = asked
-        pix.field, pix.bytesperline, pix.sizeimage = v4l2.NO_FIELDS, 0, 0
-        self._ask(v4l2.S_FMT, content, "setting its format")
+        pix.field, pix.bytesperline, pix.sizeimage = NO_FIELDS, 0, 0
+        self._ask(S_FMT, content, "setting its format")
         if (pix.width, pix.height, pix.pixelformat) != asked:
-            got = v4l2.letters_of(pix.pixelformat)
+            got = letters_of(pix.pixelformat)
             raise LimitError(
                 f"{self._name}: asked for {asked[0]} x {asked[1]} in {letters.strip()}, it offers {pix.width} x "
                 f"{pix.height} in {got.strip()}"
             )
-        return v4l2.PixFormat.from_buffer_copy(pix)
+        return PixFormat.from_buffer_copy(pix)
 
     def _start(self) -> list[memoryview]:
-        request = v4l2.RequestBuffers(count=_BUFFERS, type=v4l2.CAPTURE, memory=v4l2.MMAP)
-        self._ask(v4l2.REQBUFS, request, "asking for buffers")
+        request = RequestBuffers(count=_BUFFERS, type=CAPTURE, memory=MMAP)
+        self._ask(REQBUFS, request, "asking for buffers")
         memory = []
         for index in range(request.count):
             buffer = self._buffer(index)
-            self._ask(v4l2.QUERYBUF, buffer, "asking for a buffer")
+            self._ask(QUERYBUF, buffer, "asking for a buffer")
             memory.append(self._node.map(length=buffer.length, offset=buffer.m.offset))
-            self._ask(v4l2.QBUF, buffer, "queueing a buffer")
-        self._ask(v4l2.STREAMON, ctypes.c_int(v4l2.CAPTURE), "starting the stream")
+            self._ask(QBUF, buffer, "queueing a buffer")
+        self._ask(STREAMON, ctypes.c_int(CAPTURE), "starting the stream")
         return memory
 
     def _next_picture(self, asked: Asked) -> _Picture | str:
         """Return the picture that is waiting, or "damaged" or "too old"."""
         buffer = self._buffer(0)
-        self._ask(v4l2.DQBUF, buffer, "taking a picture")
+        self._ask(DQBUF, buffer, "taking a picture")
         try:
             return self._judged(buffer, asked)
         finally:
-            self._ask(v4l2.QBUF, buffer, "queueing a buffer")
+            self._ask(QBUF, buffer, "queueing a buffer")
 
-    def _judged(self, buffer: v4l2.Buffer, asked: Asked) -> _Picture | str:
+    def _judged(self, buffer: Buffer, asked: Asked) -> _Picture | str:
         self._count_gap(buffer.sequence)
         start_ns, error_ns = self._stamps.start_of(buffer, asked, exposure_ns=round(self._settings.exposure_s * 1e9))
         if start_ns < asked.monotonic_ns:
             self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
             return "too old"
-        if buffer.flags & v4l2.DAMAGED or buffer.bytesused < self._needed_bytes():
+        if buffer.flags & DAMAGED or buffer.bytesused < self._needed_bytes():
             self._tally = replace(self._tally, damaged=self._tally.damaged + 1)
             return "damaged"
         counts = unpack(
@@ -281,14 +882,14 @@ class V4l2Camera:
             start_source="driver",
         )
 
-    def _buffer(self, index: int) -> v4l2.Buffer:
-        return v4l2.Buffer(index=index, type=v4l2.CAPTURE, memory=v4l2.MMAP)
+    def _buffer(self, index: int) -> Buffer:
+        return Buffer(index=index, type=CAPTURE, memory=MMAP)
 
 
 def open_v4l2(place: str) -> BoundedCamera:
     """Return a video device by ``/dev/video0?pixel_format=Y12&...``.
 
-    See `drivers.cameras.v4l2_options.V4l2Options` for the keys.
+    See `drivers.cameras.v4l2.V4l2Options` for the keys.
 
     Raises
     ------
@@ -308,3 +909,82 @@ def _open(options: V4l2Options) -> V4l2Camera:
     except BaseException:
         node.close()
         raise
+
+
+_DEVICES = Path("/dev")
+_PATTERN = "video*"
+# Most bits first, but for formats that pad fewer bits to 16 and do not tell how many.
+_BEST_FIRST = ("Y14 ", "Y12 ", "Y12P", "Y10 ", "Y10P", "Y16 ", "GREY")
+_MOST_FORMATS = 100
+
+
+def find_v4l2(
+    paths: Iterable[str] | None = None, *, open_node: Callable[[str], VideoNode] = LinuxVideoNode
+) -> Iterator[tuple[str, DeviceIdentity]]:
+    """Give address and identity of each video device that takes pictures; nothing is set.
+
+    Parameters
+    ----------
+    paths : iterable of str, optional
+        Device files; None: all of /dev/video*.
+    open_node : callable
+        Opens one.
+
+    Raises
+    ------
+    DeviceError
+        A device cannot be asked; the others are given first.
+    """
+    failure: DeviceError | None = None
+    for path in sorted(map(str, _DEVICES.glob(_PATTERN))) if paths is None else paths:
+        try:
+            node = open_node(path)
+            try:
+                found = _asked(node)
+            finally:
+                node.close()
+        except DeviceError as error:
+            failure = error
+            continue
+        if found is not None:
+            yield found
+    if failure is not None:
+        raise failure
+
+
+def _asked(node: VideoNode) -> tuple[str, DeviceIdentity] | None:
+    """Return a device's address and identity; None if it takes no pictures."""
+    capability = Capability()
+    try:
+        node.request(QUERYCAP, capability)
+    except OSError as error:
+        raise told(error, path=node.path, what="asking what it is") from error
+    if not can_take_pictures(capability):
+        return None
+    offered = _formats(node)
+    best = next((letters for letters in (*_BEST_FIRST, *V4L2) if letters in offered), None)
+    model = capability.card.decode(errors="replace")
+    address = f"v4l2:{node.path}"
+    if best is None:
+        model += f" (sends finished pictures only, {', '.join(map(str.strip, offered))}: no counts to measure with)"
+    else:
+        address += f"?pixel_format={best.strip()}" + ("" if V4L2[best].cell is None else "&plane=green-1")
+    identity = DeviceIdentity(
+        model=model,
+        serial_number=capability.bus_info.decode(errors="replace"),
+        firmware=capability.driver.decode(errors="replace"),
+    )
+    return address, identity
+
+
+def _formats(node: VideoNode) -> list[str]:
+    """Return the formats of a device by their four letters."""
+    offered = []
+    for index in range(_MOST_FORMATS):
+        description = FormatDescription(index=index, type=CAPTURE)
+        try:
+            node.request(ENUM_FMT, description)
+        except OSError:
+            break  # there are no more: this request has no other way to say so
+        offered.append(letters_of(description.pixelformat))
+    return offered

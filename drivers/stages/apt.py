@@ -1,18 +1,561 @@
-"""A Thorlabs rotation stage with an APT controller: K10CR1, K10CR2, and a PRM1-Z8 on a KDC101 or TDC001."""
+"""Known Thorlabs rotation stages with an APT controller, and how they count.
 
+Sources: Thorlabs, "APT Host-Controller Communications Protocol", issue 25, section on scaling; parameters of the K10CR1
+as its maker's program sets them.
+
+The language of Thorlabs APT controllers, without input or output.
+
+Source: Thorlabs, "APT Host-Controller Communications Protocol", issue 25. A message is 6 bytes, little-endian: its
+number (16 bits), then either two parameters, or the length of the data that follow (16 bits, and bit 7 of the
+destination is set), destination, source. There is no checksum: what is not a message from the unit to the host, of a
+number and a length that are known here, is passed over.
+
+Questions and answers with one APT controller: every wait has a deadline, and no answer is taken for another's.
+
+The protocol has neither checksums nor message numbers. The link therefore knows whether it is in step, that is, whether
+every question so far has had its answer. When it is not, it listens until the line is quiet before it asks the next.
+Nothing that a message says is kept: a status is one that was asked for now.
+
+A Thorlabs rotation stage with an APT controller: K10CR1, K10CR2, and a PRM1-Z8 on a KDC101 or TDC001.
+"""
+
+import struct
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort, SerialPort
-from drivers.stages import apt_protocol as protocol
-from drivers.stages.apt_link import AptLink, ask_apt
-from drivers.stages.apt_models import AptModel, HomeParameters, VelocityParameters, find_model
-from drivers.stages.serial_stage import SerialStage, StageProbe, open_stage_on, target_within_deg, two_agree
+from drivers.stages.serial_stage import (
+    Answer,
+    Line,
+    SerialStage,
+    StageProbe,
+    events_after,
+    open_stage_on,
+    target_within_deg,
+    two_agree,
+)
+
+PRM1_STAGE_ID = 6
+_T_S = 2048.0 / 6e6  # sampling interval of a K-Cube DC servo
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityParameters:
+    """Speed and acceleration of moves, in the controller's units."""
+
+    lowest: int
+    acceleration: int
+    highest: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class HomeParameters:
+    """Search of the reference mark, in the controller's units; direction 2 and switch 1 are "reverse"."""
+
+    direction: int
+    switch: int
+    velocity: int
+    offset_counts: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class AptModel:
+    """A controller with its stage.
+
+    Attributes
+    ----------
+    name : str
+        What people call the two.
+    is_stepper : bool
+        Whether it speaks the messages of stepper motors, else those of DC servo motors.
+    counts_per_deg : float
+        Counts of a degree.
+    speed_deg_per_s : float
+        What moves and homing are set to.
+    velocity : VelocityParameters
+        Set at every start, since some controllers forget theirs at power-off.
+    home : HomeParameters
+        Likewise.
+    """
+
+    name: str
+    is_stepper: bool
+    counts_per_deg: float
+    speed_deg_per_s: float
+    velocity: VelocityParameters
+    home: HomeParameters
+
+
+def _k10cr(name: str) -> AptModel:
+    return AptModel(
+        name=name,
+        is_stepper=True,
+        counts_per_deg=409600.0 / 3.0,
+        speed_deg_per_s=10.0,
+        velocity=VelocityParameters(lowest=0, acceleration=15020, highest=73300775),
+        home=HomeParameters(direction=2, switch=1, velocity=73300775, offset_counts=546133),
+    )
+
+
+def _prm1(controller: str) -> AptModel:
+    counts_per_deg, speed_deg_per_s, acceleration_deg_per_s2 = 1919.6418578623391, 10.0, 10.0
+    velocity = round(speed_deg_per_s * counts_per_deg * _T_S * 65536.0)
+    acceleration = round(acceleration_deg_per_s2 * counts_per_deg * _T_S**2 * 65536.0)
+    return AptModel(
+        name=f"{controller} with PRM1-Z8",
+        is_stepper=False,
+        counts_per_deg=counts_per_deg,
+        speed_deg_per_s=speed_deg_per_s,
+        velocity=VelocityParameters(lowest=0, acceleration=acceleration, highest=velocity),
+        home=HomeParameters(direction=2, switch=1, velocity=velocity, offset_counts=0),
+    )
+
+
+_BUILT_IN = {"K10CR1": _k10cr("K10CR1"), "K10CR2": _k10cr("K10CR2")}
+_DC_CONTROLLERS = ("KDC101", "TDC001")
+
+
+def find_model(controller: str, *, stage_id: int, actuator: str | None) -> AptModel:
+    """Return the model that a controller and its stage are.
+
+    Parameters
+    ----------
+    controller : str
+        What the controller calls itself, such as "K10CR1".
+    stage_id : int
+        What it says of the stage that is plugged into it.
+    actuator : str or None
+        "PRM1-Z8" where the person at the rig says so, since the controller does not.
+
+    Raises
+    ------
+    ProtocolError
+        It is none of the known ones: its counts would be a guess, and every angle with them.
+    """
+    if controller in _BUILT_IN:
+        return _BUILT_IN[controller]
+    if controller in _DC_CONTROLLERS and (stage_id == PRM1_STAGE_ID or actuator == "PRM1-Z8"):
+        return _prm1(controller)
+    known = ", ".join([*_BUILT_IN, *(f"{name} with PRM1-Z8" for name in _DC_CONTROLLERS)])
+    raise ProtocolError(
+        f"controller {controller!r} with a stage of number {stage_id} is none of {known}. If a PRM1-Z8 is plugged "
+        'in and the controller does not say so: actuator = "PRM1-Z8"'
+    )
+
+
+BAUD = 115200
+
+_HOST, _UNIT, _LONG = 0x01, 0x50, 0x80
+_CHANNEL = 1
+_HEADER = struct.Struct("<HBBBB")
+_LONGEST_UNREAD = 1024  # bytes; the longest message has 90
+
+MOVING = 0x10 | 0x20 | 0x40 | 0x80
+HOMING, HOMED, ENABLED = 0x200, 0x400, 0x80000000
+
+FAULT_MEANINGS = {
+    0x4000: "motion error: the motor does not follow",
+    0x8000: "instrument error",
+    0x10000: "interlock open",
+    0x20000: "too hot",
+    0x40000: "supply voltage out of range",
+    0x80000: "commutation error",
+    0x1000000: "motor current limit reached",
+    0x2000000: "encoder fault",
+    0x4000000: "over-current",
+    0x8000000: "current supply fault",
+    0x40000000: "error",
+}
+_FAULT_BITS = sum(FAULT_MEANINGS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Information:
+    """Answer of a controller on what it is; `stage_id` is 0 where a stage is built in."""
+
+    serial_number: int
+    model: str
+    firmware: str
+    stage_id: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status:
+    """Position of the stage by its own count, and its status bits."""
+
+    counts: int
+    bits: int
+
+    @property
+    def moving(self) -> bool:
+        """True while it turns."""
+        return bool(self.bits & (MOVING | HOMING))
+
+    @property
+    def homed(self) -> bool:
+        """True once it has found its reference mark since its power-up."""
+        return bool(self.bits & HOMED)
+
+    @property
+    def faults(self) -> int:
+        """The bits that tell of a fault."""
+        return self.bits & _FAULT_BITS
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelState:
+    """State of the motor: switched on or not."""
+
+    enabled: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Homed:
+    """Unasked: the reference mark was found. Some stages never say so."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopped:
+    """Unasked: a motion has ended. Its position may be that of the motion's start, or -1: it is not used."""
+
+    completed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trouble:
+    """Unasked: a fault of the controller; `text` may be empty."""
+
+    code: int
+    text: str
+
+
+Event = Information | Status | ChannelState | VelocityParameters | HomeParameters | Homed | Stopped | Trouble
+
+
+def fault_in_words(bits: int) -> str:
+    """Return what fault bits mean."""
+    return ", ".join(meaning for bit, meaning in FAULT_MEANINGS.items() if bits & bit) or "not in the manual"
+
+
+def _short(number: int, first: int = 0, second: int = 0) -> bytes:
+    return _HEADER.pack(number, first, second, _UNIT, _HOST)
+
+
+def _long(number: int, layout: str, *values: int) -> bytes:
+    data = struct.pack(layout, _CHANNEL, *values)
+    return struct.pack("<HHBB", number, len(data), _UNIT | _LONG, _HOST) + data
+
+
+def identify() -> bytes:
+    """Return the message that is answered by `Information`."""
+    return _short(0x0005)
+
+
+def stop_updates() -> bytes:
+    """Return the message that ends status messages which nobody asked for."""
+    return _short(0x0012)
+
+
+def no_flash_programming() -> bytes:
+    """Return the message that a host begins with."""
+    return _short(0x0018)
+
+
+def enable() -> bytes:
+    """Return the message that switches the motor on."""
+    return _short(0x0210, _CHANNEL, 1)
+
+
+def channel_state() -> bytes:
+    """Return the message that is answered by `ChannelState`."""
+    return _short(0x0211, _CHANNEL)
+
+
+def status(*, is_stepper: bool) -> bytes:
+    """Return the message that is answered by `Status`."""
+    return _short(0x0480 if is_stepper else 0x0490, _CHANNEL)
+
+
+def home() -> bytes:
+    """Return the message that searches the reference mark."""
+    return _short(0x0443, _CHANNEL)
+
+
+def stop() -> bytes:
+    """Return the message that ends any motion, slowing down."""
+    return _short(0x0465, _CHANNEL, 2)
+
+
+def move_absolute(counts: int) -> bytes:
+    """Return the message that moves to a position."""
+    if not -(1 << 31) <= counts < 1 << 31:
+        raise LimitError(f"position {counts} counts: a position has 32 bits with sign")
+    return _long(0x0453, "<Hi", counts)
+
+
+def set_velocity(parameters: VelocityParameters) -> bytes:
+    """Return the message that sets what moves run at."""
+    return _long(0x0413, "<Hiii", parameters.lowest, parameters.acceleration, parameters.highest)
+
+
+def ask_velocity() -> bytes:
+    """Return the message that is answered by `VelocityParameters`."""
+    return _short(0x0414, _CHANNEL)
+
+
+def set_home(parameters: HomeParameters) -> bytes:
+    """Return the message that sets how the reference mark is searched."""
+    p = parameters
+    return _long(0x0440, "<HHHii", p.direction, p.switch, p.velocity, p.offset_counts)
+
+
+def home_parameters() -> bytes:
+    """Return the message that is answered by `HomeParameters`."""
+    return _short(0x0441, _CHANNEL)
+
+
+class MessageParser:
+    """Bytes in, in pieces of any size; whole messages out.
+
+    `next_event` and `feed` raise ProtocolError and nothing else. Bytes that cannot begin a message are passed over up
+    to the next that can; a message cut short takes those after it for its own, which `reset` after a silence cures.
+    """
+
+    def __init__(self) -> None:
+        self._unread = b""
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes in. Raises ProtocolError, and forgets them, when too many are unread."""
+        self._unread += data
+        if len(self._unread) > _LONGEST_UNREAD:
+            start, self._unread = self._unread[:16], b""
+            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that nobody reads, beginning {start.hex(' ')}")
+
+    def next_event(self) -> Event | None:
+        """Return the next message that has come in whole, or None when more bytes are needed."""
+        self._pass_over_rubbish()
+        if len(self._unread) < _HEADER.size:
+            return None
+        number, _, _, _, _ = _HEADER.unpack_from(self._unread)
+        length, decode = _MESSAGES[number]
+        end = _HEADER.size + length
+        if len(self._unread) < end:
+            return None
+        message, self._unread = self._unread[:end], self._unread[end:]
+        return decode(message)
+
+    @property
+    def unread(self) -> int:
+        """Number of bytes that have come in and make no whole message yet."""
+        return len(self._unread)
+
+    def reset(self) -> None:
+        """Forget what has come in."""
+        self._unread = b""
+
+    def _pass_over_rubbish(self) -> None:
+        skipped = 0
+        while not _may_begin(self._unread[skipped : skipped + _HEADER.size]):
+            skipped += 1
+        if skipped:
+            rubbish, self._unread = self._unread[:skipped], self._unread[skipped:]
+            raise ProtocolError(f"{rubbish[:16].hex(' ')} begins no message")
+
+
+def _may_begin(start: bytes) -> bool:
+    """Return whether bytes, fewer than a header or as many, are the beginning of a message."""
+    return any(start == header[: len(start)] for header in _headers(start))
+
+
+def _headers(start: bytes) -> list[bytes]:
+    """Return the headers that bytes may be the beginning of; parameters of short messages may be anything."""
+    parameters = start[2:4].ljust(2, b"\x00")
+    return [
+        struct.pack("<HHBB", number, length, _HOST | _LONG, _UNIT)
+        if length
+        else struct.pack("<H2sBB", number, parameters, _HOST, _UNIT)
+        for number, (length, _) in _MESSAGES.items()
+    ]
+
+
+def _information(message: bytes) -> Information:
+    serial_number, model, minor, interim, major = struct.unpack_from("<I8s2x3B", message, _HEADER.size)
+    (stage_id,) = struct.unpack_from("<H", message, _HEADER.size + 76)
+    name = model.partition(b"\x00")[0]
+    if not (name.isascii() and name.decode("latin-1").isprintable()):
+        raise ProtocolError(f"{name!r} is no name of a controller")
+    return Information(
+        serial_number=serial_number,
+        model=name.decode("ascii").strip(),
+        firmware=f"{major}.{interim}.{minor}",
+        stage_id=stage_id,
+    )
+
+
+def _unpack(layout: str, message: bytes) -> tuple[int, ...]:
+    """Return the data of a message behind the channel, which must be the only one that there is."""
+    channel, *values = struct.unpack_from(layout, message, _HEADER.size)
+    if channel != _CHANNEL:
+        raise ProtocolError(f"{message.hex(' ')} is of channel {channel}; there is only {_CHANNEL}")
+    return tuple(values)
+
+
+def _stepper_status(message: bytes) -> Status:
+    counts, _, bits = _unpack("<HiiI", message)
+    return Status(counts=counts, bits=bits)
+
+
+def _servo_status(message: bytes) -> Status:
+    counts, _, _, bits = _unpack("<HiHHI", message)
+    return Status(counts=counts, bits=bits)
+
+
+def _velocity(message: bytes) -> VelocityParameters:
+    lowest, acceleration, highest = _unpack("<Hiii", message)
+    return VelocityParameters(lowest=lowest, acceleration=acceleration, highest=highest)
+
+
+def _home(message: bytes) -> HomeParameters:
+    direction, switch, velocity_, offset_counts = _unpack("<HHHii", message)
+    return HomeParameters(direction=direction, switch=switch, velocity=velocity_, offset_counts=offset_counts)
+
+
+def _rich_response(message: bytes) -> Trouble:
+    _, code, text = struct.unpack_from("<HH64s", message, _HEADER.size)
+    return Trouble(code=code, text=text.partition(b"\x00")[0].decode("latin-1"))
+
+
+# Number -> (length of its data, how it is read).
+_MESSAGES: dict[int, tuple[int, Callable[[bytes], Event]]] = {
+    0x0006: (84, _information),
+    0x0080: (0, lambda message: Trouble(code=message[2], text="")),
+    0x0081: (68, _rich_response),
+    0x0212: (0, lambda message: ChannelState(enabled=message[3] == 1)),
+    0x0415: (14, _velocity),
+    0x0442: (14, _home),
+    0x0444: (0, lambda _: Homed()),
+    0x0464: (14, lambda _: Stopped(completed=True)),
+    0x0466: (14, lambda _: Stopped(completed=False)),
+    0x0481: (14, _stepper_status),
+    0x0491: (14, _servo_status),
+}
+
+
+_PROBE_ANSWER_S = 0.3
+_TRIES_ON_THE_LINE = 6
+_REPLY_TIMEOUT_S = 0.5  # the longest message takes 8 ms on the line, a USB adapter adds 16 ms
+_TAIL_S = 0.002  # twenty bytes' worth
+_QUIET_S = 0.05
+_QUIET_LIMIT_S = 1.0
+
+AnswerT = TypeVar(
+    "AnswerT",
+    Information,
+    Status,
+    ChannelState,
+    VelocityParameters,
+    HomeParameters,
+)
+
+
+class AptLink(Line):
+    """The line to one controller, open at 115200 bits/s; its notes are of repeated questions and damaged answers."""
+
+    def __init__(self, port: BytePort, *, now_s: Callable[[], float], sleep: Callable[[float], None]) -> None:
+        self._parser: MessageParser
+        super().__init__(port, MessageParser(), name=f"APT stage on {port.name}", now_s=now_s, sleep=sleep)
+        self._in_step = False
+
+    def tell(self, message: bytes) -> None:
+        """Send a message that nothing answers."""
+        self._port.write(message)
+
+    def ask(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
+        """Return the answer to a question, asking up to six times.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            The controller is silent (about 3 s).
+        ProtocolError
+            Its answers are damaged.
+        DeviceFaultError
+            It reports trouble.
+        """
+        return self.repeated(lambda: self._exchange(question, answer), tries=_TRIES_ON_THE_LINE)
+
+    def ask_until_two_agree(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
+        """Return the answer to a question about something that does not change, once two in a row are the same."""
+        return two_agree(
+            lambda: self.ask(question, answer),
+            name=self.name,
+            tries=_TRIES_ON_THE_LINE,
+            differ=lambda before, latest: f"it answers {question.hex(' ')} otherwise each time: {before}, {latest}",
+        )
+
+    def _exchange(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
+        self.drain(quiet_s=0.0 if self._in_step else _QUIET_S, limit_s=_QUIET_LIMIT_S)
+        self._in_step = False
+        self._port.write(question)
+        event = self._await(question, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+        self._require_sound_tail(question)
+        self._in_step = True
+        return event
+
+    def _require_sound_tail(self, question: bytes) -> None:
+        """See that nothing but whole messages follows an answer: else a byte was lost or doubled within the answer."""
+        try:
+            self._parser.feed(self._port.read_some(timeout_s=_TAIL_S))
+            while self._parser.next_event() is not None:
+                pass
+        except ProtocolError as error:
+            raise ProtocolError(f"{self.name}: behind the answer to {question.hex(' ')}: {error}") from error
+        if self._parser.unread:
+            raise ProtocolError(f"{self.name}: {self._parser.unread} bytes too many behind {question.hex(' ')}")
+
+    def _await(self, question: bytes, answer: type[AnswerT], *, deadline_s: float) -> AnswerT:
+        damaged: ProtocolError | None = None
+        while True:
+            try:
+                event = self._parser.next_event()
+            except ProtocolError as error:
+                damaged = error  # what was asked for may yet come behind it
+                continue
+            if isinstance(event, answer):
+                return event
+            if isinstance(event, Trouble):
+                raise self._trouble(event)
+            if event is None and not self.take_in(deadline_s):
+                raise self.unanswered(question.hex(" "), damaged, check="and the cable")
+
+    def _trouble(self, event: Trouble) -> DeviceFaultError:
+        meaning = event.text or "not told"
+        return DeviceFaultError(
+            f"{self.name}: it reports trouble {event.code} ({meaning}). Switch it off and on, then home it",
+            code=event.code,
+            meaning=meaning,
+        )
+
+
+def ask_apt(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
+    """Return the APT controller on a line at 115200 bits/s."""
+    question, parser = identify(), MessageParser()
+    return [
+        Answer(
+            address=None,
+            identity=DeviceIdentity(model=event.model, serial_number=str(event.serial_number), firmware=event.firmware),
+        )
+        for event in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s)
+        if isinstance(event, Information)
+    ]
+
 
 # How `rigctl devices` finds one.
-PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x0403, 0xFAF0),), ask=ask_apt)
+PROBE = StageProbe(baud=BAUD, usb_ids=((0x0403, 0xFAF0),), ask=ask_apt)
 
 _TRIES = 3
 _POLL_S = 0.1
@@ -55,7 +598,7 @@ class AptStage(SerialStage):
             The controller is silent, or the stage does not get home within 90 s, or never says that it is home.
         """
         for _ in range(_TRIES):
-            self._link.tell(protocol.home())
+            self._link.tell(home())
             if self._homing_begins() and self._await_rest(deadline_s=self._link.now_s() + _HOME_S).homed:
                 return self.position()
         raise DeviceTimeoutError(
@@ -76,12 +619,12 @@ class AptStage(SerialStage):
     def status(self) -> StageStatus:
         """Ask the controller what the stage is doing; the code is its status bits."""
         status = self._ask_status()
-        meaning = protocol.fault_in_words(status.faults) if status.faults else "no fault"
+        meaning = fault_in_words(status.faults) if status.faults else "no fault"
         return StageStatus(moving=status.moving, homed=status.homed, code=status.bits, meaning=meaning)
 
     def stop(self) -> None:
         """Stop any motion."""
-        self._link.tell(protocol.stop())
+        self._link.tell(stop())
         self._await_rest(deadline_s=self._link.now_s() + _START_S)
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
@@ -98,7 +641,7 @@ class AptStage(SerialStage):
             highest_deg=highest_deg,
         )
         way_s = abs(target_deg - from_deg) / model.speed_deg_per_s
-        self._link.tell(protocol.move_absolute(round(target_deg * model.counts_per_deg)))
+        self._link.tell(move_absolute(round(target_deg * model.counts_per_deg)))
         self._await_rest(deadline_s=self._link.now_s() + _START_S + _SLOWER_THAN_SET * way_s)
         return self.position()
 
@@ -107,12 +650,12 @@ class AptStage(SerialStage):
         deadline_s = self._link.now_s() + _BEGIN_S
         while self._link.now_s() < deadline_s:
             status = self._ask_status()
-            if status.bits & protocol.HOMING or not status.homed:
+            if status.bits & HOMING or not status.homed:
                 return True
             self._link.sleep(_POLL_S)
         return False
 
-    def _await_rest(self, *, deadline_s: float) -> protocol.Status:
+    def _await_rest(self, *, deadline_s: float) -> Status:
         """Return the status once the stage says twice in a row that it rests: the first may be older than a command."""
         resting = 0
         while True:
@@ -123,21 +666,21 @@ class AptStage(SerialStage):
             if resting == 2:
                 return status
             if self._link.now_s() >= deadline_s:
-                self._link.tell(protocol.stop())
+                self._link.tell(stop())
                 raise DeviceTimeoutError(
                     f"{self._link.name}: still moving after its deadline, so it was stopped. It is worn or hindered, "
                     "or it lost its parameters: open it again"
                 )
             self._link.sleep(_POLL_S)
 
-    def _ask_status(self) -> protocol.Status:
-        return self._link.ask(protocol.status(is_stepper=self._model.is_stepper), protocol.Status)
+    def _ask_status(self) -> Status:
+        return self._link.ask(status(is_stepper=self._model.is_stepper), Status)
 
     def _read_position(self) -> StagePosition:
         counts = self._ask_status().counts
         return StagePosition(angle_deg=counts / self._model.counts_per_deg % 360.0, counts=counts)
 
-    def _agreed(self, what: Callable[[protocol.Status], int]) -> int:
+    def _agreed(self, what: Callable[[Status], int]) -> int:
         """Return something of the status, once two in a row agree on it: a message carries no checksum."""
         return two_agree(
             lambda: what(self._ask_status()),
@@ -148,7 +691,7 @@ class AptStage(SerialStage):
 
     def _raise_fault(self, faults: int) -> None:
         if faults:
-            meaning = protocol.fault_in_words(faults)
+            meaning = fault_in_words(faults)
             raise DeviceFaultError(
                 f"{self._link.name}: it reports status bits {faults:#x} ({meaning}). Check that nothing blocks it, "
                 "then home it again",
@@ -194,9 +737,9 @@ def connect_apt(
         The tolerance is outside of its range.
     """
     link = AptLink(port, now_s=now_s, sleep=sleep)
-    link.tell(protocol.no_flash_programming())
-    link.tell(protocol.stop_updates())
-    information = link.ask_until_two_agree(protocol.identify(), protocol.Information)
+    link.tell(no_flash_programming())
+    link.tell(stop_updates())
+    information = link.ask_until_two_agree(identify(), Information)
     try:
         model = find_model(information.model, stage_id=information.stage_id, actuator=actuator)
     except ProtocolError as error:
@@ -226,10 +769,10 @@ def open_apt(
         link.request_to_send()
         return connect_apt(link, tolerance_deg=tolerance_deg, actuator=actuator, now_s=now_s, sleep=sleep)
 
-    return open_stage_on(port, baud=protocol.BAUD, connect=connect)
+    return open_stage_on(port, baud=BAUD, connect=connect)
 
 
-def identity_of(information: protocol.Information) -> DeviceIdentity:
+def identity_of(information: Information) -> DeviceIdentity:
     """Return what a controller says of itself."""
     return DeviceIdentity(
         model=information.model, serial_number=str(information.serial_number), firmware=information.firmware
@@ -239,17 +782,17 @@ def identity_of(information: protocol.Information) -> DeviceIdentity:
 def _set_up(link: AptLink, model: AptModel) -> None:
     """Set what some controllers forget at power-off, and see that it was taken; switch the motor on."""
     for _ in range(_TRIES):
-        link.tell(protocol.set_velocity(model.velocity))
-        link.tell(protocol.set_home(model.home))
-        velocity = link.ask_until_two_agree(protocol.velocity(), VelocityParameters)
-        home = link.ask_until_two_agree(protocol.home_parameters(), HomeParameters)
+        link.tell(set_velocity(model.velocity))
+        link.tell(set_home(model.home))
+        velocity = link.ask_until_two_agree(ask_velocity(), VelocityParameters)
+        home = link.ask_until_two_agree(home_parameters(), HomeParameters)
         if (velocity, home) == (model.velocity, model.home):
             break
     else:
         raise ProtocolError(f"{link.name}: it does not keep its parameters: it has {velocity} and {home}")
     for _ in range(_TRIES):
-        if link.ask_until_two_agree(protocol.channel_state(), protocol.ChannelState).enabled:
+        if link.ask_until_two_agree(channel_state(), ChannelState).enabled:
             return
-        link.tell(protocol.enable())
+        link.tell(enable())
         link.sleep(_AFTER_ENABLE_S)
     raise ProtocolError(f"{link.name}: its motor does not switch on")

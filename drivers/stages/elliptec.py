@@ -1,20 +1,563 @@
-"""A Thorlabs Elliptec (ELLx) rotation stage: ELL14, ELL16, ELL18, ELL21."""
+"""The language of Thorlabs Elliptec (ELLx) rotation stages, without input or output.
 
+Source: Thorlabs, "Elliptec ELLx modules protocol manual", Issue 10 (October 2025). A command is an address
+(one hexadecimal digit), two small letters, then a fixed number of capital hexadecimal digits; nothing ends it
+and nothing checks it. A reply is the address, two capital letters, digits, carriage return, line feed.
+
+Questions and answers with one Elliptec stage: every wait has a deadline, and no answer is taken for another's.
+
+The protocol has no message numbers, so an answer can only be told from a late one by order. The link therefore
+knows whether it is in step, that is, whether every command so far has had its answer. When it is not, it makes
+the stage forget what it has received in part, listens until the line is quiet, and asks for the status until
+the stage is no longer busy; only then is the next command sent.
+
+A Thorlabs Elliptec (ELLx) rotation stage: ELL14, ELL16, ELL18, ELL21.
+"""
+
+import math
+import re
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort
-from drivers.stages import elliptec_protocol as protocol
-from drivers.stages.elliptec_link import EllxLink, ask_elliptec
-from drivers.stages.serial_stage import SerialStage, StageProbe, open_stage_on, route_deg, two_agree
+from drivers.stages.serial_stage import (
+    Answer,
+    Line,
+    SerialStage,
+    StageProbe,
+    events_after,
+    open_stage_on,
+    route_deg,
+    two_agree,
+)
+
+BAUD = 9600
+FIRST_ADDRESS = "0"
+
+RESET_RECEIVER = b"\r"
+"""Makes the stage forget a command that it has received in part."""
+
+OK, BUSY, INITIALISING = 0, 9, 7
+
+GARBLED_CODES = frozenset({1, 3, 4})
+"""Statuses that a command gets when it was damaged on its way: worth sending it once more."""
+
+STATUS_MEANINGS = {
+    0: "no error",
+    1: "communication timeout",
+    2: "mechanical timeout: the motor stalled",
+    3: "command not supported",
+    4: "value out of range",
+    5: "module isolated",
+    6: "module out of isolation",
+    7: "initialising",
+    8: "thermal error",
+    9: "busy",
+    10: "sensor error",
+    11: "motor error",
+    12: "out of range",
+    13: "over-current",
+}
+
+ROTATION_STAGES = {14: "ELL14", 16: "ELL16", 18: "ELL18", 21: "ELL21"}
+_TRAVEL_DEG = 360
+_PULSES_RANGE = (1 << 15, 1 << 22)  # 0.011 to 0.00009 degrees a count; 65536, 143360 and 262144 are known
+
+_LONGEST_UNREAD = 1024  # bytes; the longest reply has 35
+
+
+@dataclass(frozen=True, kw_only=True)
+class Information:
+    """Answer of a stage on what it is (``IN``).
+
+    Attributes
+    ----------
+    stage_type : int
+        The number in the model's name: 14 for an ELL14.
+    serial_number, firmware : str
+        As printed in the reply.
+    year : str
+        Year of manufacture.
+    travel : int
+        Degrees for a rotation stage, millimetres for others.
+    pulses : int
+        Counts over the whole travel.
+    """
+
+    address: str
+    stage_type: int
+    serial_number: str
+    year: str
+    firmware: str
+    travel: int
+    pulses: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Status:
+    """The state of a stage (``GS``), in the numbers of `STATUS_MEANINGS`."""
+
+    address: str
+    code: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Position:
+    """The reading of the encoder (``PO``), which may be negative."""
+
+    address: str
+    counts: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ButtonStatus:
+    """Unasked: somebody pressed a button of the handset (``BS``)."""
+
+    address: str
+    code: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ButtonPosition:
+    """Unasked: where the stage came to rest after a button was pressed (``BO``)."""
+
+    address: str
+    counts: int
+
+
+Event = Information | Status | Position | ButtonStatus | ButtonPosition
+
+
+def check_address(address: str) -> str:
+    """Return the address unchanged if it is one of the sixteen that exist, else raise LimitError."""
+    if not re.fullmatch("[0-9A-F]", address):
+        raise LimitError(f"address {address!r}: an Elliptec address is one character of 0-9 or A-F")
+    return address
+
+
+def identify(address: str) -> bytes:
+    """Return the command that is answered by `Information`."""
+    return f"{address}in".encode()
+
+
+def status(address: str) -> bytes:
+    """Return the command that is answered by `Status`; reading it clears an error."""
+    return f"{address}gs".encode()
+
+
+def position(address: str) -> bytes:
+    """Return the command that is answered by `Position`."""
+    return f"{address}gp".encode()
+
+
+def stop(address: str) -> bytes:
+    """Return the command that ends a continuous motion, answered by `Status`."""
+    return f"{address}st".encode()
+
+
+def home(address: str) -> bytes:
+    """Return the command that searches the reference mark clockwise, answered by `Position` in the end."""
+    return f"{address}ho0".encode()
+
+
+def move_absolute(address: str, *, counts: int) -> bytes:
+    """Return the command that moves to an encoder reading, answered by `Position` in the end."""
+    if not -(1 << 31) <= counts < 1 << 31:
+        raise LimitError(f"position {counts} counts: a position has 32 bits with sign")
+    return f"{address}ma{counts & 0xFFFFFFFF:08X}".encode()
+
+
+def move_relative(address: str, *, counts: int) -> bytes:
+    """Return the command that moves by a number of counts, answered by `Position` in the end."""
+    if not -(1 << 31) <= counts < 1 << 31:
+        raise LimitError(f"distance {counts} counts: a distance has 32 bits with sign")
+    return f"{address}mr{counts & 0xFFFFFFFF:08X}".encode()
+
+
+def pulses_per_revolution(information: Information) -> int:
+    """Return the encoder counts of a full turn, once the stage is plausibly a rotation stage.
+
+    Raises
+    ------
+    ProtocolError
+        The type is no rotation stage that is known here, its travel is not 360 degrees, or the pulses are
+        outside of 2**15 to 2**22 a turn. A wrong number here would make every angle wrong in silence.
+    """
+    lowest, highest = _PULSES_RANGE
+    known = ", ".join(ROTATION_STAGES.values())
+    if information.stage_type not in ROTATION_STAGES:
+        raise ProtocolError(f"type ELL{information.stage_type} is none of the rotation stages {known}")
+    if information.travel != _TRAVEL_DEG:
+        raise ProtocolError(f"travel {information.travel} is not the {_TRAVEL_DEG} degrees of a rotation stage")
+    if not lowest <= information.pulses <= highest:
+        raise ProtocolError(f"{information.pulses} pulses a turn are not plausible ({lowest} to {highest})")
+    return information.pulses
+
+
+def counts_from_angle(angle_deg: float, *, pulses: int) -> int:
+    """Return the encoder reading nearest to an angle, in [0, pulses).
+
+    Parameters
+    ----------
+    angle_deg : float
+        Mechanical angle [deg], any finite number; taken modulo 360.
+    pulses : int
+        Counts of a full turn.
+
+    Raises
+    ------
+    LimitError
+        The angle is not finite.
+    """
+    if not math.isfinite(angle_deg):
+        raise LimitError(f"angle {angle_deg} deg: must be a finite number")
+    return round(angle_deg % 360.0 * pulses / 360.0) % pulses
+
+
+def angle_from_counts(counts: int, *, pulses: int) -> float:
+    """Return the angle [deg] of an encoder reading, in [0, 360); readings may be negative or above a turn."""
+    return (counts % pulses) * 360.0 / pulses
+
+
+class ReplyParser:
+    """Bytes in, in pieces of any size; whole replies out.
+
+    `next_event` and `feed` raise ProtocolError and nothing else; the damaged reply is then forgotten, and the
+    next call goes on behind it.
+    """
+
+    def __init__(self) -> None:
+        self._unread = b""
+        self._skipping = False
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes in. Raises ProtocolError, and forgets them, when too many are unread."""
+        self._unread += data
+        if len(self._unread) > _LONGEST_UNREAD:
+            start = self._unread[:16]
+            self._skipping = not self._unread.endswith(b"\n")
+            self._unread = b""
+            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that make no reply, beginning {start!r}")
+
+    def next_event(self) -> Event | None:
+        """Return the next reply that has come in whole, or None when more bytes are needed."""
+        while b"\n" in self._unread:
+            line, _, self._unread = self._unread.partition(b"\n")
+            if not self._skipping:
+                return _decode(line + b"\n")
+            self._skipping = False
+        return None
+
+    def reset(self) -> None:
+        """Forget what has come in."""
+        self._unread = b""
+        self._skipping = False
+
+
+_FRAME = re.compile(rb"([0-9A-F])([A-Z]{2})([0-9A-F]*)\r\n")
+
+
+def _decode(line: bytes) -> Event:
+    frame = _FRAME.fullmatch(line)
+    if frame is None:
+        raise ProtocolError(f"{line!r} is no reply")
+    address, letters, digits = (part.decode("ascii") for part in frame.groups())
+    if letters not in _REPLIES:
+        raise ProtocolError(f"{line!r}: {letters} answers nothing that is asked here")
+    length, decode = _REPLIES[letters]
+    if len(digits) != length:
+        raise ProtocolError(f"{line!r}: {letters} has {length} digits, not {len(digits)}")
+    return decode(address, digits)
+
+
+def _signed(digits: str) -> int:
+    value = int(digits, 16)
+    return value - (1 << 32) if value >= 1 << 31 else value
+
+
+def _information(address: str, digits: str) -> Information:
+    return Information(
+        address=address,
+        stage_type=int(digits[0:2], 16),
+        serial_number=digits[2:10],
+        year=digits[10:14],
+        firmware=digits[14:16],  # digits 16 and 17 are the hardware's release
+        travel=int(digits[18:22], 16),
+        pulses=int(digits[22:30], 16),
+    )
+
+
+_REPLIES: dict[str, tuple[int, Callable[[str, str], Event]]] = {
+    "IN": (30, _information),
+    "GS": (2, lambda address, digits: Status(address=address, code=int(digits, 16))),
+    "PO": (8, lambda address, digits: Position(address=address, counts=_signed(digits))),
+    "BS": (2, lambda address, digits: ButtonStatus(address=address, code=int(digits, 16))),
+    "BO": (8, lambda address, digits: ButtonPosition(address=address, counts=_signed(digits))),
+}
+
+
+_PROBE_ANSWER_S = 0.15  # an answer takes 36 ms on the line, a USB adapter adds 16 ms
+_TRIES = 3
+_REPLY_TIMEOUT_S = 1.0  # the longest reply takes 36 ms on the line, a USB adapter adds 16 ms
+_QUIET_S = 0.05  # 48 bytes' worth of silence
+_QUIET_LIMIT_S = 1.0
+_POLL_S = 0.1
+_GAP_S = 0.1  # a move sent sooner after the one before "can move to 0 instead", other drivers' authors found
+
+AnswerT = TypeVar("AnswerT", Information, Status, Position)
+
+
+class EllxLink(Line):
+    """The line to one stage (address 0-9 or A-F), open at 9600 bits/s.
+
+    `busy_timeout_s` is how long it may stay busy with what another asked of it; `restarted` whether it was seen
+    initialising since somebody last set this to False; notes are of buttons, repeated questions and late answers.
+    """
+
+    def __init__(
+        self,
+        port: BytePort,
+        *,
+        address: str,
+        busy_timeout_s: float,
+        now_s: Callable[[], float],
+        sleep: Callable[[float], None],
+    ) -> None:
+        self._parser: ReplyParser
+        self.address = check_address(address)
+        name = f"Elliptec stage {address} on {port.name}"
+        super().__init__(port, ReplyParser(), name=name, now_s=now_s, sleep=sleep)
+        self._busy_timeout_s = busy_timeout_s
+        self.restarted = False
+        self._in_step = False
+        self._last_heard_s = now_s()
+
+    def begin(self) -> None:
+        """Get in step with a stage in an unknown state; an error left from before is noted and cleared."""
+        code = self._resynchronise(busy_until_s=self.now_s() + self._busy_timeout_s)
+        if code != OK:
+            self.notes.add(f"left from before: status {_in_words(code)}")
+
+    def ask(self, command: bytes, answer: type[AnswerT]) -> AnswerT:
+        """Return the answer to a command that moves nothing, asking up to three times.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            The stage is silent (about 4 s), or busy for longer than its busy timeout.
+        ProtocolError
+            Its answers are damaged.
+        DeviceFaultError
+            It answers with a fault.
+        """
+        self._get_in_step()
+        for _ in range(_TRIES - 1):
+            try:
+                return self._exchange(command, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+            except (ProtocolError, DeviceTimeoutError, DeviceFaultError) as error:
+                self._note_or_raise(error)
+            self._get_in_step()
+        return self._exchange(command, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+
+    def run_motion(self, command: bytes, *, timeout_s: float) -> bool:
+        """Send a command that moves the stage, once, and wait for the motion's end.
+
+        Returns
+        -------
+        bool
+            Whether the stage answered with its position. If not, the command or its answer was damaged: the
+            stage rests, but not for certain where it should.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            The stage is silent, or still busy after ``timeout_s`` [s].
+        DeviceFaultError
+            It reports a fault, such as a stall.
+        """
+        self._get_in_step()
+        self.sleep(max(0.0, self._last_heard_s + _GAP_S - self.now_s()))
+        deadline_s = self.now_s() + timeout_s
+        try:
+            self._exchange(command, Position, deadline_s=deadline_s)
+        except (ProtocolError, DeviceTimeoutError, DeviceFaultError) as error:
+            self._note_or_raise(error)
+            self._get_in_step(busy_until_s=deadline_s)
+            return False
+        return True
+
+    def fault(self, code: int, command: bytes) -> DeviceFaultError:
+        """Return the error that tells of a status."""
+        return DeviceFaultError(
+            f"{self.name}: after {command!r} it reports status {_in_words(code)}. "
+            "Check that nothing blocks it and that its supply is good, then home it again",
+            code=code,
+            meaning=STATUS_MEANINGS.get(code, "reserved"),
+        )
+
+    def _exchange(self, command: bytes, answer: type[AnswerT], *, deadline_s: float) -> AnswerT:
+        """Return the one answer to one command; when that fails, the link is out of step."""
+        self._note_unasked()
+        self._in_step = False
+        self._port.write(command)
+        event = self._await(command, answer, deadline_s=deadline_s)
+        self._in_step = True
+        return event
+
+    def _await(self, command: bytes, answer: type[AnswerT], *, deadline_s: float) -> AnswerT:
+        while True:
+            event = self._next_event(command, deadline_s=deadline_s)
+            if isinstance(event, Status) and event.code == INITIALISING:
+                self.restarted = True
+            if isinstance(event, answer):
+                return event
+            if isinstance(event, Status) and event.code not in (OK, BUSY):
+                self._clear_fault()
+                raise self.fault(event.code, command)
+
+    def _next_event(self, command: bytes, *, deadline_s: float) -> Event:
+        """Return the next reply of our stage; buttons are noted on the way."""
+        while True:
+            try:
+                event = self._parser.next_event()
+                if event is None:
+                    self._parser.feed(self._read(command, deadline_s=deadline_s))
+            except ProtocolError as error:
+                raise ProtocolError(f"{self.name}: after {command!r}: {error}") from error
+            if event is not None and not self._is_of_others(event):
+                return event
+
+    def _read(self, command: bytes, *, deadline_s: float) -> bytes:
+        remaining_s = deadline_s - self.now_s()
+        if remaining_s <= 0.0:
+            raise DeviceTimeoutError(
+                f"{self.name}: no answer to {command!r} in time. Check the supply, the cable and the address"
+            )
+        data = self._port.read_some(timeout_s=remaining_s)
+        if data:
+            self._last_heard_s = self.now_s()
+        return data
+
+    def _is_of_others(self, event: Event) -> bool:
+        """Return whether an event is none of our business; a pressed button is noted."""
+        if event.address != self.address:
+            return True
+        if isinstance(event, ButtonStatus):
+            self.notes.add("a button of the handset was pressed")
+        elif isinstance(event, ButtonPosition):
+            self.notes.add(f"a button of the handset moved the stage to {event.counts} counts")
+        else:
+            return False
+        return True
+
+    def _note_unasked(self) -> None:
+        """Take in what waits to be read, so that nothing older than a command can be taken for its answer."""
+        self._listen(quiet_s=0.0)
+
+    def _listen(self, *, quiet_s: float) -> None:
+        """Read until nothing comes for a while; what comes answers nothing any more."""
+        end_s = self.now_s() + _QUIET_LIMIT_S
+        while data := self._port.read_some(timeout_s=quiet_s):
+            self._note_stale(data)
+            if self.now_s() >= end_s:
+                break
+        self._parser.reset()
+
+    def _note_stale(self, data: bytes) -> None:
+        try:
+            self._parser.feed(data)
+            while (event := self._parser.next_event()) is not None:
+                if not self._is_of_others(event):
+                    self.notes.add(f"ignored, since it came too late or unasked: {event}")
+        except ProtocolError as error:
+            self.notes.add(f"ignored: {error}")
+
+    def _note_or_raise(self, error: Exception) -> None:
+        """Note an error that sending the command once more may cure; raise any other."""
+        if isinstance(error, DeviceFaultError) and error.code not in GARBLED_CODES:
+            raise error
+        self.notes.add(f"tried again: {error}")
+
+    def _get_in_step(self, *, busy_until_s: float | None = None) -> None:
+        """See that every command so far is done with. Raises the fault that the stage reports meanwhile."""
+        if self._in_step:
+            return
+        until_s = self.now_s() + self._busy_timeout_s if busy_until_s is None else busy_until_s
+        code = self._resynchronise(busy_until_s=until_s)
+        if code in GARBLED_CODES:
+            self.notes.add(f"a command was damaged: status {_in_words(code)}")
+        elif code != OK:
+            raise self.fault(code, status(self.address))
+
+    def _resynchronise(self, *, busy_until_s: float) -> int:
+        """Return the status of the stage once it is not busy; reading clears it."""
+        self._reset_line()
+        while (code := self._read_status()) in (BUSY, INITIALISING):
+            if self.now_s() >= busy_until_s:
+                raise DeviceTimeoutError(
+                    f"{self.name}: still at status {_in_words(code)} after its deadline; its angle is not known "
+                    "until it rests. If it is turning too slowly, it is worn or hindered"
+                )
+            self.sleep(_POLL_S)
+        self._in_step = True
+        return code
+
+    def _read_status(self) -> int:
+        command = status(self.address)
+        for _ in range(_TRIES - 1):
+            try:
+                return self._ask_status(command)
+            except (ProtocolError, DeviceTimeoutError) as error:
+                self.notes.add(f"tried again: {error}")
+            self._reset_line()
+        return self._ask_status(command)
+
+    def _ask_status(self, command: bytes) -> int:
+        self._port.write(command)
+        return self._await(command, Status, deadline_s=self.now_s() + _REPLY_TIMEOUT_S).code
+
+    def _clear_fault(self) -> None:
+        """Read the status once, which makes the stage forget the fault that it has just told."""
+        try:
+            self._ask_status(status(self.address))
+        except (ProtocolError, DeviceTimeoutError) as error:
+            self.notes.add(f"the fault may still be set in the stage: {error}")
+
+    def _reset_line(self) -> None:
+        self._port.write(RESET_RECEIVER)
+        self._listen(quiet_s=_QUIET_S)
+
+
+def _in_words(code: int) -> str:
+    return f"{code} ({STATUS_MEANINGS.get(code, 'reserved')})"
+
+
+def ask_elliptec(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
+    """Return the Elliptec rotation stages on a line at 9600 bits/s, all sixteen addresses asked."""
+    answers = []
+    for address in "0123456789ABCDEF":
+        parser = ReplyParser()
+        question = identify(address)
+        events = events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s)
+        for event in events:
+            if isinstance(event, Information) and event.address == address:
+                identity = DeviceIdentity(
+                    model=ROTATION_STAGES.get(event.stage_type, f"ELL{event.stage_type}"),
+                    serial_number=event.serial_number,
+                    firmware=event.firmware,
+                )
+                answers.append(Answer(address=address, identity=identity))
+    return answers
+
 
 # How `rigctl devices` finds one: behind the FT230X of its interface board.
-PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x0403, 0x6015),), ask=ask_elliptec)
+PROBE = StageProbe(baud=BAUD, usb_ids=((0x0403, 0x6015),), ask=ask_elliptec)
 
-_TRIES = 3
 _SLOWEST_DEG_PER_S = 10.0  # an ELL14 does about 430; slower than this, something is wrong
 _START_S = 2.0
 _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
@@ -32,7 +575,7 @@ class EllxStage(SerialStage):
     What a person did with the handset shows up in the remarks of the next `Move`, and in `position`.
     """
 
-    def __init__(self, link: EllxLink, information: protocol.Information, *, tolerance_deg: float) -> None:
+    def __init__(self, link: EllxLink, information: Information, *, tolerance_deg: float) -> None:
         self._link = link
         self._information = information
         self._pulses = _plausible_pulses(link.name, information)
@@ -43,7 +586,7 @@ class EllxStage(SerialStage):
     def identify(self) -> DeviceIdentity:
         """Return what the stage said of itself when the connection was made."""
         return DeviceIdentity(
-            model=protocol.ROTATION_STAGES[self._information.stage_type],
+            model=ROTATION_STAGES[self._information.stage_type],
             serial_number=self._information.serial_number,
             firmware=self._information.firmware,
         )
@@ -60,7 +603,7 @@ class EllxStage(SerialStage):
         """
         self._homed = False
         for _ in range(_TRIES):
-            if self._link.run_motion(protocol.home(self._link.address), timeout_s=_FULL_TURN_S):
+            if self._link.run_motion(home(self._link.address), timeout_s=_FULL_TURN_S):
                 self._homed = True
                 self._link.restarted = False
                 return self.position()
@@ -82,21 +625,21 @@ class EllxStage(SerialStage):
     def status(self) -> StageStatus:
         """Ask the stage what it is doing; a fault that it remembers is told, and by that forgotten by the stage."""
         try:
-            code = self._link.ask(protocol.status(self._link.address), protocol.Status).code
+            code = self._link.ask(status(self._link.address), Status).code
         except DeviceFaultError as error:
             code = int(error.code)
         return StageStatus(
-            moving=code == protocol.BUSY,
+            moving=code == BUSY,
             homed=self._homed and not self._link.restarted,
             code=code,
-            meaning=protocol.STATUS_MEANINGS.get(code, "reserved"),
+            meaning=STATUS_MEANINGS.get(code, "reserved"),
         )
 
     def stop(self) -> None:
         """Stop a continuous motion. A move to a target cannot be broken off: the stage has no such command."""
-        command = protocol.stop(self._link.address)
-        code = self._link.ask(command, protocol.Status).code
-        if code not in (protocol.OK, protocol.BUSY):
+        command = stop(self._link.address)
+        code = self._link.ask(command, Status).code
+        if code not in (OK, BUSY):
             raise self._link.fault(code, command)
 
     def _require_homed(self) -> None:
@@ -107,8 +650,8 @@ class EllxStage(SerialStage):
             )
 
     def _read_encoder(self) -> StagePosition:
-        counts = self._link.ask(protocol.position(self._link.address), protocol.Position).counts
-        angle_deg = protocol.angle_from_counts(counts, pulses=self._pulses)
+        counts = self._link.ask(position(self._link.address), Position).counts
+        angle_deg = angle_from_counts(counts, pulses=self._pulses)
         self._last_counts = counts
         return StagePosition(angle_deg=angle_deg, counts=counts)
 
@@ -117,14 +660,14 @@ class EllxStage(SerialStage):
         self._require_homed()
         here = self._read_encoder().counts if self._last_counts is None else self._last_counts
         by = self._route(here, angle_deg, way=way)
-        target = protocol.counts_from_angle(angle_deg, pulses=self._pulses)
+        target = counts_from_angle(angle_deg, pulses=self._pulses)
         if abs(here + by - target) > 1:  # each of the two was rounded
             here = self.position().counts  # one damaged reading must not lead a relative move astray
             by = self._route(here, angle_deg, way=way)
         if abs(here + by - target) <= 1:
-            command = protocol.move_absolute(self._link.address, counts=target)
+            command = move_absolute(self._link.address, counts=target)
         else:
-            command = protocol.move_relative(self._link.address, counts=by)
+            command = move_relative(self._link.address, counts=by)
         self._link.run_motion(command, timeout_s=_START_S + abs(by) * 360.0 / self._pulses / _SLOWEST_DEG_PER_S)
         position = self._read_encoder()
         self._require_homed()
@@ -139,7 +682,7 @@ class EllxStage(SerialStage):
 def connect_elliptec(
     port: BytePort,
     *,
-    address: str = protocol.FIRST_ADDRESS,
+    address: str = FIRST_ADDRESS,
     tolerance_deg: float = 0.02,
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
@@ -174,7 +717,7 @@ def connect_elliptec(
 def open_elliptec(
     port: str,
     *,
-    address: str = protocol.FIRST_ADDRESS,
+    address: str = FIRST_ADDRESS,
     tolerance_deg: float = 0.02,
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
@@ -187,22 +730,22 @@ def open_elliptec(
         There is no such port, or it may not be opened, or another program holds it.
     """
     connect = partial(connect_elliptec, address=address, tolerance_deg=tolerance_deg, now_s=now_s, sleep=sleep)
-    return open_stage_on(port, baud=protocol.BAUD, connect=connect)
+    return open_stage_on(port, baud=BAUD, connect=connect)
 
 
-def _ask_information(link: EllxLink) -> protocol.Information:
+def _ask_information(link: EllxLink) -> Information:
     """Return what the stage says of itself, twice in a row alike: one damaged digit would bend every angle."""
-    command = protocol.identify(link.address)
+    command = identify(link.address)
     return two_agree(
-        lambda: link.ask(command, protocol.Information),
+        lambda: link.ask(command, Information),
         name=link.name,
         tries=_TRIES,
         differ=lambda before, latest: f"it says something else of itself each time: {before}, {latest}",
     )
 
 
-def _plausible_pulses(name: str, information: protocol.Information) -> int:
+def _plausible_pulses(name: str, information: Information) -> int:
     try:
-        return protocol.pulses_per_revolution(information)
+        return pulses_per_revolution(information)
     except ProtocolError as error:
         raise ProtocolError(f"{name}: {error}. It is not used, since its angles could not be trusted") from error

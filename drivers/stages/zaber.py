@@ -1,19 +1,373 @@
-"""A Zaber rotation stage that speaks the ASCII protocol: X-RST, X-RSW, X-RSM and their kin."""
+"""The language of Zaber devices (ASCII protocol, firmware 6 and 7), without input or output.
 
+Source: Zaber Technologies, "ASCII Protocol Manual". A command is ``/device axis id words:CK`` and a line feed; a reply
+is ``@device axis id OK|RJ BUSY|IDLE flag data:CK``, carriage return, line feed. CK is two hexadecimal digits that make
+the bytes after the first character add up to 0 modulo 256; the id, 00 to 99, is that of the command that is answered.
+
+Questions and answers with one Zaber device: every wait has a deadline, and no answer is taken for another's.
+
+Each command has its message id and each reply its checksum, so that a late answer and a damaged one are told from the
+right one at once. Any command used here may be sent again: none of them moves by a distance.
+
+A Zaber rotation stage that speaks the ASCII protocol: X-RST, X-RSW, X-RSM and their kin.
+"""
+
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.errors import DeviceTimeoutError, LimitError, ProtocolError
+from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort
-from drivers.stages import zaber_protocol as protocol
-from drivers.stages.serial_stage import SerialStage, StageProbe, open_stage_on, target_within_deg
-from drivers.stages.zaber_link import ZaberLink, ask_zaber
+from drivers.stages.serial_stage import (
+    Answer,
+    Line,
+    SerialStage,
+    StageProbe,
+    events_after,
+    open_stage_on,
+    target_within_deg,
+)
+
+BAUD = 115200
+FIRST_ADDRESS = "1"
+IDS = 100
+
+NOTHING = "--"
+
+FLAG_MEANINGS = {
+    "FF": "critical system error",
+    "FN": "peripheral not supported",
+    "FZ": "peripheral inactive",
+    "FH": "driver disabled by the emergency stop",
+    "FV": "driver disabled: supply voltage out of range",
+    "FO": "driver disabled on startup or by command",
+    "FC": "driver disabled: current inrush",
+    "FM": "driver disabled: motor temperature",
+    "FD": "driver disabled by a fault",
+    "FQ": "encoder error",
+    "FI": "index error",
+    "FA": "analog encoder not synchronized",
+    "FR": "overdrive limit exceeded",
+    "FS": "stalled and stopped",
+    "FB": "stream bounds exceeded",
+    "FP": "interpolated path deviates",
+    "FE": "limit error",
+    "FT": "excessive twist",
+    "WL": "unexpected limit trigger",
+    "WV": "supply voltage out of range",
+    "WT": "controller temperature high",
+    "WS": "stalled and recovered",
+    "WM": "displaced while it stood still",
+    "WP": "invalid calibration type",
+    "WR": "no reference position",
+    "WH": "device not homed",
+    "NC": "turned by hand",
+    "NI": "motion interrupted",
+    "ND": "stream discontinuity",
+    "NR": "value rounded",
+    "NT": "value truncated",
+    "NU": "setting update pending",
+    "NJ": "joystick calibrating",
+    NOTHING: "nothing to tell",
+}
+"""F: a fault, W: a warning, N: a note."""
+
+NOT_HOMED = frozenset({"WR", "WH"})
+
+REJECTIONS = {
+    "AGAIN": "cannot be done just now",
+    "BADAXIS": "there is no such axis",
+    "BADCOMMAND": "command or setting not known",
+    "BADDATA": "value not allowed",
+    "BADMESSAGEID": "message id not allowed",
+    "DEVICEONLY": "a command to the device, not to an axis",
+    "DRIVERDISABLED": "the driver is disabled",
+    "FULL": "no room",
+    "LOCKSTEP": "the axis moves in lockstep",
+    "NOACCESS": "access level too low",
+    "PARKED": "the axis is parked",
+    "STATUSBUSY": "the axis is moving",
+}
+
+_LONGEST_UNREAD = 1024  # bytes; a reply has 80 at most
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    """The answer to one command.
+
+    Attributes
+    ----------
+    device, axis : int
+        Who answers; axis 0 is the device itself.
+    message_id : int or None
+        Of the command that is answered.
+    accepted : bool
+        Whether the command was accepted; else `data` is the reason.
+    busy : bool
+        Whether the axis moves.
+    flag : str
+        The most severe flag of `FLAG_MEANINGS`, or "--".
+    data : str
+        What was asked for.
+    checked : bool
+        Whether a checksum came with it.
+    """
+
+    device: int
+    axis: int
+    message_id: int | None
+    accepted: bool
+    busy: bool
+    flag: str
+    data: str
+    checked: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unasked:
+    """An alert (``!``) or an information line (``#``), which answers nothing."""
+
+    kind: str
+    text: str
+
+
+Event = Reply | Unasked
+
+
+def check_address(address: str) -> int:
+    """Return the address as a number if it is one that a device can have, else raise LimitError."""
+    if not re.fullmatch("[0-9]{1,2}", address) or int(address) == 0:
+        raise LimitError(f"address {address!r}: a Zaber address is a number from 1 to 99")
+    return int(address)
+
+
+def checksum(text: str) -> str:
+    """Return the two digits that make the bytes of a text add up to 0 modulo 256."""
+    return f"{-sum(text.encode('ascii')) & 0xFF:02X}"
+
+
+def command(words: str, *, device: int, axis: int, message_id: int) -> bytes:
+    """Return a command as it goes over the line.
+
+    Parameters
+    ----------
+    words : str
+        Such as ``get pos``; empty asks for the status.
+    device, axis : int
+        Whom it is for; axis 0 is the device itself.
+    message_id : int
+        0 to 99; the reply will carry it.
+    """
+    text = f"{device} {axis} {message_id:02d} {words}".rstrip()
+    return f"/{text}:{checksum(text)}\n".encode("ascii")
+
+
+def whole_number(data: str) -> int:
+    """Return the whole number that a reply's data are. Raises ProtocolError."""
+    if not re.fullmatch("-?[0-9]{1,18}", data):
+        raise ProtocolError(f"{data!r} is no whole number")
+    return int(data)
+
+
+def warning_flags(data: str) -> tuple[str, ...]:
+    """Return the flags in the answer to ``warnings``. Raises ProtocolError."""
+    count, *found = data.split(" ") if data else ["?"]
+    if (
+        not count.isdecimal()
+        or int(count) != len(found)
+        or not all(re.fullmatch("[A-Z0-9]{2}", flag) for flag in found)
+    ):
+        raise ProtocolError(f"{data!r} is no list of warning flags")
+    return tuple(found)
+
+
+def in_words(flag: str) -> str:
+    """Return a flag with its meaning."""
+    return f"{flag} ({FLAG_MEANINGS.get(flag, 'not in the manual')})"
+
+
+class ReplyParser:
+    """Bytes in, in pieces of any size; whole messages out.
+
+    `next_event` and `feed` raise ProtocolError and nothing else; the damaged message is then forgotten, and the
+    next call goes on behind it.
+    """
+
+    def __init__(self) -> None:
+        self._unread = b""
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes in. Raises ProtocolError, and forgets them, when too many are unread."""
+        self._unread += data
+        if len(self._unread) > _LONGEST_UNREAD:
+            start, self._unread = self._unread[:16], b""
+            raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that make no message, beginning {start!r}")
+
+    def next_event(self) -> Event | None:
+        """Return the next message that has come in whole, or None when more bytes are needed."""
+        if b"\n" not in self._unread:
+            return None
+        line, _, self._unread = self._unread.partition(b"\n")
+        return _decode(line + b"\n")
+
+    def reset(self) -> None:
+        """Forget what has come in."""
+        self._unread = b""
+
+
+_FRAME = re.compile(rb"([@!#])([ -~]*?)(?::([0-9A-F]{2}))?\r\n")
+_REPLY = re.compile(r"([0-9]{2}) ([0-9]) (?:([0-9]{2}) )?(OK|RJ) (BUSY|IDLE) ([A-Z0-9]{2}|--) ([ -~]*)")
+
+
+def _decode(line: bytes) -> Event:
+    frame = _FRAME.fullmatch(line)
+    if frame is None:
+        raise ProtocolError(f"{line!r} is no message")
+    kind, text = frame[1].decode("ascii"), frame[2].decode("ascii")
+    if frame[3] is not None and frame[3].decode("ascii") != checksum(text):
+        raise ProtocolError(f"{line!r}: the checksum is not {checksum(text)}")
+    if kind != "@":
+        return Unasked(kind=kind, text=text)
+    parts = _REPLY.fullmatch(text)
+    if parts is None:
+        raise ProtocolError(f"{line!r} is no reply")
+    return Reply(
+        device=int(parts[1]),
+        axis=int(parts[2]),
+        message_id=None if parts[3] is None else int(parts[3]),
+        accepted=parts[4] == "OK",
+        busy=parts[5] == "BUSY",
+        flag=parts[6],
+        data=parts[7],
+        checked=frame[3] is not None,
+    )
+
+
+_PROBE_ANSWER_S = 0.2
+_TRIES = 6
+_REPLY_TIMEOUT_S = 0.5  # the longest reply takes 7 ms on the line, a USB adapter adds 16 ms
+_AGAIN_PAUSE_S = 0.1
+# A command that was damaged on its way may be refused for any of these, although it was good when it was sent.
+_WORTH_ANOTHER_TRY = frozenset({"AGAIN", "BADAXIS", "BADCOMMAND", "BADDATA", "BADMESSAGEID"})
+
+
+class ZaberLink(Line):
+    """The line to one device (address 1 to 99) at 115200 bits/s; its notes are flags and repeated questions."""
+
+    def __init__(
+        self, port: BytePort, *, address: str, now_s: Callable[[], float], sleep: Callable[[float], None]
+    ) -> None:
+        self._parser: ReplyParser
+        self._device = check_address(address)
+        name = f"Zaber stage {address} on {port.name}"
+        super().__init__(port, ReplyParser(), name=name, now_s=now_s, sleep=sleep)
+        self._next_id = 0
+
+    def begin(self) -> None:
+        """Make the device add a checksum to all that it says from now on.
+
+        Raises
+        ------
+        DeviceTimeoutError, ProtocolError
+            Nothing answers, or what answers is no Zaber device.
+        """
+        self._ask("set comm.checksum 1", axis=0, unchecked=True)
+
+    def ask(self, words: str, *, axis: int = 1) -> Reply:
+        """Return the reply to a command, which may be sent up to six times.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            The device is silent (about 3 s).
+        ProtocolError
+            Its answers are damaged.
+        DeviceFaultError
+            It refuses; the code is its reason, such as BADDATA.
+        """
+        return self._ask(words, axis=axis, unchecked=False)
+
+    def get_or_none(self, setting: str, *, axis: int = 1) -> str | None:
+        """Return a setting's value, or None when this device's firmware does not know the setting."""
+        try:
+            return self.ask(f"get {setting}", axis=axis).data
+        except DeviceFaultError as error:
+            if error.code != "BADCOMMAND":
+                raise
+            return None
+
+    def fault(self, code: str, meaning: str, *, advice: str) -> DeviceFaultError:
+        """Return the error that tells of a fault."""
+        return DeviceFaultError(f"{self.name}: it reports {code} ({meaning}). {advice}", code=code, meaning=meaning)
+
+    def _ask(self, words: str, *, axis: int, unchecked: bool) -> Reply:
+        refused: int | str | None = None
+        for _ in range(_TRIES - 1):
+            try:
+                return self._exchange(words, axis=axis, unchecked=unchecked)
+            except (ProtocolError, DeviceTimeoutError) as error:
+                self.notes.add(f"tried again: {error}")
+            except DeviceFaultError as error:
+                if error.code not in _WORTH_ANOTHER_TRY or error.code == refused != "AGAIN":
+                    raise
+                refused = error.code
+                self.sleep(_AGAIN_PAUSE_S)
+        return self._exchange(words, axis=axis, unchecked=unchecked)
+
+    def _exchange(self, words: str, *, axis: int, unchecked: bool) -> Reply:
+        self.drain(quiet_s=0.0, limit_s=_REPLY_TIMEOUT_S)
+        message_id, self._next_id = self._next_id, (self._next_id + 1) % IDS
+        sent = command(words, device=self._device, axis=axis, message_id=message_id)
+        self._port.write(sent)
+        reply = self._await(sent, message_id, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+        if not (reply.checked or unchecked):
+            raise ProtocolError(f"{self.name}: after {sent!r}: a reply came without checksum: {reply.data!r}")
+        if not reply.accepted:
+            meaning = REJECTIONS.get(reply.data, "not in the manual")
+            raise self.fault(reply.data, meaning, advice=f"That was refused: {sent!r}")
+        return reply
+
+    def _await(self, sent: bytes, message_id: int, *, deadline_s: float) -> Reply:
+        damaged: ProtocolError | None = None
+        while True:
+            try:
+                event = self._parser.next_event()
+            except ProtocolError as error:
+                damaged = error  # it may be another's: what was asked for may yet come
+                continue
+            if isinstance(event, Reply) and event.device == self._device and event.message_id == message_id:
+                return event
+            if event is None and not self.take_in(deadline_s):
+                raise self.unanswered(f"{sent!r}", damaged, check="the cable and the address")
+
+
+def ask_zaber(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
+    """Return the Zaber devices on a line at 115200 bits/s; every device of a chain answers for itself."""
+    told: dict[int, dict[str, str]] = {}
+    for message_id, setting in enumerate(("deviceid", "system.serial", "version")):
+        question = command(f"get {setting}", device=0, axis=0, message_id=message_id)
+        parser = ReplyParser()
+        for event in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=None, now_s=now_s):
+            if isinstance(event, Reply) and event.accepted and event.message_id == message_id:
+                told.setdefault(event.device, {})[setting] = event.data
+    return [
+        Answer(
+            address=str(device),
+            identity=DeviceIdentity(
+                model=f"Zaber {found['deviceid']}", serial_number=found["system.serial"], firmware=found["version"]
+            ),
+        )
+        for device, found in sorted(told.items())
+        if len(found) == 3
+    ]
+
 
 # How `rigctl devices` finds one. A plain FT232R (0403:6001), which some cables have, is in thousands of other devices.
-PROBE = StageProbe(baud=protocol.BAUD, usb_ids=((0x2939, None),), ask=ask_zaber)
+PROBE = StageProbe(baud=BAUD, usb_ids=((0x2939, None),), ask=ask_zaber)
 
 _POLL_S = 0.05
 _START_S = 2.0
@@ -77,27 +431,26 @@ class ZaberStage(SerialStage):
         """
         self._link.ask("home")
         self._await_rest(deadline_s=self._link.now_s() + _HOME_S)
-        for flag in sorted(protocol.NOT_HOMED & set(self._take_flags())):
+        for flag in sorted(NOT_HOMED & set(self._take_flags())):
             raise self._link.fault(
-                flag, protocol.FLAG_MEANINGS[flag], advice="It was told to home and came to rest without. Try again"
+                flag, FLAG_MEANINGS[flag], advice="It was told to home and came to rest without. Try again"
             )
         return self.position()
 
     def position(self) -> StagePosition:
         """Return the reading of the encoder, or of the motor's own count where there is no encoder."""
-        counts = protocol.whole_number(self._link.ask(f"get {self._scale.reading}").data)
+        counts = whole_number(self._link.ask(f"get {self._scale.reading}").data)
         return StagePosition(angle_deg=counts * 360.0 / self._scale.counts_per_turn % 360.0, counts=counts)
 
     def status(self) -> StageStatus:
         """Ask the stage what it is doing; flags stay set."""
         moving = self._link.ask("").busy
-        flags = protocol.flags(self._link.ask("warnings").data)
+        flags = warning_flags(self._link.ask("warnings").data)
         return StageStatus(
             moving=moving,
-            homed=not protocol.NOT_HOMED & set(flags),
-            code=" ".join(flags) or protocol.NOTHING,
-            meaning="; ".join(protocol.FLAG_MEANINGS.get(flag, "not in the manual") for flag in flags)
-            or protocol.FLAG_MEANINGS[protocol.NOTHING],
+            homed=not NOT_HOMED & set(flags),
+            code=" ".join(flags) or NOTHING,
+            meaning="; ".join(FLAG_MEANINGS.get(flag, "not in the manual") for flag in flags) or FLAG_MEANINGS[NOTHING],
         )
 
     def stop(self) -> None:
@@ -135,19 +488,19 @@ class ZaberStage(SerialStage):
 
     def _take_flags(self) -> tuple[str, ...]:
         """Return the stage's flags and clear them; warnings become notes, a fault is raised."""
-        flags = protocol.flags(self._link.ask("warnings").data)
-        if set(flags) - protocol.NOT_HOMED:
+        flags = warning_flags(self._link.ask("warnings").data)
+        if set(flags) - NOT_HOMED:
             self._link.ask("warnings clear")
         for flag in flags:
             if flag.startswith("F"):
-                meaning = protocol.FLAG_MEANINGS.get(flag, "a fault that is not in the manual")
+                meaning = FLAG_MEANINGS.get(flag, "a fault that is not in the manual")
                 raise self._link.fault(flag, meaning, advice="Check that nothing blocks it, then home it again")
-            if flag not in protocol.NOT_HOMED:
-                self._link.notes.add(f"the stage reports {protocol.in_words(flag)}")
+            if flag not in NOT_HOMED:
+                self._link.notes.add(f"the stage reports {in_words(flag)}")
         return flags
 
     def _require_homed(self) -> None:
-        if protocol.NOT_HOMED & set(protocol.flags(self._link.ask("warnings").data)):
+        if NOT_HOMED & set(warning_flags(self._link.ask("warnings").data)):
             raise LimitError(
                 f"{self._link.name}: it was not homed since its power-up, so its angles mean nothing yet. Home it first"
             )
@@ -156,7 +509,7 @@ class ZaberStage(SerialStage):
 def connect_zaber(
     port: BytePort,
     *,
-    address: str = protocol.FIRST_ADDRESS,
+    address: str = FIRST_ADDRESS,
     tolerance_deg: float = 0.02,
     steps_per_turn: int | None = None,
     now_s: Callable[[], float] = time.monotonic,
@@ -197,7 +550,7 @@ def connect_zaber(
 def open_zaber(
     port: str,
     *,
-    address: str = protocol.FIRST_ADDRESS,
+    address: str = FIRST_ADDRESS,
     tolerance_deg: float = 0.02,
     steps_per_turn: int | None = None,
     now_s: Callable[[], float] = time.monotonic,
@@ -211,7 +564,7 @@ def open_zaber(
         There is no such port, or it may not be opened, or another program holds it.
     """
     connect = partial(connect_zaber, address=address, tolerance_deg=tolerance_deg, steps_per_turn=steps_per_turn)
-    return open_stage_on(port, baud=protocol.BAUD, connect=partial(connect, now_s=now_s, sleep=sleep))
+    return open_stage_on(port, baud=BAUD, connect=partial(connect, now_s=now_s, sleep=sleep))
 
 
 def read_identity(link: ZaberLink) -> DeviceIdentity:
@@ -225,7 +578,7 @@ def read_identity(link: ZaberLink) -> DeviceIdentity:
 def _read_scale(link: ZaberLink, *, steps_per_turn: int | None) -> Scale:
     turn = _counts_per_turn(link, steps_per_turn=steps_per_turn)
     lowest, highest, speed = (
-        protocol.whole_number(link.ask(f"get {setting}").data) for setting in ("limit.min", "limit.max", "maxspeed")
+        whole_number(link.ask(f"get {setting}").data) for setting in ("limit.min", "limit.max", "maxspeed")
     )
     if speed <= 0 or lowest >= highest:
         raise ProtocolError(f"{link.name}: maxspeed {speed}, limits {lowest} to {highest}: it cannot turn like that")
@@ -240,14 +593,14 @@ def _read_scale(link: ZaberLink, *, steps_per_turn: int | None) -> Scale:
 
 def _counts_per_turn(link: ZaberLink, *, steps_per_turn: int | None) -> int:
     """Return the microsteps of a turn: told by the stage, or from the data sheet and the resolution that is set."""
-    resolution = protocol.whole_number(link.ask("get resolution").data)
+    resolution = whole_number(link.ask("get resolution").data)
     told = link.get_or_none("limit.cycle.dist")
     if told is None and steps_per_turn is None:
         raise LimitError(
             f"{link.name}: its firmware does not tell the microsteps of a turn. Give the motor steps of a full turn "
             "from its data sheet: steps_per_turn = (motor steps a revolution) x (gear ratio)"
         )
-    turn = resolution * (steps_per_turn or 0) if told is None else protocol.whole_number(told)
+    turn = resolution * (steps_per_turn or 0) if told is None else whole_number(told)
     if steps_per_turn is not None and turn != resolution * steps_per_turn:
         raise LimitError(
             f"{link.name}: it counts {turn} microsteps a turn, and steps_per_turn = {steps_per_turn} at its resolution "

@@ -9,13 +9,11 @@ from statistics import median
 
 import numpy as np
 
+from rigctl.base.numbers import is_utc_text, wrapped
 from rigctl.console.json_text import Json
 from rigctl.errors import DataError
-from rigctl.numbers.angles import wrapped
-from rigctl.numbers.utc_time import is_utc_text
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_events import TALLY_EVENT, RunEvent, read_events
-from rigctl.runs.run_folder import Run, read_run
+from rigctl.runs.folder import Run, read_run
+from rigctl.runs.records import TALLY_EVENT, FrameRecord, RunEvent, read_events
 
 _PPM = 1e6
 # Events nearer than this say nothing of a clock that is read to a microsecond and set by NTP in steps of milliseconds.

@@ -1,15 +1,40 @@
-"""A folder of calibrations, beside the rig file: what it holds, of which devices, and from when."""
+"""A folder of calibrations, beside the rig file: what it holds, of which devices, and from when.
+
+History of a store of calibrations: how gain, read noise, dark current and axis of each device have moved.
+
+Picking the calibration of a store that fits frames: which one, why, and why not the others.
+
+Calibrations that the store has for a rig, before any device is opened: picks, and what expires or is missing.
+"""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
-from rigctl.calibrations.checked_values import Measured
-from rigctl.calibrations.made_for import MadeFor
+import numpy as np
+
+from calibration.estimate import control_chart
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of
+from rigctl.base.numbers import utc_moment, utc_text, wrapped
+from rigctl.calibrations.made_for import (
+    MadeFor,
+    Measured,
+    age_days,
+    is_beyond_exposures,
+    is_too_old,
+    made_for_rig,
+    misfits,
+    temperature_step_k,
+)
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError, DataError
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+
+if TYPE_CHECKING:
+    from rigctl.files.rig_file import RigFile
 
 CalibrationKind = Literal["noise", "polarizer", "flat", "radiometric", "registration"]
 KINDS: tuple[CalibrationKind, ...] = get_args(CalibrationKind)
@@ -134,10 +159,10 @@ def read_stored(file: Path) -> StoredCalibration:
 
 def _read_json(file: Path) -> StoredCalibration:
     # Readers of every kind take a tenth of a second to import; most rigs have no store.
-    from rigctl.calibrations.noise.noise_file import read_noise_file
-    from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
-    from rigctl.calibrations.radiometric_file import read_radiometric_file
-    from rigctl.calibrations.registration.registration_file import read_registration_file
+    from rigctl.calibrations.noise import read_noise_file
+    from rigctl.calibrations.polarizer import read_polarizer_file
+    from rigctl.calibrations.radiometric import read_radiometric_file
+    from rigctl.calibrations.registration import read_registration_file
 
     kind = _kind_of(file)
     if kind == "noise":
@@ -162,7 +187,7 @@ def _read_json(file: Path) -> StoredCalibration:
 
 
 def _read_flats(file: Path) -> StoredCalibration:
-    from rigctl.calibrations.flat.flat_file import read_flat_facts
+    from rigctl.calibrations.flat import read_flat_facts
 
     return StoredCalibration(
         kind="flat", file=file, made_for=read_flat_facts(file).origin, numbers={}, parts=("flats",)
@@ -194,3 +219,492 @@ def _kind_of(file: Path) -> CalibrationKind:
         if kind == known:
             return known
     raise DataError(f"{file}: {_OF_ANOTHER_KIND}")
+
+
+# An axis is the same after half a turn.
+_TURN_DEG = {"offset_deg": 180.0}
+_SECONDS_A_YEAR = 365.25 * 86400.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryPoint:
+    """A number of one calibration.
+
+    Attributes
+    ----------
+    utc : str
+        When its frames were taken.
+    value, std_error : float
+        In the unit that the number's name ends in; an axis is followed over half turns.
+    limits : (lower, upper)
+        Control limits: where it would lie 997 times in 1000 if nothing moved, by its own stated error and that of the
+        mean of all of this device.
+    is_inside : bool
+        It lies within them.
+    file : Path
+        The calibration.
+    """
+
+    utc: str
+    value: float
+    std_error: float
+    limits: tuple[float, float]
+    is_inside: bool
+    file: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class History:
+    """A number of one device through time.
+
+    Attributes
+    ----------
+    quantity, device : str
+        Its name, and of which camera or stage.
+    points : tuple of HistoryPoint
+        The oldest first.
+    drift_per_year, drift_error : float or None
+        Slope of a straight line through them and its standard error, widened by their scatter; None of fewer than
+        three.
+    """
+
+    quantity: str
+    device: str
+    points: tuple[HistoryPoint, ...]
+    drift_per_year: float | None
+    drift_error: float | None
+
+    @property
+    def line(self) -> str:
+        """It in a line that a person reads."""
+        first, last = self.points[0], self.points[-1]
+        if len(self.points) == 1:
+            return f"{self.quantity} of {self.device}: {first.value:.6g} +- {first.std_error:.2g}, calibrated once"
+        text = f"{self.quantity} of {self.device}: {first.value:.6g} to {last.value:.6g} in {len(self.points)}"
+        if self.drift_per_year is not None:
+            text += f", {self.drift_per_year:+.3g} +- {self.drift_error:.2g} a year"
+        outside = sum(not point.is_inside for point in self.points)
+        return text + (f"; {outside} outside the control limits: IT MOVES" if outside else "; within control limits")
+
+    def as_json(self) -> dict[str, Json]:
+        """Return it as JSON holds it."""
+        return {
+            "quantity": self.quantity,
+            "device": self.device,
+            "drift_per_year": self.drift_per_year,
+            "drift_error": self.drift_error,
+            "is_inside": all(point.is_inside for point in self.points),
+            "points": [asdict(point) | {"file": str(point.file)} for point in self.points],
+        }
+
+
+def histories_of(store: CalibrationStore) -> Iterator[History]:
+    """Give how the numbers of each device have moved: gain, read noise, dark current of a camera, axis of a stage."""
+    series: dict[tuple[str, str], list[StoredCalibration]] = {}
+    for one in store.calibrations:
+        if one.made_for.taken_utc is not None:
+            for quantity in one.numbers:
+                series.setdefault((quantity, _device(quantity, one.made_for)), []).append(one)
+    for (quantity, device), calibrations in sorted(series.items(), key=lambda item: item[0][0]):
+        yield _history(quantity, device, calibrations)
+
+
+def _device(quantity: str, made: MadeFor) -> str:
+    camera = f"camera {made.camera_serial}" if made.camera_serial else "a camera"
+    if quantity in _TURN_DEG:
+        return f"stage {made.stage_serial}, {camera}" if made.stage_serial else f"a stage, {camera}"
+    return f"{camera} at {made.gain_db:g} dB" if made.gain_db is not None else camera
+
+
+def _history(quantity: str, device: str, calibrations: Sequence[StoredCalibration]) -> History:
+    values = np.array([one.numbers[quantity].value for one in calibrations])
+    turn_deg = _TURN_DEG.get(quantity)
+    if turn_deg is not None:
+        values = values[0] + np.cumsum(np.append(0.0, wrapped(np.diff(values), turn=turn_deg)))
+    errors = np.array([one.numbers[quantity].std_error for one in calibrations])
+    seconds = np.array([utc_moment(one.made_for.taken_utc or "").timestamp() for one in calibrations])
+    chart = control_chart(seconds / _SECONDS_A_YEAR, values, errors)
+    points = tuple(
+        HistoryPoint(
+            utc=one.made_for.taken_utc or "",
+            value=float(values[place]),
+            std_error=float(errors[place]),
+            limits=(float(chart.lower[place]), float(chart.upper[place])),
+            is_inside=bool(chart.is_inside[place]),
+            file=one.file,
+        )
+        for place, one in enumerate(calibrations)
+    )
+    drift, error = chart.drift_per_year, chart.drift_error
+    return History(quantity=quantity, device=device, points=points, drift_per_year=drift, drift_error=error)
+
+
+# Whether a kind is one of the stage, and whether it depends on gain and format.
+_TRAITS: dict[CalibrationKind, tuple[bool, bool]] = {
+    "noise": (False, True),
+    "polarizer": (True, False),
+    "flat": (True, True),
+    "radiometric": (False, True),
+    "registration": (True, False),
+}
+_SHOWN = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pick:
+    """A calibration that was picked.
+
+    Attributes
+    ----------
+    kind : str
+        Of `rigctl.calibrations.store.KINDS`.
+    file : Path
+        Where it stands.
+    sha256 : str
+        Of its content.
+    why : str
+        Why this one.
+    age_days : float or None
+        Days between it and the frames, below 0 where it came after; None is not known.
+    """
+
+    kind: CalibrationKind
+    file: Path
+    sha256: str
+    why: str
+    age_days: float | None
+
+    def as_json(self) -> dict[str, Json]:
+        """Return it as results hold it."""
+        age = None if self.age_days is None else round(self.age_days, 3)
+        return {"file": str(self.file), "sha256": self.sha256, "why": self.why, "age_days": age}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NotPicked:
+    """A calibration of the same kind that was not taken, and why; `is_unfit` unless another was merely nearer."""
+
+    kind: CalibrationKind
+    file: Path
+    reason: str
+    is_unfit: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What was picked of a kind, None where nothing fits, and what was not."""
+
+    kind: CalibrationKind
+    pick: Pick | None
+    others: tuple[NotPicked, ...]
+
+    @property
+    def line(self) -> str:
+        """It in a line that a person reads."""
+        if self.pick is not None:
+            return f"{self.kind} calibration: {self.pick.file}: {self.pick.why}"
+        reasons = "; ".join(f"{one.file.name}: {one.reason}" for one in self.others[-_SHOWN:])
+        return f"no {self.kind} calibration: of {len(self.others)} in the store none fits: {reasons}"
+
+
+def choices_json(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> dict[str, Json]:
+    """Return what a result says of calibrations where there is a store."""
+    not_read: list[Json] = [{"file": str(one.file), "problem": one.problem} for one in damaged]
+    return {
+        "calibrations": {one.kind: one.pick.as_json() for one in choices if one.pick is not None},
+        "calibrations_not_picked": [
+            {"kind": one.kind, "file": str(one.file), "reason": one.reason}
+            for choice in choices
+            for one in choice.others
+        ],
+        **({"calibrations_not_read": not_read} if not_read else {}),
+    }
+
+
+def choice_lines(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> tuple[str, ...]:
+    """Return what was picked and why, a line for each kind of which the store has any, and what could not be read."""
+    told = (choice.line for choice in choices if choice.pick is not None or choice.others)
+    return (*told, *(one.line for one in damaged))
+
+
+def choose(
+    store: CalibrationStore,
+    kind: CalibrationKind,
+    used: MadeFor,
+    *,
+    require_usable: Callable[[Path], object] | None = None,
+) -> Choice:
+    """Return which calibration of a kind fits frames best: the newest that is not younger than they are.
+
+    Parameters
+    ----------
+    store : CalibrationStore
+        What there is.
+    kind : str
+        Which kind.
+    used : MadeFor
+        What the frames were, or will be, taken with. What one side does not know is not compared.
+    require_usable : callable or None
+        Raises DataError where a file cannot be used for the frames after all.
+
+    Notes
+    -----
+    Refused are other devices and settings, and what is too old. One at the temperature and exposures of use goes before
+    one that is not, one whose devices are stated before one that says nothing of them, one before the frames before
+    one after them; then the nearest in time.
+    """
+    unfit: list[NotPicked] = []
+    fitting: list[StoredCalibration] = []
+    for one in store.of(kind):
+        reason = _unfit(one, used)
+        if reason is None:
+            fitting.append(one)
+        else:
+            unfit.append(NotPicked(kind=kind, file=one.file, reason=reason))
+    fitting.reverse()  # of those that are alike the newest goes first
+    ranked = sorted(fitting, key=lambda one: _rank(one, used))
+    for place, one in enumerate(ranked):
+        try:
+            if require_usable is not None:
+                require_usable(one.file)
+        except DataError as error:
+            unfit.append(NotPicked(kind=kind, file=one.file, reason=_short(one.file, error)))
+            continue
+        rest = tuple(
+            NotPicked(kind=kind, file=other.file, reason=_farther(other, used), is_unfit=False)
+            for other in ranked[place + 1 :]
+        )
+        why = _why(one, used, fitting=1 + len(rest), unfit=unfit, store=store)
+        same = [other.file.name for other in ranked[place + 1 :] if _rank(other, used) == _rank(one, used)]
+        why += f"; taken at the same time: {', '.join(same)}; the last by name is used" if same else ""
+        pick = Pick(
+            kind=kind, file=one.file, sha256=sha256_of(one.file), why=why, age_days=age_days(one.made_for, used)
+        )
+        return Choice(kind=kind, pick=pick, others=(*unfit, *rest))
+    return Choice(kind=kind, pick=None, others=tuple(unfit))
+
+
+def _unfit(one: StoredCalibration, used: MadeFor) -> str | None:
+    stage, gain = _TRAITS[one.kind]
+    wrong = misfits(one.made_for, used, stage=stage, gain=gain)
+    if wrong:
+        return "; ".join(wrong)
+    if is_too_old(one.made_for, used):
+        days = age_days(one.made_for, used) or 0.0
+        return f"too far in time: {abs(days):.0f} days from the frames, holds for {one.made_for.valid_days:g}"
+    return None
+
+
+def _rank(one: StoredCalibration, used: MadeFor) -> tuple[bool, bool, int, bool, float]:
+    made = one.made_for
+    days = age_days(made, used)
+    stage, _ = _TRAITS[one.kind]
+    pairs = [(made.camera_serial, used.camera_serial)] + ([(made.stage_serial, used.stage_serial)] if stage else [])
+    silent = sum(calibrated is None and now is not None for calibrated, now in pairs)
+    is_of_noise = one.kind == "noise"
+    return (
+        is_of_noise and temperature_step_k(made, used) is not None,
+        is_of_noise and is_beyond_exposures(made, used),
+        silent,
+        days is None or days < 0.0,
+        0.0 if days is None else abs(days),
+    )
+
+
+def _why(
+    one: StoredCalibration, used: MadeFor, *, fitting: int, unfit: Sequence[NotPicked], store: CalibrationStore
+) -> str:
+    days, made = age_days(one.made_for, used), one.made_for
+    taken = "at a time that nobody knows" if made.taken_utc is None else made.taken_utc[:10]
+    apart = "" if days is None else f", {abs(days):.1f} days {'before' if days >= 0.0 else 'AFTER'} the frames"
+    which = (
+        "the only one that fits"
+        if fitting == 1
+        else f"the newest before the frames, of {fitting} of these devices and settings"
+    )
+    if days is None and fitting > 1:
+        which = f"the newest of {fitting}, as the frames do not say when they were taken"
+    if days is not None and days < 0.0:
+        which = "the nearest, as none that fits came before the frames"
+    text = f"{which}: taken {taken}{apart}, holds for {made.valid_days:g} days{_identity(one, used)}"
+    refused = Counter(one.reason.partition(":")[0] for one in unfit)
+    if refused:
+        text += "; refused: " + ", ".join(f"{count} ({reason})" for reason, count in refused.items())
+    cameras = {other.made_for.camera_serial for other in store.of(one.kind)} - {None}
+    if used.camera_serial is None and len(cameras) > 1:
+        text += f"; which camera it will be is not said, and the store has {len(cameras)}"
+    return text
+
+
+def _identity(one: StoredCalibration, used: MadeFor) -> str:
+    made = one.made_for
+    stage, gain = _TRAITS[one.kind]
+    said = [f"camera {made.camera_serial}" if made.camera_serial else "its camera is not stated"]
+    said += [f"stage {made.stage_serial}"] if stage and made.stage_serial else []
+    said += [f"gain {made.gain_db:g} dB"] if gain and made.gain_db is not None else []
+    said += [f"{made.bit_depth} bits"] if gain and made.bit_depth is not None else []
+    step_k = temperature_step_k(made, used)
+    said += [] if step_k is None or one.kind != "noise" else [f"but {abs(step_k):.1f} K away in temperature"]
+    return f"; {', '.join(said)}"
+
+
+def _farther(one: StoredCalibration, used: MadeFor) -> str:
+    days = age_days(one.made_for, used)
+    when = "" if days is None else f"{abs(days):.1f} days {'before' if days >= 0.0 else 'after'} the frames: "
+    return f"{when}fits, and another is nearer"
+
+
+def _short(file: Path, error: DataError) -> str:
+    return str(error).removeprefix(f"{file}: ").partition("\n")[0]
+
+
+NONE = Path("none")
+# Without these nothing is compared; the others are warned of where the store has had them once.
+_NEEDED: tuple[CalibrationKind, ...] = ("noise", "polarizer")
+_SOON_DAYS = 14.0
+# Clocks of two computers may differ by less.
+_CLOCK_DAYS = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigPicks:
+    """What the store has for a rig: a choice for each kind, and files that cannot be read; None: there is no store."""
+
+    store: Path | None = None
+    choices: tuple[Choice, ...] = ()
+    damaged: tuple[UnreadFile, ...] = ()
+
+    @property
+    def files(self) -> dict[CalibrationKind, Path]:
+        """Files that were picked, by kind."""
+        return {one.kind: one.pick.file for one in self.choices if one.pick is not None}
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was picked and why, a line for each kind of which the store has any."""
+        return choice_lines(self.choices, self.damaged)
+
+    def report(self) -> None:
+        """Report what was picked; warn where there are calibrations of a kind and none fits."""
+        for choice in self.choices:
+            if choice.pick is not None:
+                note(choice.line)
+            elif choice.others:
+                warn(choice.line)
+        for file in self.damaged:
+            note(file.line)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what results say of it; nothing where there is no store."""
+        return {} if self.store is None else choices_json(self.choices, self.damaged)
+
+
+def picked_for_rig(
+    rig: "RigFile",
+    rig_path: Path,
+    *,
+    now_ns: int,
+    store: Path | None = None,
+    named: Mapping[CalibrationKind, Path | None],
+) -> RigPicks:
+    """Return what the store has for a rig.
+
+    Parameters
+    ----------
+    rig, rig_path
+        The rig file; the store beside it is taken unless another is named.
+    now_ns : int
+        When frames are to be taken [ns since 1970 UTC].
+    store : Path or None
+        The store; ``none`` picks nothing.
+    named : mapping
+        The kinds that can be used; those that have a file are not picked.
+
+    Raises
+    ------
+    ConfigError
+        The store that is named is no folder.
+    """
+    found = _store(rig_path, store)
+    if found is None:
+        return RigPicks()
+    used = made_for_rig(rig, now_utc=utc_text(now_ns))
+    wanted = [kind for kind, path in named.items() if path is None]
+    choices = (choose(found, kind, used, require_usable=_usable(kind, rig, used)) for kind in wanted)
+    return RigPicks(store=found.folder, choices=tuple(choices), damaged=found.damaged)
+
+
+def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
+    """Return what the store beside a rig file lacks or what in it expires soon, in words; nothing without a store."""
+    store = _store(rig_path, None)
+    if store is None:
+        return ()
+    used = made_for_rig(rig, now_utc=utc_text(now_ns))
+    doubts = (doubt for kind in KINDS for doubt in _doubts(store, kind, rig, used))
+    return (*doubts, *(one.line for one in store.damaged))
+
+
+def _store(rig_path: Path, store: Path | None) -> CalibrationStore | None:
+    if store is not None and store != NONE and not store.is_dir():
+        raise ConfigError(f"--calibrations: {store}: there is no such folder")
+    folder = store_beside(rig_path) if store is None else store
+    return None if folder is None or folder == NONE else read_store(folder)
+
+
+def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Iterable[str]:
+    there = store.of(kind)
+    if not there:
+        if kind in _NEEDED:
+            yield f"{store.folder} has no {kind} calibration"
+        return
+    choice = choose(store, kind, used, require_usable=_usable(kind, rig, used))
+    if choice.pick is None:
+        yield choice.line
+        return
+    made = next(one.made_for for one in there if one.file == choice.pick.file)
+    days = age_days(made, used)
+    if days is not None and days < -_CLOCK_DAYS:
+        yield f"{kind} calibration: {choice.pick.file} is of {-days:.0f} days from now: look at the clock, then and now"
+    left = None if days is None or made.valid_days is None else made.valid_days - days
+    if left is not None and left < _SOON_DAYS:
+        yield f"{kind} calibration: {choice.pick.file} expires in {left:.0f} days: make a new one"
+
+
+def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object] | None:
+    """Return what holds a file against the rig; None where its devices and settings are all there is to hold."""
+    from rigctl.calibrations.noise import read_noise_file, require_noise_fits
+    from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
+
+    if kind == "noise":
+        return lambda path: require_noise_fits(read_noise_file(path), used)
+    if kind == "polarizer":
+        return lambda path: require_polarizer_fits(read_polarizer_file(path), used, polarizer=rig.polarizer)
+    return None
+
+
+def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, named: Path | None) -> RigPicks:
+    """Return the noise calibration that a prediction takes where none is named.
+
+    Parameters
+    ----------
+    scene : Path or None
+        The scene file: the store beside it is taken unless another is named.
+    used : MadeFor
+        Format and time; a prediction names no camera.
+    store : Path or None
+        The store; ``none`` picks nothing.
+    named : Path or None
+        The noise calibration that is named.
+
+    Raises
+    ------
+    ConfigError
+        The store that is named is no folder.
+    """
+    found = None if named is not None or (store is None and scene is None) else _store(scene or Path(), store)
+    if found is None:
+        return RigPicks()
+    from rigctl.calibrations.noise import read_noise_file, require_noise_fits
+
+    choice = choose(found, "noise", used, require_usable=lambda path: require_noise_fits(read_noise_file(path), used))
+    return RigPicks(store=found.folder, choices=(choice,), damaged=found.damaged)

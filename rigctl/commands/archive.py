@@ -59,11 +59,11 @@ def find_command(
 
     Example: rigctl archive find runs "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagree'"
     """
+    from rigctl.archive.report import found_table
     from rigctl.errors import ConfigError
     from rigctl.jobs.archive import find_runs
-    from rigctl.reports.tables.archive_tables import found_table
-    from rigctl.reports.writers.data_files import csv_rows
-    from rigctl.reports.writers.terminal_table import terminal_table
+    from rigctl.report.data_files import csv_rows
+    from rigctl.report.table import terminal_table
 
     if as_csv and as_json:
         raise ConfigError("--csv and --json: give one of them")
@@ -86,9 +86,9 @@ def health(root: _Root, as_json: _Json = False) -> None:
 
     Example: rigctl archive health runs
     """
+    from rigctl.archive.report import health_table
     from rigctl.jobs.archive import archive_health
-    from rigctl.reports.tables.archive_tables import health_table
-    from rigctl.reports.writers.terminal_table import terminal_table
+    from rigctl.report.table import terminal_table
 
     found = archive_health(root)
     if as_json:

@@ -17,10 +17,10 @@ from rigctl.console.options import (
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ScaleKind
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import terminal_table
 
 if TYPE_CHECKING:
-    from rigctl.archive.run_rows import Verb
+    from rigctl.archive.over_runs import Verb
     from rigctl.jobs.archive_runs import ArchiveResult
     from rigctl.jobs.archive_work import ArchiveRequest
     from rigctl.verbs.options import CompareOptions
@@ -187,7 +187,7 @@ def _options(
     *,
     force_registration: bool,
 ) -> "CompareOptions":
-    from rigctl.measurement.found_faults import correctable
+    from rigctl.measure.diagnose import correctable
 
     return {
         "noise": noise,
@@ -212,8 +212,8 @@ def _do(
     *,
     as_json: bool,
 ) -> None:
-    from rigctl.cluster.on_dask import Engine
     from rigctl.jobs.archive_work import ArchiveRequest
+    from rigctl.mapped import Engine
 
     scheduler, workers = engine
     if scheduler is not None and workers is not None:
@@ -256,7 +256,7 @@ def _with_progress(request: "ArchiveRequest") -> "ArchiveResult":
 
 
 def _show(found: "ArchiveResult", verb: "Verb", out: Path) -> None:
-    from rigctl.reports.tables.archive_tables import archive_table
+    from rigctl.archive.report import archive_table
 
     console = results()
     # Whole and sound runs of thousands are read in the table; here stands what is not.

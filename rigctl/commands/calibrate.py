@@ -8,6 +8,7 @@ from rich.progress import Progress
 
 from calibration.results import RefusedFramesError
 from drivers.cameras.raw_planes import PLANES
+from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.commands.calibrate_axis import axis
 from rigctl.commands.calibrate_doubling import doubling
 from rigctl.commands.calibrate_flat import flat
@@ -19,7 +20,6 @@ from rigctl.console.options import MaxFrameMb, OptionTexts, frame_bytes
 from rigctl.console.terminal import print_json, progress, results
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EXPOSURE_UNITS
-from rigctl.storage.bounded_file import MOST_FRAME_MB
 
 if TYPE_CHECKING:
     from rigctl.jobs.calibrate_noise import CalibratedNoise, NoiseRequest
@@ -69,8 +69,8 @@ def noise(
 
     Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
     """
-    from rigctl.calibrations.noise.noise_file import QUANTITIES
-    from rigctl.calibrations.noise.noise_json import flags_json
+    from rigctl.calibrations.noise import QUANTITIES
+    from rigctl.calibrations.noise_calibration import flags_json
     from rigctl.jobs.calibrate_noise import NoiseRequest
 
     texts = OptionTexts()
@@ -116,8 +116,8 @@ def _calibrated(request: "NoiseRequest") -> "CalibratedNoise":
 
 def _print_table(found: "CalibratedNoise") -> None:
     from calibration.sensor.noise import first_lines
-    from rigctl.reports.tables.calibration_tables import calibration_rows, calibration_table, unknown_lines
-    from rigctl.reports.writers.terminal_table import terminal_table
+    from rigctl.report.calibration import calibration_rows, calibration_table, unknown_lines
+    from rigctl.report.table import terminal_table
 
     console = results()
     for line in first_lines(found.calibration.noise):

@@ -9,7 +9,7 @@ import typer
 from rigctl.console.terminal import print_json, progress, results
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.polarizer.polarizer_calibration import PolarizerCalibration
+    from rigctl.calibrations.polarizer_scan import PolarizerCalibration
     from rigctl.jobs.calibrate_axis import CalibratedAxis
 
 
@@ -93,7 +93,7 @@ def axis(
 
 
 def _print(axis: "CalibratedAxis") -> None:
-    from rigctl.calibrations.polarizer.polarizer_json import rig_lines
+    from rigctl.calibrations.polarizer import rig_lines
 
     console, found = results(), axis.calibration
     console.print(f"sense {found.axis.best.sense:+d}, offset {_offset(found)}")
@@ -120,7 +120,7 @@ def _offset(found: "PolarizerCalibration") -> str:
 
 
 def _print_harmonics(found: "PolarizerCalibration") -> None:
-    from rigctl.calibrations.polarizer.polarizer_json import HARMONIC_MEANING
+    from rigctl.calibrations.polarizer import HARMONIC_MEANING
 
     console = results()
     for one in found.harmonics:

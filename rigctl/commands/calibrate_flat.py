@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.console.terminal import print_json, results, warn
-from rigctl.reports.table import Column, Table
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import Column, Table, terminal_table
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.flat.run_flat import FlatAngle
+    from rigctl.calibrations.flat import FlatAngle
 
 _COLUMNS: tuple["Column[FlatAngle]", ...] = (
     Column(title="angle [deg]", text=lambda row: f"{row.polarizer_angle_deg:.1f}"),

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigctl.console.terminal import print_json, progress, results, warn
-from rigctl.reports.table import Table, text_columns
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import Table, terminal_table, text_columns
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.radiometric_file import Response
+    from rigctl.calibrations.radiometric import Response
     from rigctl.jobs.calibrate_radiometric import CalibratedResponse
 
 _SHOWN = 6

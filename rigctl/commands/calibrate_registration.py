@@ -7,11 +7,10 @@ import typer
 
 from rigctl.console.failures import EXIT_DATA
 from rigctl.console.terminal import print_json, results, warn
-from rigctl.reports.table import Column, Table
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import Column, Table, terminal_table
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.registration.register_run import AngleShift, RunRegistration
+    from rigctl.calibrations.registration import AngleShift, RunRegistration
 
 _COLUMNS: tuple["Column[AngleShift]", ...] = (
     Column(title="angle [deg]", text=lambda row: f"{row.angle_deg:.2f}"),
@@ -57,7 +56,7 @@ def registration(
 
 
 def _show(found: "RunRegistration") -> None:
-    from rigctl.calibrations.registration.register_run import before_and_after
+    from rigctl.calibrations.registration import before_and_after
 
     results().print(terminal_table(Table(columns=_COLUMNS, rows=found.rows())))
     for index in found.shifted:

@@ -7,8 +7,7 @@ import typer
 
 from rigctl.console.options import time_option
 from rigctl.console.terminal import print_json, progress, results, warn
-from rigctl.reports.table import Column, Table
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import Column, Table, terminal_table
 
 if TYPE_CHECKING:
     from rigctl.jobs.calibrations import CalibrationsOverview, StoredRow

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rigctl.console.terminal import print_json, progress, results
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import terminal_table
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None)
 
@@ -37,7 +37,7 @@ def fig5(
     Example: rigctl dolp fig5 --out fig5
     """
     from rigctl.jobs.dolp import dolp_by_snr
-    from rigctl.reports.tables.paper_tables import fig5_table
+    from rigctl.paper import fig5_table
 
     found = dolp_by_snr(draws=draws, seed=seed, out=out)
     if as_json:
@@ -60,7 +60,7 @@ def estimators(
     Example: rigctl dolp estimators --out estimators
     """
     from rigctl.jobs.dolp import compare_estimators
-    from rigctl.reports.tables.paper_tables import estimator_table
+    from rigctl.paper import estimator_table
 
     found = compare_estimators(out=out)
     if as_json:

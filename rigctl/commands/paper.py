@@ -48,8 +48,8 @@ def command(
     Example: rigctl paper --figure 9 --figure 13 --materials rough --as-paper --out paper
     """
     from rigctl.jobs.paper import SHIPPED, PaperRequest, check_paper
-    from rigctl.reports.tables.paper_tables import search_lines, statement_json, tally, terminal_statements
-    from rigctl.reports.writers.terminal_table import terminal_table
+    from rigctl.paper import search_lines, statement_json, tally, terminal_statements
+    from rigctl.report.table import terminal_table
 
     request = PaperRequest(
         figures=tuple(figures or ()),

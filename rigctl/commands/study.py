@@ -10,7 +10,7 @@ from rigctl.console.failures import EXIT_INCOMPLETE
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.errors import ConfigError
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.table import terminal_table
 
 if TYPE_CHECKING:
     from rigctl.jobs.study import StudyRequest, StudyResult
@@ -43,8 +43,8 @@ def command(
 
     Example: rigctl study examples/study-panels.toml --out panels-study --workers 2
     """
-    from rigctl.cluster.on_dask import Engine
     from rigctl.jobs.study import StudyRequest
+    from rigctl.mapped import Engine
 
     if scheduler is not None and workers is not None:
         raise ConfigError("--workers: is of this machine; a scheduler has its own")
@@ -92,7 +92,7 @@ def _json(found: "StudyResult", out: Path) -> dict[str, Json]:
 
 
 def _show(found: "StudyResult", out: Path) -> None:
-    from rigctl.reports.tables.study_tables import morris_table, sobol_table
+    from rigctl.study import morris_table, sobol_table
 
     if found.sobol:
         results().print(terminal_table(sobol_table(found.sobol)))
@@ -117,7 +117,7 @@ def _reasons(found: "StudyResult") -> list[str]:
     """Return why cases failed, each reason once with how many."""
     from collections import Counter
 
-    from rigctl.study.study_arrays import UNDONE
+    from rigctl.study import UNDONE
 
     counted = Counter(reason for reason in found.table.arrays.reasons if reason and reason != UNDONE)
     told = [f"{times} cases failed: {reason}" for reason, times in counted.most_common(_MOST_REASONS)]

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.console.json_text import Json
-from rigctl.storage.bounded_file import MOST_TEXT_BYTES, read_bounded
 
 LEFT_OUT = "left out"
 # Words of keys whose values say whose rig it is, or where it stands.

@@ -11,19 +11,19 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from rigctl.console.anonymity import anonymous
-from rigctl.console.options import options_of
-from rigctl.storage.destination import (
+from rigctl.base.destination import (
     Destination,
     Kind,
     edited_before,
     keep_old,
+    origin_of,
     remember_written,
     require_free,
     results_of,
     snapshot,
 )
-from rigctl.storage.origin import origin_of
+from rigctl.console.anonymity import anonymous
+from rigctl.console.options import options_of
 
 _FORCE, _ANONYMOUS = "force", "anonymous"
 # They decide how a result is told, and not what is in it.

@@ -7,8 +7,7 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
-from rigctl.numbers.number_range import range_problem
-from rigctl.numbers.utc_time import time_option as time_option
+from rigctl.base.numbers import range_problem
 
 Choice = TypeVar("Choice", bound=str)
 _BYTES_PER_MB = 1_000_000

@@ -19,14 +19,13 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from rigctl.files.config import Allowed, Uncertain
-from rigctl.files.material_file import MaterialFile
+from rigctl.files.materials import MaterialFile, SurfaceFitFile
 from rigctl.files.regions import RegionsFile
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import SessionFile
 from rigctl.files.study_file import StudyFile
-from rigctl.files.surface_fit_file import SurfaceFitFile
+from rigctl.files.toml import Allowed, Uncertain
 
 _FILES: tuple[tuple[str, type[BaseModel]], ...] = (
     ("Rig file", RigFile),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
-from rigctl.files.config import Allowed, NotNegative, Section, Uncertain, with_std_apart
+from rigctl.files.toml import Allowed, NotNegative, Section, Uncertain, with_std_apart
 
 NotBelow0 = Annotated[float, Field(ge=0)]
 

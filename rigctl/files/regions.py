@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Dictionary
-from rigctl.files.config import Section, load
+from rigctl.files.toml import Section, load
 
 
 def _speakable(name: str) -> str:

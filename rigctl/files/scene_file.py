@@ -1,20 +1,559 @@
-"""The scene file: what the model is told of the scene and of the sensor, and how uncertain that is."""
+"""The tables of a scene file that describe an aerosol of one's own: spheres by their sizes and indices.
 
+The tables of a scene file that say what light there is: sun, atmosphere, field of view, the sensor's response.
+
+The tables of a scene file that say what a session adds to the scene, and which effects are forced on or off.
+
+The scene file: what the model is told of the scene and of the sensor, and how uncertain that is.
+
+Numbers that are written into a scene file in the place of those that stand there; its comments stay.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import inf, log
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, model_validator
 
+from model.atmosphere.aerosols import AerosolChoice, AerosolType
+from model.atmosphere.layers import AerosolKind
+from model.atmosphere.mie import (
+    LogNormal,
+    MieAerosol,
+    ParticleMode,
+    RefractiveIndex,
+    SizeDistribution,
+    TabulatedSizes,
+    log_normal,
+    number_of_volume,
+)
+from model.atmosphere.sky import Fidelity
+from model.effects.names import Effect
+from model.scene.field import TileRule
 from model.surface.materials import MATERIALS
 from model.surface.pbrdf import DiffuseKind, Shadowing
+from rigctl.base.durable import write_durably
 from rigctl.errors import ConfigError
-from rigctl.files.config import Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
-from rigctl.files.effect_sections import Drift, EffectsSection, ErrorsSection
-from rigctl.files.light_sections import AtmosphereSection, FieldSection, ResponseSection, SunSection
-from rigctl.files.material_file import find_material
+from rigctl.files.materials import find_material
 from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.regions import Region, require_distinct
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
+from rigctl.files.toml import Allowed, Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
+
+NM_PER_M = 1e9
+UM_PER_M = 1e6
+
+Number = Annotated[float, Field(strict=True)]
+Above0 = Annotated[Number, Field(gt=0)]
+
+
+def _listed(given: object) -> object:
+    return given if isinstance(given, list) else [given]
+
+
+OneOrMore = Annotated[list[Number], BeforeValidator(_listed), Field(min_length=1)]
+
+
+class ModeSection(Section):
+    """Particles of one substance with one law of size.
+
+    The law is log-normal, by the median radius of the number or of the volume and the deviation of the natural or the
+    decimal logarithm; or a table of the number per ln(radius). `number_share` counts particles, `volume_share` their
+    volume; shares of several modes count relative to each other. n and k are plain numbers, or lists over
+    `wavelength_nm`.
+    """
+
+    number_share: Above0 | None = None
+    """Share of the particles, relative to the other modes. Example: `0.9`."""
+    volume_share: Above0 | None = None
+    """Share of the volume, relative to the other modes. Example: `0.5`."""
+    number_median_radius_um: Above0 | None = None
+    """Median radius of the number. Example: `0.03`."""
+    volume_median_radius_um: Above0 | None = None
+    """Median radius of the volume. Example: `0.2`."""
+    ln_sigma: Above0 | None = None
+    """Deviation of the radius' natural logarithm. Example: `0.8`."""
+    log10_sigma: Above0 | None = None
+    """Deviation of the radius' decimal logarithm. Example: `0.35`."""
+    largest_radius_um: Above0 | None = None
+    """Where the law is cut. Example: `20.0`."""
+    radius_um: list[Number] | None = None
+    """Radii of a table of sizes, in place of a law. Example: `[0.01, 0.1, 1.0]`."""
+    number_per_log_radius: list[Number] | None = None
+    """Number per ln(radius) at each radius. Example: `[1.0, 0.5, 0.001]`."""
+    n: OneOrMore
+    """Real part of the refractive index, or one for each wavelength. Example: `1.45`."""
+    k: OneOrMore
+    """Imaginary part of the refractive index, or one for each wavelength. Example: `0.005`."""
+    wavelength_nm: tuple[Number, ...] = ()
+    """Wavelengths of n and k, where these are lists. Example: `[400.0, 700.0]`."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> "ModeSection":
+        if self.number_share is not None and self.volume_share is not None:
+            raise ValueError("needs one of number_share and volume_share, not both")
+        self._require_one_law()
+        if self.volume_share is not None and self.volume_median_radius_um is None:
+            raise ValueError("volume_share needs volume_median_radius_um")
+        self.mode()
+        return self
+
+    def mode(self) -> ParticleMode:
+        """Return the mode as the model takes it.
+
+        Raises
+        ------
+        ValueError
+            A number is outside its range.
+        """
+        index = RefractiveIndex(
+            n=tuple(self.n), k=tuple(self.k), wavelength_m=tuple(nm / NM_PER_M for nm in self.wavelength_nm)
+        )
+        return ParticleMode(number_share=self._share(), sizes=self._sizes(), index=index)
+
+    def _require_one_law(self) -> None:
+        table = (self.radius_um, self.number_per_log_radius)
+        if None not in table and self._log_normal_keys() == []:
+            return
+        if table != (None, None):
+            raise ValueError(
+                "a table of sizes needs radius_um and number_per_log_radius, and no median, sigma or largest"
+            )
+        if (self.number_median_radius_um is None) == (self.volume_median_radius_um is None):
+            raise ValueError("needs exactly one of number_median_radius_um and volume_median_radius_um, or a table")
+        if (self.ln_sigma is None) == (self.log10_sigma is None):
+            raise ValueError("needs exactly one of ln_sigma and log10_sigma")
+
+    def _log_normal_keys(self) -> list[str]:
+        names = (
+            "number_median_radius_um",
+            "volume_median_radius_um",
+            "ln_sigma",
+            "log10_sigma",
+            "largest_radius_um",
+        )
+        return [name for name in names if getattr(self, name) is not None]
+
+    def _sizes(self) -> SizeDistribution:
+        if self.radius_um is not None and self.number_per_log_radius is not None:
+            return TabulatedSizes(
+                radius_m=tuple(um / UM_PER_M for um in self.radius_um),
+                number_per_log_radius_at=tuple(self.number_per_log_radius),
+            )
+        return self._log_normal()
+
+    def _log_normal(self) -> LogNormal:
+        return log_normal(
+            number_median_radius_m=_metres(self.number_median_radius_um),
+            volume_median_radius_m=_metres(self.volume_median_radius_um),
+            ln_sigma=self.ln_sigma,
+            log10_sigma=self.log10_sigma,
+            largest_radius_m=inf if self.largest_radius_um is None else self.largest_radius_um / UM_PER_M,
+        )
+
+    def _share(self) -> float:
+        if self.volume_share is None or self.volume_median_radius_um is None:
+            return 1.0 if self.number_share is None else self.number_share
+        ln_sigma = self.ln_sigma if self.ln_sigma is not None else log(10.0) * (self.log10_sigma or 0.0)
+        # Only the ratio of two modes counts: micrometres keep the numbers near 1.
+        return number_of_volume(
+            volume=self.volume_share, volume_median_radius_m=self.volume_median_radius_um, ln_sigma=ln_sigma
+        )
+
+
+class OwnAerosolSection(Section):
+    """Spheres of one's own: what to call them, where their numbers come from, and their modes."""
+
+    name: Annotated[str, Field(pattern=r"\S")] = "own"
+    """What to call it. Example: `"smoke"`."""
+    source: Annotated[str, Field(pattern=r"\S")] = "no source given"
+    """Where its numbers are from. Example: `"AERONET, 2026-05-04"`."""
+    modes: Annotated[list[ModeSection], Field(min_length=1)]
+    """Its modes of particles."""
+
+    @model_validator(mode="after")
+    def _one_kind_of_share(self) -> "OwnAerosolSection":
+        given = {(mode.number_share is not None, mode.volume_share is not None) for mode in self.modes}
+        if len(given) > 1:
+            raise ValueError("modes: all need number_share, or all volume_share")
+        if len(self.modes) > 1 and given == {(False, False)}:
+            raise ValueError("modes: several need number_share or volume_share")
+        return self
+
+    def aerosol(self) -> MieAerosol:
+        """Return the aerosol as the model takes it."""
+        return MieAerosol(name=self.name, modes=tuple(mode.mode() for mode in self.modes), source=self.source)
+
+
+def _metres(micrometres: float | None) -> float | None:
+    return None if micrometres is None else micrometres / UM_PER_M
+
+
+# The tables of aerosols end there, and the widest field that a flat sensor is taken for.
+HUMIDITY_MOST, FIELD_MOST_DEG = 0.8, 170.0
+
+
+def _share(number: Uncertain) -> Uncertain:
+    if not 0.0 <= number.value <= 1.0:
+        raise ValueError(f"is {number.value:g}, must lie in [0, 1]")
+    return number
+
+
+def _humidity(number: Uncertain) -> Uncertain:
+    if not 0.0 <= number.value <= HUMIDITY_MOST:
+        raise ValueError(f"is {number.value:g}, must lie in [0, {HUMIDITY_MOST:g}]")
+    return number
+
+
+def _field_angle(number: Uncertain) -> Uncertain:
+    if not 0.0 < number.value < FIELD_MOST_DEG:
+        raise ValueError(f"is {number.value:g}, must lie in (0, {FIELD_MOST_DEG:g})")
+    return number
+
+
+Share = Annotated[Uncertain, AfterValidator(_share), Allowed("from 0, to 1")]
+Humidity = Annotated[Uncertain, AfterValidator(_humidity), Allowed(f"from 0, to {HUMIDITY_MOST:g}")]
+FieldAngle = Annotated[Uncertain, AfterValidator(_field_angle), Allowed(f"above 0, below {FIELD_MOST_DEG:g}")]
+
+
+class ResponseSection(Section):
+    """Relative response of the sensor, 1 at its peak: linear between the points, 0 beyond."""
+
+    wavelength_nm: Annotated[list[Number], Field(min_length=2)]
+    """Rising wavelengths. Example: `[400.0, 550.0, 700.0]`."""
+    response: Annotated[list[Annotated[Number, Field(ge=0, le=1)]], Field(min_length=2)]
+    """Relative response there, 1 at its peak: linear between, 0 beyond. Example: `[0.2, 1.0, 0.3]`."""
+
+    @model_validator(mode="after")
+    def _table(self) -> "ResponseSection":
+        if len(self.wavelength_nm) != len(self.response):
+            raise ValueError(f"has {len(self.wavelength_nm)} wavelengths and {len(self.response)} values")
+        if sorted(set(self.wavelength_nm)) != self.wavelength_nm:
+            raise ValueError("wavelength_nm must rise")
+        return self
+
+
+class SunSection(Section):
+    """The sun by its angles, or by a time (with its zone) at the scene's site.
+
+    `distance_factor` is the irradiance outside the atmosphere over that at the mean distance; a day says it too.
+    """
+
+    zenith_deg: NotNegative | None = None
+    """Angle of the sun from the zenith; in place of a time. Example: `40.0`."""
+    azimuth_deg: Uncertain | None = None
+    """Azimuth of the sun, clockwise from north. Example: `180.0`."""
+    day_of_year: Annotated[float, Field(ge=1, lt=367)] | None = None
+    """Day, which says the distance of the sun. Example: `172.0`."""
+    distance_factor: Positive | None = None
+    """Irradiance outside the atmosphere over that at the mean distance. Example: `0.97`."""
+    time: AwareDatetime | None = None
+    """Time with its zone, which says where the sun stands at the site. Example: `2026-06-21T12:00:00+02:00`."""
+
+    @model_validator(mode="after")
+    def _angles_or_time(self) -> "SunSection":
+        if (self.zenith_deg is None) == (self.time is None):
+            raise ValueError("needs exactly one of zenith_deg and time")
+        if self.time is not None and (self.azimuth_deg is not None or self.day_of_year is not None):
+            raise ValueError("time says azimuth_deg and day_of_year too; leave them out")
+        if self.distance_factor is not None and (self.time is not None or self.day_of_year is not None):
+            raise ValueError("time and day_of_year say distance_factor too; leave one of them out")
+        return self
+
+
+class MeasuredDepthSection(Section):
+    """Optical depth of the aerosol at a wavelength, as a sun photometer measures it."""
+
+    wavelength_nm: Annotated[Number, Field(gt=0)]
+    """Wavelength of the sun photometer. Example: `500.0`."""
+    optical_depth: Positive
+    """Optical depth of the aerosol there. Example: `0.12`."""
+
+
+class AlternativeSection(Section):
+    """Another aerosol that it might as well be, and how much of the light is taken as of that one.
+
+    What is left out is as in [atmosphere]. Between two skies light is mixed linearly. The standard uncertainty of
+    `share` is how unsure one is of the kind: ``share = { value = 0.0, std = 0.5 }`` lets a prediction carry half the
+    difference between the two as uncertainty.
+    """
+
+    aerosol: AerosolKind | None = None
+    """What the other aerosol does to polarization. Example: `"spheres"`."""
+    aerosol_type: AerosolType | None = None
+    """The other aerosol below 2 km. Example: `"dust"`."""
+    upper_aerosol_type: AerosolType | None = None
+    """The other aerosol above 2 km. Example: `"tropospheric"`."""
+    own_aerosol: OwnAerosolSection | None = None
+    """The other aerosol below 2 km, of one's own."""
+    own_upper_aerosol: OwnAerosolSection | None = None
+    """The other aerosol above 2 km, of one's own."""
+    share: Share
+    """How much of the light is taken as of the other. Example: `{ value = 0.0, std = 0.5 }`."""
+
+    @property
+    def lower(self) -> AerosolChoice | None:
+        """Aerosol below 2 km, where it is another."""
+        return self.aerosol_type if self.own_aerosol is None else self.own_aerosol.aerosol()
+
+    @property
+    def upper(self) -> AerosolChoice | None:
+        """Aerosol above 2 km, where it is another."""
+        return self.upper_aerosol_type if self.own_upper_aerosol is None else self.own_upper_aerosol.aerosol()
+
+    @model_validator(mode="after")
+    def _is_another(self) -> "AlternativeSection":
+        if (self.aerosol, self.lower, self.upper) == (None, None, None):
+            raise ValueError("needs what is another: aerosol, aerosol_type, own_aerosol, or those of the upper air")
+        return self
+
+
+class AtmosphereSection(Section):
+    """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own.
+
+    How much aerosol: by visibility, by its optical depth at 550 nm, or by its optical depth measured at two wavelengths
+    (Angstrom's law). `aerosol` says what it does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind
+    it is below and above 2 km; `own_aerosol` and `own_upper_aerosol`, spheres of one's own, take the place of these.
+    """
+
+    tier: Fidelity = Fidelity.STANDARD
+    """How the light of the air is computed. Example: `"standard"`."""
+    visibility_km: Positive | None = None
+    """Visibility, which says how much aerosol there is. Example: `23.0`."""
+    aerosol_optical_depth: NotNegative | None = None
+    """Optical depth of the aerosol at 550 nm, in place of a visibility. Example: `0.2`."""
+    measured_depths: tuple[MeasuredDepthSection, MeasuredDepthSection] | None = None
+    """Its optical depth at two wavelengths, in place of a visibility."""
+    aerosol: AerosolKind = AerosolKind.DEPOLARIZING
+    """What the aerosol does to polarization. Example: `"depolarizing"`."""
+    aerosol_type: AerosolType = AerosolType.RURAL
+    """Kind of the aerosol below 2 km. Example: `"rural"`."""
+    upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
+    """Kind of the aerosol above 2 km. Example: `"tropospheric"`."""
+    own_aerosol: OwnAerosolSection | None = None
+    """Spheres of one's own below 2 km."""
+    own_upper_aerosol: OwnAerosolSection | None = None
+    """Spheres of one's own above 2 km."""
+    alternative: AlternativeSection | None = None
+    """Another aerosol that it might as well be."""
+    angstrom_exponent: Uncertain | None = None
+    """Angstrom's exponent of the optical depth; that of the kind without. Example: `1.3`."""
+    relative_humidity: Humidity = Uncertain(value=0.5)
+    """Relative humidity of the air with the aerosol. Example: `0.5`."""
+    ozone_du: NotNegative = Uncertain(value=344.0)
+    """Column of ozone. Example: `344.0`."""
+    surface_pressure_hpa: Positive = Uncertain(value=1013.25)
+    """Pressure at the ground. Example: `1013.25`."""
+    ground_albedo: Share = Uncertain(value=0.1)
+    """Albedo of the ground around. Example: `0.1`."""
+    wavelengths: Annotated[int, Field(ge=1, le=20)] = 4
+    """How many wavelengths the band is computed at. Example: `4`."""
+    dolp_max: Share = Uncertain(value=0.2)
+    """Largest DoLP of the sky, of tier analytic. Example: `0.2`."""
+    table: Path | None = None
+    """Table of somebody's own light, of tier table. Example: `"sky.npz"`."""
+
+    @property
+    def lower(self) -> AerosolChoice:
+        """Aerosol below 2 km."""
+        return self.aerosol_type if self.own_aerosol is None else self.own_aerosol.aerosol()
+
+    @property
+    def upper(self) -> AerosolChoice:
+        """Aerosol above 2 km."""
+        return self.upper_aerosol_type if self.own_upper_aerosol is None else self.own_upper_aerosol.aerosol()
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "AtmosphereSection":
+        sources = ("visibility_km", "aerosol_optical_depth", "measured_depths", "table")
+        given = [name for name in sources if getattr(self, name) is not None]
+        if self.tier is Fidelity.TABLE and given != ["table"]:
+            raise ValueError("tier 'table' needs table = \"FILE.npz\", and neither visibility_km nor an optical depth")
+        if self.tier is not Fidelity.TABLE and (len(given) != 1 or self.table is not None):
+            raise ValueError(
+                f"tier '{self.tier}' needs exactly one of visibility_km, aerosol_optical_depth and measured_depths"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_spectrum(self) -> "AtmosphereSection":
+        if self.measured_depths is not None and self.angstrom_exponent is not None:
+            raise ValueError("measured_depths say the angstrom_exponent too; leave it out")
+        if self.measured_depths is not None and len({one.wavelength_nm for one in self.measured_depths}) != 2:
+            raise ValueError("measured_depths need two different wavelengths")
+        if self.tier is Fidelity.TABLE and (self.alternative or self.own_aerosol or self.own_upper_aerosol):
+            raise ValueError(
+                "tier 'table' has its own aerosol: leave out alternative, own_aerosol and own_upper_aerosol"
+            )
+        return self
+
+
+class FieldSection(Section):
+    """The whole field of view by its angles, or by the picture and the focal length; and how it is cut in tiles."""
+
+    width_deg: FieldAngle | None = None
+    """Width of the whole field. Example: `20.0`."""
+    height_deg: FieldAngle | None = None
+    """Height of the whole field. Example: `15.0`."""
+    focal_length_mm: Positive | None = None
+    """Focal length of the lens, in place of angles. Example: `25.0`."""
+    width_pixels: Annotated[int, Field(gt=0)] | None = None
+    """Pixels a row. Example: `782`."""
+    height_pixels: Annotated[int, Field(gt=0)] | None = None
+    """Rows of pixels. Example: `582`."""
+    tiles_per_side: Annotated[int, Field(ge=1, le=50)] = 5
+    """Tiles along each side, over which light is computed. Example: `5`."""
+    rule: TileRule = "gauss-legendre"
+    """Where in the tiles it is computed. Example: `"gauss-legendre"`."""
+
+    @model_validator(mode="after")
+    def _angles_or_picture(self) -> "FieldSection":
+        angles = (self.width_deg, self.height_deg)
+        picture = (self.focal_length_mm, self.width_pixels, self.height_pixels)
+        by_angles = None not in angles and picture == (None, None, None)
+        by_picture = None not in picture and angles == (None, None)
+        if not (by_angles or by_picture):
+            raise ValueError("needs width_deg and height_deg, or focal_length_mm, width_pixels and height_pixels")
+        return self
+
+
+def _known(name: str) -> str:
+    if name not in effect_names():
+        raise ValueError(f"is {name!r}; allowed are {', '.join(effect_names())}")
+    return name
+
+
+def _between(least: float, most: float) -> AfterValidator:
+    def check(number: Uncertain) -> Uncertain:
+        if not least <= number.value <= most:
+            raise ValueError(f"is {number.value:g}, must lie in [{least:g}, {most:g}]")
+        return number
+
+    return AfterValidator(check)
+
+
+def _positive_up_to(most: float) -> AfterValidator:
+    def check(number: Uncertain) -> Uncertain:
+        if not 0.0 < number.value <= most:
+            raise ValueError(f"is {number.value:g}, must be above 0 and at most {most:g}")
+        return number
+
+    return AfterValidator(check)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorNumber:
+    """What a number of [errors] is to the rest of the program: written beside its key, and nowhere else.
+
+    Attributes
+    ----------
+    field : str
+        Of `model.sensor.Imperfections`, which takes the number; an angle in radians.
+    unit : str
+        Of the file; empty for a pure number.
+    meaning : str
+        One line.
+    most : float
+        Up to where it may be varied; it begins at 0.
+    """
+
+    field: str
+    unit: str
+    meaning: str
+    most: float = inf
+
+
+Drift = Annotated[Uncertain, _between(-1, 1), Allowed("from -1, to 1")]
+EffectName = Annotated[str, AfterValidator(_known)]
+
+
+class ErrorsSection(Section):
+    """Errors that a session adds to a scene; by default none. These are random or known, and predicted with the rest.
+
+    `polarizer_angle_std_deg` is how far each angle misses on its own, `misregistration_px` how far the picture shifts
+    from frame to frame along each axis (both standard deviations), `texture_correlation_px` the distance at which the
+    correlation of the texture has fallen to 0.61, `illumination_drift` the change of the light from the first frame of
+    a cycle to the last over its mean, `surround_albedo` that of the near surroundings where it is not
+    atmosphere.ground_albedo, `off_axis_falloff` whether light falls as cos^4 over a region's extent (no flat field).
+    Each number may have a standard uncertainty.
+    """
+
+    polarizer_angle_std_deg: Annotated[
+        Uncertain,
+        _between(0, 20),
+        Allowed("from 0, to 20"),
+        ErrorNumber(
+            field="polarizer_angle_std_rad",
+            unit="deg",
+            meaning="scatter of the polarizer's angle from frame to frame",
+        ),
+    ] = Uncertain(value=0.0)
+    """Scatter of the polarizer's angle from frame to frame. Example: `0.1`."""
+    misregistration_px: Annotated[
+        Uncertain,
+        _between(0, 1e4),
+        Allowed("from 0, to 10000"),
+        ErrorNumber(
+            field="misregistration_pixels",
+            unit="pixels",
+            meaning="shift of the picture from frame to frame, along each axis",
+        ),
+    ] = Uncertain(value=0.0)
+    """Shift of the picture from frame to frame, along each axis. Example: `0.2`."""
+    texture_correlation_px: Annotated[
+        Uncertain,
+        _positive_up_to(1e4),
+        Allowed("above 0, to 10000"),
+        ErrorNumber(
+            field="texture_correlation_pixels",
+            unit="pixels",
+            meaning="distance at which the texture's correlation is 0.61",
+        ),
+    ] = Uncertain(value=1.0)
+    """Distance at which the texture's correlation is 0.61. Example: `3.0`."""
+    illumination_drift: Drift = Uncertain(value=0.0)
+    """Change of the light from the first frame of a cycle to the last, over its mean. Example: `0.01`."""
+    surround_albedo: Annotated[
+        Annotated[Uncertain, _between(0, 1), Allowed("from 0, to 1")] | None,
+        ErrorNumber(field="surround_albedo", unit="", meaning="albedo of the near surroundings", most=1.0),
+    ] = None
+    """Albedo of the near surroundings, where it is not `atmosphere.ground_albedo`. Example: `0.2`."""
+    off_axis_falloff: bool = False
+    """Light falls as cos^4 over a region's extent (no flat field). Example: `true`."""
+
+
+def error_numbers() -> dict[str, ErrorNumber]:
+    """Return the numbers of [errors] that are parameters of a scene, by their keys."""
+    return {
+        key: one
+        for key, field in ErrorsSection.model_fields.items()
+        for one in field.metadata
+        if isinstance(one, ErrorNumber)
+    }
+
+
+class EffectsSection(Section):
+    """Effects that act whatever their bound (`with`), and that are left out (`without`)."""
+
+    switched_on: tuple[EffectName, ...] = Field(default=(), alias="with")
+    """Effects that act whatever their bound. Example: `["misregistration"]`."""
+    left_out: tuple[EffectName, ...] = Field(default=(), alias="without")
+    """Effects that are left out whatever their bound. Example: `["adjacency"]`."""
+
+
+def effect_names() -> tuple[str, ...]:
+    """Return the effects as files and options call them: without spaces."""
+    return tuple(effect.value.replace(" ", "-") for effect in Effect)
+
+
+def effect_of(name: str) -> Effect:
+    """Return the effect that a file or an option calls so."""
+    return tuple(Effect)[effect_names().index(name)]
+
 
 StokesValues = tuple[Uncertain, Uncertain, Uncertain]
 Row = tuple[Uncertain, Uncertain, Uncertain]
@@ -372,3 +911,122 @@ def _with_material_found(region: SceneRegion, path: Path) -> SceneRegion:
     except ConfigError as error:
         raise ConfigError(f"{path}: regions.{region.name}: {error}") from error
     return region.model_copy(update={"material": str((path.parent / region.material).resolve())})
+
+
+_HEADER = re.compile(r"^\[\[?([A-Za-z_][\w.]*)\]\]?[ \t]*(?:#[^\n]*)?$", re.MULTILINE)
+_OURS = "  # rigctl point"
+_BY_PHI = "phi_deg"
+# Behind the point, and more where a standard uncertainty would not show.
+_DIGITS = 4
+# Of a table of ours: its last line that holds a key, a number or a bracket.
+_LAST_KEY = re.compile(r"(?s:.*)^[^#\n]*[\w\]\"][^\n]*\n?", re.MULTILINE)
+
+
+def write_into_scene(
+    path: Path,
+    geometry: Mapping[str, tuple[float, float]],
+    regions: Mapping[str, Mapping[str, tuple[float, float]]],
+    pointing: PointingSection | None,
+) -> tuple[str, ...]:
+    """Write numbers with their standard uncertainties into a scene file, and how their errors go together.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    geometry : mapping
+        Key of ``[geometry]`` to value and standard uncertainty. An azimuth takes the place of ``phi_deg``.
+    regions : mapping
+        Name of a region to the same.
+    pointing : PointingSection or None
+        Takes the place of the ``[pointing]`` that is there; None: there is none any more.
+
+    Returns
+    -------
+    tuple of str
+        The lines that went, behind a minus, and those that came, behind a plus.
+
+    Raises
+    ------
+    ConfigError
+        The file is no scene file, has no such region, or would not be a scene file any more: then it is as it was.
+    """
+    load_scene(path)
+    before = path.read_bytes()
+    text = before.decode("utf-8")
+    for name, numbers in regions.items():
+        start, end = _region(path, text, name)
+        text = text[:start] + _with(text[start:end], numbers) + text[end:]
+    if geometry:
+        text = _with_geometry(text, geometry)
+    text = _with_pointing(text, pointing)
+    write_durably(path, text.encode("utf-8"))
+    try:
+        load_scene(path)
+    except ConfigError:
+        write_durably(path, before)
+        raise
+    return tuple(_changes(before.decode("utf-8").splitlines(), text.splitlines()))
+
+
+def _with_geometry(text: str, geometry: Mapping[str, tuple[float, float]]) -> str:
+    place = _place(text, "geometry")
+    if place is None:
+        text = f"{text.rstrip()}\n\n[geometry]\n"
+        place = (len(text) - len("[geometry]\n"), len(text))
+    inside = text[place[0] : place[1]]
+    if "camera_azimuth_deg" in geometry:
+        inside = re.sub(rf"^{_BY_PHI}\s*=[^\n]*\n?", "", inside, flags=re.MULTILINE)
+    return text[: place[0]] + _with(inside, geometry) + text[place[1] :]
+
+
+def _with_pointing(text: str, pointing: PointingSection | None) -> str:
+    place = _place(text, "pointing")
+    if place is not None:
+        # What stands behind the last key of a table belongs to the next.
+        last = _LAST_KEY.search(text[place[0] : place[1]])
+        text = text[: place[0]] + text[place[0] + (last.end() if last else 0) :].lstrip("\n")
+    if pointing is None:
+        return text
+    rows = "".join(f"  [{', '.join(map(repr, row))}],\n" for row in pointing.correlation)
+    names = ", ".join(f'"{name}"' for name in pointing.parameters)
+    table = f"[pointing]{_OURS}\nparameters = [{names}]\ncorrelation = [\n{rows}]\n"
+    return f"{text.rstrip()}\n\n{table}"
+
+
+def _place(text: str, table: str) -> tuple[int, int] | None:
+    return next(((start, end) for name, start, end in _tables(text) if name == table), None)
+
+
+def _tables(text: str) -> Iterator[tuple[str, int, int]]:
+    headers = list(_HEADER.finditer(text))
+    ends = [header.start() for header in headers[1:]] + [len(text)]
+    for header, end in zip(headers, ends, strict=True):
+        yield header[1], header.start(), end
+
+
+def _region(path: Path, text: str, name: str) -> tuple[int, int]:
+    line = re.compile(rf"^name\s*=\s*(['\"]){re.escape(name)}\1", re.MULTILINE)
+    for table, start, end in _tables(text):
+        if table == "regions" and line.search(text[start:end]):
+            return start, end
+    raise ConfigError(f"{path}: has no [[regions]] of the name {name}")
+
+
+def _with(table: str, numbers: Mapping[str, tuple[float, float]]) -> str:
+    for key, (value, std) in numbers.items():
+        digits = max(_DIGITS, 2 - math.floor(math.log10(std)))
+        number = f"{{ value = {value:.{digits}f}, std = {std:.{digits}f} }}"
+        line = re.compile(rf"^({key}\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
+        was = line.search(table)
+        if was is not None:
+            table = f"{table[: was.start()]}{was[1]}{number}{was[2] or _OURS}{was[3]}{table[was.end() :]}"
+        else:
+            head, _, rest = table.partition("\n")
+            table = f"{head}\n{key} = {number}{_OURS}\n{rest}"
+    return table
+
+
+def _changes(before: list[str], after: list[str]) -> Iterator[str]:
+    yield from (f"- {line}" for line in before if line not in after)
+    yield from (f"+ {line}" for line in after if line not in before)

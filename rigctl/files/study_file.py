@@ -5,7 +5,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from rigctl.files.config import Section, load
+from rigctl.files.toml import Section, load
 
 CaseKind = Literal["grid", "list", "latin", "random", "sobol", "morris"]
 # Of these every number is drawn: a parameter needs a law.

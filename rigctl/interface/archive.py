@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
 from rigctl.jobs.archive import matching_runs
-from rigctl.runs.annotations import annotated
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import read_frame, read_run
+from rigctl.runs.folder import annotated, read_frame, read_run
+from rigctl.runs.records import FrameRecord
 from rigctl.verbs.options import FilePath
 
 Shape = tuple[int, int]

@@ -11,18 +11,17 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.calibrations.picking import Choice
+from rigctl.calibrations.store import Choice
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
-from rigctl.live.run_state import state_of
 from rigctl.reports.data_frames import Backend, optional
-from rigctl.runs.annotations import annotated, exclusion_remark
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run as RunRecord
-from rigctl.runs.run_folder import read_contents, read_run
-from rigctl.runs.wholeness import wholeness, wholeness_remark
+from rigctl.runs.check import wholeness, wholeness_remark
+from rigctl.runs.folder import Run as RunRecord
+from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_run
+from rigctl.runs.records import FrameRecord
+from rigctl.session.status import state_of
 from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath
 from rigctl.verbs.stokes import StokesResult, stokes
 
@@ -95,7 +94,7 @@ class Run:
     ----------
     path : Path
         The folder.
-    record : rigctl.runs.run_folder.Run
+    record : rigctl.runs.folder.Run
         Its table of contents, as the jobs take it.
     ignore_exclusions : bool
         Frames are taken too that people have excluded.

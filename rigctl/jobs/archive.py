@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.archive.expression import parse
 from rigctl.archive.health import ArchiveHealth, health_of
-from rigctl.archive.run_facts import Fact
-from rigctl.archive.run_index import Indexed, find, found_below, require_folder, update_index
+from rigctl.archive.index import Fact, Indexed, find, found_below, parse, require_folder, update_index
 
 
 @dataclass(frozen=True, kw_only=True)

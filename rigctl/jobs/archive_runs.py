@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from rigctl.archive.run_rows import RunRow, inputs_hash, read_rows, write_rows
-from rigctl.calibrations.rig_picks import NONE
-from rigctl.calibrations.store import KINDS
-from rigctl.cluster.held_folder import held_folder
-from rigctl.cluster.on_dask import client_of, code_version, compute_all, slots_of
+from rigctl.archive.over_runs import RunRow, inputs_hash, read_rows, write_rows
+from rigctl.archive.report import write_archive_rows
+from rigctl.base.destination import Origin, results_of
+from rigctl.base.durable import sha256_of
+from rigctl.calibrations.store import KINDS, NONE
 from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
@@ -21,13 +21,10 @@ from rigctl.files.regions import load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.archive import matching_runs
 from rigctl.jobs.archive_work import FAILED, PACKAGES, ArchiveRequest, RunTask, rows_of
-from rigctl.measurement.picked_calibrations import store_of_run
-from rigctl.reports.outputs.archive_files import write_archive_rows
-from rigctl.runs.run_folder import read_run
-from rigctl.storage.bounded_file import sha256_of
-from rigctl.storage.destination import results_of
-from rigctl.storage.origin import Origin
-from rigctl.study.study_case import scene_digest
+from rigctl.mapped import client_of, code_version, compute_all, held_folder, slots_of
+from rigctl.measure.calibrations import store_of_run
+from rigctl.runs.folder import read_run
+from rigctl.study import scene_digest
 from rigctl.verbs.options import calibrations_of
 
 # Small runs are done together, so that handing them out costs little.

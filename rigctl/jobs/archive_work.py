@@ -5,27 +5,25 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rigctl.archive.run_facts import facts_of
-from rigctl.archive.run_rows import RegionNumbers, RunRow, Verb
-from rigctl.cluster.on_dask import Engine, code_version
-from rigctl.comparison.comparison import Comparison
+from rigctl.archive.index import facts_of
+from rigctl.archive.over_runs import RegionNumbers, RunRow, Verb
+from rigctl.base.destination import Origin, results_of
+from rigctl.base.durable import sha256_of
+from rigctl.compare.compare import Comparison
 from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, failure_of
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import Measurement
-from rigctl.measurement.picked_calibrations import PickedCalibrations
-from rigctl.measurement.recalibration import recalibrated
-from rigctl.measurement.run_calibrations import CalibrationPaths
-from rigctl.reports.outputs.comparison_files import write_comparison, write_comparison_numbers
-from rigctl.reports.tables.numbers_json import SCHEMA_VERSION
-from rigctl.reports.writers.data_files import json_file
-from rigctl.reports.writers.output_folder import write_folder
-from rigctl.runs.run_folder import Run
-from rigctl.runs.wholeness import used_run
-from rigctl.storage.bounded_file import sha256_of
-from rigctl.storage.destination import results_of
-from rigctl.storage.origin import Origin
+from rigctl.mapped import Engine, code_version
+from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations
+from rigctl.measure.diagnose import recalibrated
+from rigctl.measure.measure import Measurement
+from rigctl.report.comparison import write_comparison, write_comparison_numbers
+from rigctl.report.data_files import json_file
+from rigctl.report.numbers import SCHEMA_VERSION
+from rigctl.report.output import write_folder
+from rigctl.runs.check import used_run
+from rigctl.runs.folder import Run
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.options import CompareOptions, calibrations_of
 from rigctl.verbs.stokes import StokesResult, stokes_of

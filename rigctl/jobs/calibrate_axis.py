@@ -5,24 +5,25 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.calibrations.content_file import CalibrationFile, write_content, write_whole
-from rigctl.calibrations.polarizer.generator_file import load_generator
-from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
-from rigctl.calibrations.polarizer.polarizer_calibration import (
+from rigctl.calibrations.polarizer import PolarizerNumbers, polarizer_file, require_writable_rig, write_into_rig
+from rigctl.calibrations.polarizer_scan import (
     KnownLight,
+    PolarimeterMaps,
     PolarizerCalibration,
+    analyzer_scan,
     from_generator,
     from_references,
+    generator_scan,
+    load_generator,
+    polarimeter_maps,
 )
-from rigctl.calibrations.polarizer.polarizer_json import PolarizerNumbers, polarizer_file
-from rigctl.calibrations.polarizer.rig_writing import require_writable_rig, write_into_rig
-from rigctl.calibrations.polarizer.scan_frames import analyzer_scan, generator_scan
+from rigctl.calibrations.record import CalibrationFile, write_content, write_whole
 from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.config import Uncertain
 from rigctl.files.regions import Region, load_regions
-from rigctl.runs.run_folder import Run
-from rigctl.runs.wholeness import used_run
+from rigctl.files.toml import Uncertain
+from rigctl.runs.check import used_run
+from rigctl.runs.folder import Run
 
 # Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
 _DISAGREEING_RAD = float(np.radians(0.5))
@@ -137,8 +138,8 @@ def calibrate_axis(request: AxisRequest) -> CalibratedAxis:
     if maps is not None and request.maps is not None:
         write_whole(request.maps, maps.npz())
     if request.report is not None:
-        from rigctl.reports.pages.polarizer_page import polarizer_report
-        from rigctl.reports.writers.output_folder import report_file
+        from rigctl.report.calibration import polarizer_report
+        from rigctl.report.output import report_file
 
         report = polarizer_report(found, file, regions=regions, maps=maps)
         write_whole(request.report, report_file(report, request.report))

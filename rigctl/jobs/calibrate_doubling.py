@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.sensor.curves import DoublingTemperature, doubling_temperature
-from rigctl.calibrations.noise.noise_file import Estimate, NoiseParameters, read_noise_file
+from rigctl.calibrations.noise import NoiseParameters, StatedEstimate, read_noise_file
 from rigctl.errors import ConfigError, DataError
 
 _LEAST_FILES = 2
@@ -53,7 +53,7 @@ def _temperature_c(path: Path, noise: NoiseParameters) -> float:
     return known
 
 
-def _current(path: Path, noise: NoiseParameters, by_variance: bool) -> Estimate:
+def _current(path: Path, noise: NoiseParameters, by_variance: bool) -> StatedEstimate:
     found = noise.dark_current_e_per_s
     if by_variance:
         found = None if noise.performance is None else noise.performance.dark_current_variance_e_per_s

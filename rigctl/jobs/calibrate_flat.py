@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.calibrations.content_file import CalibrationFile, write_whole
-from rigctl.calibrations.flat.flat_file import FlatNumbers, flat_file, flat_npz
-from rigctl.calibrations.flat.run_flat import RunFlat, flat_of_run
+from rigctl.calibrations.flat import FlatNumbers, RunFlat, flat_file, flat_npz, flat_of_run
+from rigctl.calibrations.record import CalibrationFile, write_whole
 from rigctl.console.exclusion_option import are_exclusions_ignored
-from rigctl.runs.wholeness import used_run
+from rigctl.runs.check import used_run
 
 # A pattern of less is none.
 _LEAST_PATTERN = 1e-4

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pointing.pose import LensCalibration, calibrate_lens
-from rigctl.calibrations.content_file import write_content
-from rigctl.calibrations.lens_file import lens_json
+from rigctl.calibrations.lens import lens_json
+from rigctl.calibrations.record import write_content
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
-from rigctl.images.image_file import ImageFile, read_image
+from rigctl.images import ImageFile, read_image
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3

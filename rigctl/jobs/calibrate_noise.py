@@ -7,18 +7,16 @@ from pathlib import Path
 import cv2
 
 from drivers.cameras.raw_planes import Plane
-from rigctl.calibrations.content_file import write_content, write_whole
-from rigctl.calibrations.noise.calibrate_files import FrameCalibration, LevelDone, calibrate_frames
-from rigctl.calibrations.noise.folder_frames import folder_frames
-from rigctl.calibrations.noise.frame_table import table_frames
-from rigctl.calibrations.noise.noise_frames import FrameSet, emva_frames, run_frames
+from rigctl.base.durable import MOST_FRAME_BYTES
+from rigctl.base.numbers import utc_text
+from rigctl.calibrations.noise_calibration import FrameCalibration, LevelDone, calibrate_frames
+from rigctl.calibrations.noise_frames import FrameSet, emva_frames, folder_frames, run_frames, table_frames
+from rigctl.calibrations.record import write_content, write_whole
 from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
-from rigctl.images.image_file import ImageReading
-from rigctl.numbers.utc_time import utc_text
-from rigctl.storage.bounded_file import MOST_FRAME_BYTES
+from rigctl.images import ImageReading
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,12 +89,12 @@ def calibrate_noise(request: NoiseRequest, *, level_done: LevelDone | None = Non
     found = CalibratedNoise(calibration=calibration, created_ns=time.time_ns())
     write_content(request.out, found.as_json())
     if request.plot is not None:
-        from rigctl.reports.figures.calibration_figures import photon_transfer_png
+        from rigctl.report.calibration import photon_transfer_png
 
         write_whole(request.plot, photon_transfer_png(calibration.noise))
     if request.report is not None:
-        from rigctl.reports.pages.calibration_page import calibration_report
-        from rigctl.reports.writers.output_folder import report_file
+        from rigctl.report.calibration import calibration_report
+        from rigctl.report.output import report_file
 
         report = calibration_report(calibration, created_utc=utc_text(found.created_ns))
         write_whole(request.report, report_file(report, request.report))

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.calibrations.checked_values import Measured
-from rigctl.calibrations.content_file import CalibrationFile, header_of, source_of, source_of_run, write_content
-from rigctl.calibrations.noise.noise_file import read_fitting_noise
-from rigctl.calibrations.radiometric_file import SCHEMA_VERSION, Response
-from rigctl.comparison.panel_response import PanelResponse, panel_response
+from rigctl.calibrations.made_for import Measured
+from rigctl.calibrations.noise import read_fitting_noise
+from rigctl.calibrations.radiometric import SCHEMA_VERSION, Response
+from rigctl.calibrations.record import CalibrationFile, header_of, source_of, source_of_run, write_content
+from rigctl.compare.panel_response import PanelResponse, panel_response
 from rigctl.console.exclusion_option import are_exclusions_ignored
 from rigctl.files.rig_file import unset_polarizer
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import Measurement, measure
-from rigctl.runs.wholeness import used_run
+from rigctl.measure.measure import Measurement, measure
+from rigctl.runs.check import used_run
 
 
 @dataclass(frozen=True, kw_only=True)

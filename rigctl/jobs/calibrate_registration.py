@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rigctl.calibrations.content_file import CalibrationFile, write_content
-from rigctl.calibrations.registration.register_run import RunRegistration, register_run
-from rigctl.calibrations.registration.registration_file import Walk, registration_file
+from rigctl.calibrations.record import CalibrationFile, write_content
+from rigctl.calibrations.registration import RunRegistration, Walk, register_run, registration_file
 from rigctl.console.exclusion_option import are_exclusions_ignored
-from rigctl.runs.wholeness import used_run
+from rigctl.runs.check import used_run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

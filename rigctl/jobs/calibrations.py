@@ -4,21 +4,27 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rigctl.calibrations.content_file import write_whole
-from rigctl.calibrations.fitness import age_days
-from rigctl.calibrations.history import History, histories_of
-from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.picking import Choice, choices_json
-from rigctl.calibrations.rig_picks import picked_for_rig
-from rigctl.calibrations.store import KINDS, STORE_FOLDER, CalibrationStore, StoredCalibration, read_store
+from rigctl.base.durable import sha256_of
+from rigctl.base.numbers import utc_text
+from rigctl.calibrations.made_for import MadeFor, age_days
+from rigctl.calibrations.record import write_whole
+from rigctl.calibrations.store import (
+    KINDS,
+    STORE_FOLDER,
+    CalibrationStore,
+    Choice,
+    History,
+    StoredCalibration,
+    choices_json,
+    histories_of,
+    picked_for_rig,
+    read_store,
+)
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
-from rigctl.measurement.picked_calibrations import picked_for_run
-from rigctl.measurement.run_calibrations import CalibrationPaths
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.wholeness import used_run
-from rigctl.storage.bounded_file import sha256_of
+from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
+from rigctl.runs.check import used_run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +113,7 @@ def look_at_calibrations(request: CalibrationsRequest) -> CalibrationsOverview:
     if request.history is not None:
         if not found.histories:
             raise ConfigError(f"--history: {store.folder} holds no noise and no polarizer calibration with a date")
-        from rigctl.reports.figures.calibration_history import history_png
+        from rigctl.report.calibration import history_png
 
         write_whole(request.history, history_png(found.histories))
     return found

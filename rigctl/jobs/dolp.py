@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing.dolp_studies import ESTIMATORS, DolpAgainstSnr, EstimatorError, bias_and_rms, dolp_against_snr
-from rigctl.reports.figures.paper_figures import estimator_plot, fig5_plot
-from rigctl.storage.durable_file import write_durably
+from rigctl.base.durable import write_durably
+from rigctl.paper import estimator_plot, fig5_plot
 
 _FIG5_STOKES = (1.0, 0.5, 0.5)
 _FIG5_SNR_DB = (0.0, 40.0, 21)

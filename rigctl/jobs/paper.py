@@ -8,16 +8,21 @@ from pathlib import Path
 from rigctl.errors import ConfigError
 from rigctl.files.choices import SnrForm
 from rigctl.files.scene_file import load_scene
-from rigctl.paper.airborne import Airborne
-from rigctl.paper.assumptions import assumed_lines
-from rigctl.paper.curves import FIGURES
-from rigctl.paper.digitised import read_digitised
-from rigctl.paper.low_light import LowLight
-from rigctl.paper.paper_result import MaterialSet, PaperResult
-from rigctl.paper.results import chosen, results
-from rigctl.paper.rooftop import ASSUMED, Rooftop
-from rigctl.paper.search import search
-from rigctl.paper.statement import PaperScenes
+from rigctl.paper import (
+    ASSUMED,
+    FIGURES,
+    Airborne,
+    LowLight,
+    MaterialSet,
+    PaperResult,
+    PaperScenes,
+    Rooftop,
+    assumed_lines,
+    chosen,
+    read_digitised,
+    results,
+    search,
+)
 
 SHIPPED = ("library", "rough")
 _LEAST_HEIGHT_M, _MOST_HEIGHT_M = 1.0, 90_000.0
@@ -99,7 +104,7 @@ def check_paper(request: PaperRequest, *, progress: Callable[[str], None] = lamb
         remarks=tuple(_remarks(request)),
     )
     if request.out is not None:
-        from rigctl.reports.outputs.paper_files import write_paper  # half a second, wanted for pictures only
+        from rigctl.paper import write_paper
 
         write_paper(result, request.out)
     return result

@@ -21,7 +21,7 @@ from calibration.pointing.pose import (
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.place import PointingSection
-from rigctl.files.scene_writing import write_into_scene
+from rigctl.files.scene_file import write_into_scene
 from rigctl.jobs.point_request import (
     PointRequest,
     lens_of,
@@ -30,7 +30,7 @@ from rigctl.jobs.point_request import (
     seen_sun,
     stated_sources,
 )
-from rigctl.runs.wholeness import used_run
+from rigctl.runs.check import used_run
 
 FloatArray = NDArray[np.float64]
 

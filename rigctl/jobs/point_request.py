@@ -26,15 +26,15 @@ from calibration.pointing.pose import (
     wrapped_rad,
 )
 from calibration.results import CalibrationError
-from rigctl.calibrations.lens_file import read_lens_file
+from rigctl.base.numbers import is_utc_text, utc_moment
+from rigctl.calibrations.lens import read_lens_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import SiteSection
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
-from rigctl.numbers.utc_time import is_utc_text, utc_moment
-from rigctl.runs.run_folder import Run
-from rigctl.scene.scene_reading import sun_covariance_deg2
-from rigctl.scene.skies.sun_position import SunPosition, sun_position
+from rigctl.runs.folder import Run
+from rigctl.scene.reading import sun_covariance_deg2
+from rigctl.scene.sun import SunPosition, sun_position
 
 FloatArray = NDArray[np.float64]
 

@@ -29,15 +29,15 @@ from drivers.recording import (
     write_recording,
 )
 from drivers.serial_port import heard_by
-from rigctl.calibrations.rig_picks import NONE
+from rigctl.calibrations.store import NONE
 from rigctl.console.scrubbing import Scrubber
-from rigctl.devices.rig import Rig, open_rig
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import REPLAY, load_rig
 from rigctl.files.session_file import load_session
+from rigctl.rig.rig import Rig, open_rig
 from rigctl.session.preparation import prepare_session, require_takeable
-from rigctl.session.session_clock import clock_of
-from rigctl.session.take_session import take_session
+from rigctl.session.take import take_session
+from rigctl.session.timing import clock_of
 from rigctl.version import VERSION
 
 _HEADER = re.compile(r"^\s*\[{1,2}\s*([\w.-]+)\s*\]{1,2}")

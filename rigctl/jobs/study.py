@@ -8,22 +8,43 @@ from typing import Literal
 
 import numpy as np
 
-from rigctl.cluster.held_folder import held_folder
-from rigctl.cluster.on_dask import Engine, client_of, compute_all, slots_of
+from rigctl.base.numbers import utc_text
 from rigctl.errors import ConfigError
 from rigctl.files.study_file import SENSITIVITY_KINDS, StudyFile, load_study
-from rigctl.numbers.utc_time import utc_text
-from rigctl.prediction.performance import SWEPT_RATES
-from rigctl.prediction.roc_curves import ROC_RATES, parse_roc
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.parameters import get
-from rigctl.study.batch import Batch, BatchResult, batches_of, compute, failed, parts_of
-from rigctl.study.case_list import cases_of
-from rigctl.study.kept_parts import read_parts, write_part
-from rigctl.study.sensitivity import MorrisEffect, SobolIndex, morris_of, numbers_of, sobol_of
-from rigctl.study.study_arrays import StudyArrays, arrays_of
-from rigctl.study.study_case import PACKAGES, Case, StudyScene, Wanted, case_hash, code_version, study_scene
-from rigctl.study.study_store import CONVENTIONS, Axis, StudyTable, column_name, write_parquet, write_zarr
+from rigctl.mapped import Engine, client_of, compute_all, held_folder, slots_of
+from rigctl.predict.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc
+from rigctl.scene.scene import get
+from rigctl.study import (
+    CONVENTIONS,
+    PACKAGES,
+    Axis,
+    Batch,
+    BatchResult,
+    Case,
+    MorrisEffect,
+    SobolIndex,
+    StudyArrays,
+    StudyScene,
+    StudyTable,
+    Wanted,
+    arrays_of,
+    batches_of,
+    case_hash,
+    cases_of,
+    code_version,
+    column_name,
+    compute,
+    failed,
+    morris_of,
+    numbers_of,
+    parts_of,
+    read_parts,
+    sobol_of,
+    study_scene,
+    write_parquet,
+    write_part,
+    write_zarr,
+)
 
 _DETECTION = ("p_detection", "auc")
 Outcome = Literal["whole", "stopped"]
@@ -143,7 +164,7 @@ def _write(out: Path, result: StudyResult) -> None:
     write_zarr(out, result.table)
     write_parquet(out, result.table)
     if result.sobol or result.morris:
-        from rigctl.reports.outputs.study_files import write_sensitivity  # half a second, wanted for plots only
+        from rigctl.study import write_sensitivity
 
         write_sensitivity(result.sobol, result.morris, out, created_by=result.table.said["created_by"])
 

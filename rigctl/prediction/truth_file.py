@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from rigctl.base.durable import sha256_of, write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
-from rigctl.scene.model_scene import build_scenario, readout_of
-from rigctl.scene.parameters import with_values
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.sun_text import sun_text
-from rigctl.storage.bounded_file import sha256_of
-from rigctl.storage.durable_file import write_durably
+from rigctl.scene.light import build_scenario, readout_of, sun_text
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import with_values
 
 _NOT_OF_THE_TRUTH = {"sun", "geometry", "atmosphere", "field_of_view", "errors", "effects", "rig", "site"}
 

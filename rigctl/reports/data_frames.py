@@ -4,8 +4,8 @@ import importlib
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
-from rigctl.measurement.region_numbers import MeasuredQuantities
-from rigctl.reports.table import AnyTable, Column, Shown, Table
+from rigctl.measure.measure import MeasuredQuantities
+from rigctl.report.table import AnyTable, Column, Shown, Table
 
 Backend = Literal["pandas", "polars"]
 BACKENDS = ("pandas", "polars")

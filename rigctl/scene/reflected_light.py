@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from model.stokes import dolp
 from model.surface.materials import Material, properties
 from model.surface.pbrdf import Surface, findings, hemispherical_reflectance, lobe_reflectance, mueller
-from rigctl.files.material_file import NM_PER_M
+from rigctl.files.materials import NM_PER_M
 
 FloatArray = NDArray[np.float64]
 

@@ -13,11 +13,9 @@ from model.scene.sky_light import Illumination
 from model.stokes import dolp
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine
-from rigctl.files.light_sections import AtmosphereSection
-from rigctl.files.scene_file import SceneFile
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.skies.engine import require_engine
+from rigctl.files.scene_file import AtmosphereSection, SceneFile
+from rigctl.scene.light import SceneLight, require_engine
+from rigctl.scene.reading import scene_of_file
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Literal
 
-from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 
 REQUEST_FILE = "request"
 Request = Literal["hold", "go on", "stop"]

@@ -17,22 +17,17 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.interfaces import Camera, StageStatus
+from rigctl.base.numbers import NS_PER_S, wrapped
 from rigctl.console.terminal import warn
-from rigctl.devices.cell_check import cell_problem
 from rigctl.errors import DataError, RunFolderError
-from rigctl.files.interlock_section import Action, InterlockSection
-from rigctl.files.session_file import PICTURE
-from rigctl.live.drift import Drift
-from rigctl.live.frame_summary import FrameSummary
-from rigctl.live.mean_noise import MeanNoise
-from rigctl.numbers.angles import wrapped
-from rigctl.numbers.utc_time import NS_PER_S
-from rigctl.runs.run_events import HOST_CLOCK_EVENT
-from rigctl.runs.run_writer import RunWriter
-from rigctl.session.captured_frame import CapturedFrame
-from rigctl.session.planning.session_steps import Step
-from rigctl.session.session_clock import SessionClock, SteadyUtc
-from rigctl.session.timing import Pause
+from rigctl.files.session_file import PICTURE, Action, InterlockSection
+from rigctl.rig.rig import cell_problem
+from rigctl.runs.records import HOST_CLOCK_EVENT
+from rigctl.runs.writer import RunWriter
+from rigctl.session.numbers import Drift, FrameSummary, MeanNoise
+from rigctl.session.plan import Step
+from rigctl.session.rig_work import CapturedFrame
+from rigctl.session.timing import Pause, SessionClock, SteadyUtc
 
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
 _EXPOSURE_TOLERANCE = 0.01

@@ -9,12 +9,12 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from drivers.interfaces import Monitor, MonitorOptions
+from rigctl.base.numbers import utc_text
 from rigctl.console.terminal import warn
-from rigctl.devices.stages import find_driver
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import MonitorSection
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.monitor_readings import MONITOR_EVENT, READINGS_EVENT, MonitorFacts, MonitorReadings
+from rigctl.rig.rig import find_driver
+from rigctl.runs.records import MONITOR_EVENT, READINGS_EVENT, MonitorFacts, MonitorReadings
 
 _GROUP = "rigctl.monitors"
 # A reading may end by so much after its deadline before it is given up.

@@ -6,17 +6,16 @@ from datetime import UTC, datetime
 
 from model.prediction import RegionPrediction
 from model.quantities import is_counts
-from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.base.numbers import NS_PER_S
+from rigctl.calibrations.noise import NoiseParameters
 from rigctl.errors import ConfigError
-from rigctl.files.light_sections import SunSection
 from rigctl.files.rig_file import RigFile
-from rigctl.files.scene_file import SceneFile
+from rigctl.files.scene_file import SceneFile, SunSection
 from rigctl.files.session_file import MeteringSection
-from rigctl.numbers.utc_time import NS_PER_S
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.parameter_table import EXPOSURE
-from rigctl.scene.scene_light import SceneLight
-from rigctl.session.planning.session_plan import SessionPlan
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.light import SceneLight
+from rigctl.scene.scene import EXPOSURE
+from rigctl.session.plan import SessionPlan
 
 _MS_PER_S = 1000.0
 

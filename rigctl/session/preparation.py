@@ -6,29 +6,24 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rigctl.base.numbers import utc_text
 from rigctl.calibrations.made_for import MadeFor, made_for_rig
-from rigctl.calibrations.noise.noise_file import NoiseParameters, read_noise_file, require_noise_fits
-from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file, require_polarizer_fits
-from rigctl.calibrations.rig_picks import NONE, RigPicks, picked_for_rig
-from rigctl.calibrations.store import CalibrationKind
+from rigctl.calibrations.noise import NoiseParameters, read_noise_file, require_noise_fits
+from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
+from rigctl.calibrations.store import NONE, CalibrationKind, RigPicks, picked_for_rig
 from rigctl.console.json_text import json_text
 from rigctl.console.terminal import note, warn
-from rigctl.devices.rig import Rig, open_rig, require_drivers
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import RoofChange
 from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 from rigctl.files.session_file import SessionFile, load_session
-from rigctl.live.mean_noise import noise_numbers
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.run_writer import require_new_folder
-from rigctl.session.planning.drift_cost import grouping_cost, missing_axes
-from rigctl.session.planning.schedule import round_times_ns
-from rigctl.session.planning.session_steps import Need, Step, estimate, plan_steps
-from rigctl.session.reconnect_loop import Outcome
-from rigctl.session.session_clock import SessionClock, clock_of
-from rigctl.session.take_session import require_hands, take_session
-from rigctl.simulated.rehearsal import rehearse
-from rigctl.simulated.simulation import with_simulation
+from rigctl.rig.rig import Rig, open_rig, require_drivers
+from rigctl.rig.simulation import rehearse, with_simulation
+from rigctl.runs.writer import require_new_folder
+from rigctl.session.numbers import noise_numbers
+from rigctl.session.plan import Need, Step, estimate, grouping_cost, missing_axes, plan_steps, round_times_ns
+from rigctl.session.take import Outcome, require_hands, take_session
+from rigctl.session.timing import SessionClock, clock_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

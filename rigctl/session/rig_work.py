@@ -1,14 +1,144 @@
-"""One rig at work: what stands before the camera, how it is set, where the polarizer is; one frame at a time."""
+"""A frame as it came from the devices, and its record: what was asked for, and what devices, clocks and sun said.
 
-from collections.abc import Callable
+One rig at work: what stands before the camera, how it is set, where the polarizer is; one frame at a time.
 
-from drivers.interfaces import CameraSettings, CameraWithFacts, Move, StageStatus
-from rigctl.devices.rig import Rig
+Finds, once a round, the exposure at which the brightest polarizer angle fills the range and does not saturate.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import CameraSettings, CameraWithFacts, Frame, Move, StageStatus
+from model.processing.mosaic import planes
+from rigctl.base.numbers import utc_text
 from rigctl.files.choices import FrameKind
-from rigctl.files.rig_file import RigFile
-from rigctl.runs.run_writer import RunWriter
-from rigctl.session.captured_frame import CapturedFrame
-from rigctl.session.planning.session_steps import nominal_deg
+from rigctl.files.place import SiteSection
+from rigctl.files.rig_file import CameraSection, RigFile
+from rigctl.files.session_file import MeteringSection
+from rigctl.rig.rig import Rig
+from rigctl.runs.records import METERED_EVENT, FrameRecord
+from rigctl.runs.writer import RunWriter
+from rigctl.session.plan import Step, SunAngles, nominal_deg
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CapturedFrame:
+    """A frame, and how it came about.
+
+    Attributes
+    ----------
+    frame : Frame
+        What the camera gave.
+    settings : CameraSettings
+        What the camera said that it was set to.
+    move : Move or None
+        The last move of the stage.
+    is_new_move : bool
+        It was made for this frame.
+    asked : (float, float)
+        Exposure [s] and gain [dB] that it was told.
+    number_before : int or None
+        The camera's number of the frame before, where it is known.
+    is_triggered : bool
+        The camera's numbers follow each other.
+    """
+
+    frame: Frame
+    settings: CameraSettings
+    move: Move | None
+    is_new_move: bool
+    asked: tuple[float, float]
+    number_before: int | None = None
+    is_triggered: bool = True
+
+    @cached_property
+    def saturated_fraction(self) -> float:
+        """Share of saturated pixels."""
+        counts, full_dn = self.frame.counts, 2**self.frame.settings.bit_depth - 1
+        return np.count_nonzero(counts >= full_dn) / counts.size
+
+    def parts(self, camera: CameraSection) -> tuple["CapturedFrame", ...]:
+        """Return the frame behind each place of the cell of a camera with polarizers on its pixels; else the frame."""
+        if camera.mosaic_deg is None:
+            return (self,)
+        frame = self.frame
+        pictures = planes(
+            frame.counts, interpolation=camera.interpolation, saturation_dn=2**frame.settings.bit_depth - 1
+        )
+        return tuple(self._part(counts) for counts in pictures)
+
+    def _part(self, counts: NDArray[np.uint16]) -> "CapturedFrame":
+        height, width = counts.shape
+        settings = replace(self.frame.settings, width=width, height=height)
+        return replace(
+            self,
+            frame=replace(self.frame, counts=counts, settings=settings),
+            settings=replace(self.settings, width=width, height=height),
+        )
+
+
+def record_of(
+    step: Step,
+    captured: CapturedFrame,
+    *,
+    rig: Rig,
+    rig_file: RigFile,
+    sun: SunAngles | None,
+    site: SiteSection | None,
+    camera_temperature_c: float | None,
+    remarks: tuple[str, ...],
+) -> FrameRecord:
+    """Return all that is known of a frame before it is stored."""
+    frame, move, stage = captured.frame, captured.move, rig.stage_identity
+    return FrameRecord(
+        kind=step.kind,
+        sequence=step.sequence,
+        cycle=step.cycle,
+        round=None if step.due_ns is None else step.round,
+        polarizer_angle_target_deg=step.polarizer_angle_deg,
+        polarizer_angle_deg=_polarizer_angle_deg(step, move, rig_file),
+        stage_angle_target_deg=None if move is None else move.target_deg,
+        stage_angle_deg=None if move is None else move.position.angle_deg,
+        stage_counts=None if move is None else move.position.counts,
+        stage_tries=None if move is None else move.tries,
+        settle_s=None if move is None else move.duration_s,
+        exposure_s=frame.settings.exposure_s,
+        gain_db=frame.settings.gain_db,
+        bit_depth=frame.settings.bit_depth,
+        saturation_dn=float(2**frame.settings.bit_depth - 1),
+        start_utc=utc_text(frame.start_utc_ns),
+        end_utc=utc_text(frame.end_utc_ns),
+        start_monotonic_ns=frame.start_monotonic_ns,
+        start_uncertainty_s=frame.start_uncertainty_s,
+        start_source=frame.start_source,
+        camera_frame=frame.sequence,
+        exposure_id=None if step.part is None else step.sequence - step.part,
+        camera_temperature_c=camera_temperature_c,
+        camera_model=rig.camera_identity.model,
+        camera_serial=rig.camera_identity.serial_number,
+        stage_model=None if stage is None else stage.model,
+        stage_serial=None if stage is None else stage.serial_number,
+        sun_azimuth_deg=None if sun is None else sun.azimuth_deg,
+        sun_elevation_deg=None if sun is None else sun.elevation_deg,
+        site_latitude_deg=None if site is None else site.latitude_deg,
+        site_longitude_deg=None if site is None else site.longitude_deg,
+        site_elevation_m=None if site is None else site.elevation_m,
+        remarks=(*(() if move is None else move.remarks), *remarks),
+    )
+
+
+def _polarizer_angle_deg(step: Step, move: Move | None, rig_file: RigFile) -> float | None:
+    """Return the axis that a frame was taken behind: that of its place in the cell, or by the stage's readback."""
+    if step.part is not None and rig_file.cell_deg is not None:
+        return rig_file.cell_deg[step.part]
+    if move is None:
+        return None
+    polarizer = rig_file.polarizer
+    return (polarizer.sense * move.position.angle_deg + polarizer.offset_deg) % 180.0
 
 
 class RigWork:
@@ -117,3 +247,157 @@ class RigWork:
             self._writer.event("stage", remark=remark)
         self._move, self._angle_asked_deg = move, polarizer_angle_deg
         return True
+
+
+# A share above this may be clipped: it says only that the exposure is too long.
+_CLIPPED = 0.98
+_SHORTEN = 0.25
+_LENGTHEN_AT_MOST = 30.0
+_NEAR = 0.1
+_MOST_ROUNDS = 12
+_MS_PER_S = 1000.0
+
+Shares = Mapping[float | None, float]
+Probe = Callable[[float], Shares]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metered:
+    """An exposure, and what it gives.
+
+    Attributes
+    ----------
+    exposure_s : float
+        Integration time [s].
+    shares : mapping
+        By polarizer angle [deg]: share of the largest count that the bright pixels reach.
+    remark : str or None
+        What one exposure cannot do here.
+    """
+
+    exposure_s: float
+    shares: Shares
+    remark: str | None
+
+
+def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float) -> float:
+    """Return which share of the largest count a quantile of the pixels reaches."""
+    return float(np.quantile(counts, quantile, method="lower")) / full_dn
+
+
+def meter(probe: Probe, section: MeteringSection) -> Metered:
+    """Return the exposure that serves all angles, as far as one can.
+
+    Parameters
+    ----------
+    probe : callable
+        Takes an exposure [s] and returns the share of each angle.
+    section : MeteringSection
+        Where to begin, and what is wanted.
+
+    Notes
+    -----
+    The brightest angle decides. Counts need not be proportional to the exposure (black level): it goes on until the
+    share is within a tenth of its target, or the exposure is at a limit.
+    """
+    exposure_s = section.first_exposure_ms / _MS_PER_S
+    for _ in range(_MOST_ROUNDS):
+        shares = probe(exposure_s)
+        wanted_s = _next_exposure_s(exposure_s, max(shares.values()), section)
+        if abs(wanted_s - exposure_s) <= _NEAR * exposure_s:
+            break
+        exposure_s = wanted_s
+    return Metered(exposure_s=exposure_s, shares=shares, remark=_remark(shares, section))
+
+
+def _next_exposure_s(exposure_s: float, brightest: float, section: MeteringSection) -> float:
+    factor = _SHORTEN if brightest > _CLIPPED else min(_LENGTHEN_AT_MOST, section.target / max(brightest, 1e-9))
+    wanted_s = min(max(exposure_s * factor, section.shortest_ms / _MS_PER_S), section.longest_ms / _MS_PER_S)
+    # Cameras count whole microseconds.
+    return round(wanted_s, 6)
+
+
+def _remark(shares: Shares, section: MeteringSection) -> str | None:
+    if max(shares.values()) > _CLIPPED:
+        return f"the brightest angle saturates at the shortest exposure, {section.shortest_ms:g} ms: stop down"
+    if min(shares.values()) < section.least:
+        text = f"the darkest angle reaches {min(shares.values()):.3f} of the range, wanted are {section.least:g}"
+        return f"{text}: one exposure cannot serve all angles, give a bracket such as [1, 4]"
+    return None
+
+
+class RoundExposures:
+    """Meters each round once.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Of the session.
+    work : RigWork
+        Takes the pictures by which it is metered.
+    writer : RunWriter
+        Where the result is noted, for a resume.
+    metering : MeteringSection
+        What is wanted.
+    metered_s : mapping
+        What was metered before, by round [s].
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Step],
+        work: RigWork,
+        writer: RunWriter,
+        *,
+        metering: MeteringSection,
+        metered_s: Mapping[int, float],
+    ) -> None:
+        self._steps, self._work, self._writer = steps, work, writer
+        self._metering = metering
+        self._metered_s = dict(metered_s)
+        self._next_camera_frame: int | None = None
+
+    def of(self, step: Step) -> float:
+        """Return the exposure of a step [s].
+
+        Raises
+        ------
+        DeviceError
+            It has to be metered, and a device fails.
+        """
+        if step.exposure_s is not None:
+            return step.exposure_s
+        if step.round not in self._metered_s:
+            self._metered_s[step.round] = self._metered(step.round)
+        return self._metered_s[step.round] * step.exposure_factor
+
+    def _metered(self, number: int) -> float:
+        angles = {s.polarizer_angle_deg for s in self._steps if s.round == number and s.kind == "scene"}
+        ordered = sorted(angles, key=lambda angle: angle or 0.0)
+        self._work.present("scene")
+        found = meter(lambda exposure_s: self._bright_shares(exposure_s, ordered), self._metering)
+        self._writer.event(
+            METERED_EVENT,
+            round=number,
+            exposure_s=found.exposure_s,
+            shares={str(angle): share for angle, share in found.shares.items()},
+            remark=found.remark,
+            next_camera_frame=self._next_camera_frame,
+        )
+        return found.exposure_s
+
+    def _bright_shares(self, exposure_s: float, angles_deg: Sequence[float | None]) -> Shares:
+        """Return the share of each angle; those of a cell of polarizers are of one exposure."""
+        if any(step.part is not None for step in self._steps):
+            parts = self._work.capture_parts(exposure_s=exposure_s)
+            return {angle_deg: self._share(captured) for angle_deg, captured in parts.items()}
+        return {
+            angle_deg: self._share(self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=angle_deg))
+            for angle_deg in angles_deg
+        }
+
+    def _share(self, captured: CapturedFrame) -> float:
+        frame = captured.frame
+        self._next_camera_frame = frame.sequence + 1
+        full_dn = float(2**frame.settings.bit_depth - 1)
+        return bright_share(frame.counts, quantile=self._metering.quantile, full_dn=full_dn)

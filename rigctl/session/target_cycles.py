@@ -3,12 +3,11 @@
 from math import pi
 
 from model.acquisition import Reached, Session, Wanted, fewest_cycles
-from rigctl.calibrations.noise.noise_file import NoiseParameters
+from rigctl.calibrations.noise import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import SessionFile, Take
-from rigctl.prediction.acquisition_tradeoff import MORNING, OVERHEAD_S
-from rigctl.prediction.scene_sessions import SceneSessions
+from rigctl.predict.sessions import MORNING, OVERHEAD_S, SceneSessions
 
 _MS_PER_S = 1000.0
 _RAD_PER_DEG = pi / 180.0

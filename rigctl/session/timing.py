@@ -1,14 +1,206 @@
-"""Waits of a session: until a round is due, while somebody or an interlock holds it, or for good."""
+"""The clocks that a session lives by; tests hand in others.
 
-from collections.abc import Callable
+Context of a session beside its steps: clocks, interlocks, who may interrupt it, where the sun is.
 
+Waits of a session: until a round is due, while somebody or an interlock holds it, or for good.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from rigctl.base.numbers import NS_PER_S, unix_ns, utc_text
 from rigctl.console.terminal import warn
-from rigctl.numbers.utc_time import NS_PER_S, utc_text
-from rigctl.runs.run_writer import RunWriter
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import PICTURE, InterlockSection, MeteringSection, SessionFile
+from rigctl.rig import checkup as host_checkup
+from rigctl.rig.simulated_parts import SimulatedClock
+from rigctl.runs.records import SessionNoise
+from rigctl.runs.writer import RunWriter
 from rigctl.session.control import Control
-from rigctl.session.planning.session_steps import Step
-from rigctl.session.session_clock import SessionClock, SteadyUtc
-from rigctl.session.session_context import SessionContext
+from rigctl.session.numbers import LiveNumbers, MeanNoise, RegionMeans, mean_noise
+from rigctl.session.plan import Step, SunTrack
+
+# Waiting costs nothing in simulated time, looking for requests does.
+_SIMULATED_POLL_S = 60.0
+
+
+def _clock_problem() -> str | None:
+    found = host_checkup.clock()
+    return None if found.advice is None else found.found
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionClock:
+    """The host's clocks, and a pause.
+
+    Attributes
+    ----------
+    utc_ns, monotonic_ns : callable
+        Time since 1970 (UTC), which somebody may set; time that only goes on [ns].
+    sleep : callable
+        Pauses for so many seconds.
+    problem : callable
+        What is wrong with the first of them, such as "not synchronised"; None if nothing is.
+    utc_error_s : callable
+        How far the first of them may be off, as the system says [s]; None where nothing synchronises it.
+    rest : callable or None
+        Pauses for so many seconds while somebody is waited for, where `sleep` is no true pause.
+    poll_s : float
+        How often a wait looks for requests [s].
+    simulated : SimulatedClock or None
+        What makes the time of a simulated rig with a clock of its own.
+    """
+
+    utc_ns: Callable[[], int] = time.time_ns
+    monotonic_ns: Callable[[], int] = time.monotonic_ns
+    sleep: Callable[[float], None] = time.sleep
+    problem: Callable[[], str | None] = _clock_problem
+    utc_error_s: Callable[[], float | None] = host_checkup.utc_error_s
+    rest: Callable[[float], None] | None = None
+    poll_s: float = 0.5
+    simulated: SimulatedClock | None = None
+
+
+def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
+    """Return the clocks that a session on a rig lives by: the host's, or those of its simulation.
+
+    Parameters
+    ----------
+    rig_file : RigFile
+        The rig.
+    after_ns : int or None
+        A simulated time goes on from there, where a part of the session was taken [ns since 1970 UTC].
+    """
+    section = rig_file.simulation
+    if section is None or section.clock is None:
+        return SessionClock()
+    start_ns = unix_ns(section.clock)
+    clock = SimulatedClock(start_ns if after_ns is None else max(start_ns, after_ns))
+    return SessionClock(
+        utc_ns=clock.utc_ns,
+        monotonic_ns=clock.monotonic_ns,
+        sleep=clock.sleep,
+        problem=lambda: None,
+        rest=time.sleep,
+        poll_s=_SIMULATED_POLL_S,
+        simulated=clock,
+    )
+
+
+class SteadyUtc:
+    """UTC as it was when the session began, carried on by the monotonic clock.
+
+    A host's clock that is set in the middle of a session would else stall its schedule or rush through it.
+
+    Parameters
+    ----------
+    clock : SessionClock
+        The host's clocks.
+    """
+
+    def __init__(self, clock: SessionClock) -> None:
+        self._clock = clock
+        self._offset_ns = clock.utc_ns() - clock.monotonic_ns()
+        self._seen_offset_ns = self._offset_ns
+
+    def now_ns(self) -> int:
+        """Return the time since 1970 by the clock as it was at the beginning [ns]."""
+        return self.at_ns(self._clock.monotonic_ns())
+
+    def at_ns(self, monotonic_ns: int) -> int:
+        """Return what `now_ns` was or will be at a time of the monotonic clock [ns]."""
+        return monotonic_ns + self._offset_ns
+
+    def jump_s(self) -> float:
+        """Return how far the host's clock was set since the last call [s]; slow drift counts too."""
+        offset_ns = self._clock.utc_ns() - self._clock.monotonic_ns()
+        jump_ns, self._seen_offset_ns = offset_ns - self._seen_offset_ns, offset_ns
+        return jump_ns / NS_PER_S
+
+
+_S_PER_MIN = 60.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionContext:
+    """Context of a session beside its steps.
+
+    Attributes
+    ----------
+    interlocks, metering
+        As in the session file.
+    late_s : float
+        A round that begins later than this after it was due is left out [s].
+    until_ns : int or None
+        No frame begins after this [ns since 1970 UTC].
+    sun : SunTrack or None
+        The sun above the site, where the site is known.
+    clock : SessionClock
+        The host's clocks.
+    utc : SteadyUtc or None
+        The time by which the session began; None begins now.
+    control : Control
+        What somebody asks for.
+    noise : MeanNoise or None
+        What noise does to means, from a calibration.
+    regions : RegionMeans
+        What is looked at in each frame.
+    live : LiveNumbers
+        Told of each frame, for whoever watches.
+    metered_s : mapping
+        Exposures that earlier parts of this session have metered, by round [s].
+    asks_by_hold : bool
+        Where hands are needed the session holds until it is told to go on; else it asks at the terminal.
+    """
+
+    interlocks: InterlockSection = field(default_factory=InterlockSection)
+    metering: MeteringSection = field(default_factory=MeteringSection)
+    late_s: float = 300.0
+    until_ns: int | None = None
+    sun: SunTrack | None = None
+    clock: SessionClock = field(default_factory=SessionClock)
+    utc: SteadyUtc | None = None
+    control: Control = field(default_factory=Control)
+    noise: MeanNoise | None = None
+    regions: RegionMeans = field(default_factory=RegionMeans)
+    live: LiveNumbers = field(default_factory=LiveNumbers)
+    metered_s: Mapping[int, float] = field(default_factory=dict)
+    asks_by_hold: bool = False
+
+
+def session_context(
+    session: SessionFile,
+    rig_file: RigFile,
+    *,
+    clock: SessionClock,
+    control: Control,
+    until_ns: int | None,
+    noise: SessionNoise | None,
+    asks_by_hold: bool = False,
+) -> SessionContext:
+    """Return how a session file wants its session to be conducted, on a rig."""
+    of_means = None if noise is None else mean_noise(noise)
+    late_min = 5.0 if session.schedule is None else session.schedule.late_min
+    return SessionContext(
+        interlocks=session.interlocks,
+        metering=session.metering,
+        late_s=late_min * _S_PER_MIN,
+        until_ns=until_ns,
+        sun=None if rig_file.site is None else SunTrack(rig_file.site),
+        clock=clock,
+        utc=SteadyUtc(clock),
+        control=control,
+        noise=of_means,
+        regions=RegionMeans(session.regions),
+        live=LiveNumbers(
+            noise=of_means,
+            extinction_ratio=rig_file.polarizer.extinction_ratio,
+            reference=session.reference_region or PICTURE,
+        ),
+        asks_by_hold=asks_by_hold,
+    )
+
 
 _POLL_S = 0.5
 Note = Callable[..., None]

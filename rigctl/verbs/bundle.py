@@ -22,8 +22,8 @@ from rigctl.verbs.verify import verification_of
 from rigctl.version import VERSION
 
 if TYPE_CHECKING:
-    from rigctl.runs.frame_record import FrameRecord
-    from rigctl.runs.run_folder import Run as RunRecord
+    from rigctl.runs.folder import Run as RunRecord
+    from rigctl.runs.records import FrameRecord
 
 _PACKAGES = ("rigctl", "numpy", "scipy", "pyserial", "opencv-contrib-python-headless", "pydantic", "astropy")
 _README = """\
@@ -73,10 +73,9 @@ def bundle(
     ConfigError
         The file cannot be written.
     """
-    from rigctl.live.live_status import STATUS_FILE
-    from rigctl.runs.run_description import SESSION_FILE
-    from rigctl.runs.run_events import EVENTS_FILE
-    from rigctl.runs.run_folder import ANNOTATIONS_FILE, INPUTS_FOLDER, MANIFEST_FILE, read_contents
+    from rigctl.runs.folder import ANNOTATIONS_FILE, INPUTS_FOLDER, MANIFEST_FILE, read_contents
+    from rigctl.runs.records import EVENTS_FILE, SESSION_FILE
+    from rigctl.session.status import STATUS_FILE
 
     path = path_of(run)
     read_contents(path)
@@ -117,7 +116,7 @@ class Bundle(Result):
 
 
 def _text(file: Path) -> str:
-    from rigctl.storage.bounded_file import MOST_RECORD_BYTES, read_bounded
+    from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 
     return read_bounded(file, MOST_RECORD_BYTES).decode("utf-8", errors="replace")
 
@@ -175,9 +174,8 @@ def _checked() -> Iterator[str]:
 
 def _frames(run_path: Path, scrubber: Scrubber, count: int) -> Iterator[tuple[str, bytes]]:
     """Yield some frames of a run with new headers; those that cannot be read are left out."""
-    from rigctl.runs.fits.fits_frame import encode_frame
-    from rigctl.runs.fits.frame_header import header_cards
-    from rigctl.runs.run_folder import read_frame, read_run
+    from rigctl.runs.fits import encode_frame, header_cards
+    from rigctl.runs.folder import read_frame, read_run
 
     try:
         run = read_run(run_path)

@@ -12,14 +12,13 @@ from cyclopts.validators import Number
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import progress, warn
 from rigctl.errors import ConfigError
-from rigctl.reports.table import Column, Table
+from rigctl.report.table import Column, Table
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.devices.characterisation_file import CharacterisationFile
-    from rigctl.devices.characterise import Characterisation, Side
     from rigctl.files.rig_file import RigFile
+    from rigctl.rig.characterise import Characterisation, CharacterisationFile, Side
 
 # So wide that a landing is measured as it is: a correction would come from the other side.
 _TOLERANCE_DEG = 1.0
@@ -70,11 +69,10 @@ def stage(
     ConfigError, DeviceError
         A file is wrong, or the stage fails.
     """
-    from rigctl.devices.characterisation_file import as_text, characterisation_file
-    from rigctl.devices.characterise import SIDES, characterise
-    from rigctl.devices.stages import open_stage
+    from rigctl.base.durable import write_durably
     from rigctl.files.rig_file import load_rig
-    from rigctl.storage.durable_file import write_durably
+    from rigctl.rig.characterise import SIDES, as_text, characterisation_file, characterise
+    from rigctl.rig.rig import open_stage
 
     for file in (out, plot):
         if file is not None and not Path(file).parent.is_dir():
@@ -90,7 +88,7 @@ def stage(
     if out is not None:
         write_durably(Path(out), as_text(measured.file))
     if plot is not None:
-        from rigctl.reports.figures.rig_figures import characterisation_png
+        from rigctl.report.calibration import characterisation_png
 
         write_durably(Path(plot), characterisation_png(result))
     return measured

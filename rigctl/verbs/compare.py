@@ -26,14 +26,12 @@ from rigctl.verbs.options import (
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.comparison.comparison import Comparison, UsedFile
-    from rigctl.comparison.numerical_accuracy import NumericalAccuracy
-    from rigctl.comparison.series import ComparedSeries, SeriesPoint
+    from rigctl.compare.compare import ComparedSeries, Comparison, NumericalAccuracy, SeriesPoint, UsedFile
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
-    from rigctl.measurement.diagnosed_run import DiagnosedRun
-    from rigctl.measurement.measurement import Measurement
-    from rigctl.measurement.run_calibrations import CalibrationPaths, RunCalibrations
+    from rigctl.measure.calibrations import CalibrationPaths, RunCalibrations
+    from rigctl.measure.diagnose import DiagnosedRun
+    from rigctl.measure.measure import Measurement
 
 _FILES = (
     "comparison.json",
@@ -133,7 +131,7 @@ def _is_scene(given: "RunPath | ScenePath") -> bool:
 
 
 def _report(comparison: "Comparison") -> None:
-    from rigctl.comparison.verdict import refusals
+    from rigctl.compare.checks import refusals
     from rigctl.files.rig_file import PLACEHOLDER
 
     run = comparison.measurement.run
@@ -153,7 +151,7 @@ class ComparisonResult(Result):
     comparison: "Comparison"  #: all of it: rows, checks, measurement, predictions, what it was made from
 
     def __repr__(self) -> str:
-        from rigctl.measurement.picked_calibrations import named_calibrations
+        from rigctl.measure.calibrations import named_calibrations
 
         found = self.comparison
         return f"<comparison of {found.measurement.run.path}: {_short(found)}{named_calibrations(found.picked)}>"
@@ -171,7 +169,7 @@ class ComparisonResult(Result):
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measurement.picked_calibrations import calibrations_json
+        from rigctl.measure.calibrations import calibrations_json
 
         return calibrations_json(self.comparison.picked)
 
@@ -187,8 +185,8 @@ class ComparisonResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the verdict, what disagrees, and where that points; then how it was found."""
-        from rigctl.reports.figures.comparison_figures import scores
-        from rigctl.reports.tables.row_table import row_table
+        from rigctl.report.comparison import row_table
+        from rigctl.report.comparison import scores_png as scores
 
         found = self.comparison
         yield _verdict(found)
@@ -210,21 +208,21 @@ class ComparisonResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what comparison.json holds."""
-        from rigctl.reports.tables.comparison_json import compared_json
+        from rigctl.report.comparison import compared_json
 
         return compared_json(self.comparison)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write report and numbers into a folder; return the names of the reports."""
-        from rigctl.reports.outputs.comparison_files import write_comparison
+        from rigctl.report.comparison import write_comparison
 
         write_comparison(self.comparison, folder)
         return "report.html", "report.pdf"
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of comparison.csv as a data frame: predicted, measured, errors, scores, verdict."""
+        from rigctl.report.comparison import row_table
         from rigctl.reports.data_frames import data_frame
-        from rigctl.reports.tables.row_table import row_table
 
         return data_frame(row_table(self.comparison.rows), backend)
 
@@ -259,21 +257,21 @@ class SeriesResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what series.json holds."""
-        from rigctl.reports.tables.series_tables import series_json
+        from rigctl.report.comparison import series_json
 
         return series_json(self.series)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write report and numbers into a folder, those of each run into one of its own; return the reports' names."""
-        from rigctl.reports.outputs.comparison_files import write_series
+        from rigctl.report.comparison import write_series
 
         write_series(self.series, folder)
         return "series.html", "series.pdf"
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of series.csv as a data frame."""
+        from rigctl.report.comparison import series_rows
         from rigctl.reports.data_frames import data_frame
-        from rigctl.reports.tables.series_tables import series_rows
 
         return data_frame(series_rows(self.series), backend)
 
@@ -292,7 +290,7 @@ def _short(found: "Comparison") -> str:
 
 def _verdict(found: "Comparison") -> str:
     """Return the verdict in a sentence, with its reservations."""
-    from rigctl.comparison.verdict import not_judged, reservations
+    from rigctl.compare.checks import not_judged, reservations
 
     tests = sum(row.agrees is not None for row in found.rows)
     untested = len(found.rows) - tests if found.kind == "closed loop" else 0
@@ -313,8 +311,8 @@ def _verdict(found: "Comparison") -> str:
 
 def _of_run(found: "Comparison") -> Iterable[str]:
     """Return the faults that the run shows, its checks, and which regions cannot be judged."""
-    from rigctl.comparison.verdict import said_of, unjudged_lines
-    from rigctl.measurement.fault_terms import term_text
+    from rigctl.compare.checks import said_of, unjudged_lines
+    from rigctl.measure.faults import term_text
 
     if found.run_diagnosis is not None:
         yield from (f"the run shows {term_text(term)}" for term in found.run_diagnosis.named)
@@ -333,13 +331,11 @@ def compare_run(
     **options: Unpack[CompareOptions],
 ) -> "Comparison":
     """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
-    from rigctl.comparison.numerical_accuracy import FIRST_TOLERANCE
-    from rigctl.measurement.diagnosed_run import diagnosed
-    from rigctl.measurement.picked_calibrations import picked_for_run
-    from rigctl.measurement.run_calibrations import correction_remarks, read_calibrations
-    from rigctl.runs.monitor_readings import monitor_line, monitor_traces
-    from rigctl.runs.run_events import read_events
-    from rigctl.runs.wholeness import used_run
+    from rigctl.compare.compare import FIRST_TOLERANCE
+    from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
+    from rigctl.measure.diagnose import diagnosed
+    from rigctl.runs.check import used_run
+    from rigctl.runs.records import monitor_line, monitor_traces, read_events
 
     require_possible(scene, regions, options)
     paths = calibrations_of(options)
@@ -390,7 +386,7 @@ def _outlined(
     scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "tuple[SceneFile | None, list[Region]]":
     """Return scene and regions; those of a scene with the outlines of the regions file, where it has them."""
-    from rigctl.scene.effect_choice import with_choices
+    from rigctl.scene.reading import with_choices
 
     drawn = regions_of(regions)
     if scene is None:
@@ -412,7 +408,7 @@ def _outlined(
 
 
 def _closed_loop(measurement: "Measurement", given: "RunCalibrations", options: CompareOptions) -> "Comparison":
-    from rigctl.comparison.closed_loop import compare_closed_loop
+    from rigctl.compare.compare import compare_closed_loop
 
     if options.get("scale", "absolute") != "absolute" or given.radiometric is not None:
         raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
@@ -427,10 +423,9 @@ def _to_its_errors(
     tolerance: float,
 ) -> "Comparison":
     """Return a comparison with a scene whose numerical errors are far below those of its rows."""
-    from rigctl.comparison.comparison import EffectsTaken, compare_with_scene
-    from rigctl.comparison.numerical_accuracy import accuracy_at
-    from rigctl.comparison.run_prediction import run_predictor
-    from rigctl.scene.effect_choice import acting_effects, without_effects
+    from rigctl.compare.compare import EffectsTaken, accuracy_at, compare_with_scene
+    from rigctl.compare.predict_run import run_predictor
+    from rigctl.scene.reading import acting_effects, without_effects
 
     run = run_predictor(measurement, scene=scene, noise=given.noise)
 
@@ -474,9 +469,8 @@ def _to_its_errors(
 
 def _judged(comparison: "Comparison", seen: "DiagnosedRun", regions: "list[Region]") -> "Comparison":
     """Return a comparison with the checks and faults of the run, and with what cannot be judged."""
-    from rigctl.comparison.checks import nothing_tested, registration_of, run_checks
-    from rigctl.comparison.uncertainty_budget import with_diagnosis, with_registration
-    from rigctl.comparison.verdict import refused_regions, without_decisions
+    from rigctl.compare.checks import nothing_tested, refused_regions, registration_of, run_checks, without_decisions
+    from rigctl.compare.rows import with_diagnosis, with_registration
 
     measurement, diagnosis = seen.measurement, seen.diagnosis
     registered = registration_of(measurement)
@@ -497,8 +491,8 @@ def _judged(comparison: "Comparison", seen: "DiagnosedRun", regions: "list[Regio
 def _used_files(
     run: Path, scene: ScenePath | None, regions: RegionsPath | None, calibrations: "CalibrationPaths"
 ) -> "dict[str, UsedFile]":
-    from rigctl.comparison.comparison import used_file
-    from rigctl.runs.run_folder import MANIFEST_FILE
+    from rigctl.compare.compare import used_file
+    from rigctl.runs.folder import MANIFEST_FILE
 
     named = {str(kind): path for kind, path in calibrations.files.items()}
     files = {"scene": scene, "regions": regions, **named, "manifest": run / MANIFEST_FILE}
@@ -509,10 +503,9 @@ def _series(
     runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "ComparedSeries":
     """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
-    from rigctl.comparison.comparison import used_file
-    from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
+    from rigctl.compare.compare import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs, used_file
     from rigctl.files.scene_file import load_scene
-    from rigctl.runs.wholeness import used_run
+    from rigctl.runs.check import used_run
 
     if not isinstance(scene, str | Path):
         raise ConfigError("several runs are compared with one scene: give a scene file last, or with --scene")
@@ -541,7 +534,7 @@ def _series(
 
 
 def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPoint":
-    from rigctl.comparison.series import SeriesPoint
+    from rigctl.compare.compare import SeriesPoint
 
     first = comparison.measurement.grid.records[0][0].start_utc
     return SeriesPoint(
@@ -553,8 +546,8 @@ def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPo
 
 
 def _sun_zenith_deg(measurement: "Measurement", scene: "SceneFile") -> float | None:
-    from rigctl.comparison.run_geometry import scene_of_run
-    from rigctl.scene.scene_reading import sun_of_file
+    from rigctl.compare.predict_run import scene_of_run
+    from rigctl.scene.reading import sun_of_file
 
     frames = measurement.grid.frames
     elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]

@@ -65,7 +65,7 @@ def demo(
     """
     from rigctl.files.rig_file import load_rig
     from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-    from rigctl.simulated.perturbation import perturbed
+    from rigctl.rig.roof import perturbed
 
     if lost and not gige:
         raise ConfigError(f"--lost: is {lost}; give --gige too")
@@ -112,7 +112,7 @@ def seeded(rig: "RigFile", seed: int) -> "RigFile":
 def take(rig: "RigFile", out: Path, *, session: str, run: str) -> None:
     """Take one of the example sessions of a demo folder."""
     from rigctl.files.session_file import load_session
-    from rigctl.session.take_session import take_session
+    from rigctl.session.take import take_session
 
     paths = {"rig": out / "rig-sim.toml", "session": out / session}
     take_session(rig, load_session(paths["session"]), out / run, files=paths)

@@ -24,7 +24,7 @@ from rigctl.verbs.options import (
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.comparison.rx_detection import RxOnRun
+    from rigctl.compare.detect import RxOnRun
 
 _FILES = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
 
@@ -80,12 +80,12 @@ def detect(
     """
     import numpy as np
 
-    from rigctl.calibrations.noise.noise_file import read_fitting_noise
-    from rigctl.comparison import rx_detection
-    from rigctl.comparison.run_prediction import run_predictor
+    from rigctl.calibrations.noise import read_fitting_noise
+    from rigctl.compare import detect as rx_detection
+    from rigctl.compare.predict_run import run_predictor
     from rigctl.files.rig_file import unset_polarizer
-    from rigctl.measurement.measurement import measure, signal_of_cycle
-    from rigctl.runs.wholeness import used_run
+    from rigctl.measure.measure import measure, signal_of_cycle
+    from rigctl.runs.check import used_run
 
     if (regions is None) == (scene is None):
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
@@ -119,8 +119,7 @@ class DetectResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the curves at round false alarm rates, and what predicts them."""
-        from rigctl.reports.figures.detection_figures import roc_plot
-        from rigctl.reports.tables.detection_tables import round_roc_table
+        from rigctl.report.prediction import roc_plot, round_roc_table
 
         yield round_roc_table(self.found, background=self.background, target=self.target)
         yield f"predicted from {self.found.predicted_from}"
@@ -129,12 +128,12 @@ class DetectResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what detection.json holds."""
-        from rigctl.reports.tables.detection_tables import detection_json
+        from rigctl.report.prediction import detection_json
 
         return detection_json(self.found, background=self.background, target=self.target)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write map, curves and numbers into a folder; return the names of the files."""
-        from rigctl.reports.outputs.measurement_files import write_detection
+        from rigctl.report.comparison import write_detection
 
         return write_detection(self.found, folder, background=self.background, target=self.target)

@@ -14,7 +14,7 @@ from rigctl.verbs.result import Part, Result
 if TYPE_CHECKING:
     from drivers.discovery import Found
     from drivers.interfaces import DeviceIdentity
-    from drivers.serial_ports import PortInfo
+    from drivers.serial_port import PortInfo
 
 _CAMERA_FINDERS = "rigctl.camera_finders"
 
@@ -45,7 +45,7 @@ def devices(*, probe: bool = False, port: Sequence[str] = ()) -> "FoundDevices":
         There is no such port.
     """
     from drivers.discovery import find_stages
-    from drivers.serial_ports import serial_ports
+    from drivers.serial_port import serial_ports
 
     ports = [_named(path) for path in port] or serial_ports()
     found = tuple(find_stages(ports, probe=probe))
@@ -53,7 +53,7 @@ def devices(*, probe: bool = False, port: Sequence[str] = ()) -> "FoundDevices":
 
 
 def _named(path: str) -> "PortInfo":
-    from drivers.serial_ports import PortInfo, serial_ports
+    from drivers.serial_port import PortInfo, serial_ports
 
     known = {name: port for port in serial_ports() for name in (port.device, port.lasting_name)}
     if path not in known and not Path(path).exists():

@@ -16,8 +16,8 @@ from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.devices.host_checkup import Finding
     from rigctl.files.rig_file import MonitorSection, NotifySection
+    from rigctl.rig.checkup import Finding
 
 _SAMPLE_BYTES = 2
 _USUAL_PIXELS = 782 * 582
@@ -124,12 +124,11 @@ class CheckUp(Result):
 def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: int) -> "Iterator[Finding]":
     """Yield findings of devices and machine; a wrong file is refused before anything is opened."""
     from drivers.errors import DeviceError
-    from rigctl.calibrations.rig_picks import store_doubts
-    from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
-    from rigctl.devices.rig_checkup import RigCheckup
+    from rigctl.calibrations.store import store_doubts
     from rigctl.files.rig_file import load_rig, placeholder_doubt
     from rigctl.files.session_file import load_session
-    from rigctl.session.planning.disk_demand import DiskDemand, demand_of
+    from rigctl.rig.checkup import Finding, RigCheckup, clock, disk, receive_buffer, room
+    from rigctl.session.plan import DiskDemand, demand_of
 
     rig_file = None if rig is None else load_rig(rig)
     session_file = None if session is None else load_session(session)
@@ -159,9 +158,8 @@ def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: in
 
 def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]":
     """Yield the reading of each monitor, or why it gives none."""
-    from rigctl.devices.host_checkup import Finding
-    from rigctl.runs.monitor_readings import monitor_traces
-    from rigctl.runs.run_events import RunEvent
+    from rigctl.rig.checkup import Finding
+    from rigctl.runs.records import RunEvent, monitor_traces
     from rigctl.session.monitors import Monitors
 
     events: list[RunEvent] = []
@@ -183,9 +181,9 @@ def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]
 
 def _notice_finding(section: "NotifySection") -> "Finding":
     """Send a notice; return whether it went."""
-    from rigctl.devices.host_checkup import Finding
-    from rigctl.numbers.utc_time import utc_text
-    from rigctl.session.notices import Notice, send
+    from rigctl.base.numbers import utc_text
+    from rigctl.rig.checkup import Finding
+    from rigctl.session.take import Notice, send
 
     problems = send(section, Notice(run="none", event="test", text="rigctl doctor", utc=utc_text(time.time_ns())))
     if not problems:

@@ -20,9 +20,9 @@ from rigctl.verbs.result import Part, Result
 if TYPE_CHECKING:
     from model.accuracy.effect_estimates import CheckedEffect
     from model.effects.names import Decision, EffectPlan
-    from rigctl.reports.table import Table
-    from rigctl.scene.effect_plan import Verification
-    from rigctl.simulated.rendering_costs import RenderingCost, RenderingCosts
+    from rigctl.report.table import Table
+    from rigctl.rig.simulation import RenderingCost, RenderingCosts
+    from rigctl.scene.effects import Verification
 
     Row = tuple[Decision, CheckedEffect | None]
 
@@ -82,16 +82,15 @@ def effects(
     ConfigError, DataError
         A file is wrong, a number is outside its range, or there is no such effect.
     """
-    from rigctl.files.config import has_any_key
+    from rigctl.files.toml import has_any_key
 
     if has_any_key(Path(file), "stage", "camera", "simulation"):
         return _rendering(Path(file))
-    from rigctl.calibrations.noise.noise_file import read_noise_file
+    from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
-    from rigctl.scene.effect_choice import with_choices
-    from rigctl.scene.effect_plan import plan_effects, verify_effects
-    from rigctl.scene.scene_light import SceneLight
-    from rigctl.scene.scene_reading import scene_of_file
+    from rigctl.scene.effects import plan_effects, verify_effects
+    from rigctl.scene.light import SceneLight
+    from rigctl.scene.reading import scene_of_file, with_choices
 
     chosen = with_choices(
         load_scene(Path(file)),
@@ -158,7 +157,7 @@ class EffectsResult(Result):
         return tuple(sorted(rows, key=lambda row: (not row[0].acts, -row[0].bound.largest)))
 
     def _table(self) -> "Table[Row]":
-        from rigctl.reports.table import Column, Table
+        from rigctl.report.table import Column, Table
 
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
@@ -173,7 +172,7 @@ class EffectsResult(Result):
 
     def _wide_tables(self) -> "Iterable[Table[Row]]":
         from model.effects.bounds import EFFECT_MODELS
-        from rigctl.reports.table import Column, Table
+        from rigctl.report.table import Column, Table
 
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
@@ -211,20 +210,20 @@ class EffectsResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what effects.json holds."""
-        from rigctl.reports.tables.effects_tables import effects_json
+        from rigctl.report.effects import effects_json
 
         return effects_json(self.plan, self.checked) | {"remarks": list(self.remarks)}
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write the chart and the numbers into a folder; return the names of the files."""
-        from rigctl.reports.writers.data_files import json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import json_file
+        from rigctl.report.output import write_folder
 
         return write_folder(folder, {"effects.png": self._chart(), "effects.json": json_file(self.as_json())})
 
     def _chart(self) -> bytes:
         """Return a bar for the bound of each effect, against what is allowed, on a logarithmic axis."""
-        from rigctl.reports.figures.figure_style import MEASURED, PREDICTED, png, subplots
+        from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
 
         rows = [row for row in self._rows() if row[0].bound.largest > _LEAST_SHOWN][::-1]
         finite = [row[0].bound.largest for row in rows if math.isfinite(row[0].bound.largest)]
@@ -255,7 +254,7 @@ class RenderingResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return how many effects act and their time, and the table."""
-        from rigctl.reports.table import Column, Table
+        from rigctl.report.table import Column, Table
 
         total_s = sum(one.cost_s for one in self.costs.costs)
         columns: tuple[Column[RenderingCost], ...] = (
@@ -280,7 +279,7 @@ class RenderingResult(Result):
 
 def _rendering(path: Path) -> RenderingResult:
     from rigctl.files.rig_file import load_rig
-    from rigctl.simulated.rendering_costs import rendering_costs
+    from rigctl.rig.simulation import rendering_costs
 
     simulation = load_rig(path).simulation
     if simulation is None:

@@ -51,10 +51,10 @@ def export(
     RunFolderError
         A frame is damaged, or frames differ in size where one array holds all.
     """
+    from rigctl.base.durable import PART_SUFFIX
     from rigctl.files.rig_file import unset_polarizer
-    from rigctl.runs.export_formats import export_hdf5, export_tiff, export_zarr
-    from rigctl.runs.wholeness import used_run
-    from rigctl.storage.durable_file import PART_SUFFIX
+    from rigctl.runs.check import used_run
+    from rigctl.runs.export import export_hdf5, export_tiff, export_zarr
 
     path, place = path_of(run), Path(out)
     if place.exists():

@@ -11,7 +11,7 @@ from rigctl.verbs.options import FilePath, RunOptions, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.comparison.surface_fit import FittedMaterial
+    from rigctl.compare.surface_fit import FittedMaterial
 
 
 def surface(
@@ -51,10 +51,9 @@ def surface(
     ConfigError, DataError
         A file is wrong or asks for what cannot be, a run is unfit, or the search does not end.
     """
-    from rigctl.comparison.surface_fit import fit_regions
-    from rigctl.files.material_file import material_toml
-    from rigctl.files.surface_fit_file import load_surface_fit
-    from rigctl.storage.durable_file import write_durably
+    from rigctl.base.durable import write_durably
+    from rigctl.compare.surface_fit import fit_regions
+    from rigctl.files.materials import load_surface_fit, material_toml
 
     fitted = fit_regions(
         load_surface_fit(Path(file)),
@@ -86,8 +85,8 @@ class FitResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return parameters and observations as tables, the goodness of the fit, and what limits it."""
-        from rigctl.numbers.number_text import p_value
-        from rigctl.reports.tables.surface_tables import fit_tables
+        from rigctl.base.numbers import p_value
+        from rigctl.report.surface import fit_tables
 
         fit = self.fitted.fit
         yield from fit_tables(self.fitted)
@@ -99,6 +98,6 @@ class FitResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return parameters with intervals and correlation, held values, observations and findings."""
-        from rigctl.reports.tables.surface_tables import fit_json
+        from rigctl.report.surface import fit_json
 
         return fit_json(self.fitted)

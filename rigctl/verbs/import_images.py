@@ -8,21 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from drivers.cameras.raw_planes import Plane
+from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.choices import FrameKind
-from rigctl.storage.bounded_file import MOST_FRAME_MB
 from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.imports.image_scale import Scale
-    from rigctl.imports.image_survey import Survey, SurveyedImage
-    from rigctl.imports.import_request import ImportRequest
-    from rigctl.measurement.run_diagnosis import RunDiagnosis
-    from rigctl.runs.frame_record import FrameRecord
-    from rigctl.runs.run_folder import Run as RunRecord
-    from rigctl.runs.run_writer import RunWriter
+    from rigctl.imports.images import ImportRequest, Scale, Survey, SurveyedImage
+    from rigctl.measure.diagnose import RunDiagnosis
+    from rigctl.runs.folder import Run as RunRecord
+    from rigctl.runs.records import FrameRecord
+    from rigctl.runs.writer import RunWriter
 
 _ORIGIN = "import"
 _BYTES_PER_MB = 1_000_000
@@ -123,7 +121,7 @@ def import_images(
     DataError
         The files are unfit, or contradict what is stated: one message with every problem.
     """
-    from rigctl.imports.import_request import ImportRequest
+    from rigctl.imports.images import ImportRequest
 
     request = ImportRequest(
         run=Path(run),
@@ -162,7 +160,7 @@ class ImportedRun(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the number and size of the frames, remarks, and the faults that they show."""
-        from rigctl.measurement.fault_terms import fault_lines
+        from rigctl.measure.faults import fault_lines
 
         first = self.frames[0]
         size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"
@@ -173,7 +171,7 @@ class ImportedRun(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the files of the frames, remarks and faults."""
-        from rigctl.reports.tables.numbers_json import diagnosis_json
+        from rigctl.report.numbers import diagnosis_json
 
         return {
             "run": str(self.run),
@@ -185,8 +183,8 @@ class ImportedRun(Result):
 
 def imported(request: "ImportRequest") -> ImportedRun:
     """Import images as a request says."""
-    from rigctl.imports.image_survey import survey_images
-    from rigctl.runs.run_writer import RunWriter
+    from rigctl.imports.images import survey_images
+    from rigctl.runs.writer import RunWriter
 
     present = _present_run(request.run)
     survey = survey_images(request)
@@ -205,8 +203,8 @@ def imported(request: "ImportRequest") -> ImportedRun:
 
 
 def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":
-    from rigctl.measurement.run_diagnosis import quick_diagnosis, undiagnosed
-    from rigctl.runs.run_folder import read_run
+    from rigctl.measure.diagnose import quick_diagnosis, undiagnosed
+    from rigctl.runs.folder import read_run
 
     if request.kind != "scene":
         return undiagnosed(f"the files are {request.kind} frames")
@@ -218,7 +216,7 @@ def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":
 
 
 def _present_run(path: Path) -> "RunRecord | None":
-    from rigctl.runs.run_folder import read_run
+    from rigctl.runs.folder import read_run
 
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return None
@@ -229,7 +227,7 @@ def _present_run(path: Path) -> "RunRecord | None":
 
 
 def _checked_scale(request: "ImportRequest", survey: "Survey", present: "RunRecord | None") -> "Scale":
-    from rigctl.imports.import_request import request_problems
+    from rigctl.imports.images import request_problems
 
     has_darks = present is not None and any(record.kind == "dark" for record in present.frames)
     unsaid = [*request_problems(request, darks_are_there=has_darks), *survey.unsaid]
@@ -252,7 +250,7 @@ def _checked_scale(request: "ImportRequest", survey: "Survey", present: "RunReco
 
 
 def _scale(request: "ImportRequest", survey: "Survey", present: "RunRecord | None") -> "Scale":
-    from rigctl.imports.image_scale import find_scale
+    from rigctl.imports.images import find_scale
 
     black_levels = [image.black_level_dn for image in survey.images if image.black_level_dn is not None]
     said, remarks = _with_depth_of(present, request)
@@ -298,9 +296,9 @@ def _frame_shape(request: "ImportRequest", image: "SurveyedImage") -> tuple[int,
 
 def _file_remarks(survey: "Survey", scale: "Scale") -> Iterator[str]:
     """Yield what was recognised in single files, and in how many."""
-    from rigctl.images.image_file import STALE
-    from rigctl.imports.image_levels import odd_pattern
-    from rigctl.imports.imported_frames import JPEG
+    from rigctl.images import STALE
+    from rigctl.imports.images import JPEG
+    from rigctl.imports.levels import odd_pattern
 
     saturated = math.ceil(scale.saturation_dn * 2**scale.shift_bits)
     shares = {i.path.name: float(i.levels[saturated:].sum() / max(i.levels.sum(), 1)) for i in survey.images}
@@ -317,7 +315,7 @@ def _file_remarks(survey: "Survey", scale: "Scale") -> Iterator[str]:
 
 
 def _angle_remarks(request: "ImportRequest", survey: "Survey") -> tuple[str, ...]:
-    from rigctl.imports.imported_frames import axis_deg
+    from rigctl.imports.images import axis_deg
 
     angles = request.mosaic_deg or tuple(i.angle_deg for i in survey.images if i.angle_deg is not None)
     axes = {axis_deg(angle) for angle in angles}
@@ -327,8 +325,8 @@ def _angle_remarks(request: "ImportRequest", survey: "Survey") -> tuple[str, ...
 
 
 def _write_new(request: "ImportRequest", survey: "Survey", scale: "Scale") -> "tuple[FrameRecord, ...]":
-    from rigctl.runs.run_writer import RunWriter
-    from rigctl.storage.durable_file import flush_folder
+    from rigctl.base.durable import flush_folder
+    from rigctl.runs.writer import RunWriter
 
     parent = request.run.absolute().parent
     try:
@@ -351,7 +349,7 @@ def _write(
     scale: "Scale",
     present: "tuple[FrameRecord, ...]",
 ) -> "tuple[FrameRecord, ...]":
-    from rigctl.imports.imported_frames import frames_of
+    from rigctl.imports.images import frames_of
 
     frames = frames_of(request, survey.images, scale, first_sequence=writer.next_sequence, present=present)
     written = writer.write_frames(frames)

@@ -12,17 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from rigctl.base.numbers import is_utc_text, unix_ns, utc_moment, utc_text
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
-from rigctl.numbers.utc_time import is_utc_text, unix_ns, utc_moment, utc_text
 from rigctl.verbs.options import RunPath, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.runs.annotation_record import Annotation
-    from rigctl.runs.frame_record import FrameRecord
-    from rigctl.runs.run_folder import Run as RunRecord
+    from rigctl.runs.folder import Run as RunRecord
+    from rigctl.runs.records import Annotation, FrameRecord
 
 _SPAN = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 _SHOWN, _MOST_NAME = 8, 200
@@ -77,7 +76,7 @@ def note(
     ConfigError, RunFolderError
         A text cannot be taken, there are no such frames, or the folder is not a sound run.
     """
-    from rigctl.runs.run_folder import read_run
+    from rigctl.runs.folder import read_run
 
     path = path_of(run)
     if exclude is not None and include is not None:
@@ -107,7 +106,7 @@ class Noted(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the line, and which frames are excluded now."""
-        from rigctl.runs.annotation_record import frames_text
+        from rigctl.runs.records import frames_text
 
         if self.annotation is not None:
             yield self.annotation.line
@@ -125,8 +124,8 @@ class Noted(Result):
 
 
 def _note(run: "RunRecord", text: str, *, at: str | None, by: str | None, utc_ns: Callable[[], int]) -> Noted:
-    from rigctl.runs.annotation_record import Annotation, excluded_frames
-    from rigctl.runs.annotations import annotate, read_annotations
+    from rigctl.runs.folder import annotate, read_annotations
+    from rigctl.runs.records import Annotation, excluded_frames
 
     now = utc_text(utc_ns())
     utc, remarks = (now, ()) if at is None else _moment(at, run.frames)
@@ -140,8 +139,8 @@ def _change_frames(
     run: "RunRecord", frames: tuple[str, str], reason: str | None, *, by: str | None, utc_ns: Callable[[], int]
 ) -> Noted:
     """Exclude frames or include them again, as the option says that names them."""
-    from rigctl.runs.annotation_record import Annotation, excluded_frames, frames_text
-    from rigctl.runs.annotations import annotate, read_annotations
+    from rigctl.runs.folder import annotate, read_annotations
+    from rigctl.runs.records import Annotation, excluded_frames, frames_text
 
     asked, is_back = _sequences(*frames, run), frames[0] == "--include"
     text = "" if is_back and reason is None else _sound("the reason", reason or "")
@@ -164,7 +163,7 @@ def _change_frames(
 
 def _sequences(option: str, text: str, run: "RunRecord") -> tuple[int, ...]:
     """Return the frames that a text names."""
-    from rigctl.runs.annotation_record import frames_text
+    from rigctl.runs.records import frames_text
 
     there = [record.sequence for record in run.frames]
     found: dict[int, None] = {}
@@ -186,7 +185,7 @@ def _sequences(option: str, text: str, run: "RunRecord") -> tuple[int, ...]:
 
 def _consequences(run: "RunRecord", excluded: set[int], changed: set[int]) -> list[str]:
     """Return what the run loses with the excluded frames."""
-    from rigctl.runs.annotation_record import frames_text
+    from rigctl.runs.records import frames_text
 
     scenes = [record for record in run.frames if record.kind == "scene"]
     if scenes and all(record.sequence in excluded for record in scenes):
@@ -262,7 +261,7 @@ def _on_day_of_run(text: str, of_day: time_of_day, starts: list[datetime]) -> da
 
 def _sound(name: str, text: str) -> str:
     """Return a text that a line may hold."""
-    from rigctl.runs.annotation_record import MOST_TEXT
+    from rigctl.runs.records import MOST_TEXT
 
     said = text.strip()
     if not said:

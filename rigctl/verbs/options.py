@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.interface.run import Run
-    from rigctl.measurement.run_calibrations import CalibrationPaths
+    from rigctl.measure.calibrations import CalibrationPaths
 
 # Python takes texts and what it has read already; the command line makes a path of every text.
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ def calibrations_of(frames: FrameOptions | CompareOptions) -> "CalibrationPaths"
     ConfigError
         The store that is named is no folder.
     """
-    from rigctl.measurement.picked_calibrations import calibration_paths
+    from rigctl.measure.calibrations import calibration_paths
 
     named: dict[CalibrationKind, FilePath | None] = {
         "noise": frames.get("noise"),
@@ -259,6 +259,6 @@ def changes_of(changes: Changes) -> dict[str, float]:
     ConfigError
         A text cannot be read, or a number is given twice.
     """
-    from rigctl.scene.parameters import parse_changes
+    from rigctl.scene.scene import parse_changes
 
     return dict(changes) if isinstance(changes, Mapping) else parse_changes(changes)

@@ -23,14 +23,10 @@ if TYPE_CHECKING:
     from model.accuracy.series import SeriesPrediction
     from model.effects.names import EffectPlan
     from model.prediction import PairDetection, RegionPrediction
-    from rigctl.calibrations.rig_picks import RigPicks
-    from rigctl.prediction.performance import Performance
-    from rigctl.prediction.predicted_uncertainty import PredictedUncertainty
-    from rigctl.prediction.roc_curves import RocPair
-    from rigctl.prediction.scene_prediction import ScenePrediction, ScenePredictor
-    from rigctl.prediction.sweep import Sweep
-    from rigctl.prediction.sweep_axes import Axis
-    from rigctl.reports.table import AnyTable
+    from rigctl.calibrations.store import RigPicks
+    from rigctl.predict.predict import Axis, Performance, PredictedUncertainty, RocPair, ScenePrediction, ScenePredictor
+    from rigctl.predict.sweep import Sweep
+    from rigctl.report.table import AnyTable
 
     Ranges: TypeAlias = str | Sequence[str]
     Values: TypeAlias = Sequence[float] | NDArray[np.float64]
@@ -85,9 +81,8 @@ def predict(
     ConfigError, DataError
         A file is wrong or does not fit, there is no such number, or the tolerance cannot be kept.
     """
-    from rigctl.prediction.performance import performance_of
-    from rigctl.prediction.roc_curves import roc_curves
-    from rigctl.scene.scene_inputs import only_uncertain
+    from rigctl.predict.predict import performance_of, roc_curves
+    from rigctl.scene.scene import only_uncertain
 
     tolerance = _tolerance(options)
     if tolerance is not None and uncertainty:
@@ -103,7 +98,7 @@ def predict(
             light = predictor.predict()
             predictions, remarks = light.predictions, light.remarks
             if uncertainty:
-                from rigctl.prediction.predicted_uncertainty import predicted_uncertainty
+                from rigctl.predict.predict import predicted_uncertainty
 
                 errors = predicted_uncertainty(predictor, predictions)
         else:
@@ -181,7 +176,7 @@ def sweep(
     ConfigError, DataError
         A file is wrong or does not fit, there is no such number, or a value is outside its range.
     """
-    from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
+    from rigctl.predict.sweep import sweep_over, sweep_to_tolerance
 
     axes, tolerance = _axes(ranges, values), _tolerance(options)
     twice = [axis.key for axis in axes if axis.key in changes_of(options.get("changes", ()))]
@@ -234,21 +229,21 @@ class Prediction(Result):
     snr: SnrKind = "exact"  #: DoLP SNR that tables show
 
     def __repr__(self) -> str:
-        from rigctl.measurement.picked_calibrations import named_calibrations
+        from rigctl.measure.calibrations import named_calibrations
 
         return f"<prediction of {', '.join(self.predictions)}{named_calibrations(self.picked)}>"
 
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measurement.picked_calibrations import calibrations_json
+        from rigctl.measure.calibrations import calibrations_json
 
         return calibrations_json(self.picked)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about regions and their detection, each once."""
-        from rigctl.comparison.remarks import model_warnings
+        from rigctl.compare.remarks import model_warnings
 
         pairs = (*self.performance.detections, *self.rocs.values())
         of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)
@@ -275,15 +270,14 @@ class Prediction(Result):
         return f"DoLP of single pixels: {'; '.join(_dolp_text(name, one) for name, one in self.predictions.items())}"
 
     def _light(self) -> Iterable[Part]:
-        from rigctl.reports.tables.light_tables import geometry_lines, light_tables
+        from rigctl.report.light import geometry_lines, light_tables
 
         if self.light is not None:
             yield from geometry_lines(self.light)
             yield from light_tables(self.light)
 
     def _tables(self) -> Iterable[Part]:
-        from rigctl.reports.tables.detection_tables import roc_table
-        from rigctl.reports.tables.prediction_tables import input_effect_tables, quantity_tables
+        from rigctl.report.prediction import input_effect_tables, quantity_tables, roc_table
 
         yield from quantity_tables(self._regions(), snr=self.snr)
         if self.uncertainty is not None:
@@ -293,14 +287,14 @@ class Prediction(Result):
 
     def _lines(self) -> Iterable[Part]:
         if self.accuracy is not None and self.effects is not None:
-            from rigctl.reports.tables.accuracy_tables import accuracy_lines, accuracy_table
-            from rigctl.reports.tables.effects_tables import left_out_line
+            from rigctl.report.effects import left_out_line
+            from rigctl.report.tradeoff import accuracy_lines, accuracy_table
 
             yield accuracy_table(self.accuracy)
             yield from (*accuracy_lines(self.accuracy), left_out_line(self.effects))
         yield from (*self.scene_remarks, *self.warnings)
         if self.uncertainty is not None:
-            from rigctl.reports.tables.prediction_tables import correlation_lines
+            from rigctl.report.prediction import correlation_lines
 
             yield from correlation_lines(self.uncertainty)
             none = () if self.uncertain_inputs else ("no input has a stated uncertainty: all are taken as exact",)
@@ -311,19 +305,18 @@ class Prediction(Result):
     def _regions(self) -> "Mapping[str, Mapping[str, Mapping[str, float]]]":
         if self.uncertainty is None:
             return {name: one.quantities for name, one in self.predictions.items()}
-        from rigctl.reports.tables.prediction_tables import with_input_errors
+        from rigctl.report.prediction import with_input_errors
 
         return with_input_errors(self.predictions, self.uncertainty)
 
     def as_json(self) -> dict[str, Json]:
         """Return what prediction.json holds."""
         from model.prediction import reason_missing
-        from rigctl.reports.tables.accuracy_tables import accuracy_json
-        from rigctl.reports.tables.detection_tables import roc_json
-        from rigctl.reports.tables.effects_tables import effects_json
-        from rigctl.reports.tables.light_tables import light_json
-        from rigctl.reports.tables.numbers_json import prediction_json
-        from rigctl.reports.tables.prediction_tables import input_effects_json
+        from rigctl.report.effects import effects_json
+        from rigctl.report.light import light_json
+        from rigctl.report.numbers import prediction_json
+        from rigctl.report.prediction import input_effects_json, roc_json
+        from rigctl.report.tradeoff import accuracy_json
 
         content = prediction_json(self.predictions, self.performance, remarks=(*self.doubts, *self.scene_remarks))
         content |= {} if self.light is None else light_json(self.light)
@@ -343,11 +336,9 @@ class Prediction(Result):
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write numbers, plots and curves into a folder; return the names of the files."""
-        from rigctl.reports.figures.detection_figures import roc_png
-        from rigctl.reports.figures.prediction_figures import counts_png, laws_png
-        from rigctl.reports.tables.detection_tables import roc_csv
-        from rigctl.reports.writers.data_files import csv_rows, json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import csv_rows, json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.prediction import counts_png, laws_png, roc_csv, roc_png
 
         warnings = [f"{name}: {text}" for name, one in self.predictions.items() for text in one.warnings]
         contents = {
@@ -397,7 +388,7 @@ class SweepResult(Result):
     snr: SnrKind = field(default="exact")
 
     def __repr__(self) -> str:
-        from rigctl.measurement.picked_calibrations import named_calibrations
+        from rigctl.measure.calibrations import named_calibrations
 
         values = self.found.values
         span = f"{len(values)} values from {values[0]:g} to {values[-1]:g}"
@@ -406,7 +397,7 @@ class SweepResult(Result):
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measurement.picked_calibrations import calibrations_json
+        from rigctl.measure.calibrations import calibrations_json
 
         return calibrations_json(self.picked)
 
@@ -417,9 +408,8 @@ class SweepResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the span of DoLP of each region, tables, warnings, and what is assumed."""
-        from rigctl.reports.figures.prediction_figures import MOST_AXES, sweep_png
-        from rigctl.reports.tables.accuracy_tables import series_lines
-        from rigctl.reports.tables.sweep_tables import sweep_tables, warning_lines
+        from rigctl.report.prediction import MOST_AXES, sweep_png, sweep_tables, warning_lines
+        from rigctl.report.tradeoff import series_lines
 
         yield self._answer()
         if len(self.found.axes) <= MOST_AXES:
@@ -443,24 +433,21 @@ class SweepResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what sweep.json holds, with numerical errors and calibrations."""
-        from rigctl.reports.tables.accuracy_tables import series_json
+        from rigctl.report.tradeoff import series_json
 
         accuracy = {} if self.accuracy is None else {"accuracy": series_json(self.accuracy)}
         return self._json() | accuracy | self.picked.as_json()
 
     def _json(self) -> dict[str, Json]:
-        from rigctl.reports.tables.sweep_tables import sweep_json
+        from rigctl.report.prediction import sweep_json
 
         return sweep_json(self.found, remarks=(*self.doubts, *self.scene_remarks))
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write numbers, plot and curves into a folder; return the names of the files."""
-        from rigctl.reports.figures.detection_figures import roc_png
-        from rigctl.reports.figures.prediction_figures import MOST_AXES, sweep_png
-        from rigctl.reports.tables.detection_tables import roc_csv
-        from rigctl.reports.tables.sweep_tables import sweep_csv
-        from rigctl.reports.writers.data_files import json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.prediction import MOST_AXES, roc_csv, roc_png, sweep_csv, sweep_png
 
         remarks = (*self.doubts, *self.scene_remarks)
         contents = {"sweep.csv": sweep_csv(self.found, remarks=remarks), "sweep.json": json_file(self._json())}
@@ -480,8 +467,8 @@ class SweepResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every number at every value: key, at, region, quantity, statistic, value."""
+        from rigctl.report.table import Table
         from rigctl.reports.data_frames import data_frame
-        from rigctl.reports.table import Table
 
         found = self.found
         rows = tuple(
@@ -497,7 +484,7 @@ class SweepResult(Result):
 
 def _csv_table(numbers: Iterable[tuple[str, str, str, float]], remarks: Iterable[str]) -> "AnyTable":
     """Return a row a number, then a row without a number for each remark."""
-    from rigctl.reports.table import Table
+    from rigctl.report.table import Table
 
     rows = [(*number, "") for number in numbers] + [("", "", "", None, text) for text in remarks]
     names = ("region", "quantity", "statistic", "value", "remark")
@@ -507,13 +494,13 @@ def _csv_table(numbers: Iterable[tuple[str, str, str, float]], remarks: Iterable
 def _place(name: str, k: int) -> Any:
     from operator import itemgetter
 
-    from rigctl.reports.table import Column
+    from rigctl.report.table import Column
 
     return Column[Any](key=name, value=itemgetter(k))
 
 
 def _dolp_text(name: str, prediction: "RegionPrediction") -> str:
-    from rigctl.numbers.number_text import to_digits
+    from rigctl.base.numbers import to_digits
 
     dolp = prediction.quantities.get("dolp", {})
     mean, std = dolp.get("mean"), dolp.get("std")
@@ -540,7 +527,7 @@ def _tolerance(options: PredictOptions) -> float | None:
 def _axes(ranges: Ranges, values: "Values | None") -> "tuple[Axis, ...]":
     import numpy as np
 
-    from rigctl.prediction.sweep_axes import Axis, parse_sweeps
+    from rigctl.predict.predict import Axis, parse_sweeps
 
     texts = [ranges] if isinstance(ranges, str) else list(ranges)
     if values is None:
@@ -552,7 +539,7 @@ def _axes(ranges: Ranges, values: "Values | None") -> "tuple[Axis, ...]":
 
 
 def _pair(roc: str | None, predictor: "ScenePredictor") -> "RocPair | None":
-    from rigctl.prediction.roc_curves import parse_roc
+    from rigctl.predict.predict import parse_roc
 
     return None if roc is None else parse_roc(roc, tuple(region.name for region in predictor.scene.regions))
 
@@ -564,13 +551,12 @@ def _predictor(
     import time
     from functools import partial
 
+    from rigctl.base.numbers import utc_text
     from rigctl.calibrations.made_for import MadeFor
-    from rigctl.calibrations.rig_picks import NONE, picked_for_scene
-    from rigctl.numbers.utc_time import utc_text
-    from rigctl.prediction.scene_prediction import ScenePredictor
-    from rigctl.scene.effect_choice import with_choices
-    from rigctl.scene.scene_light import SceneLight
-    from rigctl.scene.skies.engine import require_engine
+    from rigctl.calibrations.store import NONE, picked_for_scene
+    from rigctl.predict.predict import ScenePredictor
+    from rigctl.scene.light import SceneLight, require_engine
+    from rigctl.scene.reading import with_choices
 
     engine, noise, radiometric = options.get("engine", "own"), options.get("noise"), options.get("radiometric")
     file = with_choices(
@@ -588,13 +574,13 @@ def _predictor(
     parameters, scaled, doubts = None, None, tuple[str, ...]()
     # Calibrations bring run folders and measurement, a tenth of a second that a prediction without one does not need.
     if calibration is not None:
-        from rigctl.calibrations.noise.noise_file import read_noise_file, require_noise_fits
+        from rigctl.calibrations.noise import read_noise_file, require_noise_fits
 
         parameters = read_noise_file(calibration)
         doubts = require_noise_fits(parameters, used)
     if radiometric is not None:
-        from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
-        from rigctl.comparison.scale import with_panel_scale
+        from rigctl.calibrations.radiometric import read_radiometric_file, require_radiometric_fits
+        from rigctl.compare.scale import with_panel_scale
 
         response = read_radiometric_file(Path(radiometric))
         scaled = partial(with_panel_scale, radiometric=response)

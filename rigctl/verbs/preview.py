@@ -15,8 +15,8 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 
 if TYPE_CHECKING:
-    from rigctl.web.live_look import Task
     from rigctl.web.server import Place
+    from rigctl.web.what import Task
 
 _TIMEOUT_S = 10.0
 _LOOK_EACH_S = 1.0
@@ -71,8 +71,8 @@ def preview(
         The camera fails.
     """
     from rigctl.files.rig_file import load_rig, placeholder_doubt
-    from rigctl.web.live_look import Task
     from rigctl.web.server import place_of
+    from rigctl.web.what import Task
 
     doubt = placeholder_doubt(load_rig(Path(camera))) if camera.endswith(_RIG_FILE) else None
     if doubt is not None:
@@ -101,13 +101,10 @@ def _report(where: str) -> None:
 
 def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callable[[str], None]) -> Lines:
     """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
-    from rigctl.devices.focus import Focus
-    from rigctl.web.hands import Hands, camera_acts
-    from rigctl.web.live_look import OpenDevices, Task
-    from rigctl.web.live_rig import NO_STAGE, LiveRig, open_camera
-    from rigctl.web.page import page_app
-    from rigctl.web.server import PageServer
-    from rigctl.web.sources import NoRuns
+    from rigctl.rig.focus import Focus
+    from rigctl.web.rig import NO_STAGE, LiveRig, open_camera
+    from rigctl.web.server import Hands, NoRuns, PageServer, camera_acts, page_app
+    from rigctl.web.what import OpenDevices, Task
 
     @contextmanager
     def camera_alone() -> Iterator[OpenDevices]:
@@ -133,9 +130,9 @@ def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callab
 
 def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
     """Write what a camera sees into a file, stretched for the eye, picture after picture; yield its numbers."""
-    from rigctl.devices.focus import focus_of, jpeg_of, middle
-    from rigctl.storage.durable_file import write_durably
-    from rigctl.web.live_rig import open_camera
+    from rigctl.base.durable import write_durably
+    from rigctl.rig.focus import focus_of, jpeg_of, middle
+    from rigctl.web.rig import open_camera
 
     best = 0.0
     with open_camera(camera) as one:

@@ -18,7 +18,7 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.files.regions import RegionsFile
-    from rigctl.outlines.follow import FollowedRegion
+    from rigctl.outlines import FollowedRegion
 
 _S_PER_MINUTE = 60.0
 
@@ -71,7 +71,7 @@ def draw(
         The run gives no picture, or nothing was drawn in time.
     """
     from rigctl.files.regions import Markers
-    from rigctl.outlines.markers import search_markers
+    from rigctl.outlines import search_markers
     from rigctl.web.regions_page import RegionsPage
 
     picture = _picture(run, ignore_exclusions=ignore_exclusions)
@@ -123,7 +123,7 @@ def mark(
         A file is wrong, or no marker is seen.
     """
     from rigctl.files.regions import Markers
-    from rigctl.outlines.markers import search_markers
+    from rigctl.outlines import search_markers
 
     drawn = _read(regions)
     seen = search_markers(_picture(run, ignore_exclusions=ignore_exclusions), dictionary)
@@ -162,8 +162,7 @@ def find(run: RunPath, regions: FilePath, /, *, out: Followed, ignore_exclusions
         A file is wrong, or a region has lost its markers.
     """
     from rigctl.files.regions import RegionsFile
-    from rigctl.outlines.follow import follow_markers, moved_markers
-    from rigctl.outlines.markers import search_markers
+    from rigctl.outlines import follow_markers, moved_markers, search_markers
 
     drawn = _read(regions)
     family = "4x4_50" if drawn.markers is None else drawn.markers.dictionary
@@ -206,7 +205,7 @@ class FoundRegions(Result):
 
     def content(self) -> Iterable[Part]:
         """Return one row for each region."""
-        from rigctl.reports.table import Table, text_columns
+        from rigctl.report.table import Table, text_columns
 
         titles = ("region", "by markers", "moved by [pixel]", "std error [pixel]", "border left out [pixel]")
         rows = tuple(
@@ -226,22 +225,22 @@ class FoundRegions(Result):
 
 
 def _picture(run: RunPath, *, ignore_exclusions: bool) -> Any:
-    from rigctl.outlines.markers import grey_picture
-    from rigctl.runs.wholeness import used_run
+    from rigctl.outlines import grey_picture
+    from rigctl.runs.check import used_run
 
     return grey_picture(used_run(path_of(run), ignore_exclusions=ignore_exclusions))
 
 
 def _read(path: FilePath) -> "RegionsFile":
-    from rigctl.files.config import load
     from rigctl.files.regions import RegionsFile
+    from rigctl.files.toml import load
 
     return load(Path(path), RegionsFile)
 
 
 def _written(path: FilePath, file: "RegionsFile") -> WrittenRegions:
+    from rigctl.base.durable import write_durably
     from rigctl.files.regions import regions_text
-    from rigctl.storage.durable_file import write_durably
 
     write_durably(Path(path), regions_text(file).encode())
     return WrittenRegions(path=Path(path), file=file)

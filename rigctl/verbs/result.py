@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from rigctl.console.json_text import Json
 
 if TYPE_CHECKING:
-    from rigctl.reports.table import AnyTable
+    from rigctl.report.table import AnyTable
 
 # A sentence, a table, or what draws a picture as PNG; a terminal leaves pictures out.
 Part: TypeAlias = "str | AnyTable | Callable[[], bytes]"
@@ -36,7 +36,7 @@ class Result:
     def show(self) -> None:
         """Print the content on standard output."""
         from rigctl.console.terminal import results
-        from rigctl.reports.writers.terminal_table import terminal_table
+        from rigctl.report.table import terminal_table
 
         for part in self.content():
             if isinstance(part, str):
@@ -55,7 +55,7 @@ class Result:
         """Go on after the content was shown: a page answers until Ctrl-C."""
 
     def _repr_html_(self) -> str:
-        from rigctl.reports.writers.html_page import lines_fragment, picture_fragment, table_fragment
+        from rigctl.report.output import lines_fragment, picture_fragment, table_fragment
 
         def fragment(part: Part) -> str:
             if isinstance(part, str):

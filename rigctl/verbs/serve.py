@@ -20,8 +20,7 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.session.preparation import PreparedSession
-    from rigctl.web.hands import Question
-    from rigctl.web.server import Addresses, PageServer, Place
+    from rigctl.web.server import Addresses, PageServer, Place, Question
 
 _RIG_FILE = ".toml"
 _REGIONS_FILE = "regions.toml"
@@ -78,9 +77,7 @@ def serve(
     ConfigError
         A file is wrong, a folder is missing, or nothing can listen at that address.
     """
-    from rigctl.web.page import page_app
-    from rigctl.web.server import PageServer, place_of
-    from rigctl.web.sources import source_at
+    from rigctl.web.server import PageServer, page_app, place_of, source_at
 
     what = str(what)
     place = place_of(listen, None if certificate is None else Path(certificate), None if key is None else Path(key))
@@ -126,7 +123,7 @@ class ServedPage(Result):
     def follow(self) -> None:
         """Answer until Ctrl-C."""
         if self.addresses.is_for_others and progress().is_terminal:
-            from rigctl.web.qr_code import qr_text
+            from rigctl.web.server import qr_text
 
             code = qr_text(self.addresses.act_url or self.addresses.look_url)
             progress().print(code, markup=False, highlight=False)
@@ -135,12 +132,18 @@ class ServedPage(Result):
 
 def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place") -> "PageServer":
     """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
-    from rigctl.web.hands import Hands, camera_acts, region_acts, session_acts, stage_acts
-    from rigctl.web.live_rig import LiveRig, open_devices, polarizer_of
-    from rigctl.web.page import page_app
     from rigctl.web.regions_page import write_regions
-    from rigctl.web.server import PageServer
-    from rigctl.web.sources import RunsOfFolder
+    from rigctl.web.rig import LiveRig, open_devices, polarizer_of
+    from rigctl.web.server import (
+        Hands,
+        PageServer,
+        RunsOfFolder,
+        camera_acts,
+        page_app,
+        region_acts,
+        session_acts,
+        stage_acts,
+    )
 
     for name, folder in (("--sessions", sessions), ("--runs", runs)):
         if not folder.is_dir():
@@ -184,7 +187,7 @@ class _Sessions:
 
     def ask(self, name: str, what: "Question") -> None:
         """Ask something of the session of a run; one that has ended is resumed in a process of its own."""
-        from rigctl.runs.run_lock import writing_process
+        from rigctl.runs.folder import writing_process
         from rigctl.session.control import ask_process
 
         run = self._run(name)

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from cyclopts import Parameter
 
+from rigctl.base.numbers import time_option
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import RoofChange
-from rigctl.numbers.utc_time import time_option
-from rigctl.reports.table import Column, Table
+from rigctl.report.table import Column, Table
 from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.interface.run import Run
     from rigctl.session.control import Request
-    from rigctl.session.planning.session_plan import PlannedRound, PlannedStep, SessionPlan
+    from rigctl.session.plan import PlannedRound, PlannedStep, SessionPlan
     from rigctl.session.predicted_rounds import Prediction
-    from rigctl.session.reconnect_loop import Outcome
+    from rigctl.session.take import Outcome
 
     _Row = PlannedRound | PlannedStep
 
@@ -85,11 +85,11 @@ def plan(
     ConfigError, DataError
         A file is wrong, the schedule has no round, or the light of the scene needs a site.
     """
-    from rigctl.calibrations.rig_picks import store_doubts
+    from rigctl.calibrations.store import store_doubts
     from rigctl.files.rig_file import load_rig, placeholder_doubt
     from rigctl.files.session_file import load_session
-    from rigctl.session.planning.session_plan import plan_session
-    from rigctl.session.session_clock import SessionClock
+    from rigctl.session.plan import plan_session
+    from rigctl.session.timing import SessionClock
 
     if noise is not None and scene is None:
         raise ConfigError("--noise: is for a prediction; give --scene too")
@@ -104,7 +104,7 @@ def plan(
         note(remark)
     if scene is None:
         return PlannedSession(plan=planned, all_steps=all_steps)
-    from rigctl.calibrations.noise.noise_file import read_noise_file
+    from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
     from rigctl.session.predicted_rounds import predict_rounds
 
@@ -185,9 +185,9 @@ def acquire(
         A file is wrong, a calibration does not fit, a device fails, or the folder cannot be written.
     """
     from rigctl.session.control import outliving_terminal
-    from rigctl.session.planning.session_plan import plan_session
+    from rigctl.session.plan import plan_session
     from rigctl.session.preparation import prepare_session, require_takeable, take_prepared
-    from rigctl.session.session_clock import clock_of
+    from rigctl.session.timing import clock_of
 
     def path(given: FilePath | None) -> Path | None:
         return None if given is None else Path(given)
@@ -248,7 +248,7 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     ConfigError, DeviceError, RunFolderError
         The run was not made by a session, its devices are others now, one fails, or the folder cannot be written.
     """
-    from rigctl.runs.run_lock import writing_process
+    from rigctl.runs.folder import writing_process
     from rigctl.session.control import ask_process, outliving_terminal
 
     folder = path_of(run)
@@ -258,8 +258,8 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
             ask_process(folder, process, "go on")
             return SessionResult(path=folder, process=process)
         from rigctl.files.rig_file import unset_polarizer
-        from rigctl.runs.run_folder import read_run
-        from rigctl.session.take_session import resume_session
+        from rigctl.runs.folder import read_run
+        from rigctl.session.take import resume_session
 
         outcome = resume_session(folder, asks_by_hold=ask == "hold")
     if outcome.repair is not None:
@@ -309,7 +309,7 @@ def stop(run: RunPath, /) -> "Asked":
 
 
 def _ask_running(run: Path, request: "Request") -> "Asked":
-    from rigctl.runs.run_lock import writing_process
+    from rigctl.runs.folder import writing_process
     from rigctl.session.control import ask_process
 
     process = writing_process(run) if run.is_dir() else None
@@ -401,7 +401,7 @@ class PlannedSession(Result):
 
     def content(self) -> Iterable[Part]:
         """Return frames, duration and disk, then rounds, steps and predictions."""
-        from rigctl.session.planning.session_plan import SUN_ANGLES
+        from rigctl.session.plan import SUN_ANGLES
 
         plan, rounds, steps = self.plan, self.plan.planned_rounds(), self.plan.planned_steps()
         disk = "not known before the camera is opened; `rigctl plan --frame WIDTHxHEIGHT` computes it"
@@ -428,7 +428,7 @@ class PlannedSession(Result):
 
 
 def _pixels(frame: str) -> int:
-    from rigctl.numbers.number_range import shown
+    from rigctl.base.numbers import shown
 
     width, times, height = frame.partition("x")
     sizes = [int(text) if text.isdecimal() and len(text) <= _MOST_DIGITS else 0 for text in (width, height)]

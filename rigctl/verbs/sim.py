@@ -16,7 +16,7 @@ from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.simulated.lens_position import TurnedLens
+    from rigctl.rig.simulated_parts import TurnedLens
 
 
 def stage(
@@ -46,7 +46,7 @@ def stage(
     ConfigError
         The address is wrong, or a file cannot be written.
     """
-    from rigctl.simulated.serving import serve_stage
+    from rigctl.rig.serving import serve_stage
 
     try:
         with (
@@ -88,7 +88,7 @@ def camera(
     ConfigError
         The address or the rig file is wrong.
     """
-    from rigctl.simulated.serving import serve_rig_camera
+    from rigctl.rig.serving import serve_rig_camera
 
     rig_path = None if rig is None else Path(rig)
     with _until_stopped(), serve_rig_camera(address, rig_path=rig_path, lost_share=lost) as stage_port:
@@ -116,7 +116,7 @@ def lens(rig: FilePath, /, *, defocus_mm: float) -> "LensResult":
     ConfigError
         The rig has no simulated camera, or the distance is out of range.
     """
-    from rigctl.simulated.lens_position import turn_lens
+    from rigctl.rig.simulated_parts import turn_lens
 
     return LensResult(rig=Path(rig), lens=turn_lens(Path(rig), defocus_mm=defocus_mm))
 

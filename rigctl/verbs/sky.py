@@ -103,8 +103,8 @@ class SkyResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return sun, irradiance and largest DoLP, or a table of the kinds of aerosol."""
-        from rigctl.reports.figures.scene_figures import kinds_picture, sky_picture
-        from rigctl.reports.tables.light_tables import kinds_table, sky_lines
+        from rigctl.report.light import kinds_table, sky_lines
+        from rigctl.report.prediction import kinds_picture, sky_picture
 
         lines = sky_lines(self.sky)
         if self.kinds:
@@ -117,15 +117,15 @@ class SkyResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what sky.json or sky-aerosols.json holds."""
-        from rigctl.reports.tables.light_tables import kinds_json, sky_json
+        from rigctl.report.light import kinds_json, sky_json
 
         return kinds_json(self.kinds) if self.kinds else sky_json(self.sky)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write picture and numbers into a folder; return the names of the files."""
-        from rigctl.reports.figures.scene_figures import kinds_picture, sky_picture
-        from rigctl.reports.writers.data_files import json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.prediction import kinds_picture, sky_picture
 
         name = "sky-aerosols" if self.kinds else "sky"
         picture = kinds_picture(self.kinds) if self.kinds else sky_picture(self.sky)

@@ -16,14 +16,12 @@ from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.live.run_state import RunState
-    from rigctl.live.session_history import SessionHistory
-    from rigctl.measurement.run_diagnosis import RunDiagnosis
-    from rigctl.reports.table import Column
-    from rigctl.runs.annotation_record import Annotation
-    from rigctl.runs.frame_record import FrameRecord
-    from rigctl.runs.run_events import RunEvent
-    from rigctl.runs.run_folder import Run as RunRecord
+    from rigctl.measure.diagnose import RunDiagnosis
+    from rigctl.report.table import Column
+    from rigctl.runs.folder import Run as RunRecord
+    from rigctl.runs.records import Annotation, FrameRecord, RunEvent
+    from rigctl.session.history import SessionHistory
+    from rigctl.session.status import RunState
 
 _S_PER_MINUTE = 60
 _TO_SECONDS = 19  # characters of a time in UTC, without its fraction
@@ -82,7 +80,7 @@ def status(
     RunFolderError
         The folder is not a run, or a file of it is damaged.
     """
-    from rigctl.runs.wholeness import used_run
+    from rigctl.runs.check import used_run
 
     path = path_of(run)
     if contents + log + (page is not None) > 1:
@@ -98,7 +96,7 @@ def status(
         return _log(path, only=only, last=last)
     if page is not None:
         return _page(path, Path(page), used_run(path, ignore_exclusions=ignore_exclusions))
-    from rigctl.live.run_state import state_of
+    from rigctl.session.status import state_of
 
     return SessionStatus(state_of(path))
 
@@ -111,8 +109,8 @@ class SessionStatus(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the state, the numbers of the last cycle and the last events."""
-        from rigctl.live.live_text import live_lines
-        from rigctl.runs.run_events import event_line
+        from rigctl.runs.records import event_line
+        from rigctl.session.status import live_lines
 
         state, live = self.state, self.state.live
         yield f"{state.run}: {state.state}{'' if state.process is None else f' (process {state.process})'}"
@@ -127,7 +125,7 @@ class SessionStatus(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the state, and under `live` what the session last wrote of itself."""
-        from rigctl.live.live_status import status_json
+        from rigctl.session.status import status_json
 
         live = self.state.live
         return asdict(self.state) | {"live": None if live is None else status_json(live)}
@@ -176,7 +174,7 @@ class RunContents(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the number of frames and their origin, devices, groups of frames, remarks and events."""
-        from rigctl.reports.table import Table
+        from rigctl.report.table import Table
 
         size = _join(f"{width} x {height}" for width, height in self.sizes)
         yield f"{self.run}: {self.frames} frames of {size} pixels, {_ORIGINS.get(self.origin, self.origin)}"
@@ -206,8 +204,7 @@ class RunContents(Result):
 def contents_of(run: "RunRecord") -> RunContents:
     """Return what a run holds, without opening its frames."""
     from rigctl.files.rig_file import unset_polarizer
-    from rigctl.runs.frame_record import start_time_texts
-    from rigctl.runs.run_events import host_clock_text, read_events
+    from rigctl.runs.records import host_clock_text, read_events, start_time_texts
 
     frames, events = run.frames, read_events(run.path)
     return RunContents(
@@ -269,13 +266,13 @@ def _groups(frames: "Iterable[FrameRecord]") -> tuple[FrameGroup, ...]:
 
 def _near(readback_deg: float, target_deg: float | None) -> float:
     """Return a readback on the half turn around its target: for a target of 0 deg, 179.999 deg is -0.001 deg."""
-    from rigctl.numbers.angles import wrapped
+    from rigctl.base.numbers import wrapped
 
     return readback_deg if target_deg is None else target_deg + wrapped(readback_deg - target_deg, turn=180.0)
 
 
 def _group_columns() -> "tuple[Column[FrameGroup], ...]":
-    from rigctl.reports.table import Column
+    from rigctl.report.table import Column
 
     return (
         Column(title="kind", text=lambda group: group.kind, left=True),
@@ -320,14 +317,14 @@ class SessionLog(Result):
 
     def content(self) -> Iterable[Part]:
         """Return one line for each event and note."""
-        from rigctl.runs.monitor_readings import READINGS_EVENT
+        from rigctl.runs.records import READINGS_EVENT
 
         shown = [one for one in self.entries if self.has_readings or _name(one) != READINGS_EVENT]
         return map(_line, self._last(shown))
 
     def as_json(self) -> dict[str, Json]:
         """Return events and annotations."""
-        from rigctl.runs.run_events import RunEvent
+        from rigctl.runs.records import RunEvent
 
         entries = self._last(self.entries)
         events = [asdict(one) for one in entries if isinstance(one, RunEvent)]
@@ -339,9 +336,8 @@ class SessionLog(Result):
 
 
 def _log(path: Path, *, only: str | None, last: int | None) -> SessionLog:
-    from rigctl.runs.annotations import read_annotations
-    from rigctl.runs.run_events import read_events
-    from rigctl.runs.run_folder import read_contents
+    from rigctl.runs.folder import read_annotations, read_contents
+    from rigctl.runs.records import read_events
 
     read_contents(path)  # refuses what is not a run folder
     entries: list[RunEvent | Annotation] = [*read_events(path)]
@@ -353,13 +349,13 @@ def _log(path: Path, *, only: str | None, last: int | None) -> SessionLog:
 
 
 def _name(entry: "RunEvent | Annotation") -> str:
-    from rigctl.runs.run_events import RunEvent
+    from rigctl.runs.records import RunEvent
 
     return entry.event if isinstance(entry, RunEvent) else entry.kind
 
 
 def _line(entry: "RunEvent | Annotation") -> str:
-    from rigctl.runs.run_events import RunEvent, event_line
+    from rigctl.runs.records import RunEvent, event_line
 
     return event_line(entry) if isinstance(entry, RunEvent) else entry.line
 
@@ -376,15 +372,14 @@ class SessionPage(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the faults that the frames show."""
-        from rigctl.measurement.fault_terms import fault_lines
+        from rigctl.measure.faults import fault_lines
 
         return fault_lines(self.diagnosis.named, self.diagnosis.reason)
 
     def as_json(self) -> dict[str, Json]:
         """Return counts of frames and events, faults, doubts and annotations."""
-        from rigctl.reports.tables.annotation_tables import annotations_of
-        from rigctl.reports.tables.numbers_json import diagnosis_json
-        from rigctl.runs.annotation_record import left_out_texts
+        from rigctl.report.numbers import annotations_of, diagnosis_json
+        from rigctl.runs.records import left_out_texts
 
         run = self.history.run
         return {
@@ -399,12 +394,12 @@ class SessionPage(Result):
 
 
 def _page(path: Path, page: Path, run: "RunRecord") -> SessionPage:
+    from rigctl.base.durable import write_durably
     from rigctl.files.rig_file import unset_polarizer
-    from rigctl.live.session_history import session_history
-    from rigctl.measurement.run_diagnosis import quick_diagnosis
-    from rigctl.reports.pages.run_page import run_report
-    from rigctl.reports.writers.output_folder import report_file
-    from rigctl.storage.durable_file import write_durably
+    from rigctl.measure.diagnose import quick_diagnosis
+    from rigctl.report.output import report_file
+    from rigctl.report.run import run_report
+    from rigctl.session.history import session_history
 
     history = session_history(run)
     diagnosis = quick_diagnosis(run, most_pixels=_MOST_PIXELS)

@@ -24,13 +24,12 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.processing.samples import Texture
-    from rigctl.comparison.checks import Check
+    from rigctl.compare.checks import Check
     from rigctl.files.regions import Region
-    from rigctl.measurement.measurement import Measurement
-    from rigctl.measurement.picked_calibrations import PickedCalibrations
-    from rigctl.measurement.run_calibrations import CalibrationPaths
-    from rigctl.measurement.run_diagnosis import RunDiagnosis
-    from rigctl.runs.run_folder import Run as RunRecord
+    from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations
+    from rigctl.measure.diagnose import RunDiagnosis
+    from rigctl.measure.measure import Measurement
+    from rigctl.runs.folder import Run as RunRecord
 
 _FILES = (
     "stokes.json",
@@ -81,7 +80,7 @@ def stokes(
     ConfigError, DataError
         A file is wrong, or the run is unfit.
     """
-    from rigctl.runs.wholeness import used_run
+    from rigctl.runs.check import used_run
 
     found = stokes_of(
         used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
@@ -113,7 +112,7 @@ class StokesResult(Result):
     picked: "PickedCalibrations | None" = None  #: which calibrations were picked from the store
 
     def __repr__(self) -> str:
-        from rigctl.measurement.picked_calibrations import named_calibrations
+        from rigctl.measure.calibrations import named_calibrations
 
         grid = self.measurement.grid
         pixels = f"{grid.height} x {grid.width} pixels [{grid.unit}]"
@@ -122,7 +121,7 @@ class StokesResult(Result):
     @property
     def calibrations(self) -> dict[str, Json]:
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
-        from rigctl.measurement.picked_calibrations import calibrations_json
+        from rigctl.measure.calibrations import calibrations_json
 
         return calibrations_json(self.picked)
 
@@ -154,7 +153,7 @@ class StokesResult(Result):
     @property
     def refused(self) -> tuple[str, ...]:
         """Why the run is unsound; empty where it is sound."""
-        from rigctl.comparison.verdict import refused_regions
+        from rigctl.compare.checks import refused_regions
 
         regions = {check.region for check in self.checks if check.region is not None}
         refused = refused_regions(self.checks)
@@ -179,9 +178,9 @@ class StokesResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the run's faults, the numbers of the regions and their texture."""
-        from rigctl.reports.figures.measurement_figures import scene_pictures
-        from rigctl.reports.tables.numbers_json import region_statistics
-        from rigctl.reports.tables.prediction_tables import quantity_tables
+        from rigctl.report.comparison import scene_pictures
+        from rigctl.report.numbers import region_statistics
+        from rigctl.report.prediction import quantity_tables
 
         yield from self._faults()
         yield from quantity_tables(
@@ -192,8 +191,8 @@ class StokesResult(Result):
         yield lambda: scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)
 
     def _faults(self) -> Iterable[str]:
-        from rigctl.comparison.verdict import said_of
-        from rigctl.measurement.fault_terms import term_text
+        from rigctl.compare.checks import said_of
+        from rigctl.measure.faults import term_text
 
         if self.refused:
             yield "UNSOUND: the numbers below are not those of the light"
@@ -210,7 +209,7 @@ class StokesResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what stokes.json holds."""
-        from rigctl.reports.tables.numbers_json import diagnosis_json, measurement_json
+        from rigctl.report.numbers import diagnosis_json, measurement_json
 
         return measurement_json(self.measurement, self.textures) | {
             "unmeasured": self.measurement.unmeasured,
@@ -223,7 +222,7 @@ class StokesResult(Result):
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write images, masks, pictures and numbers into a folder; return the names of the files."""
-        from rigctl.reports.outputs.measurement_files import write_stokes
+        from rigctl.report.comparison import write_stokes
 
         return write_stokes(self.measurement, self.regions, folder, numbers=self.as_json())
 
@@ -251,10 +250,9 @@ def stokes_of(
     run: "RunRecord", regions: "list[Region]", paths: "CalibrationPaths", *, correct: tuple[str, ...] = ()
 ) -> StokesResult:
     """Measure a run that was read already."""
-    from rigctl.comparison.checks import registration_of, run_checks
-    from rigctl.measurement.diagnosed_run import diagnosed
-    from rigctl.measurement.picked_calibrations import picked_for_run
-    from rigctl.measurement.run_calibrations import correction_remarks, read_calibrations
+    from rigctl.compare.checks import registration_of, run_checks
+    from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
+    from rigctl.measure.diagnose import diagnosed
 
     picked = picked_for_run(paths, run, ("noise", "polarizer", "flat", "registration"))
     given = read_calibrations(picked.paths, run)
@@ -275,7 +273,7 @@ def _region_textures(measurement: "Measurement", noise: Any) -> "dict[str, Textu
     import numpy as np
 
     from model.processing.samples import estimate_texture
-    from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
+    from rigctl.measure.measure import temporal_noise, temporal_variance
 
     temporal, inverse = temporal_noise(noise), measurement.plan.inverse
     return {

@@ -78,7 +78,7 @@ def surface(
     if not 0.0 <= sun_zenith_deg < 90.0:
         raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
     from model.surface.materials import surface_of
-    from rigctl.files.material_file import NM_PER_M, find_material
+    from rigctl.files.materials import NM_PER_M, find_material
     from rigctl.scene.reflected_light import surface_sheet
 
     stated = find_material(str(material), beside=Path())
@@ -105,7 +105,7 @@ class SurfaceResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the material's values, light in the plane of the sun, reflectance, and what no real surface does."""
-        from rigctl.reports.tables.surface_tables import surface_tables
+        from rigctl.report.surface import surface_tables
 
         for table in surface_tables(self.sheet):
             yield table
@@ -114,15 +114,15 @@ class SurfaceResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what surface.json holds."""
-        from rigctl.reports.tables.surface_tables import surface_json
+        from rigctl.report.surface import surface_json
 
         return surface_json(self.sheet)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write pictures and numbers into a folder; return the names of the files."""
-        from rigctl.reports.figures.scene_figures import hemisphere_picture, surface_picture
-        from rigctl.reports.writers.data_files import json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.prediction import hemisphere_picture, surface_picture
         from rigctl.scene.reflected_light import reflected_maps
 
         maps = reflected_maps(self.sheet.surface, sun_zenith_deg=self.sheet.sun_zenith_deg)
@@ -137,8 +137,8 @@ class SurfaceResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return camera_zenith_deg, f00_per_sr, s1n and dolp in the plane of sun and normal."""
+        from rigctl.report.table import Column, Table
         from rigctl.reports.data_frames import data_frame
-        from rigctl.reports.table import Column, Table
 
         keys = ("camera_zenith_deg", "f00_per_sr", "s1n", "dolp")
         columns = tuple(Column[Any](key=key) for key in keys)
@@ -153,13 +153,13 @@ class MaterialList(Result):
 
     def content(self) -> Iterable[Part]:
         """Return a table of all values with their sources."""
-        from rigctl.reports.tables.surface_tables import materials_table
+        from rigctl.report.surface import materials_table
 
         yield materials_table(self.materials)
 
     def as_json(self) -> dict[str, Json]:
         """Return the same for programs."""
-        from rigctl.reports.tables.surface_tables import materials_json
+        from rigctl.report.surface import materials_json
 
         return {"materials": materials_json(self.materials)}
 
@@ -168,7 +168,7 @@ def _materials() -> "dict[str, Material]":
     from importlib.resources import as_file, files
 
     from model.surface.materials import MATERIALS, material
-    from rigctl.files.material_file import load_material
+    from rigctl.files.materials import load_material
 
     found = {name: material(name) for name in MATERIALS}
     with as_file(files("rigctl") / "data" / "examples") as examples:

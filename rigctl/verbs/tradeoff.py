@@ -17,11 +17,11 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.accuracy.predict import AccuratePrediction
-    from rigctl.calibrations.noise.noise_file import NoiseParameters
+    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.files.scene_file import SceneFile
-    from rigctl.prediction.accuracy_curves import Curves
-    from rigctl.prediction.acquisition_tradeoff import AcquisitionTradeoff
-    from rigctl.reports.table import AnyTable
+    from rigctl.predict.sessions import AcquisitionTradeoff
+    from rigctl.predict.tradeoff import Curves
+    from rigctl.report.table import AnyTable
 
 _SMALLEST, _LARGEST = 1e-5, 0.1
 _TOLERANCES = (0.1, 0.03, 0.01, 0.003, 0.001)
@@ -108,7 +108,7 @@ def tradeoff(
     ConfigError, DataError
         A file is wrong, a number is outside its range, or the scene has no such region.
     """
-    from rigctl.calibrations.noise.noise_file import read_noise_file
+    from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
 
     if not acquisition and any(option is not None for option in (target_dolp_sigma, p_detection, region, pair)):
@@ -119,7 +119,7 @@ def tradeoff(
         found = AccuracyTradeoff(curves=_curves(file, parameters, tuple(tolerances), tuple(also)), is_wide=wide)
     else:
         from model.acquisition import Disturbances, Wanted
-        from rigctl.prediction.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
+        from rigctl.predict.sessions import TradeoffRequest, acquisition_tradeoff
 
         try:
             request = TradeoffRequest(
@@ -150,8 +150,7 @@ class AccuracyTradeoff(Result):
 
     def content(self) -> Iterable[Part]:
         """Return which tolerance is worth having, the table of tolerances and choices, and why some seem better."""
-        from rigctl.reports.figures.tradeoff_figures import curve_png
-        from rigctl.reports.tables.accuracy_tables import choice_table, curve_table, floor_lines
+        from rigctl.report.tradeoff import choice_table, curve_png, curve_table, floor_lines
 
         yield self._answer()
         yield self._table()
@@ -166,14 +165,14 @@ class AccuracyTradeoff(Result):
     @property
     def worth(self) -> "AccuratePrediction":
         """The prediction to the tolerance that is worth having: the largest within what the inputs leave of DoLP."""
-        from rigctl.reports.tables.accuracy_tables import dolp_floor
+        from rigctl.report.tradeoff import dolp_floor
 
         predictions, floor = self.curves.predictions, dolp_floor(self.curves)
         within = [one for one in predictions if floor is not None and one.tolerance <= floor]
         return max(within, key=lambda one: one.tolerance) if within else predictions[-1]
 
     def _answer(self) -> str:
-        from rigctl.reports.tables.accuracy_tables import dolp_floor
+        from rigctl.report.tradeoff import dolp_floor
 
         floor, worth, shown = dolp_floor(self.curves), self.worth, self.curves.predictions
         below = [one for one in shown if one.tolerance < worth.tolerance]
@@ -188,8 +187,8 @@ class AccuracyTradeoff(Result):
         )
 
     def _table(self) -> "AnyTable":
-        from rigctl.prediction.accuracy_curves import WHOLE_CHAIN
-        from rigctl.reports.table import Table, text_columns
+        from rigctl.predict.tradeoff import WHOLE_CHAIN
+        from rigctl.report.table import Table, text_columns
 
         better = set(self._seemingly_better())
         rows = [
@@ -212,14 +211,14 @@ class AccuracyTradeoff(Result):
 
     def _seemingly_better(self) -> Iterable[str]:
         """Yield choices that are faster and better than a tolerance: they come without an error that they promise."""
-        from rigctl.prediction.accuracy_curves import faster_and_better
+        from rigctl.predict.tradeoff import faster_and_better
 
         return (one.name for one in self.curves.named if faster_and_better(one, self.curves))
 
     def _explanation(self) -> Iterable[str]:
         if not any(self._seemingly_better()):
             return
-        from rigctl.prediction.accuracy_curves import estimates_share
+        from rigctl.predict.tradeoff import estimates_share
 
         yield (
             f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, with settings that were chosen finer '
@@ -229,16 +228,15 @@ class AccuracyTradeoff(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what tradeoff.json holds."""
-        from rigctl.reports.tables.accuracy_tables import curve_json
+        from rigctl.report.tradeoff import curve_json
 
         return curve_json(self.curves)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write table, numbers and plots into a folder; return the names of the files."""
-        from rigctl.reports.figures.tradeoff_figures import curve_png, digits_png, settings_png, stages_png
-        from rigctl.reports.tables.accuracy_tables import curve_table
-        from rigctl.reports.writers.data_files import csv_rows, json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import csv_rows, json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.tradeoff import curve_png, curve_table, digits_png, settings_png, stages_png
 
         return write_folder(
             folder,
@@ -262,7 +260,8 @@ class AcquisitionResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the shortest session or the best error, what each way of taking frames gives, and what is assumed."""
-        from rigctl.reports.tables.acquisition_tables import assumptions, curve_table, proposal, reached_table, reasons
+        from rigctl.report.tradeoff import assumptions, proposal, reached_table, reasons
+        from rigctl.report.tradeoff import ways_table as curve_table
 
         text = proposal(self.found)
         if text is not None:
@@ -293,16 +292,15 @@ class AcquisitionResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what acquisition.json holds."""
-        from rigctl.reports.tables.acquisition_tables import tradeoff_json
+        from rigctl.report.tradeoff import tradeoff_json
 
         return tradeoff_json(self.found)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write table, numbers and plot into a folder; return the names of the files."""
-        from rigctl.reports.figures.tradeoff_figures import tradeoff_picture
-        from rigctl.reports.tables.acquisition_tables import tradeoff_csv
-        from rigctl.reports.writers.data_files import json_file
-        from rigctl.reports.writers.output_folder import write_folder
+        from rigctl.report.data_files import json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.tradeoff import tradeoff_csv, tradeoff_picture
 
         return write_folder(
             folder,
@@ -320,9 +318,9 @@ def _curves(
     from model.accuracy.plan import optical_depth
     from model.accuracy.predict import DEEPEST
     from rigctl.errors import as_config_error
-    from rigctl.prediction.accuracy_curves import Curves, accuracy_curves, steps
-    from rigctl.prediction.scene_prediction import ScenePredictor
-    from rigctl.scene.scene_light import SceneLight
+    from rigctl.predict.predict import ScenePredictor
+    from rigctl.predict.tradeoff import Curves, accuracy_curves, steps
+    from rigctl.scene.light import SceneLight
 
     predictor = ScenePredictor(file, noise, light=SceneLight())
     with as_config_error(f"scene {predictor.scene.name}"), steps_shown() as tell:

@@ -11,10 +11,9 @@ from rigctl.verbs.options import RunPath, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.runs.frame_record import FrameRecord
-    from rigctl.runs.run_description import RunDescription
-    from rigctl.runs.verification import Verification, Watch
-    from rigctl.session.planning.session_steps import Step
+    from rigctl.runs.check import Verification, Watch
+    from rigctl.runs.records import FrameRecord, RunDescription
+    from rigctl.session.plan import Step
 
 _MOST_GAPS = 20
 _LEFT_OUT = ("round missed", "time is up")
@@ -98,8 +97,8 @@ def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
     from pydantic import ValidationError
 
     from rigctl.errors import ConfigError, DataError
-    from rigctl.runs.run_folder import read_contents
-    from rigctl.runs.verification import Finding, verify_run
+    from rigctl.runs.check import Finding, verify_run
+    from rigctl.runs.folder import read_contents
 
     found = verify_run(path, watch=watch)
     contents = read_contents(path)
@@ -121,14 +120,14 @@ def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
 
 def _planned(description: "RunDescription") -> "tuple[Step, ...]":
     from rigctl.files.session_file import SessionFile
-    from rigctl.session.planning.session_steps import plan_steps
+    from rigctl.session.plan import plan_steps
 
     session, record = SessionFile.model_validate(description.session["session"]), description.record
     return plan_steps(session, record.rounds_ns, cell_deg=record.cell_deg)
 
 
 def _left_some_out(path: Path) -> bool:
-    from rigctl.runs.run_events import read_events
+    from rigctl.runs.records import read_events
 
     return any(event.event in _LEFT_OUT for event in read_events(path))
 

@@ -7,16 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from rigctl.base.durable import write_durably
 from rigctl.errors import DataError
-from rigctl.files.config import describe
 from rigctl.files.regions import Markers, Region, RegionsFile, regions_text
-from rigctl.outlines.markers import search_markers, stretched
-from rigctl.storage.durable_file import write_durably
-from rigctl.web.hands import Hands, region_acts
-from rigctl.web.page import page_app
-from rigctl.web.server import PageServer, Place
-from rigctl.web.sources import NoRuns
-from rigctl.web.still_picture import StillPicture
+from rigctl.files.toml import describe
+from rigctl.outlines import search_markers, stretched
+from rigctl.web.rig import StillPicture
+from rigctl.web.server import Hands, NoRuns, PageServer, Place, page_app, region_acts
 
 
 class RegionsPage:

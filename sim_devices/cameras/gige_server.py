@@ -1,20 +1,848 @@
-"""A simulated camera on the network: any GigE Vision program can take pictures of the simulated world with it."""
+"""libaravis's own GigE Vision device: it answers on the network, and asks Python for every picture.
 
+The clock of a simulated GigE camera: runs as it likes, is latched by a register, and may follow a PTP master.
+
+From a reading of the GigE Vision standard's registers and of the names that GenICam has for them. libaravis's own
+device has neither: whoever stands before it on the network answers for its clock (`lossy_network`).
+
+Faults of a simulated GigE camera: at which of its pictures, counted from its power-up.
+
+Samples of a simulated GigE camera in bytes, written from the standard.
+
+Features of the simulated GigE camera: the library's own list, and more in the same memory.
+
+A network between a GigE Vision camera and whoever uses it: it loses packets of pictures, and sends them again.
+
+From a reading of the GigE Vision standard (control: GVCP, pictures: GVSP). The camera is libaravis's own, which does
+not send any packet twice: so what passed is kept here for a while, as a camera's memory would, and what is asked for
+again comes from there. It has no clock either that could be read: that of a `DeviceClock` answers for it.
+
+A simulated camera on the network: any GigE Vision program can take pictures of the simulated world with it.
+"""
+
+import ctypes
+import random
+import re
+import select
+import socket
+import struct
+import tempfile
+import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import NotConnectedError
 from drivers.interfaces import Camera
-from sim_devices.cameras import gige_feature_list as registers
-from sim_devices.cameras.aravis_device import AravisDevice
-from sim_devices.cameras.device_clock import DeviceClock
-from sim_devices.cameras.gige_faults import FaultyPower, GigeFaults
-from sim_devices.cameras.lossy_network import Losses, lossy_network
-from sim_devices.cameras.sample_bytes import bytes_of
+
+_POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
+_FILL = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+_FUNCTIONS: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "arv_fake_camera_new": (_POINTER, (_TEXT,)),
+    "arv_fake_camera_get_genicam_xml": (_POINTER, (_POINTER, ctypes.POINTER(ctypes.c_size_t))),
+    "arv_fake_camera_write_register": (ctypes.c_int, (_POINTER, ctypes.c_uint32, ctypes.c_uint32)),
+    "arv_fake_camera_read_register": (
+        ctypes.c_int,
+        (_POINTER, ctypes.c_uint32, ctypes.POINTER(ctypes.c_uint32)),
+    ),
+    "arv_fake_camera_set_trigger_frequency": (None, (_POINTER, ctypes.c_double)),
+    "arv_fake_camera_set_fill_pattern": (None, (_POINTER, _FILL, _POINTER, _POINTER)),
+    "arv_gv_fake_camera_new_full": (_POINTER, (_TEXT, _TEXT, _TEXT)),
+    "arv_gv_fake_camera_is_running": (ctypes.c_int, (_POINTER,)),
+    "arv_gv_fake_camera_get_fake_camera": (_POINTER, (_POINTER,)),
+    "arv_buffer_get_data": (_POINTER, (_POINTER, ctypes.POINTER(ctypes.c_size_t))),
+    "arv_buffer_get_image_width": (ctypes.c_int, (_POINTER,)),
+    "arv_buffer_get_image_height": (ctypes.c_int, (_POINTER,)),
+}
+
+# How often the device looks whether it was triggered; its own 25 would make every picture wait 20 ms in the mean.
+_TRIGGER_LOOKS_HZ = 1000.0
+_CONTROL_PORT = 3956
+_CAPABILITY, _RESEND_CAPABILITY = 0x0934, 0x4  # what it can beyond the standard's least
+
+Fill = Callable[[int, int, int, int, int], bytes]
+"""Width, height, exposure [us], gain [dB] and pixel format in; the bytes of a picture out."""
+
+
+class AravisDevice:
+    """A device on the network, off at first.
+
+    Parameters
+    ----------
+    address : str
+        Of one of this machine's interfaces. One device an address: the standard fixes the port, 3956.
+    serial_number : str
+        At most 15 letters.
+    edit_features : callable
+        Makes the device's list of features (GenICam XML) out of the library's own.
+    fill : callable
+        Makes a picture. It is called in a thread of the library. What it raises is kept in `failures`, and such
+        pictures are what their buffer held before.
+
+    Raises
+    ------
+    NotConnectedError
+        libaravis is not installed.
+    """
+
+    def __init__(self, *, address: str, serial_number: str, edit_features: Callable[[str], str], fill: Fill) -> None:
+        self._library, self._gobject = _load()
+        self.address, self._serial_number = address, serial_number
+        self._resends = False
+        self._features = edit_features(_own_features(self._library))
+        self.failures: list[Exception] = []
+        self._callback = _callback(self._library, fill, self.failures)
+        self._camera: int | None = None
+        # Power comes and goes in one thread while another one asks.
+        self._lock = threading.RLock()
+
+    def power_up(self) -> None:
+        """Answer on the network, with every register as the library has it.
+
+        Raises
+        ------
+        NotConnectedError
+            The address is not this machine's or in use.
+        """
+        with self._lock:
+            _refuse_taken(self.address)
+            self._camera = self._new_camera()
+            registers = self._registers()
+            self._library.arv_fake_camera_set_trigger_frequency(registers, _TRIGGER_LOOKS_HZ)
+            self._library.arv_fake_camera_set_fill_pattern(registers, self._callback, None, None)
+            self.promise_resends(self._resends)
+
+    def power_down(self) -> None:
+        """Answer no more; not to be called from within `fill`, whose thread ends first. May be called twice."""
+        with self._lock:
+            camera, self._camera = self._camera, None
+        if camera is not None:
+            self._gobject.g_object_unref(camera)
+
+    def write_register(self, address: int, value: int) -> None:
+        """Set a register behind the back of whoever controls the device."""
+        with self._lock:
+            self._library.arv_fake_camera_write_register(self._registers(), address, value)
+
+    def read_register(self, address: int) -> int:
+        """Return what a register holds; 0 of a device without power."""
+        with self._lock:
+            if self._camera is None:
+                return 0
+            value = ctypes.c_uint32()
+            self._library.arv_fake_camera_read_register(self._registers(), address, ctypes.byref(value))
+            return value.value
+
+    def promise_resends(self, resends: bool) -> None:
+        """Say from now on whether lost packets are sent again; whoever stands before the device sees to it."""
+        self._resends = resends
+        self.write_register(_CAPABILITY, _RESEND_CAPABILITY if resends else 0)
+
+    def lose_packets(self, share: float) -> None:
+        """Leave out this share of the packets of pictures until the power goes."""
+        with self._lock:
+            if self._camera is not None:
+                self._gobject.g_object_set(_POINTER(self._camera), b"gvsp-lost-ratio", ctypes.c_double(share), None)
+
+    def _registers(self) -> int:
+        if self._camera is None:
+            raise NotConnectedError(f"the simulated GigE camera on {self.address} has no power")
+        registers: int = self._library.arv_gv_fake_camera_get_fake_camera(self._camera)
+        return registers
+
+    def _new_camera(self) -> int:
+        with tempfile.TemporaryDirectory(prefix="rigctl-") as folder:
+            features = Path(folder) / "features.xml"
+            features.write_text(self._features, encoding="utf-8")
+            camera: int = self._library.arv_gv_fake_camera_new_full(
+                self.address.encode(), self._serial_number.encode(), str(features).encode()
+            )
+        if not self._library.arv_gv_fake_camera_is_running(camera):
+            self._gobject.g_object_unref(camera)
+            raise NotConnectedError(f"no GigE camera can be served on {self.address}: the library does not say why")
+        return camera
+
+
+def _refuse_taken(address: str) -> None:
+    """Refuse an address that somebody listens on: the library would listen there too, and both would answer."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((address, _CONTROL_PORT))
+        except OSError as error:
+            raise NotConnectedError(
+                f"no GigE camera can be served on {address}, port {_CONTROL_PORT}: {error.strerror}. It has to be an "
+                "address of this machine, with no other camera on it"
+            ) from error
+
+
+def _callback(library: ctypes.CDLL, fill: Fill, failures: list[Exception]) -> Any:
+    def fill_buffer(buffer: int, _: int, exposure_us: int, gain: int, pixel_format: int) -> None:
+        width = library.arv_buffer_get_image_width(buffer)
+        height = library.arv_buffer_get_image_height(buffer)
+        try:
+            picture = fill(width, height, exposure_us, gain, pixel_format)
+        except Exception as error:  # must not get into the library, which would end the program
+            failures.append(error)
+            return
+        room = width * height * (pixel_format >> 16 & 0xFF) // 8
+        ctypes.memmove(library.arv_buffer_get_data(buffer, None), picture, min(len(picture), room))
+
+    return _FILL(fill_buffer)
+
+
+def _load() -> tuple[ctypes.CDLL, ctypes.CDLL]:
+    try:
+        library, gobject = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.CDLL("libgobject-2.0.so.0")
+    except OSError as error:
+        raise NotConnectedError(
+            f"a simulated GigE camera needs libaravis 0.8: `apt install libaravis-0.8-0` ({error})"
+        ) from error
+    for name, (result, arguments) in _FUNCTIONS.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, list(arguments)
+    gobject.g_object_unref.argtypes = [_POINTER]
+    return library, gobject
+
+
+def _own_features(library: ctypes.CDLL) -> str:
+    size = ctypes.c_size_t()
+    probe = library.arv_fake_camera_new(b"probe")
+    xml = ctypes.string_at(library.arv_fake_camera_get_genicam_xml(probe, ctypes.byref(size)), size.value)
+    return xml.rstrip(b"\0").decode()
+
+
+# Registers of the standard: how fast the clock counts, what latches it, and what was latched, each value in two halves.
+FREQUENCY, CONTROL, LATCHED = 0x093C, 0x0944, 0x0948
+_LATCH = 2
+# Memory that the library's device does not use.
+_PTP_ENABLE, _PTP_LATCH, _PTP_STATUS, _PTP_OFFSET = 0x0500, 0x0504, 0x0508, 0x050C
+_LISTENING, _SLAVE, _DISABLED = 4, 9, 3  # as IEEE 1588 numbers the states
+_TAI_AHEAD_S = 37
+_LOCKING_S = 0.2  # cameras take some seconds
+
+_NODES = """
+<Command Name="GevTimestampControlLatch"><pValue>TimestampControlRegister</pValue>
+<CommandValue>2</CommandValue></Command>
+<IntReg Name="TimestampControlRegister"><Address>0x944</Address><Length>4</Length><AccessMode>WO</AccessMode>
+<pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+<Integer Name="GevTimestampValue"><pValue>TimestampRegister</pValue></Integer>
+<IntReg Name="TimestampRegister"><Address>0x948</Address><Length>8</Length><AccessMode>RO</AccessMode>
+<pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+<Integer Name="GevTimestampTickFrequency"><pValue>TickFrequencyRegister</pValue></Integer>
+<IntReg Name="TickFrequencyRegister"><Address>0x93c</Address><Length>8</Length><AccessMode>RO</AccessMode>
+<pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+"""
+_PTP_NODES = """
+<Boolean Name="PtpEnable"><pValue>PtpEnableRegister</pValue><OnValue>1</OnValue><OffValue>0</OffValue></Boolean>
+<IntReg Name="PtpEnableRegister"><Address>0x500</Address><Length>4</Length><AccessMode>RW</AccessMode>
+<pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+<Command Name="PtpDataSetLatch"><pValue>PtpLatchRegister</pValue><CommandValue>1</CommandValue></Command>
+<IntReg Name="PtpLatchRegister"><Address>0x504</Address><Length>4</Length><AccessMode>WO</AccessMode>
+<pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+<Enumeration Name="PtpStatus"><EnumEntry Name="Disabled"><Value>3</Value></EnumEntry>
+<EnumEntry Name="Listening"><Value>4</Value></EnumEntry><EnumEntry Name="Slave"><Value>9</Value></EnumEntry>
+<pValue>PtpStatusRegister</pValue></Enumeration>
+<IntReg Name="PtpStatusRegister"><Address>0x508</Address><Length>4</Length><AccessMode>RO</AccessMode>
+<pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+<Integer Name="PtpOffsetFromMaster"><pValue>PtpOffsetRegister</pValue></Integer>
+<IntReg Name="PtpOffsetRegister"><Address>0x50c</Address><Length>8</Length><AccessMode>RO</AccessMode>
+<pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>Signed</Sign><Endianess>BigEndian</Endianess></IntReg>
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockTruth:
+    """What the clock of a camera is like.
+
+    Attributes
+    ----------
+    drift_ppm : float
+        By how much it is faster than true.
+    tick_hz : int
+        What it counts in.
+    start_s : float
+        What it said when it was made: cameras count from their power-up.
+    has_ptp : bool
+        Whether it can follow a master, whose time is TAI by the host's own clock.
+    master_ahead_s, ptp_offset_ns : float, int
+        How far the master is ahead of TAI, and the camera of its master.
+    """
+
+    drift_ppm: float = 0.0
+    tick_hz: int = 1_000_000_000
+    start_s: float = 100.0
+    has_ptp: bool = False
+    master_ahead_s: float = 0.0
+    ptp_offset_ns: int = 0
+
+
+class DeviceClock:
+    """A clock with the registers that tell of it.
+
+    Parameters
+    ----------
+    truth : ClockTruth
+        What it is like.
+    now_ns, utc_ns : callable
+        True time, which it is off from.
+
+    Attributes
+    ----------
+    stamped_utc_ns : int
+        When the picture that was stamped last was truly taken, by the host's clock.
+    """
+
+    def __init__(
+        self,
+        truth: ClockTruth,
+        *,
+        now_ns: Callable[[], int] = time.monotonic_ns,
+        utc_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.truth, self._now_ns, self._utc_ns = truth, now_ns, utc_ns
+        self._made_ns = now_ns()
+        self.stamped_utc_ns = 0
+        self._follows_from_ns: int | None = None
+        self._written: dict[int, int] = {}
+        self._set_values()
+
+    def features(self, xml: str) -> str:
+        """Return a list of features with those of the clock."""
+        nodes = _NODES + (_PTP_NODES if self.truth.has_ptp else "")
+        return xml.replace("</RegisterDescription>", f"{nodes}</RegisterDescription>")
+
+    def ticks(self, true_utc_ns: int | None = None) -> int:
+        """Return what the clock said at a time by the host's clock; None: what it says."""
+        utc_ns, now_ns = self._utc_ns(), self._now_ns()
+        ago_ns = 0 if true_utc_ns is None else utc_ns - true_utc_ns
+        if self._is_slave():
+            ahead_ns = round((_TAI_AHEAD_S + self.truth.master_ahead_s) * 1e9) + self.truth.ptp_offset_ns
+            return (utc_ns - ago_ns + ahead_ns) * self.truth.tick_hz // 10**9
+        since_s = (now_ns - ago_ns - self._made_ns) / 1e9
+        return round((self.truth.start_s + since_s * (1.0 + self.truth.drift_ppm * 1e-6)) * self.truth.tick_hz)
+
+    def stamp(self, true_utc_ns: int) -> int:
+        """Return what the clock said when a picture was taken."""
+        self.stamped_utc_ns = true_utc_ns
+        return self.ticks(true_utc_ns)
+
+    def has(self, address: int) -> bool:
+        """Return whether a register is the clock's."""
+        return address in self._written or FREQUENCY <= address < LATCHED + 8
+
+    def read(self, address: int, count: int = 4) -> bytes:
+        """Return what stands in the clock's memory."""
+        return b"".join(self._written.get(place, 0).to_bytes(4, "big") for place in range(address, address + count, 4))
+
+    def write(self, address: int, value: int) -> None:
+        """Do what writing a register does."""
+        if address == CONTROL and value & _LATCH:
+            self._hold(LATCHED, self.ticks())
+        if address == _PTP_ENABLE:
+            self._written[_PTP_ENABLE] = value
+            self._follows_from_ns = self._now_ns() + round(_LOCKING_S * 1e9) if value else None
+        if address == _PTP_LATCH:
+            state = _SLAVE if self._is_slave() else _LISTENING
+            self._written[_PTP_STATUS] = state if self._follows_from_ns is not None else _DISABLED
+
+    def _is_slave(self) -> bool:
+        return self._follows_from_ns is not None and self._now_ns() >= self._follows_from_ns
+
+    def _set_values(self) -> None:
+        self._hold(FREQUENCY, self.truth.tick_hz)
+        self._hold(LATCHED, 0)
+        self._hold(_PTP_OFFSET, self.truth.ptp_offset_ns & 0xFFFFFFFF_FFFFFFFF)
+        self._written |= {_PTP_ENABLE: 0, _PTP_LATCH: 0, _PTP_STATUS: _DISABLED}
+
+    def _hold(self, address: int, value: int) -> None:
+        self._written |= {address: value >> 32, address + 4: value & 0xFFFFFFFF}
+
+
+@dataclass(frozen=True, kw_only=True)
+class GigeFaults:
+    """Faults. A number of a picture is counted from the camera's power-up, from 1; None: never.
+
+    Attributes
+    ----------
+    lost_share : float
+        Share of the packets of pictures that are lost on their way, 0 to below 1.
+    resends : bool
+        Whether it sends lost packets again when it is asked to.
+    die : int or None
+        At this picture its power goes for good.
+    restart : int or None
+        At this picture its power goes and comes back: all settings are those of a power-up. It does so again at this
+        picture after that.
+    off_s : float
+        How long the power is off at a restart.
+    hang : int or None
+        At this picture it answers nobody for a while.
+    hang_s : float
+        For how long.
+    forget : int or None
+        After this picture its exposure is another one, set by nobody.
+    clock : ClockTruth or None
+        What its clock is like, where it can be read, as behind a network (`serve_behind_network`); None: it cannot.
+    """
+
+    lost_share: float = 0.0
+    resends: bool = True
+    die: int | None = None
+    restart: int | None = None
+    off_s: float = 0.5
+    hang: int | None = None
+    hang_s: float = 6.0
+    forget: int | None = None
+    clock: ClockTruth | None = None
+
+
+class FaultyPower:
+    """Counts pictures, and lets go wrong what is to. A context manager: leaving it ends a hang and whatever waits.
+
+    Parameters
+    ----------
+    faults : GigeFaults
+        What, and when.
+    power_down, power_up, forget : callable
+        What makes the power go and come back, and changes a setting.
+    cut : callable
+        What keeps the picture at which the power goes from being sent, on a machine that is slow to let it go.
+
+    Notes
+    -----
+    The power cannot go in the thread in which the pictures are made, since that thread ends with it: another one waits
+    for that.
+    """
+
+    def __init__(
+        self,
+        faults: GigeFaults,
+        *,
+        power_down: Callable[[], None],
+        power_up: Callable[[], None],
+        forget: Callable[[], None],
+        cut: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._faults = faults
+        self._power_down, self._power_up, self._forget, self._cut = power_down, power_up, forget, cut
+        self._pictures = 0
+        self._is_for_good = False
+        self._is_over = threading.Event()
+        self._switch = threading.Event()
+        self._thread = threading.Thread(target=self._watch_switch, name="power of a simulated camera", daemon=True)
+
+    def __enter__(self) -> "FaultyPower":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self._is_over.set()
+        self._switch.set()
+        self._thread.join()
+
+    def before_picture(self) -> None:
+        """Count a picture that is about to be made; called in the thread that makes it."""
+        self._pictures += 1
+        faults, number = self._faults, self._pictures
+        if number == faults.hang:
+            self._is_over.wait(faults.hang_s)
+        if number in (faults.die, faults.restart):
+            # Another picture may be counted before the power goes.
+            self._is_for_good = number == faults.die
+            self._cut()
+            self._switch.set()
+
+    def after_picture(self) -> None:
+        """Let the settings change, where this picture was to be the last with the right ones."""
+        if self._pictures == self._faults.forget:
+            self._forget()
+
+    def _watch_switch(self) -> None:
+        while self._switch.wait() and not self._is_over.is_set():
+            self._switch.clear()
+            self._power_down()
+            self._pictures = 0
+            if self._is_for_good or self._is_over.wait(self._faults.off_s):
+                return
+            self._power_up()
+
+
+MONO8, MONO10, MONO12, MONO16 = 0x01080001, 0x01100003, 0x01100005, 0x01100007
+MONO12_PACKED, MONO12P = 0x010C0006, 0x010C0047
+BAYER_RG12 = 0x01100011
+# As LUCID numbers them.
+POLARIZE_MONO8, POLARIZE_MONO12, POLARIZE_MONO12P = 0x81080001, 0x81100008, 0x810C0047
+FORMATS = {
+    "Mono8": MONO8,
+    "Mono10": MONO10,
+    "Mono12": MONO12,
+    "Mono16": MONO16,
+    "Mono12Packed": MONO12_PACKED,
+    "Mono12p": MONO12P,
+    "BayerRG12": BAYER_RG12,  # what the source has is taken for a mosaic
+    "PolarizeMono8": POLARIZE_MONO8,
+    "PolarizeMono12": POLARIZE_MONO12,
+    "PolarizeMono12p": POLARIZE_MONO12P,
+}
+_BITS = {
+    MONO8: 8,
+    MONO10: 10,
+    MONO12: 12,
+    MONO16: 16,
+    MONO12_PACKED: 12,
+    MONO12P: 12,
+    BAYER_RG12: 12,
+    POLARIZE_MONO8: 8,
+    POLARIZE_MONO12: 12,
+    POLARIZE_MONO12P: 12,
+}
+
+
+def bytes_of(counts: NDArray[np.uint16], *, bit_depth: int, pixel_format: int) -> bytes:
+    """Return a picture as a camera sends it.
+
+    Parameters
+    ----------
+    counts : (H, W) array of uint16
+        Of `bit_depth` bits, right-justified.
+    bit_depth : int
+        Of the detector. A format of fewer bits drops the lowest ones, one of more has the detector's at its top.
+    pixel_format : int
+        Number of the format.
+
+    Raises
+    ------
+    ValueError
+        There is no such format here.
+    """
+    if pixel_format not in _BITS:
+        raise ValueError(f"pixel format {pixel_format:#010x}: not one that this camera sends")
+    spare = _BITS[pixel_format] - bit_depth
+    samples = (np.left_shift(counts, spare) if spare >= 0 else np.right_shift(counts, -spare)).ravel()
+    if pixel_format in (MONO8, POLARIZE_MONO8):
+        return samples.astype(np.uint8).tobytes()
+    if pixel_format in (MONO12_PACKED, MONO12P, POLARIZE_MONO12P):
+        return _in_threes(samples, lowest_first=pixel_format != MONO12_PACKED)
+    return samples.astype("<u2").tobytes()
+
+
+def _in_threes(samples: NDArray[np.uint16], *, lowest_first: bool) -> bytes:
+    """Return two samples of 12 bits in three bytes, the last of an odd number in two."""
+    padded = np.append(samples, np.uint16(0)) if samples.size % 2 else samples
+    first, second = padded[0::2], padded[1::2]
+    triples = np.empty((first.size, 3), dtype=np.uint8)
+    if lowest_first:
+        triples[:, 0] = first & 0xFF
+        triples[:, 1] = (first >> 8) | (second & 0xF) << 4
+    else:
+        triples[:, 0] = first >> 4
+        triples[:, 1] = (first & 0xF) | (second & 0xF) << 4
+    triples[:, 2] = second >> 4
+    return triples.tobytes()[: -(-12 * samples.size // 8)]
+
+
+# Registers of the library's device.
+SENSOR_HEIGHT, SENSOR_WIDTH, WIDTH, HEIGHT = 0x118, 0x11C, 0x100, 0x104
+OFFSET_X, OFFSET_Y = 0x130, 0x134
+EXPOSURE_US = 0x120
+GAIN_AUTO = 0x114
+# Memory that it does not use.
+EXPOSURE_AUTO, REVERSE_X, TEMPERATURE_TENTHS_C, GAMMA = 0x400, 0x404, 0x408, 0x40C
+EXPOSURE_AUTO_OFF, EXPOSURE_AUTO_CONTINUOUS = 0, 2
+GAIN_AUTO_OFF, GAIN_AUTO_CONTINUOUS = 1, 2
+
+_REGISTER = """
+<IntReg Name="{name}Register" NameSpace="Custom"><Address>{address:#x}</Address><Length>4</Length>
+<AccessMode>{access}</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
+"""
+_EXPOSURE_AUTO = """
+<Enumeration Name="ExposureAuto" NameSpace="Standard">
+<EnumEntry Name="Off" NameSpace="Standard"><Value>0</Value></EnumEntry>
+<EnumEntry Name="Once" NameSpace="Standard"><Value>1</Value></EnumEntry>
+<EnumEntry Name="Continuous" NameSpace="Standard"><Value>2</Value></EnumEntry>
+<pValue>ExposureAutoRegister</pValue></Enumeration>
+"""
+_SWITCH = """
+<Boolean Name="{name}" NameSpace="Standard"><pValue>{name}Register</pValue>
+<OnValue>1</OnValue><OffValue>0</OffValue></Boolean>
+"""
+_TEMPERATURE = """
+<Float Name="DeviceTemperature"><pValue>DeviceTemperatureConverter</pValue></Float>
+<Converter Name="DeviceTemperatureConverter"><FormulaTo>(FROM * 10)</FormulaTo><FormulaFrom>(TO / 10.0)</FormulaFrom>
+<pValue>DeviceTemperatureInteger</pValue></Converter>
+<Integer Name="DeviceTemperatureInteger" NameSpace="Custom"><pValue>DeviceTemperatureRegister</pValue></Integer>
+"""
+
+
+def extended(xml: str) -> str:
+    """Return the list with 10 and 12 bits, automatic exposure, mirroring, gamma and a thermometer; no binning."""
+    entries = "".join(
+        f'<EnumEntry Name="{name}" NameSpace="Standard"><Value>{code}</Value></EnumEntry>'
+        for name, code in FORMATS.items()
+        if f'<EnumEntry Name="{name}"' not in xml
+    )
+    first = re.search(r'<EnumEntry Name="Mono16"', xml)
+    last = xml.rindex("</RegisterDescription>")
+    if first is None:
+        raise ValueError("the library's list of features is not the one of libaravis 0.8")
+    added = (
+        _EXPOSURE_AUTO
+        + _REGISTER.format(name="ExposureAuto", address=EXPOSURE_AUTO, access="RW")
+        + _SWITCH.format(name="ReverseX")
+        + _REGISTER.format(name="ReverseX", address=REVERSE_X, access="RW")
+        + _SWITCH.format(name="GammaEnable")
+        + _REGISTER.format(name="GammaEnable", address=GAMMA, access="RW")
+        + _TEMPERATURE
+        + _REGISTER.format(name="DeviceTemperature", address=TEMPERATURE_TENTHS_C, access="RO")
+    )
+    whole = xml[: first.start()] + entries + xml[first.start() : last] + added + xml[last:]
+    return whole.replace("<Max>16</Max>", "<Max>1</Max>").replace("<Min>10.0</Min>", "<Min>1.0</Min>")
+
+
+CONTROL_PORT = 3956
+_CONTROL = struct.Struct(">BBHHH")  # key or status, flags, command, length, request
+_KEY = 0x42
+_DISCOVERY_ACK, _READ_REGISTER_ACK = 0x0003, 0x0081
+_READ_REGISTER, _WRITE_REGISTER, _RESEND = 0x0080, 0x0082, 0x0040
+_READ_MEMORY, _WRITE_MEMORY = 0x0084, 0x0086
+_STREAM_PORT, _STREAM_ADDRESS = 0x0D00, 0x0D18
+_ADDRESS_IN_DISCOVERY = 36  # of its data, the last four of 16 bytes
+_PICTURE = struct.Struct(">HHI")  # status, picture, kind and number of the packet
+_NUMBER = 0xFFFFFF
+_LEADER, _KIND = 1, 0x7F
+_STAMP = slice(12, 20)  # of a leader: when its picture was taken, by the camera's clock
+_HEADERS_BYTES = 28  # IP and UDP
+_KEPT_PICTURES = 8
+_SOCKET_BYTES = 2**22
+_LARGEST = 2**16
+_LOOK_S = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Losses:
+    """What the network does.
+
+    Attributes
+    ----------
+    share : float
+        Of the packets of pictures, sent again or not, that are lost, 0 to 1.
+    resends : bool
+        Whether packets that are asked for again are sent again.
+    largest_bytes : int or None
+        Larger packets (with their headers) do not pass, as behind a switch without jumbo frames.
+    """
+
+    share: float = 0.0
+    resends: bool = True
+    largest_bytes: int | None = None
+
+
+@dataclass
+class Passed:
+    """What has passed: packets of pictures, those lost, those asked for again, those sent again."""
+
+    packets: int = 0
+    lost: int = 0
+    asked_again: int = 0
+    sent_again: int = 0
+
+
+class LossyNetwork:
+    """Stands at an address of its own for a camera; `lossy_network` makes one."""
+
+    def __init__(self, *, camera: str, address: str, losses: Losses, clock: DeviceClock | None, seed: int) -> None:
+        self.losses, self.passed, self._clock = losses, Passed(), clock
+        self._camera, self._address = (camera, CONTROL_PORT), address
+        self._random = random.Random(seed)
+        self._control = _socket(address, CONTROL_PORT)
+        self._to_camera = _socket("0.0.0.0", 0)
+        self._pictures = _socket("0.0.0.0", 0)
+        self._host: tuple[str, int] | None = None
+        self._asked: dict[int, tuple[tuple[str, int], bytes]] = {}
+        self._sends_to: dict[int, bytes] = {}
+        self._kept: OrderedDict[int, dict[int, bytes]] = OrderedDict()
+        self._is_over = threading.Event()
+        self._thread = threading.Thread(target=self._carry, name="lossy network", daemon=True)
+
+    def start(self) -> None:
+        """Carry packets from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Carry none any more."""
+        self._is_over.set()
+        self._thread.join()
+        for end in (self._control, self._to_camera, self._pictures):
+            end.close()
+
+    def _carry(self) -> None:
+        ends = {
+            self._pictures: self._carry_picture,
+            self._control: self._carry_question,
+            self._to_camera: self._carry_answer,
+        }
+        while not self._is_over.is_set():
+            for ready in select.select(list(ends), [], [], _LOOK_S)[0]:
+                self._empty(ready, ends[ready])
+
+    def _empty(self, end: socket.socket, carry: Callable[[bytes, tuple[str, int]], None]) -> None:
+        while True:
+            try:
+                data, sender = end.recvfrom(_LARGEST)
+            except (BlockingIOError, ConnectionRefusedError):
+                return
+            carry(data, sender)
+
+    def _carry_picture(self, packet: bytes, _camera: tuple[str, int]) -> None:
+        _, picture, kind_and_number = _PICTURE.unpack_from(packet)
+        if self._clock is not None and kind_and_number >> 24 & _KIND == _LEADER:
+            # The device stamps it in nanoseconds of UTC.
+            stamp = self._clock.stamp(int.from_bytes(packet[_STAMP], "big")).to_bytes(8, "big")
+            packet = packet[: _STAMP.start] + stamp + packet[_STAMP.stop :]
+        if picture not in self._kept:
+            self._kept[picture] = {}
+            if len(self._kept) > _KEPT_PICTURES:
+                self._kept.popitem(last=False)
+        self._kept[picture][kind_and_number & _NUMBER] = packet
+        self.passed.packets += 1
+        self._pass_on(packet)
+
+    def _pass_on(self, packet: bytes) -> bool:
+        largest = self.losses.largest_bytes
+        is_too_large = largest is not None and len(packet) + _HEADERS_BYTES > largest
+        if is_too_large or self._random.random() < self.losses.share:
+            self.passed.lost += 1
+            return False
+        if self._host is not None:
+            self._pictures.sendto(packet, self._host)
+        return True
+
+    def _carry_question(self, data: bytes, asker: tuple[str, int]) -> None:
+        if len(data) < _CONTROL.size or data[0] != _KEY:
+            return
+        _, _, command, _, request = _CONTROL.unpack_from(data)
+        if command == _RESEND:
+            self._send_again(data[_CONTROL.size :])
+            return
+        of_clock = self._answer_of_clock(command, data[_CONTROL.size :])
+        if of_clock is not None:
+            self._control.sendto(_CONTROL.pack(0, 0, command + 1, len(of_clock), request) + of_clock, asker)
+            return
+        self._asked[request] = (asker, data[_CONTROL.size :] if command == _READ_REGISTER else b"")
+        self._to_camera.sendto(self._redirected(data, asker) if command == _WRITE_REGISTER else data, self._camera)
+
+    def _answer_of_clock(self, command: int, content: bytes) -> bytes | None:
+        """Return what the camera's clock answers; None where it is not asked."""
+        clock = self._clock
+        if clock is None or len(content) < 4 or not clock.has(int.from_bytes(content[:4], "big")):
+            return None
+        address = int.from_bytes(content[:4], "big")
+        if command == _READ_REGISTER:
+            return b"".join(
+                clock.read(int.from_bytes(content[k : k + 4], "big")) for k in range(0, len(content) - 3, 4)
+            )
+        if command == _READ_MEMORY:
+            return content[:4] + clock.read(address, int.from_bytes(content[6:8], "big"))
+        if command in (_WRITE_REGISTER, _WRITE_MEMORY):
+            clock.write(address, int.from_bytes(content[4:8], "big"))
+            return (1 if command == _WRITE_REGISTER else 4).to_bytes(4, "big")
+        return None
+
+    def _redirected(self, data: bytes, asker: tuple[str, int]) -> bytes:
+        """Let the camera send its pictures here, and remember where they were to go."""
+        told = bytearray(data)
+        for place in range(_CONTROL.size, len(data) - 7, 8):
+            register = int.from_bytes(data[place : place + 4], "big")
+            if register not in (_STREAM_PORT, _STREAM_ADDRESS):
+                continue
+            value = data[place + 4 : place + 8]
+            self._sends_to[register] = value
+            if register == _STREAM_PORT and any(value):
+                self._host = (asker[0], int.from_bytes(value, "big"))
+                told[place + 4 : place + 8] = self._pictures.getsockname()[1].to_bytes(4, "big")
+            elif register == _STREAM_ADDRESS:
+                told[place + 4 : place + 8] = socket.inet_aton(self._camera[0])
+        return bytes(told)
+
+    def _carry_answer(self, data: bytes, _camera: tuple[str, int]) -> None:
+        _, _, command, _, request = _CONTROL.unpack_from(data)
+        if request not in self._asked:
+            return
+        asker, registers = self._asked[request]
+        told = bytearray(data)
+        if command == _DISCOVERY_ACK:
+            place = _CONTROL.size + _ADDRESS_IN_DISCOVERY
+            told[place : place + 4] = socket.inet_aton(self._address)
+        if command == _READ_REGISTER_ACK:
+            for index in range(0, len(registers), 4):
+                value = self._sends_to.get(int.from_bytes(registers[index : index + 4], "big"))
+                if value is not None:
+                    told[_CONTROL.size + index : _CONTROL.size + index + 4] = value
+        self._control.sendto(bytes(told), asker)
+
+    def _send_again(self, wanted: bytes) -> None:
+        """Send packets of a picture once more, as far as they are still known."""
+        _channel, picture, first, last = struct.unpack(">HHII", wanted[:12])
+        for number in range(first & _NUMBER, (last & _NUMBER) + 1):
+            self.passed.asked_again += 1
+            packet = self._kept.get(picture, {}).get(number) if self.losses.resends else None
+            if packet is not None and self._pass_on(packet):
+                self.passed.sent_again += 1
+
+
+@contextmanager
+def lossy_network(
+    *,
+    camera: str,
+    address: str = "127.0.0.2",
+    losses: Losses | None = None,
+    clock: DeviceClock | None = None,
+    seed: int = 0,
+) -> Iterator[LossyNetwork]:
+    """Give the network between a camera at one address and everybody who turns to the other one.
+
+    Parameters
+    ----------
+    camera, address : str
+        IP addresses; the second one is of this machine, as all of 127.0.0.0/8 are on Linux.
+    losses : Losses or None
+        What it does; may be changed while it runs. None: nothing.
+    clock : DeviceClock or None
+        The camera's clock, which stamps its pictures; None: it cannot be read, and stamps are of the host's.
+    seed : int
+        Of what is lost.
+
+    Raises
+    ------
+    NotConnectedError
+        The address is not this machine's, or in use.
+    """
+    network = LossyNetwork(camera=camera, address=address, losses=losses or Losses(), clock=clock, seed=seed)
+    network.start()
+    try:
+        yield network
+    finally:
+        network.close()
+
+
+def _socket(address: str, port: int) -> socket.socket:
+    end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _SOCKET_BYTES)
+    try:
+        end.bind((address, port))
+    except OSError as error:
+        end.close()
+        raise NotConnectedError(f"no network can be simulated at {address}, port {port}: {error.strerror}") from error
+    end.setblocking(False)
+    return end
+
 
 _ENDLESS_S = 1e9
 _START_TEMPERATURE_TENTHS_C = 285
@@ -119,9 +947,7 @@ class _ServedCamera:
         self.device = AravisDevice(
             address=address,
             serial_number=serial_number,
-            edit_features=lambda xml: (
-                registers.extended(xml) if clock is None else clock.features(registers.extended(xml))
-            ),
+            edit_features=lambda xml: extended(xml) if clock is None else clock.features(extended(xml)),
             fill=self._fill,
         )
         self.power = FaultyPower(
@@ -138,14 +964,14 @@ class _ServedCamera:
         self.device.lose_packets(self._lost_share)
         width, height = self._settings.width, self._settings.height
         for register, value in (
-            (registers.SENSOR_WIDTH, width),
-            (registers.SENSOR_HEIGHT, height),
-            (registers.WIDTH, width),
-            (registers.HEIGHT, height),
-            (registers.EXPOSURE_AUTO, registers.EXPOSURE_AUTO_CONTINUOUS),
-            (registers.GAIN_AUTO, registers.GAIN_AUTO_CONTINUOUS),
-            (registers.GAMMA, 1),
-            (registers.TEMPERATURE_TENTHS_C, _START_TEMPERATURE_TENTHS_C),
+            (SENSOR_WIDTH, width),
+            (SENSOR_HEIGHT, height),
+            (WIDTH, width),
+            (HEIGHT, height),
+            (EXPOSURE_AUTO, EXPOSURE_AUTO_CONTINUOUS),
+            (GAIN_AUTO, GAIN_AUTO_CONTINUOUS),
+            (GAMMA, 1),
+            (TEMPERATURE_TENTHS_C, _START_TEMPERATURE_TENTHS_C),
         ):
             self.device.write_register(register, value)
 
@@ -164,20 +990,20 @@ class _ServedCamera:
 
     def _bent(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """Return counts as a screen wants them, where that was left on."""
-        if not self.device.read_register(registers.GAMMA):
+        if not self.device.read_register(GAMMA):
             return counts
         full_dn = 2**self._settings.bit_depth - 1
         bent: NDArray[np.uint16] = np.rint(full_dn * np.sqrt(counts / full_dn)).astype(np.uint16)
         return bent
 
     def _forget(self) -> None:
-        self.device.write_register(registers.EXPOSURE_US, _FORGOTTEN_EXPOSURE_US)
+        self.device.write_register(EXPOSURE_US, _FORGOTTEN_EXPOSURE_US)
 
     def _factor(self) -> float:
-        is_manual = self.device.read_register(registers.EXPOSURE_AUTO) == registers.EXPOSURE_AUTO_OFF
+        is_manual = self.device.read_register(EXPOSURE_AUTO) == EXPOSURE_AUTO_OFF
         return 1.0 if is_manual else _AUTOMATIC_FACTOR
 
     def _region(self, counts: NDArray[np.uint16], width: int, height: int) -> NDArray[np.uint16]:
-        left, top = (self.device.read_register(register) for register in (registers.OFFSET_X, registers.OFFSET_Y))
+        left, top = (self.device.read_register(register) for register in (OFFSET_X, OFFSET_Y))
         region = counts[top : top + height, left : left + width]
-        return region[:, ::-1] if self.device.read_register(registers.REVERSE_X) else region
+        return region[:, ::-1] if self.device.read_register(REVERSE_X) else region

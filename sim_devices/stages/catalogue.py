@@ -6,15 +6,14 @@ from functools import partial
 from typing import Any
 
 from sim_devices.clock import Clock
-from sim_devices.stages import apt_address, ellx_address, zaber_address
-from sim_devices.stages.apt_address import AptOptions
-from sim_devices.stages.apt_language import AptLanguage
+from sim_devices.stages import apt as apt_address
+from sim_devices.stages import ellx as ellx_address
+from sim_devices.stages import zaber as zaber_address
+from sim_devices.stages.apt import AptLanguage, AptOptions
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.ellx_address import EllxOptions
-from sim_devices.stages.ellx_language import EllxLanguage
-from sim_devices.stages.simulated_stage import Language, SimulatedStage, assemble
-from sim_devices.stages.zaber_address import ZaberOptions
-from sim_devices.stages.zaber_language import ZaberLanguage
+from sim_devices.stages.ellx import EllxLanguage, EllxOptions
+from sim_devices.stages.stage import Language, SimulatedStage, assemble
+from sim_devices.stages.zaber import ZaberLanguage, ZaberOptions
 
 StageOptions = EllxOptions | ZaberOptions | AptOptions
 

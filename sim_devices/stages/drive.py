@@ -1,12 +1,32 @@
-"""A ring that turns, and a motor that obeys, or does not, as its options say."""
+"""Interface of a simulated device to whatever carries its bytes.
+
+A ring that turns, and a motor that obeys, or does not, as its options say.
+"""
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
-from sim_devices.stages.stage_options import MotionOptions
+from sim_devices.stages.options import MotionOptions
+
+
+class SerialDevice(Protocol):
+    """A simulated device on a serial line. Safe to use from several threads."""
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the host has sent."""
+
+    def transmit(self) -> bytes:
+        """Return what has reached the host by now and was not returned before."""
+
+    def next_event_s(self) -> float | None:
+        """Return when there will be something new to transmit [s], or None while nothing is under way."""
+
+    def is_plugged_in(self) -> bool:
+        """Return whether the host sees a port at all."""
+
 
 _CREEP_TIME_CONSTANT_S = 0.1
 

@@ -11,7 +11,7 @@ import pytest
 
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.stage import serve_on_pty
 from tests.clients.make_venvs import CLIENTS, default_folder, python_of
 from tests.clients.pickering import ANGLES_DEG
 

@@ -13,8 +13,7 @@ from drivers.stages.elliptec import connect_elliptec, open_elliptec
 from drivers.stages.zaber import connect_zaber, open_zaber
 from sim_devices.clock import ManualClock, SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
-from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.stage import InProcessPort, serve_on_pty
 
 TOLERANCE_DEG = 0.02
 

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 
 from model.quantities import QUANTITIES
-from rigctl.files.interlock_section import InterlockSection
-from rigctl.reports.outputs import paper_files
-from rigctl.reports.tables.accuracy_tables import curve_table
-from rigctl.reports.tables.acquisition_tables import tradeoff_csv
-from rigctl.reports.tables.detection_tables import measured_roc_table, roc_csv
-from rigctl.reports.tables.paper_tables import statement_csv
-from rigctl.reports.tables.row_table import row_table
-from rigctl.reports.tables.series_tables import series_rows
-from rigctl.reports.tables.sweep_tables import sweep_csv
-from rigctl.reports.writers.data_files import csv_rows
-from rigctl.runs.fits.frame_header import _KEYWORDS
-from rigctl.runs.frame_record import FrameRecord
+from rigctl import paper as paper_files
+from rigctl.files.session_file import InterlockSection
+from rigctl.paper import statement_csv
+from rigctl.report.comparison import row_table, series_rows
+from rigctl.report.data_files import csv_rows
+from rigctl.report.prediction import measured_roc_table, roc_csv, sweep_csv
+from rigctl.report.tradeoff import curve_table, tradeoff_csv
+from rigctl.runs.fits import _KEYWORDS
+from rigctl.runs.records import FrameRecord
 from rigctl.session.interlocks import Name
 from rigctl.verbs.predict import _csv_table
 from tests.docs.blocks import ROOT, blocks_of, pages, problem_of

@@ -9,15 +9,14 @@ from drivers import discovery
 from drivers.discovery import STAGES, Found, find_stages
 from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity
-from drivers.serial_port import BytePort
-from drivers.serial_ports import PortInfo
-from drivers.stages.apt_link import ask_apt
-from drivers.stages.elliptec_link import ask_elliptec
+from drivers.serial_port import BytePort, PortInfo
+from drivers.stages.apt import ask_apt
+from drivers.stages.elliptec import ask_elliptec
 from drivers.stages.serial_stage import Answer, StageProbe
-from drivers.stages.zaber_link import ask_zaber
+from drivers.stages.zaber import ask_zaber
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
+from sim_devices.stages.stage import InProcessPort
 
 
 class Bench:

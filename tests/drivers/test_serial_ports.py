@@ -5,7 +5,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from drivers.errors import NotConnectedError
-from drivers.serial_ports import resolve_port, serial_ports
+from drivers.serial_port import resolve_port, serial_ports
 
 
 def port(device: str, *, usb_serial_number: str | None = None) -> ListPortInfo:

@@ -15,7 +15,7 @@ from typing import Any
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_CODES
 from rigctl.console.terminal import print_json
-from rigctl.reports.tables.comparison_json import compared_json
+from rigctl.report.comparison import compared_json
 from rigctl.verbs.compare import compare_run
 from tests.hard_cases.cases import HardCase
 from tests.rigctl.comparison.panel_runs import panel_run

@@ -10,8 +10,8 @@ import numpy as np
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.calibrate_radiometric import RadiometricRequest, calibrate_radiometric
-from rigctl.session.session_clock import SessionClock
-from rigctl.session.take_session import take_session
+from rigctl.session.take import take_session
+from rigctl.session.timing import SessionClock
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.made_runs import at, make_run
 

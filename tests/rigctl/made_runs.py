@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.folder import Run, read_run
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 
 
 def make_run(

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.noise.noise_file import QUANTITIES, NoiseParameters
+from rigctl.calibrations.noise import QUANTITIES, NoiseParameters
 
 
 def noise_parameters(content: dict[str, Any]) -> NoiseParameters:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.files.choices import FrameKind
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 
 GAIN_DN_PER_E = 0.25
 READ_NOISE_E = 10.0

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rigctl.runs.run_description import encode_description, first_link, read_description
-from rigctl.runs.sealed_lines import read_lines, sealed_all
+from rigctl.runs.records import encode_description, first_link, read_description, read_lines, sealed_all
 
 
 def with_session(run: Path, change: Callable[[dict[str, Any]], object]) -> None:

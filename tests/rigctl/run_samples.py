@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 
 FULL_RECORD = FrameRecord(
     kind="scene",

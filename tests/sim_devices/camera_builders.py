@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_devices.camera import SimCamera
-from sim_devices.detector import Detector, Lens
+from sim_devices.exposure import Detector, Lens
 from sim_devices.micro_polarizers import MicroPolarizers, crosstalk
 from sim_devices.world import Polarizer, World
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_devices.detector import Detector, Lens, draw_fixed_pattern, electrons_per_radiance_s
+from sim_devices.exposure import Detector, Lens, draw_fixed_pattern, electrons_per_radiance_s
 from tests.sim_devices.camera_builders import LENS, SILENT
 
 

@@ -9,9 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_devices.detector import FixedPattern
-from sim_devices.exposure import exposure_effects
-from sim_devices.rendering.effect import Shot
+from sim_devices.exposure import FixedPattern, Shot, exposure_effects
 from tests.sim_devices.camera_builders import LENS, SILENT, Turntable, camera_on, uniform_world
 
 PIXELS = 160_000

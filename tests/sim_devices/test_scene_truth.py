@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim_devices.scene_truth import Rectangle, Region, Surface, paint_scene
+from sim_devices.world import Rectangle, Region, Surface, paint_scene
 
 PANEL = Surface(mean_stokes=(20.0, 4.0, -3.0))
 ASPHALT = Surface(mean_stokes=(5.0, 1.0, 0.5))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_devices.textured_scene import RegionLight, TexturedScene
+from sim_devices.world import RegionLight, TexturedScene
 
 MEAN = np.array([10.0, 3.0, -1.0])
 COV = 1e-4 * np.outer(MEAN, MEAN) + np.diag([1e-3, 2e-3, 0.0])

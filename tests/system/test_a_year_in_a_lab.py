@@ -13,11 +13,10 @@ from rigctl import cli
 from rigctl.jobs.calibrate_axis import AxisRequest, calibrate_axis
 from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
 from rigctl.jobs.calibrations import CalibrationsRequest, look_at_calibrations
-from rigctl.measurement.picked_calibrations import picked_for_run
-from rigctl.measurement.run_calibrations import CalibrationPaths
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.wholeness import used_run
+from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
+from rigctl.runs.check import used_run
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes

@@ -18,10 +18,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from rigctl.files.config import load
 from rigctl.files.regions import RegionsFile
-from rigctl.session.take_session import take_session
-from rigctl.simulated.lens_position import turn_lens
+from rigctl.files.toml import load
+from rigctl.rig.simulated_parts import turn_lens
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_rig_text, small_session
 
 CHROMIUM = shutil.which("chromium")

@@ -11,8 +11,8 @@ import cv2
 import pytest
 
 from rigctl.cli import main
-from rigctl.runs.run_events import read_events
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import read_events
 from rigctl.verbs import demo
 from sim_devices.camera import SimCamera
 from tests.rigctl.example_files import SHORT_SESSION, SMALL_SCENE

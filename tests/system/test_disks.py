@@ -11,12 +11,12 @@ import pytest
 
 from benchmarks.disk_faults import run_disk_cell
 from benchmarks.loop_disk import call, ext4_image, mounted, why_not
+from rigctl.base.durable import PART_SUFFIX
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_events import read_events
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.verification import verify_run
-from rigctl.session.take_session import take_session
-from rigctl.storage.durable_file import PART_SUFFIX
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import read_events
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig
 
 _DISK_BYTES = 48 * 1024 * 1024

@@ -5,12 +5,12 @@ import json
 import pytest
 
 from rigctl.cli import main
+from rigctl.files.materials import load_surface_fit
 from rigctl.files.regions import load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.files.study_file import load_study
-from rigctl.files.surface_fit_file import load_surface_fit
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.study.case_list import cases_of
+from rigctl.predict.predict import ScenePredictor
+from rigctl.study import cases_of
 from tests.rigctl.example_files import EXAMPLES
 
 SCENES = sorted(path.name for path in EXAMPLES.glob("scene-*.toml"))

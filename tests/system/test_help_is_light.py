@@ -64,11 +64,11 @@ UNUSED = (
     "pvlib",
 )
 # Before its first need: what a sky is solved by, special functions, calibrations, a diagnosis, figures and pictures.
-_SKY = ("model.accuracy.errors", "model.accuracy.predict", "rigctl.simulated.lit_roof")
+_SKY = ("model.accuracy.errors", "model.accuracy.predict", "rigctl.rig.roof")
 _DRAWN = ("matplotlib", "reportlab", "jinja2")
 LATER = {
-    "stokes": (*_SKY, *_DRAWN, "scipy.special", "rigctl.files.scene_file", "rigctl.comparison.rx_detection"),
-    "predict": (*_SKY, *_DRAWN, "scipy", "cv2", "rigctl.runs.run_folder", "rigctl.measurement.measurement"),
+    "stokes": (*_SKY, *_DRAWN, "scipy.special", "rigctl.files.scene_file", "rigctl.compare.detect"),
+    "predict": (*_SKY, *_DRAWN, "scipy", "cv2", "rigctl.runs.folder", "rigctl.measure.measure"),
     "acquire": (*_SKY, *_DRAWN, "scipy", "cv2", "urllib.request", "model.processing.diagnosis"),
     "compare": ("scipy.special", "numpy.f2py", "calibration.sensor.noise"),
 }
@@ -92,14 +92,13 @@ def test_a_job_starts_with_the_modules_that_it_uses(job):
 
 def test_a_prediction_of_stated_light_solves_no_sky_and_opens_no_picture():
     code, modules = modules_after("predict", "examples/scene-panels.toml")
-    later = {*UNUSED, *_SKY, *_DRAWN, "cv2", "rigctl.runs.run_folder", "rigctl.measurement.measurement"}
+    later = {*UNUSED, *_SKY, *_DRAWN, "cv2", "rigctl.runs.folder", "rigctl.measure.measure"}
     # Of special functions the compiled module alone.
     later |= {
         "scipy.special",
         "numpy.f2py",
         "numpy.testing",
-        "rigctl.runs.annotation_record",
-        "rigctl.runs.frame_record",
+        "rigctl.runs.records",
     }
     assert (code, sorted(later & modules)) == (0, [])
 

@@ -22,11 +22,10 @@ import pytest
 
 from model.atmosphere.sky import Fidelity
 from model.processing.detection import rx_p_detection
-from rigctl.files.config import Uncertain
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.files.toml import Uncertain
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.light import SceneLight, SkyStore
 from tests.rigctl.example_files import EXAMPLES
 
 LIBRARY: dict[str, float] = {}

@@ -12,13 +12,12 @@ import pytest
 from scipy.special import chdtri
 
 from model.processing.fault_fit import SHARED as RESPONSES
-from rigctl.comparison.closed_loop import compare_closed_loop
-from rigctl.comparison.comparison import Comparison
+from rigctl.compare.compare import Comparison, compare_closed_loop
 from rigctl.files.regions import Rectangle, Region
-from rigctl.imports.import_request import ImportRequest
-from rigctl.measurement.measurement import Measurement, measure
-from rigctl.measurement.run_diagnosis import diagnose_run
-from rigctl.runs.run_folder import read_run
+from rigctl.imports.images import ImportRequest
+from rigctl.measure.diagnose import diagnose_run
+from rigctl.measure.measure import Measurement, measure
+from rigctl.runs.folder import read_run
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.import_images import ImportedRun, imported
 

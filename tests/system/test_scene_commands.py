@@ -150,7 +150,7 @@ def test_skies_are_kept_between_runs(scene, tmp_path, monkeypatch):
     def refuse(*arguments, **settings):
         raise AssertionError("a kept sky was solved again")
 
-    monkeypatch.setattr("rigctl.scene.skies.sky_store.SkyStore._compute", refuse)
+    monkeypatch.setattr("rigctl.scene.light.SkyStore._compute", refuse)
     assert main(["sky", scene]) == 0
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from rigctl import cli
-from rigctl.calibrations.flat.flat_file import read_flat_facts
-from rigctl.calibrations.noise.noise_file import read_noise_file
-from rigctl.calibrations.polarizer.polarizer_file import read_polarizer_file
-from rigctl.calibrations.radiometric_file import read_radiometric_file
-from rigctl.calibrations.registration.registration_file import read_registration_file
+from rigctl.calibrations.flat import read_flat_facts
+from rigctl.calibrations.noise import read_noise_file
+from rigctl.calibrations.polarizer import read_polarizer_file
+from rigctl.calibrations.radiometric import read_radiometric_file
+from rigctl.calibrations.registration import read_registration_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import load_regions
 from rigctl.files.rig_file import load_rig

@@ -7,10 +7,10 @@ from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.regions import masks
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure, signal_of_cycle
-from rigctl.runs.run_folder import read_run
+from rigctl.measure.measure import measure, signal_of_cycle
+from rigctl.runs.folder import read_run
 from rigctl.session.preparation import with_target
-from rigctl.session.take_session import take_session
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE, small_rig, small_session
 
 TARGET = 0.008

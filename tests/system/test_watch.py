@@ -16,7 +16,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from rigctl.cli import main
-from rigctl.session.take_session import take_session
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
 
 

@@ -6,9 +6,8 @@ import fcntl
 import numpy as np
 import pytest
 
-from drivers.cameras import v4l2_structs as v4l2
-from drivers.cameras.v4l2 import open_v4l2
-from drivers.cameras.v4l2_finder import find_v4l2
+from drivers.cameras import v4l2
+from drivers.cameras.v4l2 import find_v4l2, open_v4l2
 from drivers.errors import DeviceError, LimitError
 
 DEVICE = "/dev/video0"

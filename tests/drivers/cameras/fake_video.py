@@ -3,7 +3,7 @@
 import errno
 from dataclasses import dataclass
 
-from drivers.cameras import v4l2_structs as v4l2
+from drivers.cameras import v4l2
 
 WIDTH, HEIGHT = 4, 2
 PICTURE = bytes(range(16))

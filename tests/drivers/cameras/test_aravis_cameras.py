@@ -8,9 +8,8 @@ import ctypes
 import numpy as np
 import pytest
 
-from drivers.cameras.aravis_library import load_aravis
-from drivers.cameras.gige import open_aravis, open_usb3
-from drivers.cameras.gige_finder import find_usb3
+from drivers.cameras.aravis import load_aravis
+from drivers.cameras.gige import find_usb3, open_aravis, open_usb3
 from drivers.errors import LimitError, NotConnectedError
 from tests.sim_devices.cameras.gige_port import need_aravis
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.cameras.bayer import bit_depth_of, plane_size, take_plane
+from drivers.cameras.samples import bit_depth_of, plane_size, take_plane
 from drivers.errors import LimitError
 
 CELLS = ("RGGB", "BGGR", "GRBG", "GBRG")

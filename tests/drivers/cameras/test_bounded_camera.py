@@ -10,8 +10,7 @@ import pytest
 from drivers import caller as caller_module
 from drivers.cameras import bounded_camera
 from drivers.cameras.bounded_camera import BoundedCamera
-from drivers.cameras.v4l2 import V4l2Camera
-from drivers.cameras.v4l2_options import read_v4l2_place
+from drivers.cameras.v4l2 import V4l2Camera, read_v4l2_place
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 from tests.drivers.cameras.fake_video import FakeVideo

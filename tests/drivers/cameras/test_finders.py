@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.cameras import v4l2_structs as v4l2
-from drivers.cameras.gige_finder import find_gige
-from drivers.cameras.v4l2_finder import find_v4l2
+from drivers.cameras import v4l2
+from drivers.cameras.gige import find_gige
+from drivers.cameras.v4l2 import find_v4l2
 from drivers.errors import NotConnectedError
 from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.drivers.cameras.fake_video import FakeVideo

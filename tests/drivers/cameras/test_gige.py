@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from drivers.cameras.aravis_library import load_aravis
+from drivers.cameras.aravis import load_aravis
 from drivers.cameras.bounded_camera import BoundedCamera
-from drivers.cameras.gige import GigeCamera, open_gige
-from drivers.cameras.gige_options import read_gige_place
+from drivers.cameras.gige import GigeCamera, open_gige, read_gige_place
 from drivers.errors import LimitError, NotConnectedError, ProtocolError
-from sim_devices.cameras import gige_feature_list as registers
+from sim_devices.cameras import gige_server as registers
 from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictures, assert_known

@@ -6,19 +6,12 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from drivers.cameras.aravis_library import load_aravis
-from drivers.cameras.gige import GigeCamera, open_aravis
-from drivers.cameras.gige_clock import CameraClock
-from drivers.cameras.gige_frame import Asked, frame_of
-from drivers.cameras.gige_options import read_gige_place
-from drivers.cameras.gige_setup import GigeSetup
-from drivers.cameras.gige_stream import Received
-from drivers.cameras.known_formats import GENICAM
+from drivers.cameras.aravis import CameraClock, Received, load_aravis
+from drivers.cameras.gige import Asked, GigeCamera, GigeSetup, frame_of, open_aravis, read_gige_place
+from drivers.cameras.samples import GENICAM
 from drivers.errors import LimitError, ProtocolError
 from drivers.interfaces import CameraSettings
-from sim_devices.cameras.device_clock import ClockTruth, DeviceClock
-from sim_devices.cameras.gige_server import serve_gige_camera
-from sim_devices.cameras.lossy_network import lossy_network
+from sim_devices.cameras.gige_server import ClockTruth, DeviceClock, lossy_network, serve_gige_camera
 from tests.sim_devices.cameras.gige_port import gige_port, need_aravis
 from tests.sim_devices.cameras.known_pictures import KnownPictures
 

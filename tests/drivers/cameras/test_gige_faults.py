@@ -7,9 +7,7 @@ import pytest
 
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, LimitError, NotConnectedError, ProtocolError
-from sim_devices.cameras.gige_faults import GigeFaults
-from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
-from sim_devices.cameras.lossy_network import Losses, lossy_network
+from sim_devices.cameras.gige_server import GigeFaults, Losses, lossy_network, serve_behind_network, serve_gige_camera
 from tests.sim_devices.cameras.camera_process import camera_process
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, KnownPictures, assert_known

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.cameras.known_formats import GENICAM, V4L2, polarized_format
-from drivers.cameras.pixel_format import needed_bytes, unpack
+from drivers.cameras.samples import GENICAM, V4L2, needed_bytes, polarized_format, unpack
 from drivers.errors import ProtocolError
 from tests.drivers.cameras.bit_packers import as_csi_packed, as_gvsp_packed, as_stream_of_bits
 

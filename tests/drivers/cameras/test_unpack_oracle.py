@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.cameras.known_formats import GENICAM
-from drivers.cameras.pixel_format import needed_bytes, unpack
+from drivers.cameras.samples import GENICAM, needed_bytes, unpack
 from tests.clients.make_venvs import default_folder, make, python_of
 
 VMBPY = "vmbpy==1.2.3"

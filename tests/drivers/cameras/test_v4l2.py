@@ -5,9 +5,8 @@ import errno
 import numpy as np
 import pytest
 
-from drivers.cameras import v4l2_structs as v4l2
-from drivers.cameras.v4l2 import V4l2Camera, open_v4l2
-from drivers.cameras.v4l2_options import read_v4l2_place, sample_format
+from drivers.cameras import v4l2
+from drivers.cameras.v4l2 import V4l2Camera, open_v4l2, read_v4l2_place, sample_format
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from tests.drivers.cameras.fake_video import AUTOGAIN, EXPOSURE_AUTO, FakeVideo, Shot
 

@@ -3,12 +3,11 @@
 import pytest
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
-from drivers.stages import apt_protocol as protocol
-from drivers.stages.apt import AptStage, connect_apt
-from drivers.stages.apt_link import AptLink
+from drivers.stages import apt as protocol
+from drivers.stages.apt import AptLink, AptStage, connect_apt
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
+from sim_devices.stages.stage import InProcessPort
 from tests.drivers.stages.scripted_port import ScriptedPort
 
 Script = list[tuple[bytes, list[tuple[float, bytes]]]]

@@ -3,17 +3,19 @@
 import pytest
 
 from drivers.errors import LimitError, ProtocolError
-from drivers.stages import apt_protocol as protocol
-from drivers.stages.apt_models import HomeParameters, VelocityParameters, find_model
-from drivers.stages.apt_protocol import (
+from drivers.stages import apt as protocol
+from drivers.stages.apt import (
     ChannelState,
     Event,
     Homed,
+    HomeParameters,
     Information,
     MessageParser,
     Status,
     Stopped,
     Trouble,
+    VelocityParameters,
+    find_model,
 )
 
 K10CR1 = find_model("K10CR1", stage_id=0, actuator=None)
@@ -45,7 +47,7 @@ def parse(text: str) -> Event | None:
             protocol.set_velocity(VelocityParameters(lowest=0, acceleration=13744, highest=13421773)),
             "13 04 0e 00 d0 01 01 00 00 00 00 00 b0 35 00 00 cd cc cc 00",
         ),
-        (protocol.velocity(), "14 04 01 00 50 01"),
+        (protocol.ask_velocity(), "14 04 01 00 50 01"),
         (
             protocol.set_home(HomeParameters(direction=2, switch=1, velocity=73300775, offset_counts=546133)),
             "40 04 0e 00 d0 01 01 00 02 00 01 00 27 7b 5e 04 55 55 08 00",

@@ -3,7 +3,7 @@ import struct
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.stages.apt_protocol import Event, Homed, MessageParser, Status
+from drivers.stages.apt import Event, Homed, MessageParser, Status
 from tests.drivers.stages.streams import PLACES, RUBBISH, cut, damaged, read_all, read_waiting
 
 

@@ -14,9 +14,8 @@ from drivers.interfaces import Move
 from drivers.stages.elliptec import EllxStage, connect_elliptec, open_elliptec
 from sim_devices.clock import ManualClock, SimClock
 from sim_devices.stages.catalogue import make_stage
-from sim_devices.stages.ellx_address import parse_address
-from sim_devices.stages.in_process_port import InProcessPort
-from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.ellx import parse_address
+from sim_devices.stages.stage import InProcessPort, serve_on_pty
 
 TOLERANCE_DEG = 0.02
 HALF_COUNT_DEG = 180.0 / 65536

@@ -3,16 +3,8 @@
 import pytest
 
 from drivers.errors import LimitError, ProtocolError
-from drivers.stages import elliptec_protocol as protocol
-from drivers.stages.elliptec_protocol import (
-    ButtonPosition,
-    ButtonStatus,
-    Event,
-    Information,
-    Position,
-    ReplyParser,
-    Status,
-)
+from drivers.stages import elliptec as protocol
+from drivers.stages.elliptec import ButtonPosition, ButtonStatus, Event, Information, Position, ReplyParser, Status
 
 ELL14 = b"0IN0E1140132620251801016800023000\r\n"
 

@@ -1,8 +1,8 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.stages import elliptec_protocol as protocol
-from drivers.stages.elliptec_protocol import ButtonPosition, ButtonStatus, Event, Position, ReplyParser, Status
+from drivers.stages import elliptec as protocol
+from drivers.stages.elliptec import ButtonPosition, ButtonStatus, Event, Position, ReplyParser, Status
 from tests.drivers.stages.streams import RUBBISH, cut, damaged, read_all
 
 ADDRESSES = st.sampled_from("0123456789ABCDEF")

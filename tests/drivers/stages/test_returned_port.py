@@ -11,7 +11,7 @@ from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
+from sim_devices.stages.stage import InProcessPort
 
 
 def read_on(stage: RotationStage) -> None:

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import LimitError
 from drivers.interfaces import Way
-from drivers.stages.apt_models import find_model
+from drivers.stages.apt import find_model
 from drivers.stages.serial_stage import distance_deg, require_finite, route_deg, target_within_deg
 
 ANGLES = st.floats(-1e4, 1e4)

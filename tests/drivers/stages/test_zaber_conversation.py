@@ -3,12 +3,10 @@
 import pytest
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
-from drivers.stages.zaber import ZaberStage, connect_zaber
-from drivers.stages.zaber_link import ZaberLink
-from drivers.stages.zaber_protocol import checksum
+from drivers.stages.zaber import ZaberLink, ZaberStage, checksum, connect_zaber
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
+from sim_devices.stages.stage import InProcessPort
 from tests.drivers.stages.scripted_port import ScriptedPort
 
 Script = list[tuple[bytes, list[tuple[float, bytes]]]]

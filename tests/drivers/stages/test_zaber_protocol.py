@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from drivers.errors import LimitError, ProtocolError
-from drivers.stages import zaber_protocol as protocol
-from drivers.stages.zaber_protocol import Event, Reply, ReplyParser, Unasked
+from drivers.stages import zaber as protocol
+from drivers.stages.zaber import Event, Reply, ReplyParser, Unasked
 
 
 def parse(data: bytes) -> Event | None:
@@ -106,13 +106,13 @@ def test_a_flood_without_messages_is_not_kept() -> None:
 
 @pytest.mark.parametrize(("data", "flags"), [("00", ()), ("01 WR", ("WR",)), ("02 FS WR", ("FS", "WR"))])
 def test_flags(data: str, flags: tuple[str, ...]) -> None:
-    assert protocol.flags(data) == flags
+    assert protocol.warning_flags(data) == flags
 
 
 @pytest.mark.parametrize("data", ["", "WR", "02 WR", "01 wr", "01 WRX"])
 def test_what_is_no_list_of_flags_is_an_error(data: str) -> None:
     with pytest.raises(ProtocolError, match="no list of warning flags"):
-        protocol.flags(data)
+        protocol.warning_flags(data)
 
 
 @pytest.mark.parametrize("data", ["", "12.5", "0x10", "--3", "1 2"])

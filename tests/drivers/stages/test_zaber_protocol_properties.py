@@ -1,7 +1,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.stages.zaber_protocol import Event, Reply, ReplyParser
+from drivers.stages.zaber import Event, Reply, ReplyParser
 from tests.drivers.stages.streams import PLACES, RUBBISH, cut, damaged, read_all
 
 GOOD = b"@01 0 OK IDLE -- 0:8D\r\n"

@@ -14,7 +14,7 @@ from model.scene.scene import Air, LitRegion, LitScene, Readout
 from model.sensor import Imperfections, Sensor, SensorNoise
 from model.stokes import angle_between_rad, direction
 from model.surface.pbrdf import DIFFUSE, SHADOWING, Surface, Tilt
-from rigctl.scene.skies.solar_band import response_band
+from rigctl.scene.sun import response_band
 
 _LARGEST_FIELD_RAD = np.radians(30.0)
 

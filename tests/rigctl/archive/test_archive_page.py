@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from rigctl.archive.columns import COLUMNS
+from rigctl.archive.index import COLUMNS
 
 PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "archives.md"
 

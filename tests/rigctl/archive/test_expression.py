@@ -2,8 +2,7 @@ import sqlite3
 
 import pytest
 
-from rigctl.archive.columns import COLUMNS
-from rigctl.archive.expression import parse
+from rigctl.archive.index import COLUMNS, parse
 from rigctl.errors import ConfigError
 
 

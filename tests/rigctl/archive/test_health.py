@@ -7,8 +7,8 @@ import pytest
 
 from rigctl import cli
 from rigctl.jobs.archive import archive_health
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 
 DARK_DN = (60.0, 61.0, 60.0, 60.0, 95.0, 60.0)
 

@@ -7,8 +7,7 @@ import sqlite3
 import numpy as np
 import pytest
 
-from rigctl.archive.expression import parse
-from rigctl.archive.run_index import INDEX_FILE, find, update_index
+from rigctl.archive.index import INDEX_FILE, find, parse, update_index
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.note import note
 from tests.rigctl.made_runs import at, make_run

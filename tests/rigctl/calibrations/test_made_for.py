@@ -6,11 +6,10 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.fitness import require_fit
-from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file
+from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file, require_fit
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.folder import read_run
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import make_record, noisy_counts
 
 CALIBRATED = MadeFor(

@@ -8,13 +8,11 @@ import pytest
 
 from calibration.estimate import control_chart
 from rigctl import cli
+from rigctl.base.numbers import unix_ns, utc_moment
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.picking import choose
-from rigctl.calibrations.rig_picks import picked_for_scene, store_doubts
-from rigctl.calibrations.store import read_store
+from rigctl.calibrations.store import choose, picked_for_scene, read_store, store_doubts
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import load_rig
-from rigctl.numbers.utc_time import unix_ns, utc_moment
 from tests.docs.blocks import ROOT
 
 USED = MadeFor(

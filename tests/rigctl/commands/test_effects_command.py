@@ -6,12 +6,10 @@ import pytest
 from model.effects.names import ALL, Effect
 from rigctl.cli import main
 from rigctl.errors import ConfigError
-from rigctl.files.effect_sections import effect_names, effect_of
-from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.effect_choice import acting_effects, with_choices
-from rigctl.scene.effect_plan import plan_effects, verify_effects
-from rigctl.scene.scene_reading import scene_of_file
+from rigctl.files.scene_file import effect_names, effect_of, load_scene
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.effects import plan_effects, verify_effects
+from rigctl.scene.reading import acting_effects, scene_of_file, with_choices
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"

@@ -9,11 +9,11 @@ from rigctl.cli import main
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.session_record import SessionNoise
-from rigctl.session.planning.session_plan import plan_session
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import SessionNoise
+from rigctl.session.plan import plan_session
 from rigctl.session.predicted_rounds import predict_rounds
-from rigctl.session.take_session import take_session
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.rigctl.scene_texts import SCENE, written
 from tests.rigctl.session.made_rig import START_NS, MadeWorld, unplugged

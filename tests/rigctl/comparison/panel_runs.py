@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.run_folder import Run
+from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.scene_texts import SENSOR
 

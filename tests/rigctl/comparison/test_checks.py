@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.cli import main
-from rigctl.comparison.checks import Check, registration_of, run_checks
-from rigctl.comparison.verdict import refusals
+from rigctl.compare.checks import Check, refusals, registration_of, run_checks
 from rigctl.console.failures import EXIT_DATA
 from rigctl.files.regions import Region
-from rigctl.measurement.measurement import measure
+from rigctl.measure.measure import measure
 from tests.rigctl.made_runs import at, make_run
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)

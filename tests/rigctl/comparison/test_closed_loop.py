@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from rigctl.comparison.closed_loop import compare_closed_loop
+from rigctl.compare.compare import compare_closed_loop
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measurement.measurement import measure
+from rigctl.measure.measure import measure
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.comparison.comparison import compare_with_scene
+from rigctl.compare.compare import compare_with_scene
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import take_session
-from rigctl.simulated.perturbation import PERTURBATIONS, perturbed
+from rigctl.measure.measure import measure
+from rigctl.rig.roof import PERTURBATIONS, perturbed
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
 

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from rigctl.comparison.comparison import compare_with_scene
+from rigctl.compare.compare import compare_with_scene
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.measure.measure import measure
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.light import SceneLight, SkyStore
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.scene_texts import SCENE, written
 

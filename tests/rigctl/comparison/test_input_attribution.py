@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
-from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.comparison.input_attribution import _remark
+from rigctl.compare.compare import Comparison, compare_with_scene
+from rigctl.compare.explain import _remark
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
+from rigctl.measure.measure import measure
 
 
 def compared(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.radiometric_file import read_radiometric_file, require_radiometric_fits
+from rigctl.calibrations.radiometric import read_radiometric_file, require_radiometric_fits
 from rigctl.cli import main
-from rigctl.comparison.panel_response import PanelResponse, panel_response
+from rigctl.compare.panel_response import PanelResponse, panel_response
 from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.measurement.measurement import measure
+from rigctl.measure.measure import measure
 from tests.rigctl.comparison.panel_runs import panel_run, response_dn, scene_text
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -3,13 +3,12 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.comparison.run_geometry import scene_of_run
+from rigctl.compare.predict_run import scene_of_run
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.session_record import session_record
+from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord, session_record
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rigctl import cli
-from rigctl.comparison.rx_detection import detect
+from rigctl.compare.detect import detect
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measurement.measurement import measure, signal_of_cycle
+from rigctl.measure.measure import measure, signal_of_cycle
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
 
@@ -75,7 +75,7 @@ def test_a_region_that_is_not_there_is_named_with_those_that_are(tmp_path):
 
 
 def test_the_command_writes_map_curves_and_numbers(tmp_path, capsys):
-    from rigctl.session.take_session import take_session
+    from rigctl.session.take import take_session
 
     take_session(small_rig(tmp_path), small_session(), tmp_path / "run", files={})
     arguments = [

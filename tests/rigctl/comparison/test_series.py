@@ -10,15 +10,13 @@ import pytest
 
 import benchmarks.uncertain_panels as panels
 from rigctl.cli import main
-from rigctl.comparison.series import ComparedSeries, require_one_instrument
+from rigctl.compare.compare import ComparedSeries, require_one_instrument
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import ConfigError, DataError
-from rigctl.reports.pages.series_page import series_report
-from rigctl.reports.tables.series_tables import series_json
-from rigctl.reports.writers.pdf_document import pdf
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.session_record import PolarizerAsTaken, RigAsTaken
+from rigctl.report.comparison import series_json, series_report
+from rigctl.report.pdf import pdf
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import FrameRecord, PolarizerAsTaken, RigAsTaken
 from rigctl.verbs.compare import SeriesResult, compare
 
 

@@ -11,8 +11,7 @@ from model.surface.materials import material
 from model.surface.pbrdf import Surface, Tilt, tilted_mueller
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
-from rigctl.files.material_file import load_material
-from rigctl.files.surface_fit_file import load_surface_fit
+from rigctl.files.materials import load_material, load_surface_fit
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.made_runs import at, make_run
 

@@ -14,7 +14,7 @@ import typer
 from rigctl import cli, old_cli
 from rigctl.console.destination_options import DESTINATIONS
 from rigctl.errors import ConfigError
-from rigctl.reports.writers.output_folder import write_folder
+from rigctl.report.output import write_folder
 from rigctl.verbs import HEADINGS
 from tests.rigctl.made_runs import at, make_run
 

@@ -4,9 +4,9 @@ import pytest
 
 from rigctl import cli
 from rigctl.console.failures import failure_json
-from rigctl.devices.stages import find_driver
 from rigctl.errors import ConfigError
-from rigctl.simulated.camera_address import require_known_camera
+from rigctl.rig.rig import find_driver
+from rigctl.rig.simulated_parts import require_known_camera
 from tests.rigctl.example_files import EXAMPLES
 
 

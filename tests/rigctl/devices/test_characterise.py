@@ -7,12 +7,11 @@ import pytest
 
 from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
-from rigctl.devices.characterisation_file import as_text, characterisation_file
-from rigctl.devices.characterise import Characterisation, characterise
-from rigctl.reports.figures.rig_figures import characterisation_png
+from rigctl.report.calibration import characterisation_png
+from rigctl.rig.characterise import Characterisation, as_text, characterisation_file, characterise
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.in_process_port import InProcessPort
+from sim_devices.stages.stage import InProcessPort
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 COUNT_DEG = 360.0 / 1536000

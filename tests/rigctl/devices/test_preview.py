@@ -13,11 +13,11 @@ import pytest
 
 from drivers.errors import DeviceError
 from rigctl.cli import main
-from rigctl.devices.focus import focus_of, jpeg_of, middle
 from rigctl.errors import ConfigError
+from rigctl.rig.focus import focus_of, jpeg_of, middle
 from rigctl.verbs.preview import preview_on_page
-from rigctl.web.live_look import Task
 from rigctl.web.server import Place
+from rigctl.web.what import Task
 
 TASK = Task(kind="preview", exposure_s=3e-5)
 

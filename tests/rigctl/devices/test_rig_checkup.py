@@ -8,12 +8,22 @@ from drivers.cameras.gige import open_gige
 from drivers.errors import NotConnectedError
 from drivers.interfaces import FrameTally
 from rigctl.cli import main
-from rigctl.devices.host_checkup import Finding, clock, disk, receive_buffer, room
-from rigctl.devices.rig_checkup import TimedFrame, adapter_wait, camera_frames, interface_mtu, timed_frames
 from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
-from rigctl.session.planning.disk_demand import demand_of
-from rigctl.simulated.serving import serve_rig_camera
+from rigctl.rig.checkup import (
+    Finding,
+    TimedFrame,
+    adapter_wait,
+    camera_frames,
+    clock,
+    disk,
+    interface_mtu,
+    receive_buffer,
+    room,
+    timed_frames,
+)
+from rigctl.rig.serving import serve_rig_camera
+from rigctl.session.plan import demand_of
 from rigctl.verbs.doctor import most_important_first
 from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.sim_devices.camera_builders import small_camera

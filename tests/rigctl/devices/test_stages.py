@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import NotConnectedError
-from rigctl.devices.stages import SettlingStage, open_stage
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import StageSection, load_rig
+from rigctl.rig.rig import SettlingStage, open_stage
 from tests.rigctl.example_files import EXAMPLES
 
 FAMILIES = {"ellx": "ELL14", "zaber": "Zaber 50931", "apt": "K10CR1"}

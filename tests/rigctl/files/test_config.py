@@ -3,9 +3,9 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
+from rigctl.base.durable import sha256_of
 from rigctl.errors import ConfigError
-from rigctl.files.config import Section, Uncertain, load
-from rigctl.storage.bounded_file import sha256_of
+from rigctl.files.toml import Section, Uncertain, load
 
 
 class Example(Section):

@@ -5,7 +5,7 @@ import pytest
 
 from model.surface.materials import MATERIALS, assumed_properties, material, surface_of
 from rigctl.errors import ConfigError
-from rigctl.files.material_file import find_material, load_material, material_toml
+from rigctl.files.materials import find_material, load_material, material_toml
 from tests.rigctl.example_files import EXAMPLES
 
 SMALLEST = 'name = "mine"\nn = 1.5\nslope_rms = 0.2\n'

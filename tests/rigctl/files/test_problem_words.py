@@ -1,11 +1,11 @@
 import pytest
 
 from rigctl.errors import ConfigError
-from rigctl.files.problem_words import place_text
 from rigctl.files.regions import load_regions
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import load_session
+from rigctl.files.toml import place_text
 from tests.rigctl.example_files import EXAMPLES
 
 

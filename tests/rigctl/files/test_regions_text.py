@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from rigctl.files.config import load
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile, regions_text
+from rigctl.files.toml import load
 
 
 def test_it_is_read_back_as_it_was(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.errors import DataError
-from rigctl.images.image_file import ImageFile, read_image
-from rigctl.runs.fits.fits_frame import encode_frame
+from rigctl.images import ImageFile, read_image
+from rigctl.runs.fits import encode_frame
 from tests.rigctl.run_samples import noisy_counts
 
 COUNTS = noisy_counts(shape=(6, 9))

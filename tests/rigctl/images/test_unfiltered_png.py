@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.images.unfiltered_png import unfiltered_png
+from rigctl.images import unfiltered_png
 
 
 def chunk(name: bytes, content: bytes) -> bytes:

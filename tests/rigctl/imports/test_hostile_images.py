@@ -12,7 +12,7 @@ import pytest
 
 from rigctl import cli
 from rigctl.errors import DataError
-from rigctl.images.image_file import read_image
+from rigctl.images import read_image
 
 _MB = 1_000_000
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rigctl.imports.image_levels import histogram, odd_pattern
+from rigctl.imports.levels import histogram, odd_pattern
 
 
 def _smooth_counts():

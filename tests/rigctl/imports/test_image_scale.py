@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.image_levels import common_zero_bits, histogram
-from rigctl.imports.image_scale import find_scale
-from rigctl.imports.import_request import ImportRequest
+from rigctl.imports.images import ImportRequest, find_scale
+from rigctl.imports.levels import common_zero_bits, histogram
 from tests.rigctl.run_samples import noisy_counts
 
 NOISY = noisy_counts(shape=(60, 80))  # all of 0..4095 that 4800 draws hit, odd counts among them

@@ -8,8 +8,8 @@ import pytest
 from astropy.io import fits
 
 from rigctl import cli
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.verification import verify_run
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
 from tests.rigctl.run_samples import noisy_counts, write_run
 
 COUNTS = [noisy_counts(i, (6, 8)) for i in range(4)]

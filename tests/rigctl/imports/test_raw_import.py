@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.import_request import ImportRequest
-from rigctl.runs.run_folder import read_run
+from rigctl.imports.images import ImportRequest
+from rigctl.runs.folder import read_run
 from rigctl.verbs.import_images import imported
 from tests.drivers.cameras.dng import write_dng
 

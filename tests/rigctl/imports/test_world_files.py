@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
-from rigctl.imports.image_border import constant_border
-from rigctl.runs.run_folder import read_run
+from rigctl.imports.images import constant_border
+from rigctl.runs.folder import read_run
 from tests.worldlike import Faults, World, expose
 
 ANGLES = "0,45,90,135"

@@ -159,7 +159,7 @@ def test_a_surface_is_a_table_over_the_camera_s_angle():
 
 
 def test_figures_leave_the_caller_s_pyplot_alone():
-    code = "import sys, rigctl.reports.figures.figure_style; print('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, rigctl.report.drawing; print('matplotlib.pyplot' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "False"
 
@@ -171,7 +171,7 @@ def test_a_registration_can_be_forced_as_by_the_command(run_path, regions_file, 
         asked.append(paths)
         raise ConfigError("asked")
 
-    monkeypatch.setattr("rigctl.measurement.picked_calibrations.picked_for_run", lambda paths, *_: refused(paths))
+    monkeypatch.setattr("rigctl.measure.calibrations.picked_for_run", lambda paths, *_: refused(paths))
     for call in (rigctl.stokes, rigctl.compare):
         with pytest.raises(ConfigError, match="asked"):
             call(run_path, regions=regions_file, register="registration.json", force_registration=True)

@@ -14,17 +14,15 @@ pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 
 import distributed
 
-from rigctl.archive.expression import parse
-from rigctl.archive.run_index import find, update_index
+from rigctl import mapped as on_dask
+from rigctl.archive.index import find, parse, update_index
 from rigctl.cli import main
-from rigctl.cluster import on_dask
-from rigctl.cluster.held_folder import PARTS_FOLDER
-from rigctl.cluster.on_dask import Engine
 from rigctl.errors import ConfigError, DataError
 from rigctl.jobs.archive_runs import run_over_archive
 from rigctl.jobs.archive_work import ArchiveRequest, RunTask, rows_of
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import take_session
+from rigctl.mapped import PARTS_FOLDER, Engine
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.example_files import small_rig, small_session

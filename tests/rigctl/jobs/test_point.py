@@ -11,13 +11,13 @@ from pvlib import solarposition
 from benchmarks.trial_pointing import panel_corners, seen
 from calibration.pointing.pose import Lens, camera_axes, direction
 from rigctl import cli
+from rigctl.base.numbers import utc_moment
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import Place
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.point import point
 from rigctl.jobs.point_request import PointRequest
-from rigctl.numbers.utc_time import utc_moment
-from rigctl.scene.skies.sun_position import sun_position
+from rigctl.scene.sun import sun_position
 from tests.calibration.pointing.test_pointing import STANDS, _board
 from tests.docs.blocks import ROOT
 from tests.rigctl.made_runs import at, make_run

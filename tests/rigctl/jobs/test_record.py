@@ -10,12 +10,12 @@ import pytest
 from drivers.cameras.replay import open_replay
 from drivers.errors import DeviceError, LimitError, NotConnectedError
 from drivers.recording import read_recording
+from rigctl.base.numbers import wrapped
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.jobs.record import Recorder, record, replay_rig
-from rigctl.numbers.angles import wrapped
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.session.take_session import take_session
+from rigctl.runs.folder import Run, read_run
+from rigctl.session.take import take_session
 from rigctl.verbs.verify import verification_of
 from sim_devices.clock import SimClock
 from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of

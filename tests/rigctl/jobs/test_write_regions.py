@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from rigctl.errors import DataError
-from rigctl.files.config import load
 from rigctl.files.regions import RegionsFile
+from rigctl.files.toml import load
 from rigctl.web.regions_page import write_regions
 from tests.rigctl.outlines.marked_pictures import panels
 

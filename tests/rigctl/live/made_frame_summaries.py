@@ -2,8 +2,7 @@
 
 import math
 
-from rigctl.live.frame_summary import FrameSummary
-from rigctl.live.region_means import PixelMean
+from rigctl.session.numbers import FrameSummary, PixelMean
 
 BLACK_DN = 64.0
 EXPOSURE_S = 0.01

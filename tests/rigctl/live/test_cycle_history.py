@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from rigctl.live.cycle_history import cycle_history, region_means_of
-from rigctl.live.live_status import read_status
-from rigctl.reports.figures.run_figures import cycle_figure, drift_line
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.session_record import SessionNoise
+from rigctl.report.run import cycle_figure, drift_line
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import SessionNoise
+from rigctl.session.history import cycle_history, region_means_of
+from rigctl.session.status import read_status
 from tests.rigctl.session.made_rig import MadeWorld
 from tests.rigctl.session.watched_sessions import take_watched
 

@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.live.cycle_numbers import polarization, sum_rule
-from rigctl.live.light_levels import LightLevels
-from rigctl.live.mean_noise import mean_noise
-from rigctl.runs.session_record import SessionNoise
+from rigctl.runs.records import SessionNoise
+from rigctl.session.numbers import LightLevels, mean_noise, polarization, sum_rule
 from tests.rigctl.live.made_frame_summaries import BLACK_DN, EXPOSURE_S, behind, cycle_of, dark, seen
 
 _GAIN, _READ_E = 0.24, 10.0

@@ -5,10 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from rigctl.live.drift import drift_of
-from rigctl.live.light_levels import LightLevels
-from rigctl.live.mean_noise import mean_noise
-from rigctl.runs.session_record import SessionNoise
+from rigctl.runs.records import SessionNoise
+from rigctl.session.numbers import LightLevels, drift_of, mean_noise
 from tests.rigctl.live.made_frame_summaries import BLACK_DN, behind, cycle_of, dark, seen
 from tests.rigctl.session.made_rig import MadeWorld
 from tests.rigctl.session.watched_sessions import take_watched, trips_of

@@ -10,11 +10,10 @@ import pytest
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region
 from rigctl.files.session_file import SessionFile
-from rigctl.live.live_numbers import LiveNumbers
-from rigctl.live.live_status import read_status
-from rigctl.live.region_means import RegionMeans
-from rigctl.runs.session_record import SessionNoise
-from rigctl.session.take_session import take_session
+from rigctl.runs.records import SessionNoise
+from rigctl.session.numbers import LiveNumbers, RegionMeans
+from rigctl.session.status import read_status
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig
 from tests.rigctl.live.made_frame_summaries import cycle_of, dark, seen
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from rigctl.live.run_state import state_of
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.writer import RunWriter
+from rigctl.session.status import state_of
 
 
 @pytest.mark.parametrize(

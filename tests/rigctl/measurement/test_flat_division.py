@@ -14,14 +14,14 @@ from calibration.results import CalibrationError
 from model.prediction import as_processed
 from model.scene.scene import Readout
 from model.sensor import ChannelMoments
-from rigctl.calibrations.flat.flat_file import read_fitting_flats
+from rigctl.calibrations.flat import read_fitting_flats
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measurement.flat_division import flat_remarks
-from rigctl.measurement.measurement import Measurement, measure
-from rigctl.runs.run_folder import Run
+from rigctl.measure.frames import flat_remarks
+from rigctl.measure.measure import Measurement, measure
+from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
 
 FloatArray = NDArray[np.float64]

@@ -10,13 +10,10 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
-from rigctl.live.frame_summary import coarse_picture, frame_summary
-from rigctl.live.live_numbers import LiveNumbers
-from rigctl.live.live_status import LiveStatus, read_status, write_status
-from rigctl.live.live_text import live_lines
-from rigctl.live.region_means import RegionMeans
-from rigctl.measurement.corrections import FoundCorrections
-from rigctl.runs.run_folder import Run
+from rigctl.measure.frames import FoundCorrections
+from rigctl.runs.folder import Run
+from rigctl.session.numbers import LiveNumbers, RegionMeans, coarse_picture, frame_summary
+from rigctl.session.status import LiveStatus, live_lines, read_status, write_status
 from tests.rigctl.made_runs import at, make_run
 from tests.worldlike import Faults, World, expose
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from rigctl.errors import DataError
-from rigctl.measurement.frame_grid import arrange
+from rigctl.measure.frames import arrange
 from tests.rigctl.made_runs import at, make_run
 
 PICTURE = np.arange(6).reshape(2, 3)

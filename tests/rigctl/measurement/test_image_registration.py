@@ -7,13 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.registration.register_run import register_run
-from rigctl.calibrations.registration.registration_file import ImageRegistration, registration_file
+from rigctl.calibrations.registration import ImageRegistration, register_run, registration_file
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measurement.measurement import Measurement, measure
-from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
-from rigctl.runs.run_folder import Run
+from rigctl.measure.measure import Measurement, measure, temporal_noise, temporal_variance
+from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 

@@ -7,9 +7,9 @@ import pytest
 from model.processing.reconstruction import reconstruct
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.imports.import_request import ImportRequest
-from rigctl.measurement.measurement import measure
-from rigctl.runs.run_folder import read_run
+from rigctl.imports.images import ImportRequest
+from rigctl.measure.measure import measure
+from rigctl.runs.folder import read_run
 from rigctl.verbs.import_images import imported
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters

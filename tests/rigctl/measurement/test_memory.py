@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rigctl.files.regions import Region
-from rigctl.measurement import measurement
-from rigctl.measurement.measurement import measure
+from rigctl.measure import measure as measurement
+from rigctl.measure.measure import measure
 from tests.rigctl.made_runs import at, make_run
 
 SIDE, FRAMES, ANGLES = 320, 200, (0.0, 45.0, 90.0, 135.0)

@@ -4,7 +4,7 @@ import numpy as np
 
 from model.processing.reconstruction import design
 from model.processing.samples import repeated
-from rigctl.measurement.region_numbers import measure_region
+from rigctl.measure.measure import measure_region
 
 CYCLES, SIDE, RUNS = 8, 20, 60
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)

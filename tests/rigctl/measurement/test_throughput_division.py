@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.polarizer.polarizer_file import PolarizerParameters, read_fitting_polarizer
+from rigctl.calibrations.polarizer import PolarizerParameters, read_fitting_polarizer
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measurement.measurement import measure
-from rigctl.measurement.temporal_noise import temporal_noise, temporal_variance
-from rigctl.runs.run_folder import Run
+from rigctl.measure.measure import measure, temporal_noise, temporal_variance
+from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 

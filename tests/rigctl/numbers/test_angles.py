@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rigctl.numbers.angles import wrapped
+from rigctl.base.numbers import wrapped
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import os
 import pytest
 
 from rigctl import cli
-from rigctl.numbers.number_range import range_problem, wild_numbers
-from rigctl.storage.bounded_file import read_bounded
+from rigctl.base.durable import read_bounded
+from rigctl.base.numbers import range_problem, wild_numbers
 from tests.rigctl.example_files import EXAMPLES
 
 

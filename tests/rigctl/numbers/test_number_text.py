@@ -4,7 +4,7 @@ from math import inf, nan
 
 import pytest
 
-from rigctl.numbers.number_text import NO_NUMBER, NOTHING, chance, p_value, percent, size, to_digits
+from rigctl.base.numbers import NO_NUMBER, NOTHING, chance, p_value, percent, size, to_digits
 
 
 @pytest.mark.parametrize(

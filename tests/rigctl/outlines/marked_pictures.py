@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rigctl.runs.run_folder import Run
+from rigctl.runs.folder import Run
 from tests.rigctl.made_runs import at, make_run
 
 WIDTH, HEIGHT = 480, 360

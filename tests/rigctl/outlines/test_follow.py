@@ -7,8 +7,7 @@ import pytest
 
 from rigctl.errors import DataError
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile
-from rigctl.outlines.follow import follow_markers, moved_markers
-from rigctl.outlines.markers import grey_picture, search_markers
+from rigctl.outlines import follow_markers, grey_picture, moved_markers, search_markers
 from tests.rigctl.outlines.marked_pictures import MOVED, panels, run_of, seen_after_move
 
 MARKERS = {3: (60, 50), 7: (360, 260)}

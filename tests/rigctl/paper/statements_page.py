@@ -3,7 +3,7 @@
 import sys
 
 from rigctl.jobs.paper import SHIPPED, PaperRequest, check_paper
-from rigctl.reports.tables.paper_tables import statements_page
+from rigctl.paper import statements_page
 
 
 def page() -> str:

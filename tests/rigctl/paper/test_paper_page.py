@@ -6,8 +6,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.jobs.paper import PaperRequest, check_paper
-from rigctl.paper.statements import STATEMENTS
-from rigctl.reports.tables.paper_tables import verdict_cell
+from rigctl.paper import STATEMENTS, verdict_cell
 from tests.rigctl.example_files import EXAMPLES
 
 PAGE = EXAMPLES.parent / "docs" / "paper-statements.md"

@@ -11,11 +11,9 @@ from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.prediction.acquisition_tradeoff import TradeoffRequest, acquisition_tradeoff
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.prediction.scene_sessions import SceneSessions
-from rigctl.reports.figures.tradeoff_figures import tradeoff_picture
-from rigctl.reports.tables.acquisition_tables import curve_table, proposal, reached_table, tradeoff_csv, tradeoff_json
+from rigctl.predict.predict import ScenePredictor
+from rigctl.predict.sessions import SceneSessions, TradeoffRequest, acquisition_tradeoff
+from rigctl.report.tradeoff import proposal, reached_table, tradeoff_csv, tradeoff_json, tradeoff_picture, ways_table
 from rigctl.session.target_cycles import with_cycles_for
 from tests.rigctl.example_files import SMALL_SCENE
 
@@ -91,7 +89,7 @@ def test_files_hold_every_point(found):
 
 def test_tables_have_a_row_a_way(found):
     ways = {(point.session.angles_rad, point.session.pattern) for point in found.points}
-    assert len(curve_table(found).rows) == len(ways)
+    assert len(ways_table(found).rows) == len(ways)
     assert len(reached_table(found).rows) == len(found.reached) == len(ways) * 2 // 3  # grouped ones are not sought
 
 

@@ -7,16 +7,13 @@ from model.prediction import pair_detections
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.prediction.sweep import Sweep, sweep_over
-from rigctl.prediction.sweep_axes import parse_sweep, parse_sweeps
-from rigctl.reports.figures.prediction_figures import sweep_png
-from rigctl.reports.tables.light_tables import light_json, phi_text
-from rigctl.reports.tables.sweep_tables import sweep_csv, sweep_json, sweep_tables
-from rigctl.scene.scene_inputs import gather
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.predict.predict import ScenePredictor, parse_sweep, parse_sweeps
+from rigctl.predict.sweep import Sweep, sweep_over
+from rigctl.report.light import light_json, phi_text
+from rigctl.report.prediction import sweep_csv, sweep_json, sweep_png, sweep_tables
+from rigctl.scene.light import SceneLight, SkyStore
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import gather
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from rigctl.files.regions import Region
-from rigctl.reports.figures.picture_drawing import Picture, pictures_png
+from rigctl.report.drawing import DrawnPicture, pictures_png
 
 
 def drawn(values, *, regions=(), **changed):
     """Return a picture as pixels (red first) of the file."""
     given = {"low": 0.0, "high": 1.0, "colours": "gray", "title": "T", "label": "what [unit]"} | changed
-    png = pictures_png((Picture(values=np.asarray(values, dtype=float), **given),), regions=regions)
+    png = pictures_png((DrawnPicture(values=np.asarray(values, dtype=float), **given),), regions=regions)
     return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 

@@ -4,8 +4,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
-from rigctl.reports.figures.figure_style import placed_axes
-from rigctl.reports.figures.point_names import PointName, name_points
+from rigctl.report.drawing import placed_axes
+from rigctl.report.tradeoff import PointName, name_points
 
 CROWDED = [(0.1, 0.1), (0.1, 0.1), (0.101, 0.1), (0.105, 0.1), (0.09, 0.102)]
 AT_THE_CORNERS = [(0.01, 1e-6), (1.0, 1e-6), (1.0, 1.0), (0.01, 1.0)]

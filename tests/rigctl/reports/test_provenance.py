@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from rigctl import cli
-from rigctl.reports.tables.provenance import told_places
+from rigctl.report.data_files import told_places
 from tests.monkey.workspace import make_workspace
 
 

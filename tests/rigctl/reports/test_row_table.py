@@ -4,10 +4,10 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from rigctl.comparison.rows import Row
-from rigctl.reports.table import Shown
-from rigctl.reports.tables.row_table import mixed_row_table, row_table
-from rigctl.reports.writers.data_files import csv_rows, json_rows
+from rigctl.compare.rows import Row
+from rigctl.report.comparison import mixed_row_table, row_table
+from rigctl.report.data_files import csv_rows, json_rows
+from rigctl.report.table import Shown
 
 ROW = Row(
     region="road",

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 import pytest
 from rich.console import Console
 
-from rigctl.reports.report import Bullets, Paragraph, Report, Section, Terms, Verbatim, Verdict
-from rigctl.reports.table import Column, Shown, Table, text_columns
-from rigctl.reports.writers.data_files import csv_rows, finite, json_rows
-from rigctl.reports.writers.html_page import html
-from rigctl.reports.writers.output_folder import report_file
-from rigctl.reports.writers.pdf_document import pdf
-from rigctl.reports.writers.terminal_table import terminal_table
+from rigctl.report.data_files import csv_rows, finite, json_rows
+from rigctl.report.document import Bullets, Paragraph, Report, Section, Terms, Verbatim, Verdict
+from rigctl.report.output import html, report_file
+from rigctl.report.pdf import pdf
+from rigctl.report.table import Column, Shown, Table, terminal_table, text_columns
 
 
 @dataclass(frozen=True, kw_only=True)

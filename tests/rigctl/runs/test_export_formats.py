@@ -12,9 +12,9 @@ import xarray as xr
 import zarr
 
 from rigctl.cli import main
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 
 

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from rigctl.errors import DataError, RunFolderError
-from rigctl.runs.run_description import SCHEMA_VERSION
-from rigctl.runs.run_folder import parse_record, read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.session_record import SessionRecord
+from rigctl.runs.folder import parse_record, read_run
+from rigctl.runs.records import SCHEMA_VERSION, SessionRecord
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigctl.base.durable import write_durably
+from rigctl.base.numbers import utc_text
 from rigctl.errors import RunFolderError
-from rigctl.numbers.utc_time import utc_text
-from rigctl.runs.fits.fits_frame import decode_frame
-from rigctl.runs.fits.frame_header import record_from_header
-from rigctl.runs.run_folder import file_checksum, read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.runs.verification import verify_run
-from rigctl.storage.durable_file import write_durably
+from rigctl.runs.check import verify_run
+from rigctl.runs.fits import decode_frame, record_from_header
+from rigctl.runs.folder import file_checksum, read_run
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 
 ROOT = Path(__file__).parents[3]

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from rigctl import cli
-from rigctl.runs.verification import verify_run
+from rigctl.runs.check import verify_run
 from tests.rigctl.resealed import with_line
 from tests.rigctl.run_samples import write_run
 

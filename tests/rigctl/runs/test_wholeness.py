@@ -9,9 +9,9 @@ import pytest
 from benchmarks.trial_damaged_runs import faults, make_run
 from rigctl import cli
 from rigctl.errors import RunFolderError
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.wholeness import used_run
-from rigctl.session.take_session import resume_session
+from rigctl.runs.check import used_run
+from rigctl.runs.folder import read_run
+from rigctl.session.take import resume_session
 from rigctl.verbs.verify import verification_of
 from tests.rigctl.resealed import as_of_layout_1, with_line
 from tests.rigctl.run_samples import write_run

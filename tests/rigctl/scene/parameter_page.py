@@ -3,13 +3,13 @@
 import math
 import sys
 
-from rigctl.scene.parameters import describe
+from rigctl.scene.scene import describe
 
 HEAD = """# Parameters of a scene
 
 Every number of a scene file by its key: as it may be uncertain there, be swept (`rigctl sweep`), and stand in reports.
 NAME is that of a region, ANGLE one of the polarizer in degrees. Written from the table in
-`rigctl/scene/parameter_table.py`.
+`rigctl/scene/scene.py`.
 
 | key | unit | range | meaning |
 |---|---|---|---|

@@ -7,11 +7,10 @@ from model.processing.agreement import propagate_inputs
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.parameters import get
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.light import SceneLight, SkyStore
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import get
 from tests.rigctl.scene_texts import SCENE, written
 
 AIR = 'tier = "fast"\nvisibility_km = 23.0\nwavelengths = 2\n'

@@ -7,10 +7,8 @@ import pytest
 
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.parameters import describe, get, parameters, with_value, with_values
-from rigctl.scene.rig_inputs import cycle_of_file, with_rig
-from rigctl.scene.scene_inputs import gather
-from rigctl.scene.scene_reading import scene_of_file
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import cycle_of_file, describe, gather, get, parameters, with_rig, with_value, with_values
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene.parameter_page import page
 from tests.rigctl.scene_texts import SCENE, written

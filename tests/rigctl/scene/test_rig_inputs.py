@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
-from rigctl.comparison.run_prediction import cycle_of_run
+from rigctl.compare.predict_run import cycle_of_run
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
-from rigctl.measurement.measurement import Measurement, frame_order, measure
-from rigctl.runs.session_record import RigAsTaken
-from rigctl.scene.parameter_table import ANGLE, EXPOSURE_RATIO, OFFSET
-from rigctl.scene.rig_inputs import cycle_of_file, rig_errors, with_rig
-from rigctl.scene.scene_inputs import Inputs, gather
-from rigctl.scene.scene_reading import scene_of_file
+from rigctl.measure.measure import Measurement, frame_order, measure
+from rigctl.runs.records import RigAsTaken
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import ANGLE, EXPOSURE_RATIO, OFFSET, Inputs, cycle_of_file, gather, rig_errors, with_rig
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.model_scene import build_scenario, readout_of
-from rigctl.scene.parameters import with_value
-from rigctl.scene.scene_inputs import gather
-from rigctl.scene.scene_reading import scene_of_file
+from rigctl.scene.light import build_scenario, readout_of
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import gather, with_value
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.noise_records import noise_parameters
 

@@ -4,11 +4,9 @@ import pytest
 from model.stokes import aolp_rad
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.model_records import camera_view
-from rigctl.scene.parameters import with_value, with_values
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.scene.light import SceneLight, SkyStore, camera_view
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import with_value, with_values
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -6,8 +6,8 @@ import pytest
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.figures.scene_figures import kinds_picture
-from rigctl.reports.tables.light_tables import kinds_json
+from rigctl.report.light import kinds_json
+from rigctl.report.prediction import kinds_picture
 from rigctl.scene.sky_map import skies_of_kinds, sky_map
 from tests.rigctl.scene_texts import SCENE, written
 

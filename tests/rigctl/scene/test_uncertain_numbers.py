@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError
-from rigctl.files.config import with_std_apart
 from rigctl.files.place import Place, SiteSection
 from rigctl.files.scene_file import load_scene
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.scene.parameters import get
-from rigctl.scene.scene_inputs import gather
-from rigctl.scene.scene_light import SceneLight
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.scene.skies.sky_store import SkyStore
+from rigctl.files.toml import with_std_apart
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.light import SceneLight, SkyStore
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import gather, get
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, NotConnectedError
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
-from rigctl.devices.rig import Rig
 from rigctl.files.rig_file import RigFile
-from rigctl.session.session_clock import SessionClock
+from rigctl.rig.rig import Rig
+from rigctl.session.timing import SessionClock
 
 NS = 1_000_000_000
 START_NS = 1_777_900_000 * NS  # 2026-05-04T13:06:40Z

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceFaultError, NotConnectedError, ProtocolError
-from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.rig.rig import open_rig
+from rigctl.runs.folder import read_run
+from rigctl.runs.writer import RunWriter
 from rigctl.session.acquisition import acquire
-from rigctl.session.planning.session_steps import plan_steps
-from rigctl.session.take_session import take_session
+from rigctl.session.plan import plan_steps
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
 
 

@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import DeviceFaultError, LimitError, NotConnectedError
 from drivers.interfaces import CameraFacts
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.folder import read_run
 from rigctl.session.control import ask
 from tests.rigctl.session.made_rig import NS, MadeWorld, events_of, silent, stalled, unplugged
 from tests.rigctl.session.watched_sessions import assert_whole, take_watched, trips_of

@@ -7,15 +7,15 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from rigctl.base.durable import DiskCalls
 from rigctl.errors import RunFolderError
-from rigctl.live.live_numbers import LiveNumbers
-from rigctl.live.live_status import read_status
-from rigctl.session import frame_store
-from rigctl.session.frame_store import QUEUE_FRAMES, StoredFrame, WriterThread
-from rigctl.session.planning.session_steps import plan_steps
-from rigctl.session.session_clock import SessionClock
-from rigctl.session.watch import Watch
-from rigctl.storage.disk_calls import DiskCalls
+from rigctl.session import acquisition as frame_store
+from rigctl.session.acquisition import QUEUE_FRAMES, StoredFrame, WriterThread
+from rigctl.session.numbers import LiveNumbers
+from rigctl.session.plan import plan_steps
+from rigctl.session.status import read_status
+from rigctl.session.take import Watch
+from rigctl.session.timing import SessionClock
 from tests.rigctl.example_files import small_session
 from tests.rigctl.run_samples import make_record
 

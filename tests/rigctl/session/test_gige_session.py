@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceError
-from rigctl.devices.rig import open_rig
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import resume_session, take_session
-from rigctl.simulated.camera_address import split_faults
-from sim_devices.cameras.gige_faults import GigeFaults
+from rigctl.rig.rig import open_rig
+from rigctl.rig.simulated_parts import split_faults
+from rigctl.runs.folder import read_run
+from rigctl.session.take import resume_session, take_session
+from sim_devices.cameras.gige_server import GigeFaults
 from tests.rigctl.example_files import EXAMPLES, small_rig
 from tests.sim_devices.cameras.gige_port import gige_port
 

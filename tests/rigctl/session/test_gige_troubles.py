@@ -11,15 +11,13 @@ import pytest
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, StageStatus
-from rigctl.devices.rig import Rig
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_description import read_description
-from rigctl.runs.run_events import pictures_lost, read_events
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.verification import verify_run
-from rigctl.session.take_session import resume_session, take_session
-from sim_devices.cameras.gige_faults import GigeFaults
-from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
+from rigctl.rig.rig import Rig
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import pictures_lost, read_description, read_events
+from rigctl.session.take import resume_session, take_session
+from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, serve_gige_camera
 from tests.rigctl.session.made_rig import RIG_FILE, events_of
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictures, assert_known

@@ -8,12 +8,12 @@ import pytest
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from rigctl.errors import DataError, RunFolderError
-from rigctl.runs import run_writer
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.session_record import SessionNoise
+from rigctl.runs import writer as run_writer
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import SessionNoise
 from rigctl.session import interlocks
 from rigctl.session.control import ask
-from rigctl.session.take_session import resume_session
+from rigctl.session.take import resume_session
 from tests.rigctl.session.made_rig import NS, MadeWorld, events_of, silent, stalled, unplugged
 from tests.rigctl.session.watched_sessions import assert_whole, take_watched, trips_of
 

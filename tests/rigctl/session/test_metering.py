@@ -1,9 +1,9 @@
 import pytest
 
 from rigctl.files.session_file import MeteringSection, SessionFile
-from rigctl.runs.run_folder import read_run
-from rigctl.session.metering import meter
-from rigctl.session.take_session import take_session
+from rigctl.runs.folder import read_run
+from rigctl.session.rig_work import meter
+from rigctl.session.take import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, events_of
 
 

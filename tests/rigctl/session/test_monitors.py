@@ -10,17 +10,15 @@ import pytest
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.monitors import open_command_monitor, open_file_monitor, open_serial_monitor
-from rigctl.devices.rig import require_drivers
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import MonitorSection, RigFile
-from rigctl.live.cycle_history import CycleHistory, CycleLook
-from rigctl.live.light_followed import followed_light, light_lines
-from rigctl.live.live_status import Estimate, RegionPolarization
-from rigctl.runs.monitor_readings import MonitorFacts, MonitorTrace, monitor_line, monitor_traces
-from rigctl.runs.run_events import RunEvent, read_events
-from rigctl.runs.run_folder import read_run
+from rigctl.rig.rig import require_drivers
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import MonitorFacts, MonitorTrace, RunEvent, monitor_line, monitor_traces, read_events
+from rigctl.session.history import CycleHistory, CycleLook, followed_light, light_lines
 from rigctl.session.monitors import Monitors
-from rigctl.session.take_session import resume_session, take_session
+from rigctl.session.status import Estimate, RegionPolarization
+from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.doctor import monitor_findings
 from rigctl.verbs.status import SessionPage, status
 from rigctl.verbs.verify import verification_of

@@ -12,22 +12,22 @@ import numpy as np
 import pytest
 
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
-from rigctl.calibrations.noise.noise_frames import run_frames
-from rigctl.comparison.comparison import Comparison, compare_with_scene
-from rigctl.devices.rig import Rig, open_rig, require_cell
-from rigctl.devices.rig_checkup import RigCheckup
+from rigctl.calibrations.noise_frames import run_frames
+from rigctl.compare.compare import Comparison, compare_with_scene
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.measurement.measurement import measure
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.repair import repair_run
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.session.take_session import resume_session, take_session
+from rigctl.measure.measure import measure
+from rigctl.rig.checkup import RigCheckup
+from rigctl.rig.rig import Rig, open_rig, require_cell
+from rigctl.runs.check import repair_run
+from rigctl.runs.folder import Run, read_run
+from rigctl.runs.records import FrameRecord
+from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.verify import verification_of
-from rigctl.web.live_look import Task
-from rigctl.web.live_rig import LiveRig, open_devices
+from rigctl.web.rig import LiveRig, open_devices
+from rigctl.web.what import Task
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.session.made_rig import events_of
 

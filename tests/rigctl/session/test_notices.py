@@ -12,8 +12,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.files.rig_file import NotifySection
-from rigctl.session.notices import Notifier, notices
-from rigctl.session.take_session import take_session
+from rigctl.session.take import Notifier, notices, take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
 
 

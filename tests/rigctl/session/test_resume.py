@@ -9,19 +9,17 @@ import numpy as np
 import pytest
 
 from drivers.errors import NotConnectedError
-from rigctl.devices.rig import open_rig
+from rigctl.base.durable import PART_SUFFIX
+from rigctl.base.numbers import unix_ns
 from rigctl.errors import RunFolderError
 from rigctl.files.session_file import SessionFile
-from rigctl.numbers.utc_time import unix_ns
-from rigctl.runs.repair import repair_run
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_lock import RunLock
-from rigctl.runs.verification import verify_run
+from rigctl.rig.rig import open_rig
+from rigctl.rig.simulation import with_simulation
+from rigctl.runs.check import repair_run, verify_run
+from rigctl.runs.folder import RunLock, read_run
 from rigctl.session.control import ask
-from rigctl.session.session_clock import clock_of
-from rigctl.session.take_session import resume_session, take_session
-from rigctl.simulated.simulation import with_simulation
-from rigctl.storage.durable_file import PART_SUFFIX
+from rigctl.session.take import resume_session, take_session
+from rigctl.session.timing import clock_of
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.resealed import with_session
 

@@ -4,9 +4,9 @@ import pytest
 
 from drivers.errors import DeviceError, NotConnectedError
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.verification import verify_run
-from rigctl.session.take_session import take_session
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig
 from tests.sim_devices.cameras.gige_port import gige_port
 

@@ -1,9 +1,9 @@
 """Sessions on a rig of stand-ins with interlocks as a test wants them."""
 
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.verification import verify_run
-from rigctl.session.take_session import take_session
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, events_of
 
 

@@ -4,9 +4,9 @@ import pytest
 
 from benchmarks.trial_kills import mislabelled
 from rigctl.errors import ConfigError
-from rigctl.runs.run_folder import read_run
-from rigctl.session.take_session import take_session
-from rigctl.simulated.camera_address import split_truth
+from rigctl.rig.simulated_parts import split_truth
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from sim_devices.truth_log import read_truth
 from tests.rigctl.example_files import small_rig, small_session
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main
-from rigctl.devices.focus import focus_of
-from rigctl.devices.rig import open_rig
 from rigctl.files.rig_file import load_rig
+from rigctl.rig.focus import focus_of
+from rigctl.rig.rig import open_rig
 from tests.rigctl.example_files import EXAMPLES
 
 

@@ -6,15 +6,14 @@ from datetime import datetime
 import numpy as np
 import pytest
 
+from rigctl.base.numbers import NS_PER_S
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
-from rigctl.numbers.utc_time import NS_PER_S
-from rigctl.scene.parameters import get
-from rigctl.scene.scene_reading import scene_of_file
-from rigctl.simulated.lit_roof import LitRoof
-from rigctl.simulated.perturbation import CLOUD_S, changed_roof, cloud_factor
-from rigctl.simulated.simulation import with_simulation
+from rigctl.rig.roof import CLOUD_S, LitRoof, changed_roof, cloud_factor
+from rigctl.rig.simulation import with_simulation
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import get
 from tests.rigctl.example_files import EXAMPLES
 
 MORNING_NS = 1_274_796_580 * NS_PER_S  # 2010-05-25T14:09:40Z

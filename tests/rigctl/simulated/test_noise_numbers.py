@@ -2,11 +2,11 @@
 
 import pytest
 
-from rigctl.runs.run_events import RunEvent
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.session.take_session import take_session
-from rigctl.simulated.noise_numbers import FreshNoise, NoiseNumbers, number_after
+from rigctl.rig.simulated_parts import FreshNoise, NoiseNumbers, number_after
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import RunEvent
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
 from tests.sim_devices.camera_builders import small_camera
 

@@ -4,11 +4,10 @@ import pytest
 from pydantic import TypeAdapter
 
 from rigctl.errors import ConfigError
-from rigctl.files.config import load
-from rigctl.files.rig_file import RigFile
-from rigctl.files.simulation_sections import RenderingSection
-from rigctl.simulated.stated_parts import rendering_effect
-from sim_devices.detector import Detector, Lens
+from rigctl.files.rig_file import RenderingSection, RigFile
+from rigctl.files.toml import load
+from rigctl.rig.simulated_parts import rendering_effect
+from sim_devices.exposure import Detector, Lens
 from tests.rigctl.example_files import EXAMPLES
 
 TABLES = """

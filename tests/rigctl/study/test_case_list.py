@@ -5,8 +5,8 @@ from benchmarks.trial_pointing import POINTED, pointing_predictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.study_file import CasesSection
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.study.case_list import MORRIS_STEP, cases_of, unit_draws
+from rigctl.predict.predict import ScenePredictor
+from rigctl.study import MORRIS_STEP, cases_of, unit_draws
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE
 
 

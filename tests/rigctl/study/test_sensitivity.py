@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from rigctl.study.case_list import unit_draws
-from rigctl.study.sensitivity import Number, morris_of, sobol_of
+from rigctl.study import Number, morris_of, sobol_of, unit_draws
 
 NUMBER = Number(scene="scene", region="region", quantity="dolp_mean")
 KEYS = ("a", "b", "c")

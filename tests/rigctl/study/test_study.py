@@ -12,14 +12,13 @@ import pytest
 
 pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 
-from rigctl.cluster.held_folder import PARTS_FOLDER, held_folder
-from rigctl.cluster.on_dask import Engine, client_of, require_same_code
+from rigctl import study as study_case
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.jobs.study import StudyRequest, run_study
-from rigctl.prediction.scene_prediction import ScenePredictor
-from rigctl.study import study_case
-from rigctl.study.batch import Batch, compute
+from rigctl.mapped import PARTS_FOLDER, Engine, client_of, held_folder, require_same_code
+from rigctl.predict.predict import ScenePredictor
+from rigctl.study import Batch, compute
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE, GRID, study_file
 
 
@@ -181,7 +180,7 @@ def test_workers_that_do_not_start_are_told(monkeypatch):
 
 
 def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):
-    monkeypatch.setattr("rigctl.cluster.on_dask._CONNECT_S", 0.5)
+    monkeypatch.setattr("rigctl.mapped._CONNECT_S", 0.5)
     with pytest.raises(ConfigError, match="no scheduler of dask answers there"):
         run_study(request(study_file(tmp_path, GRID), Engine(scheduler="tcp://127.0.0.1:9", workers=1)))
 

@@ -11,9 +11,9 @@ from astropy.io import fits
 from rigctl.console.scrubbing import Scrubber
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import load_rig
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.session.take_session import take_session
+from rigctl.runs.folder import read_run
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
 from rigctl.verbs.bundle import bundle
 from tests.rigctl.example_files import small_rig_text, small_session
 

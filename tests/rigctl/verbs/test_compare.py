@@ -6,7 +6,7 @@ from model.effects.names import ALL, Effect
 from model.effects.planner import LIGHT
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.session.take_session import take_session
+from rigctl.session.take import take_session
 from rigctl.verbs.compare import compare_run
 from tests.rigctl.comparison.test_closed_loop import NOISE
 from tests.rigctl.example_files import small_rig, small_session

@@ -24,7 +24,7 @@ def installed(monkeypatch):
     """A plug-in's finder and one that fails, and no serial port."""
     finders = [EntryPoint(name, f"{__name__}:{name}", "rigctl.camera_finders") for name in ("find_none", "find_one")]
     monkeypatch.setattr(devices, "entry_points", lambda group: finders if group == "rigctl.camera_finders" else [])
-    monkeypatch.setattr("drivers.serial_ports.serial_ports", list)
+    monkeypatch.setattr("drivers.serial_port.serial_ports", list)
 
 
 def test_a_plug_ins_camera_is_printed_as_the_rig_file_wants_it(installed, capsys):

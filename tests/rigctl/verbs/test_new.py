@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import pytest
 
 from rigctl import cli
-from rigctl.calibrations.polarizer.rig_writing import write_into_rig
+from rigctl.calibrations.polarizer import write_into_rig
 from rigctl.errors import ConfigError
 from rigctl.files.regions import load_regions
 from rigctl.files.rig_file import load_rig, placeholder_doubt

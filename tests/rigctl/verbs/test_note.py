@@ -12,14 +12,13 @@ import typer
 import rigctl
 from rigctl import cli, old_cli
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.measurement.frame_grid import arrange
-from rigctl.runs.annotations import read_annotations
-from rigctl.runs.run_folder import ANNOTATIONS_FILE
-from rigctl.runs.wholeness import used_run
+from rigctl.measure.frames import arrange
+from rigctl.runs.check import used_run
+from rigctl.runs.folder import ANNOTATIONS_FILE, read_annotations
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
 from rigctl.verbs.verify import verification_of
-from rigctl.web.run_reader import RunReader
+from rigctl.web.what import RunReader
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.resealed import as_of_layout_1
 

@@ -3,8 +3,8 @@ import json
 import pytest
 
 from rigctl import cli
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.folder import read_run
+from rigctl.runs.writer import RunWriter
 from rigctl.verbs.status import contents_of
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 

@@ -8,7 +8,7 @@ from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route, WebSocketRoute
 
-from rigctl.web.access import MOST_BODY_BYTES, Access, Guard, names_of_this_machine
+from rigctl.web.server import MOST_BODY_BYTES, Access, Guard, names_of_this_machine
 
 ACCESS = Access()
 HOST = "127.0.0.1:8765"

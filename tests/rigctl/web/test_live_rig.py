@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-from rigctl.web.live_look import LiveLook, Task
-from rigctl.web.live_rig import LiveRig, open_devices, polarizer_of
+from rigctl.web.rig import LiveRig, open_devices, polarizer_of
+from rigctl.web.what import LiveLook, Task
 
 CAMERA = "sim:gc780"
 

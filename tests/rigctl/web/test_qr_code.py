@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rigctl.web.qr_code import qr_text
+from rigctl.web.server import qr_text
 
 
 def read_back(text: str) -> str:

@@ -9,16 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from rigctl.calibrations.noise.noise_file import QUANTITIES
+from rigctl.calibrations.noise import QUANTITIES
 from rigctl.errors import DataError
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.run_writer import RunWriter
-from rigctl.session.take_session import take_session
+from rigctl.runs.folder import read_run
+from rigctl.runs.writer import RunWriter
+from rigctl.session.take import take_session
 from rigctl.verbs.note import note
 from rigctl.web.pictures import picture_of
-from rigctl.web.run_look import Curves
-from rigctl.web.run_reader import RunReader, last_cycle
-from rigctl.web.sources import RunsOfFolder, source_at
+from rigctl.web.server import RunsOfFolder, source_at
+from rigctl.web.what import Curves, RunReader, last_cycle
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
 

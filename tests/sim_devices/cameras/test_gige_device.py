@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import NotConnectedError
-from sim_devices.cameras import gige_feature_list as registers
+from sim_devices.cameras import gige_server as registers
 from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import KnownPictures

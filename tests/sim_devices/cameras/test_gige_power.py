@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from sim_devices.cameras.gige_faults import FaultyPower, GigeFaults
+from sim_devices.cameras.gige_server import FaultyPower, GigeFaults
 
 TIMEOUT_S = 10.0
 

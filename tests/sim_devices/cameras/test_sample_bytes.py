@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_devices.cameras.sample_bytes import FORMATS, bytes_of
+from sim_devices.cameras.gige_server import FORMATS, bytes_of
 
 PAIR = np.array([[0xABC, 0x123]], dtype=np.uint16)
 

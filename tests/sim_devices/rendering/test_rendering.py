@@ -5,11 +5,21 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim_devices.detector import Detector, Lens
+from sim_devices.exposure import (
+    Detector,
+    Lens,
+    RenderingEffect,
+    Shot,
+    beam_wander,
+    cosmic_hits,
+    defocus,
+    drift,
+    fixed_pattern,
+    point_spread,
+    smear,
+    vignetting,
+)
 from sim_devices.random_streams import Stream
-from sim_devices.rendering.effect import RenderingEffect, Shot
-from sim_devices.rendering.optics import beam_wander, defocus, drift, point_spread, vignetting
-from sim_devices.rendering.readout import cosmic_hits, fixed_pattern, smear
 from tests.sim_devices.camera_builders import ELECTRONS_OF_FLAT_IN_1_MS, SILENT, Turntable, camera_on, uniform_world
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_devices.stages.apt_address import MODELS, parse_address
-from sim_devices.stages.apt_language import AptLanguage
+from sim_devices.stages.apt import MODELS, AptLanguage, parse_address
 from sim_devices.stages.drive import Drive
 
 

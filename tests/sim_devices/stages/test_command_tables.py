@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_devices.stages import apt_address, ellx_address, zaber_address
-from sim_devices.stages.apt_language import AptLanguage
+from sim_devices.stages import apt as apt_address
+from sim_devices.stages import ellx as ellx_address
+from sim_devices.stages import zaber as zaber_address
+from sim_devices.stages.apt import AptLanguage
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.ellx_language import EllxLanguage
-from sim_devices.stages.ellx_receiver import DATA_DIGITS
-from sim_devices.stages.stage_options import MotionOptions
-from sim_devices.stages.zaber_language import ZaberLanguage
+from sim_devices.stages.ellx import DATA_DIGITS, EllxLanguage
+from sim_devices.stages.options import MotionOptions
+from sim_devices.stages.zaber import ZaberLanguage
 
 PAGE = Path(__file__).parents[3] / "docs" / "simulated-stages.md"
 

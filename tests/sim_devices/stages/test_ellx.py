@@ -4,8 +4,8 @@ import pytest
 
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage
-from sim_devices.stages.ellx_address import parse_address
-from sim_devices.stages.simulated_stage import SimulatedStage
+from sim_devices.stages.ellx import parse_address
+from sim_devices.stages.stage import SimulatedStage
 
 
 def stage(faults: str = "landing=0") -> tuple[SimulatedStage, ManualClock]:

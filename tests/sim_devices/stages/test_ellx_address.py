@@ -1,7 +1,7 @@
 import pytest
 
-from sim_devices.stages.ellx_address import EllxOptions, parse_address
-from sim_devices.stages.stage_options import LineOptions, MotionOptions
+from sim_devices.stages.ellx import EllxOptions, parse_address
+from sim_devices.stages.options import LineOptions, MotionOptions
 
 
 def test_a_bare_address_is_a_sound_stage() -> None:

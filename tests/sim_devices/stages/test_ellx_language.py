@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.ellx_address import parse_address
-from sim_devices.stages.ellx_language import EllxLanguage
+from sim_devices.stages.ellx import EllxLanguage, parse_address
 
 
 class Stage:

@@ -3,8 +3,8 @@ import pytest
 from drivers.errors import NotConnectedError
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage
-from sim_devices.stages.ellx_address import parse_address
-from sim_devices.stages.in_process_port import InProcessPort
+from sim_devices.stages.ellx import parse_address
+from sim_devices.stages.stage import InProcessPort
 
 
 def port_to(faults: str = "") -> tuple[InProcessPort, ManualClock]:

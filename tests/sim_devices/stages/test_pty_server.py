@@ -8,8 +8,8 @@ import serial
 
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage
-from sim_devices.stages.ellx_address import parse_address
-from sim_devices.stages.pty_server import serve_on_pty
+from sim_devices.stages.ellx import parse_address
+from sim_devices.stages.stage import serve_on_pty
 
 
 class Broken:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sim_devices.faults import LineNoise
-from sim_devices.stages.simulated_stage import Line
+from sim_devices.stages.stage import Line
 
 
 def line(

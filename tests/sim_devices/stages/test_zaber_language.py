@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.zaber_address import parse_address
-from sim_devices.stages.zaber_language import ZaberLanguage
+from sim_devices.stages.zaber import ZaberLanguage, parse_address
 
 
 class Stage:

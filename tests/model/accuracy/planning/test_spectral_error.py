@@ -7,7 +7,7 @@ from model.accuracy.chain import LightStore
 from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, at_level, settings_at, spectral_error
 from model.atmosphere.aerosols import AerosolType
 from model.atmosphere.air import AtmosphereState
-from rigctl.scene.skies.solar_band import response_band
+from rigctl.scene.sun import response_band
 from tests.model.accuracy.random_scenes import random_scene
 
 COARSE = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-4)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.calibrations.noise.emva_descriptor import read_emva_descriptor
+from rigctl.calibrations.noise_frames import read_emva_descriptor
 from rigctl.errors import ConfigError
 
 GOOD = r"""# a comment

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from calibration.sensor.emva1288 import EmvaFigure
-from rigctl.calibrations.noise.calibrate_files import calibrate_frames
-from rigctl.calibrations.noise.noise_frames import emva_frames
+from rigctl.calibrations.noise_calibration import calibrate_frames
+from rigctl.calibrations.noise_frames import emva_frames
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
 DESCRIPTOR = Path(REAL_DATA or "") / "emva_ccd12" / "EMVA1288_Data.txt"

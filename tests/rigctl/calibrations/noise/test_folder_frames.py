@@ -10,9 +10,8 @@ import pytest
 from astropy.io import fits
 
 from calibration.results import RefusedFramesError
-from rigctl.calibrations.noise.folder_frames import folder_frames
-from rigctl.calibrations.noise.frame_table import table_frames
-from rigctl.calibrations.noise.noise_file import QUANTITIES, read_noise_file
+from rigctl.calibrations.noise import QUANTITIES, read_noise_file
+from rigctl.calibrations.noise_frames import folder_frames, table_frames
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.calibrations.noise.noise_file import QUANTITIES, read_noise_file
+from rigctl.calibrations.noise import QUANTITIES, read_noise_file
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.noise_sessions import (
     BLACK_LEVEL_DN,
     GAIN_DN_PER_E,

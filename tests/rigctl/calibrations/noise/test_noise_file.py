@@ -15,11 +15,11 @@ import pytest
 from calibration.sensor.emva1288 import EMVA_SYMBOLS
 from calibration.sensor.levels import level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
-from rigctl.calibrations.content_file import write_content
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise.noise_file import QUANTITIES, read_noise_file, require_noise_fits
-from rigctl.calibrations.noise.noise_frames import CameraSetting, FrameSet, FrameSource
-from rigctl.calibrations.noise.noise_json import noise_json
+from rigctl.calibrations.noise import QUANTITIES, read_noise_file, require_noise_fits
+from rigctl.calibrations.noise_calibration import noise_json
+from rigctl.calibrations.noise_frames import CameraSetting, FrameSet, FrameSource
+from rigctl.calibrations.record import write_content
 from rigctl.errors import ConfigError, DataError
 from tests.rigctl.noise_sessions import frames
 
@@ -194,6 +194,6 @@ def test_it_is_too_old_after_a_year(tmp_path: Path) -> None:
 
 
 def test_reading_a_calibration_does_not_import_an_optimizer():
-    program = "import sys, rigctl.calibrations.noise.noise_file; print('scipy.optimize' in sys.modules)"
+    program = "import sys, rigctl.calibrations.noise; print('scipy.optimize' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigctl.calibrations.noise.calibrate_files import calibrate_frames
-from rigctl.calibrations.noise.noise_frames import FrameSet, Loader, emva_frames, run_frames
+from rigctl.calibrations.noise_calibration import calibrate_frames
+from rigctl.calibrations.noise_frames import FrameSet, Loader, emva_frames, run_frames
 from rigctl.errors import DataError
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.noise_sessions import SHAPE, SIGNALS_E, frames, write_emva_set, write_noise_run
 from tests.rigctl.run_samples import make_record, noisy_counts, write_run
 

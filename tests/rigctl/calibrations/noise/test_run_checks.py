@@ -3,8 +3,8 @@
 import pytest
 
 from calibration.results import Flag
-from rigctl.calibrations.noise.run_checks import record_flags
-from rigctl.runs.frame_record import FrameRecord
+from rigctl.calibrations.noise_frames import record_flags
+from rigctl.runs.records import FrameRecord
 from tests.rigctl.run_samples import make_record
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import make_record
 
 SENSE, OFFSET_DEG, DIATTENUATION, DOLP = -1, 22.5, 0.996, 0.995

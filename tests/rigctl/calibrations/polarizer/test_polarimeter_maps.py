@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.analyzer import block_means
 from calibration.results import CalibrationError
-from rigctl.calibrations.polarizer import polarimeter_maps as polarimeter_maps_module
-from rigctl.calibrations.polarizer.polarimeter_maps import PolarimeterMaps, polarimeter_maps
+from rigctl.calibrations import polarizer_scan as polarimeter_maps_module
+from rigctl.calibrations.polarizer_scan import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_USAGE
-from rigctl.runs.frame_record import FrameRecord
-from rigctl.runs.run_folder import Run, read_run
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.folder import Run, read_run
+from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.calibrations.polarizer.polarizer_runs import (
     BLACK_DN,
     DIATTENUATION,

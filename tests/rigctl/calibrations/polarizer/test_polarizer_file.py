@@ -8,15 +8,11 @@ import pytest
 from pydantic import TypeAdapter
 
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.polarizer.polarizer_file import (
-    PolarizerParameters,
-    read_polarizer_file,
-    require_polarizer_fits,
-)
+from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file, require_polarizer_fits
 from rigctl.cli import main
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
-from rigctl.runs.session_record import PolarizerAsTaken
+from rigctl.runs.records import PolarizerAsTaken
 from tests.rigctl.calibrations.polarizer.polarizer_runs import OFFSET_DEG, SENSE, write_reference_run
 
 FOUND = {"schema_version": 2, "sense": -1, "offset_deg": {"value": 22.5, "std_error": 0.01}}

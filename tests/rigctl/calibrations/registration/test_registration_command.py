@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import make_record, write_run
 
 STAGE_DEG = (0.0, 45.0, 90.0, 135.0)

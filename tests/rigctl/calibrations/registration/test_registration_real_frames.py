@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigctl.calibrations.registration.register_run import register_run
-from rigctl.imports.import_request import ImportRequest
-from rigctl.runs.run_folder import read_run
+from rigctl.calibrations.registration import register_run
+from rigctl.imports.images import ImportRequest
+from rigctl.runs.folder import read_run
 from rigctl.verbs.import_images import imported
 
 REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")

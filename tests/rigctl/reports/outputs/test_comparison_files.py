@@ -5,10 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from rigctl.reports.figures.comparison_figures import _LOOKS
-from rigctl.reports.outputs.comparison_files import write_comparison
-from rigctl.session.take_session import take_session
-from rigctl.simulated.perturbation import perturbed
+from rigctl.report.comparison import _LOOKS, write_comparison
+from rigctl.rig.roof import perturbed
+from rigctl.session.take import take_session
 from rigctl.verbs.compare import compare
 from tests.rigctl.example_files import small_rig, small_session
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from calibration.estimate import Bound
-from rigctl.calibrations.noise.calibrate_files import calibrate_frames
-from rigctl.calibrations.noise.noise_frames import emva_frames
+from rigctl.calibrations.noise_calibration import calibrate_frames
+from rigctl.calibrations.noise_frames import emva_frames
 from rigctl.cli import main
-from rigctl.reports.figures.calibration_figures import snr_png
-from rigctl.reports.tables.calibration_tables import calibration_rows
+from rigctl.report.calibration import calibration_rows, snr_png
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
 
 
@@ -65,7 +64,7 @@ def test_a_read_noise_that_is_a_bound_bounds_the_curve_of_the_signal_to_noise_ra
     noise = calibrate_frames(emva_frames(write_emva_set(tmp_path))).noise
     drawn: list[str] = []
     monkeypatch.setattr(
-        "rigctl.reports.figures.calibration_figures.legend_beside",
+        "rigctl.report.calibration.legend_beside",
         lambda axes: drawn.extend(line.get_label() for line in axes.get_lines()),
     )
     coarse = replace(noise, read_noise_e=None, bounds=noise.bounds | {"read_noise_e": Bound(bound="<", value=19.8)})

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from rigctl.reports.pages.comparison_page import light_section
-from rigctl.reports.report import Picture
-from rigctl.reports.table import Shown, Table
+from rigctl.report.comparison import light_section
+from rigctl.report.document import Picture
+from rigctl.report.table import Shown, Table
 
 
 class MadeLight:

@@ -6,13 +6,13 @@ import pytest
 
 from drivers.errors import DeviceFaultError, LimitError
 from rigctl.cli import main
-from rigctl.live.session_history import session_history
-from rigctl.measurement.run_diagnosis import quick_diagnosis
-from rigctl.reports.pages.run_page import run_report
-from rigctl.reports.writers.html_page import html
-from rigctl.runs.run_folder import read_run
-from rigctl.runs.simulated_light import SimulatedLight
-from rigctl.session.take_session import take_session
+from rigctl.measure.diagnose import quick_diagnosis
+from rigctl.report.output import html
+from rigctl.report.run import run_report
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import SimulatedLight
+from rigctl.session.history import session_history
+from rigctl.session.take import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled
 from tests.rigctl.session.planning.test_schedule import RIG_AT_SITE, _session
 from tests.rigctl.session.watched_sessions import take_watched

@@ -10,9 +10,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rigctl.errors import DataError
-from rigctl.runs.fits.fits_card import make_card, read_cards
-from rigctl.runs.fits.fits_frame import decode_frame, encode_checksum, encode_frame, ones_complement_sum
-from rigctl.runs.fits.frame_header import header_cards, record_from_header
+from rigctl.runs.fits import (
+    decode_frame,
+    encode_checksum,
+    encode_frame,
+    header_cards,
+    make_card,
+    ones_complement_sum,
+    read_cards,
+    record_from_header,
+)
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 
 FRAMES = hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 65535))

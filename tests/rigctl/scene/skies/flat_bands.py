@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rigctl.scene.skies.solar_band import response_band
+from rigctl.scene.sun import response_band
 
 
 def flat_band(*, shortest_nm, longest_nm, distance_factor):

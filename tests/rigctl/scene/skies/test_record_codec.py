@@ -3,7 +3,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from rigctl.scene.skies.record_codec import NotStorableError, decode, encode, fingerprint
+from rigctl.scene.light import NotStorableError, decode, encode, fingerprint
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ import pytest
 from model.atmosphere.air import AtmosphereState, column
 from model.atmosphere.layers import AerosolKind, Layer
 from model.atmosphere.solver import solve
-from rigctl.scene.skies.sky_store import SkyStore, solver_sources, user_cache_folder
+from rigctl.scene.light import SkyStore, solver_sources, user_cache_folder
 
 LAYERS = (Layer(tau_rayleigh=0.05, tau_aerosol=0.1, ssa_aerosol=0.9, g_aerosol=0.6, delta=0.96),)
 SETTINGS = {"mu0": 0.7, "albedo": 0.1, "nodes": 4, "element_depth": 0.1, "tolerance": 1e-3}

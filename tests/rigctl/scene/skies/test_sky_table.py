@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError
-from rigctl.scene.skies.sky_table import read_sky_table
+from rigctl.scene.light import read_sky_table
 
 ARRAYS = {
     "sun_zenith_deg": np.array(50.0),

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pvlib import spectrum
 
-from rigctl.scene.skies.solar_band import response_band
+from rigctl.scene.sun import response_band
 from tests.rigctl.scene.skies.flat_bands import flat_band
 
 

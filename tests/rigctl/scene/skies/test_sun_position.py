@@ -6,7 +6,7 @@ import pytest
 from pvlib import solarposition
 
 from rigctl.files.place import Place
-from rigctl.scene.skies.sun_position import sun_position
+from rigctl.scene.sun import sun_position
 
 EDT = timezone(timedelta(hours=-4))
 ROCHESTER = Place(latitude_deg=43.085, longitude_deg=-77.68, elevation_m=168.0)

@@ -4,8 +4,7 @@ import pytest
 
 from rigctl.errors import ConfigError
 from rigctl.files.session_file import load_session
-from rigctl.session.planning.drift_cost import false_dolp, grouping_cost
-from rigctl.session.planning.session_steps import plan_steps, step_times_ns
+from rigctl.session.plan import false_dolp, grouping_cost, plan_steps, step_times_ns
 from tests.rigctl.session.made_rig import NS
 
 

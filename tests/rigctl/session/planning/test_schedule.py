@@ -12,11 +12,10 @@ from astropy.utils import iers
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
 from rigctl.files.session_file import SessionFile
-from rigctl.runs.run_folder import read_run
+from rigctl.runs.folder import read_run
 from rigctl.session.control import ask
-from rigctl.session.planning.schedule import round_times_ns, unix_ns
-from rigctl.session.planning.sun_track import SunTrack
-from rigctl.session.take_session import resume_session, take_session
+from rigctl.session.plan import SunTrack, round_times_ns, unix_ns
+from rigctl.session.take import resume_session, take_session
 from tests.rigctl.session.made_rig import NS, RIG_FILE, MadeWorld, events_of
 
 SITE = SiteSection(latitude_deg=43.16, longitude_deg=-77.61, elevation_m=150)

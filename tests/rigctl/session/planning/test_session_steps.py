@@ -3,7 +3,7 @@ import pytest
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.session.planning.session_steps import estimate, plan_steps
+from rigctl.session.plan import estimate, plan_steps
 from tests.rigctl.example_files import EXAMPLES
 
 

@@ -1,0 +1,145 @@
+"""What a job makes of each run of an archive: a row, kept as it comes, and known again by the hash of its inputs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from rigctl.archive.index import KEPT_FILES
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, write_durably
+from rigctl.console.failures import EXIT_OWN_FAULT
+from rigctl.errors import DataError
+from rigctl.mapped import PARTS_FOLDER
+from rigctl.runs.folder import FRAMES_FOLDER
+
+Verb = Literal["compare", "stokes", "verify", "recalibrate"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionNumbers:
+    """Numbers of a region in a run; None is not known, or not of this job.
+
+    Attributes
+    ----------
+    region, verdict : str
+        Its name, and the verdict on it alone.
+    dolp, dolp_sigma : float or None
+        Measured DoLP and its standard error.
+    aolp_deg, aolp_sigma_deg : float or None
+        Measured AoLP and its standard error [deg].
+    dolp_predicted, dolp_z : float or None
+        DoLP of the model; measured less predicted in standard errors.
+    dolp_before, aolp_before_deg : float or None
+        Of the run without the calibrations.
+    """
+
+    region: str
+    verdict: str = ""
+    dolp: float | None = None
+    dolp_sigma: float | None = None
+    aolp_deg: float | None = None
+    aolp_sigma_deg: float | None = None
+    dolp_predicted: float | None = None
+    dolp_z: float | None = None
+    dolp_before: float | None = None
+    aolp_before_deg: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRow:
+    """What came of one run.
+
+    Attributes
+    ----------
+    run : str
+        Its folder, from the archive's root.
+    utc : str
+        Start of its first frame, empty where it cannot be read.
+    sun_zenith : float or None
+        Angle of the sun from the zenith at the middle frame [deg].
+    exit_code : int
+        What the command of a single run ends with.
+    verdict : str
+        In a word; "failed" where there is no result.
+    reason : str
+        Why it failed, or what the verdict rests on.
+    calibrations : str
+        Files that were used, each with the beginning of its hash.
+    seconds : float
+        Time that it took.
+    regions : tuple of RegionNumbers
+        Its regions.
+    """
+
+    run: str
+    utc: str = ""
+    sun_zenith: float | None = None
+    exit_code: int
+    verdict: str
+    reason: str = ""
+    calibrations: str = ""
+    seconds: float = 0.0
+    regions: tuple[RegionNumbers, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptRows:
+    """Rows that are done, by the hash of their inputs, and files of them that could not be read."""
+
+    rows: Mapping[str, RunRow]
+    damaged: tuple[str, ...]
+
+
+_ROWS: TypeAdapter[dict[str, RunRow]] = TypeAdapter(dict[str, RunRow])
+
+
+def write_rows(out: Path, rows: Mapping[str, RunRow]) -> None:
+    """Return once rows are on the disk, under the hash of the first.
+
+    Raises
+    ------
+    OSError
+        They cannot be written.
+    """
+    write_durably(out / PARTS_FOLDER / f"{next(iter(rows))}.json", _ROWS.dump_json(dict(rows)))
+
+
+def read_rows(out: Path) -> KeptRows:
+    """Return the rows that are done; a file that is damaged is named, and its runs are not done."""
+    rows: dict[str, RunRow] = {}
+    damaged = []
+    for file in sorted((out / PARTS_FOLDER).glob("*.json")):
+        try:
+            found = _ROWS.validate_json(read_bounded(file, MOST_RECORD_BYTES))
+        except (ValidationError, DataError, OSError) as error:
+            damaged.append(f"{file}: {str(error).partition(chr(10))[0]}")
+            continue
+        # A row that a fault of the program ended makes room for one of a later trial.
+        rows |= {key: row for key, row in found.items() if key not in rows or row.exit_code != EXIT_OWN_FAULT}
+    return KeptRows(rows=rows, damaged=tuple(damaged))
+
+
+def inputs_hash(run: Path, settings: str) -> str:
+    """Return what the row of a run is known by: its journals, sizes and times of its frames, and the settings.
+
+    Parameters
+    ----------
+    run : Path
+        The folder.
+    settings : str
+        All else that the row follows from.
+    """
+    digest = sha256(settings.encode())
+    for name in KEPT_FILES:
+        try:
+            digest.update(f"\0{name}\0".encode() + read_bounded(run / name, MOST_RECORD_BYTES))
+        except (OSError, DataError) as error:
+            digest.update(f"\0{name}: {type(error).__name__}".encode())
+    frames = run / FRAMES_FOLDER
+    for file in sorted(frames.iterdir()) if frames.is_dir() else ():
+        stat = file.lstat()
+        digest.update(f"\0{file.name} {stat.st_size} {stat.st_mtime_ns}".encode())
+    return digest.hexdigest()

@@ -1,0 +1,390 @@
+"""Origin of results: which command wrote a file, and from what; noted in the user's own folder, known again by that.
+
+Destinations of results: tried before any work, and never a file that somebody else made.
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Literal
+
+from rigctl.base.durable import MOST_RECORD_BYTES, sha256_of
+from rigctl.errors import ConfigError
+
+_RUN_FILES = ("session.json", "manifest.jsonl")
+# What people say of a run, if anything: which of its frames are left out.
+_SAID_OF_RUN = "annotations.jsonl"
+# A run of which one of the two is gone is still one.
+_BESIDE_IN_RUN = ("frames", "events.jsonl")
+# Where a format has a place for its writer, the word stands within this much of either end.
+_HEADER_BYTES = 65536
+_TEXT_FORMATS = (".toml", ".csv", ".txt")
+_MARK = b"rigctl"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """Origin of results: a command, and what it read.
+
+    Attributes
+    ----------
+    command : str
+        The verb.
+    digest : str
+        Of its options and of the content of its inputs.
+    """
+
+    command: str
+    digest: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remembered:
+    """What was noted of a file when it was written."""
+
+    sha256: str
+    origin: Origin
+
+
+def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
+    """Return what results come from.
+
+    Parameters
+    ----------
+    command : str
+        The verb.
+    options : mapping
+        All that decides the results beside the inputs.
+    inputs : iterable of Path
+        Files and folders that are read; a run by its session file and manifest.
+    """
+    found = hashlib.sha256(repr(sorted((key, str(value)) for key, value in options.items())).encode())
+    for path in inputs:
+        for file in sorted(_files_of_input(path)):
+            if not file.is_file():  # a pipe or a device has no end
+                continue
+            with suppress(OSError), file.open("rb") as content:
+                if file.stat().st_size > MOST_RECORD_BYTES:  # nothing reads it whole, and to hash it takes long
+                    found.update(repr(file.stat()).encode())
+                    continue
+                found.update(hashlib.file_digest(content, "sha256").digest())
+    return Origin(command=command, digest=found.hexdigest())
+
+
+def remember(file: Path, origin: Origin) -> None:
+    """Note where a file comes from. Raises OSError."""
+    note = _note_of(file)
+    note.parent.mkdir(parents=True, exist_ok=True)
+    content = {
+        "file": str(file.resolve()),
+        "sha256": sha256_of(file),
+        "command": origin.command,
+        "digest": origin.digest,
+    }
+    beside = note.with_name(f"{note.name}.{os.getpid()}")
+    beside.write_text(json.dumps(content), encoding="ascii")
+    beside.replace(note)
+
+
+def remembered(file: Path) -> Remembered | None:
+    """Return what was noted of a file; None where nothing was."""
+    try:
+        content = json.loads(_note_of(file).read_text(encoding="ascii"))
+        origin = Origin(command=str(content["command"]), digest=str(content["digest"]))
+        return Remembered(sha256=str(content["sha256"]), origin=origin)
+    except (OSError, ValueError, RuntimeError, LookupError, TypeError):
+        return None
+
+
+def says_rigctl(file: Path) -> bool:
+    """Return whether the header of a file names this program as its writer."""
+    with file.open("rb") as content:
+        head = content.read(_HEADER_BYTES)
+        content.seek(max(file.stat().st_size - _HEADER_BYTES, 0))
+        tail = content.read(_HEADER_BYTES)
+    if file.suffix.lower() in _TEXT_FORMATS:
+        first = head.partition(b"\n")[0]
+        return first.startswith(b"#") and b"written by rigctl" in first
+    return _MARK in head or _MARK in tail
+
+
+def is_run(folder: Path) -> bool:
+    """Return whether a folder is a run, or what was left of one."""
+    there = [name for name in _RUN_FILES if (folder / name).is_file()]
+    return len(there) == len(_RUN_FILES) or (bool(there) and any((folder / name).exists() for name in _BESIDE_IN_RUN))
+
+
+def _files_of_input(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path] if path.is_file() else []
+    if is_run(path):
+        return [file for name in (*_RUN_FILES, _SAID_OF_RUN) if (file := path / name).is_file()]
+    return [file for file in path.iterdir() if file.is_file()]
+
+
+def _note_of(file: Path) -> Path:
+    stated = os.environ.get("XDG_STATE_HOME", "")
+    base = Path(stated) if Path(stated).is_absolute() else Path.home() / ".local" / "state"
+    name = hashlib.sha256(os.fsencode(file.resolve())).hexdigest()
+    return base / "rigctl" / "results" / f"{name}.json"
+
+
+Kind = Literal["file", "folder", "new", "edited", "run", "absent"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Destination:
+    """Place that a command writes to.
+
+    Attributes
+    ----------
+    option : str
+        The option that names it.
+    path : Path
+        As it was given.
+    kind : {"file", "folder", "new", "edited", "run", "absent"}
+        One file, files in a folder, a folder that must not hold anything yet, a file that the command is to change, a
+        run that is made or added to, or what must not be there at all.
+    names : tuple of str
+        The files of a folder, in it or in the folders of it; ``*`` stands for any text.
+    """
+
+    option: str
+    path: Path
+    kind: Kind
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Command:
+    """The command that runs: where its results come from, and which files it has written by now."""
+
+    origin: Origin
+    force: bool
+    written: set[Path] = field(default_factory=set)
+
+
+_RUNNING: ContextVar[_Command | None] = ContextVar("running", default=None)
+
+
+@contextmanager
+def results_of(origin: Origin, *, force: bool) -> Iterator[None]:
+    """Give a command the right to replace its own results until the context is left; then note which it has written."""
+    running = _Command(origin=origin, force=force)
+    token = _RUNNING.set(running)
+    try:
+        yield
+    finally:
+        _RUNNING.reset(token)
+        for file in running.written:
+            with suppress(OSError):
+                remember(file, origin)
+
+
+def require_replaceable(files: Iterable[Path]) -> None:
+    """Refuse files of a person, and results that are not those of the running command, before any is written.
+
+    Raises
+    ------
+    ConfigError
+        One of them may not be replaced.
+
+    Notes
+    -----
+    Outside of a command, as a program calls, results of rigctl are replaced.
+    """
+    running = _RUNNING.get() or _Command(origin=Origin(command="", digest=""), force=True)
+    wanted = [file for file in files if file not in running.written]
+    problem = _taken([file for file in wanted if file.exists()], running.origin, force=running.force)
+    if problem is not None:
+        raise ConfigError(f"{wanted[0].parent}: {problem}")
+    running.written.update(wanted)
+
+
+def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs: Iterable[Path], force: bool) -> None:
+    """Refuse what cannot be written, or would replace what is not this program's to replace; nothing is changed.
+
+    Raises
+    ------
+    ConfigError
+        Every problem of every destination.
+    """
+    sources = {source.resolve() for source in inputs}
+    problems = []
+    seen: set[Path] = set()
+    for one in destinations:
+        try:
+            path = one.path.resolve()
+            problem = _problem(one, origin, force=force)
+            if path in seen:
+                problem = "another result goes there too"
+            elif path in sources and one.kind == "file":
+                problem = "is read by this very command: name another file"
+            seen.add(path)
+        except NotADirectoryError:
+            problem = "lies in a folder that is a file"
+        except OSError as error:
+            problem = error.strerror or str(error)
+        except (ValueError, RuntimeError) as error:
+            problem = str(error)
+        if problem:
+            problems.append(f"{one.option}: {one.path}: {problem}")
+    if problems:
+        raise ConfigError("\n".join(problems))
+
+
+def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
+    """Return the content of the files that are to be edited."""
+    return {one.path: one.path.read_bytes() for one in destinations if one.kind == "edited" and one.path.is_file()}
+
+
+def keep_old(before: Mapping[Path, bytes]) -> None:
+    """Keep each file that was edited as it was, under its name with .bak; earlier ones stay.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be kept.
+    """
+    for path, content in before.items():
+        kept = path.with_name(f"{path.name}.bak")
+        number = 1
+        while kept.exists():
+            number, kept = number + 1, path.with_name(f"{path.name}.bak{number}")
+        try:
+            if path.read_bytes() != content:
+                kept.write_bytes(content)
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be kept as {kept.name}: {error.strerror}") from error
+
+
+Snapshot = dict[Path, tuple[int, int, int]]
+
+
+def snapshot(destinations: Iterable[Destination]) -> Snapshot:
+    """Return which files stand at the destinations now."""
+    found: Snapshot = {}
+    for one in destinations:
+        for file in _present(one):
+            with suppress(OSError):
+                stat = file.stat()
+                found[file] = (stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    return found
+
+
+def remember_written(destinations: Iterable[Destination], before: Snapshot, origin: Origin) -> None:
+    """Note in the user's own folder which files were written, and from what: by that they are known again."""
+    after = snapshot(destinations)
+    for file, state in after.items():
+        if before.get(file) != state:
+            with suppress(OSError):
+                remember(file, origin)
+
+
+def _problem(one: Destination, origin: Origin, *, force: bool) -> str | None:
+    path = one.path
+    at = Path(os.path.realpath(path))  # links may lead into a run, dots out of one
+    run = next((folder for folder in (at, *at.parents) if is_run(folder)), None)
+    if run is not None and (one.kind not in ("new", "run") or run != at):
+        return f"lies in the run {run}, which takes no results: name a place beside it"
+    if one.kind in ("new", "run"):
+        return _not_new(path, is_run=run == at and one.kind == "run") or _untried(path)
+    if one.kind == "absent":
+        return "is there already: remove it, or name another" if os.path.lexists(path) else _unplaced(path)
+    if one.kind == "folder":
+        if path.exists() and not path.is_dir():
+            return "is a file; name a folder"
+        return _untried(path / "x") or _blocked(one) or _taken(_present(one), origin, force=force)
+    if path.is_dir():
+        return "is a folder; name a file"
+    if path.exists() and not path.is_file():
+        return "is no regular file"
+    if one.kind == "edited":
+        return _unplaced(path) or _unwritable(path)
+    return _unplaced(path) or _taken(_present(one), origin, force=force)
+
+
+def _blocked(one: Destination) -> str | None:
+    """Return which result cannot be a file, since a folder has its name."""
+    folders = [name for name in one.names if (one.path / name).is_dir()]
+    return f"{folders[0]} in it is a folder, and a result is to have its name" if folders else None
+
+
+def _not_new(path: Path, *, is_run: bool) -> str | None:
+    if path.is_dir():
+        return None if is_run or not any(path.iterdir()) else "is not empty: name a folder that is not there yet"
+    return "is there already, and is no folder: name a new place" if path.exists() else None
+
+
+def _unplaced(path: Path) -> str | None:
+    """Return why a file cannot be made in its folder, which has to be there."""
+    if not path.absolute().parent.is_dir():
+        return f"there is no folder {path.absolute().parent}; its folder does not exist"
+    return _untried(path)
+
+
+def _untried(path: Path) -> str | None:
+    """Return why a file of this name cannot be made; folders that are not there yet are not made for the trial."""
+    name = path.name
+    with suppress(FileNotFoundError):
+        path.lstat()  # refuses a name that is too long, or a file in the place of a folder
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    if not folder.is_dir():
+        return f"{folder} is a file"
+    if not name:
+        return "is no name of a file"
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as error:
+        return f"cannot be written: {folder}: {error.strerror}"
+
+
+def _taken(files: Iterable[Path], origin: Origin, *, force: bool) -> str | None:
+    for file in sorted(files):
+        known = remembered(file)
+        if known is None and not says_rigctl(file):
+            return f"{_there(file)} was not written by rigctl: it is not replaced; name another place"
+        if known is not None and known.sha256 != sha256_of(file):
+            return f"{_there(file)} was changed since rigctl wrote it: it is not replaced; move it away"
+        if not file.stat().st_mode & 0o222:
+            return f"{_there(file)} is read-only"
+        if not force and (known is None or known.origin != origin):
+            return f"{_there(file)} is the result of another command or of other inputs: --force replaces it"
+    return None
+
+
+def _unwritable(file: Path) -> str | None:
+    return "is read-only" if file.exists() and not file.stat().st_mode & 0o222 else None
+
+
+def _there(file: Path) -> str:
+    return f"{file.name} is there already, and"
+
+
+def _present(one: Destination) -> list[Path]:
+    if one.kind in ("file", "edited"):
+        return [one.path] if one.path.is_file() else []
+    if one.kind == "new" or not one.path.is_dir():
+        return []
+    return [
+        Path(folder) / name
+        for folder, _, files in _near(one.path)
+        for name in files
+        if any(fnmatchcase(name, known) for known in one.names) and (Path(folder) / name).is_file()
+    ]
+
+
+def _near(path: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Return a folder and the folders in it: no result lies deeper."""
+    for folder, folders, files in os.walk(path):
+        yield folder, folders, files
+        if Path(folder) != path:
+            folders.clear()

@@ -1,0 +1,234 @@
+"""Files read whole: only plain ones, and none that is larger than what is asked for can be.
+
+Calls to a disk that end in time, also where the disk hangs and the kernel holds whoever writes to it.
+
+Small files that are either whole under their name, or not there: power cuts and full disks included.
+"""
+
+import errno
+import hashlib
+import os
+import stat
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from drivers.caller import Caller, LeftBehindError
+from rigctl.errors import RunFolderError
+
+_BYTES_PER_MB = 1_000_000
+# What people write by hand.
+MOST_TEXT_BYTES = 8 * _BYTES_PER_MB
+# What the program writes beside pictures: calibrations, events. A manifest has some 1.5 kB a frame.
+MOST_RECORD_BYTES = 512 * _BYTES_PER_MB
+# Samples of one picture, unless --max-frame-mb says more: 134 million pixels of 16 bits.
+MOST_FRAME_MB = 268
+MOST_FRAME_BYTES = MOST_FRAME_MB * _BYTES_PER_MB
+# Of a run's own frames, which no option is needed for: 20 000 x 20 000 pixels of 16 bits and a header.
+MOST_OWN_FRAME_BYTES = 801 * _BYTES_PER_MB
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a file, judged before it is read.
+
+    Parameters
+    ----------
+    path : Path
+        The file. A FIFO or a device is refused: reading it could last for ever.
+    most_bytes : int
+        A larger file is refused, whether or not its bytes take room on the disk.
+
+    Raises
+    ------
+    OSError
+        It cannot be read, is no plain file, or is too large; `strerror` says so.
+    """
+    facts = _judged(path, most_bytes)
+    with path.open("rb") as file:
+        # One byte more than it had, to see whether it has grown meanwhile; then one more than allowed.
+        data = file.read(facts.st_size + 1)
+        if len(data) > facts.st_size:
+            data += file.read(most_bytes + 1 - len(data))
+    if len(data) > most_bytes:
+        raise OSError(errno.EFBIG, f"grows, and at most {_mb(most_bytes)} MB are read", str(path))
+    return data
+
+
+class _Kept(threading.local):
+    """Memory of a thread that is taken again and again."""
+
+    buffer = bytearray()
+
+
+_KEPT = _Kept()
+
+
+def read_for_now(path: Path, most_bytes: int) -> memoryview:
+    """Return the content of a file, judged before it is read, for as long as this thread reads no other this way.
+
+    The memory is taken again by the next call: new memory for each of a thousand pictures takes longer than to read
+    them from the cache of the system, and a memory map, whose pages come one by one, takes longer than this too.
+
+    Parameters
+    ----------
+    path, most_bytes
+        As `read_bounded` takes them.
+
+    Raises
+    ------
+    OSError
+        As `read_bounded`; or the file grows while it is read.
+    """
+    size = _judged(path, most_bytes).st_size
+    if len(_KEPT.buffer) <= size:
+        _KEPT.buffer = bytearray(size + 1)
+    view, filled = memoryview(_KEPT.buffer), 0
+    with path.open("rb", buffering=0) as file:
+        while count := file.readinto(view[filled : size + 1]):
+            filled += count
+    if filled > size:
+        raise OSError(errno.EFBIG, "grows while it is read", str(path))
+    return view[:filled].toreadonly()
+
+
+def _judged(path: Path, most_bytes: int) -> os.stat_result:
+    """Return the facts of a plain file that is not too large."""
+    facts = path.stat()
+    if stat.S_ISDIR(facts.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+    if not stat.S_ISREG(facts.st_mode):
+        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
+    if facts.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
+    return facts
+
+
+def _mb(size: int) -> str:
+    return f"{size / _BYTES_PER_MB:.4g}"
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal: it goes into whatever is made from that file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+Result = TypeVar("Result")
+
+STALLED_S = 30.0
+
+
+class DiskCalls:
+    """Makes calls in a thread of its own, which is left behind with a disk that hangs.
+
+    Parameters
+    ----------
+    stalled_s : float or None
+        A call that takes longer is not waited for any more; None: as `STALLED_S` says.
+    """
+
+    def __init__(self, *, stalled_s: float | None = None) -> None:
+        self.stalled_s = STALLED_S if stalled_s is None else stalled_s
+        self.is_hung = False
+        self._caller: Caller | None = None
+
+    def call(self, job: Callable[[], Result]) -> Result:
+        """Return what a call returns.
+
+        Raises
+        ------
+        RunFolderError
+            It does not come back in time, or an earlier one did not.
+        Exception
+            What it raises.
+        """
+        if self.is_hung:
+            raise RunFolderError(self.told())
+        if self._caller is None:
+            self._caller = Caller("calls to the disk")
+        try:
+            return self._caller.call(job, within_s=self.stalled_s)
+        except LeftBehindError as error:
+            self.is_hung = True
+            raise RunFolderError(self.told()) from error
+
+    def give_up(self) -> None:
+        """Wait for nothing any more: somebody else has seen that the disk hangs."""
+        self.is_hung = True
+
+    def end(self, last: Callable[[], object]) -> None:
+        """Make a last call; it is left behind where the disk hangs. May be called twice."""
+        if self._caller is None:
+            last()
+            return
+        caller, self._caller = self._caller, None
+        try:
+            if not self.is_hung:
+                caller.call(last, within_s=self.stalled_s)
+        except LeftBehindError:
+            self.is_hung = True
+        finally:
+            caller.end(last if self.is_hung else _nothing)
+
+    def told(self) -> str:
+        """Return what is said of a disk that hangs."""
+        return (
+            f"the disk hangs: it has not come back from writing for {self.stalled_s:g} s. Look at its cable and at "
+            "`dmesg`, then `rigctl resume`"
+        )
+
+
+def _nothing() -> None:
+    """Return: the thread ends with nothing left to do."""
+
+
+PART_SUFFIX = ".part"
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Return once the data are on the disk under their name.
+
+    Parameters
+    ----------
+    path : Path
+        The file's final name; an existing file is replaced in one step. Its folder must exist.
+    data : bytes
+        The whole content.
+
+    Raises
+    ------
+    OSError
+        The data could not be written (disk full, no permission). Nothing is left behind, and a file that was
+        there before is untouched.
+
+    Notes
+    -----
+    Written beside its place as ``NAME.part``, flushed to the disk, renamed, and the folder flushed too. Without
+    the first flush a rename can leave an empty file under a good name; without the second the last file may be
+    missing after a power cut.
+    """
+    part = path.with_name(path.name + PART_SUFFIX)
+    try:
+        _write_and_flush(part, data)
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    flush_folder(path.parent)
+
+
+def flush_folder(folder: Path) -> None:
+    """Return once the names in a folder are on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _write_and_flush(path: Path, data: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())

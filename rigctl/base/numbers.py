@@ -1,0 +1,232 @@
+"""Angles that come back to themselves after a turn.
+
+Range that every number of a file, an option or an address keeps to, so that arithmetic with it stays finite.
+
+Numbers as people write them: to the digits that are known, no power of ten that means nothing, no bare nan.
+
+Points in time as text, the one way this project writes them.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, date, datetime, timedelta
+from functools import wraps
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rigctl.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+AngleT = TypeVar("AngleT", float, "NDArray[np.float64]")
+
+
+def wrapped(angle: AngleT, *, turn: float) -> AngleT:
+    """Return an angle, such as a difference of two, brought into [-turn / 2, turn / 2).
+
+    Parameters
+    ----------
+    angle : float or array
+        Any finite angle.
+    turn : float
+        After which it comes back to itself, in its unit: 360 deg for directions, 180 deg for a polarizer's axis.
+    """
+    half = turn / 2.0
+    return (angle + half) % turn - half
+
+
+# No quantity of a camera, a stage, a scene or a session is larger in any unit that people write it in; products of a
+# dozen such numbers are finite.
+LARGEST = 1e12
+# Closer to 0 than this is 0 misspelt: what is divided by it stays finite too.
+SMALLEST = 1e-30
+# Of a time that a file or an option says: the sun is computed well within, and nanoseconds fit into 64 bits.
+FIRST_YEAR, LAST_YEAR = 1900, 2200
+
+
+def range_problem(value: float) -> str | None:
+    """Return in words what is wrong with a number that no arithmetic may be done with; None for a good one."""
+    if isinstance(value, float) and not isfinite(value):
+        return f"must be finite, between -{LARGEST:g} and {LARGEST:g}"
+    # Whole numbers of any length can be compared, but not made a float.
+    if abs(value) > LARGEST:
+        return f"must lie between -{LARGEST:g} and {LARGEST:g}"
+    if 0 < abs(value) < SMALLEST:
+        return f"must be 0, or at least {SMALLEST:g} away from it"
+    return None
+
+
+def wild_numbers(content: object, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield key and problem of every number of a nested table that is out of range.
+
+    Parameters
+    ----------
+    content : object
+        Tables, lists and values, times among them, as a TOML or JSON file gives them.
+    key : str
+        Where it stands.
+    """
+    if isinstance(content, Mapping):
+        for name, value in content.items():
+            yield from wild_numbers(value, f"{key}.{name}" if key else str(name))
+    elif isinstance(content, list | tuple):
+        for place, value in enumerate(content):
+            yield from wild_numbers(value, f"{key}.{place}" if key else str(place))
+    elif isinstance(content, date) and not FIRST_YEAR <= content.year <= LAST_YEAR:
+        yield key, f"the year must lie between {FIRST_YEAR} and {LAST_YEAR} (found {content.isoformat()})"
+    elif isinstance(content, int | float):
+        problem = range_problem(content)
+        if problem is not None:
+            yield key, f"{problem} (found {shown(content)})"
+
+
+def shown(value: object) -> str:
+    """Return a value as a message shows it: whole numbers of a hundred digits and long texts cut."""
+    try:
+        text = repr(value)
+    except ValueError:  # whole numbers of more than 4300 digits have no text
+        return "a number of thousands of digits"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}... ({len(text)} characters)"
+
+
+_SHOWN = 200
+
+
+def with_options_in_range(command: Callable[..., Any], refuse: Callable[[str], Exception]) -> Callable[..., Any]:
+    """Return a command that refuses options whose numbers are out of range, before it does anything.
+
+    Parameters
+    ----------
+    command : callable
+        Called with the options by their names.
+    refuse : callable
+        Makes the error out of a message.
+    """
+
+    @wraps(command)
+    def checked(*arguments: Any, **options: Any) -> Any:
+        problems = [f"--{name.partition('.')[0].replace('_', '-')}: {text}" for name, text in wild_numbers(options)]
+        if problems:
+            raise refuse("\n  ".join(problems))
+        return command(*arguments, **options)
+
+    return checked
+
+
+# Where there is no number.
+NOTHING = "–"
+NO_NUMBER = "does not exist"
+
+# Nothing here is known so well that less than this were different from 0.
+_ROUNDING = 1e-12
+# Chances below this rest on how far out a law holds, which nobody knows.
+_LEAST_CHANCE = 1e-6
+
+
+def to_digits(value: float, error: float) -> str:
+    """Return a number to two digits of its error, or to four digits where there is none."""
+    if not isfinite(value):
+        return NO_NUMBER
+    if error == 0.0 or not isfinite(error):
+        return f"{value:.4g}"
+    exponent = int(f"{error:.1e}".partition("e")[2])
+    return f"{value:.{max(0, 1 - exponent)}f}"
+
+
+def signed(score: float | None) -> str:
+    """Return a standard score."""
+    return NOTHING if score is None else f"{score:+.2f}"
+
+
+def size(value: float) -> str:
+    """Return an error or a limit by its power of ten; 0 for what is left of rounding."""
+    if not isfinite(value):
+        return NOTHING
+    return "0" if abs(value) < _ROUNDING else f"{value:.1e}"
+
+
+def chance(probability: float) -> str:
+    """Return a probability to two digits; how small one is that is very small means nothing."""
+    if not isfinite(probability):
+        return NO_NUMBER
+    return f"{probability:.2g}" if probability >= _LEAST_CHANCE else "< 1e-6"
+
+
+def p_value(probability: float) -> str:
+    """Return a probability behind its name, as in "p = 0.03"."""
+    found = chance(probability)
+    return f"p {found}" if found.startswith("<") else f"p = {found}"
+
+
+def percent(share: float, *, digits: int = 2, sign: bool = False) -> str:
+    """Return a share in per cent to some digits, without a power of ten: "100 %", "0.013 %"."""
+    if not isfinite(share):
+        return NO_NUMBER
+    value = 100.0 * share
+    if abs(value) < _ROUNDING:
+        return "0 %"
+    decimals = min(max(0, digits - 1 - floor(log10(abs(value)))), 6)
+    return f"{value:{'+' if sign else ''}.{decimals}f} %"
+
+
+NS_PER_S = 1_000_000_000
+_EPOCH = datetime.fromisoformat("1970-01-01T00:00:00Z")
+
+
+def utc_text(unix_ns: int) -> str:
+    """Return a point in time as ISO 8601 text in UTC, with all nine digits of its nanoseconds.
+
+    Parameters
+    ----------
+    unix_ns : int
+        Nanoseconds since 1970-01-01T00:00:00Z, leap seconds not counted.
+
+    Notes
+    -----
+    The text ends in ``Z`` and sorts as the times do: ``2026-05-04T10:00:00.250000000Z``.
+    """
+    seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
+    moment = datetime.fromtimestamp(seconds, tz=UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
+
+
+def unix_ns(time: datetime) -> int:
+    """Return a time with a zone in nanoseconds since 1970 (UTC)."""
+    return (time - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def utc_moment(text: str) -> datetime:
+    """Return the time that a UTC text says, to the second.
+
+    Raises
+    ------
+    ValueError
+        It is no time.
+    """
+    # Nanoseconds are more than the standard library reads.
+    return datetime.fromisoformat(text[:19] + "+00:00")
+
+
+def is_utc_text(text: str) -> bool:
+    """Return whether a text says a time; header keywords of others hold all kinds of things."""
+    try:
+        utc_moment(text)
+    except ValueError:
+        return False
+    return True
+
+
+def time_option(name: str, text: str | None) -> int | None:
+    """Return the time that an option states [ns since 1970 UTC]; ConfigError unless it is a time with a zone."""
+    if text is None:
+        return None
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError(f"{name}: {text!r} is no time; write it like 2026-05-04T10:00Z") from error
+    if moment.tzinfo is None:
+        raise ConfigError(f"{name}: {text!r} has no zone; write {text}Z for UTC, or {text}+02:00")
+    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
+        raise ConfigError(f"{name}: {text!r}: the year must lie between {FIRST_YEAR} and {LAST_YEAR}")
+    return unix_ns(moment.astimezone(UTC))

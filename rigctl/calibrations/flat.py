@@ -1,0 +1,335 @@
+"""Flat fields of a run, one for each polarizer angle.
+
+The file that flat fields are kept in: ``flat.npz``, pictures with their facts as JSON in it.
+"""
+
+import io
+import json
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, TypeAdapter, ValidationError
+
+from calibration.polarimeter.pictures import FlatField, flat_field
+from calibration.results import CalibrationError
+from rigctl.base.arrays import read_arrays
+from rigctl.base.numbers import wrapped
+from rigctl.calibrations.made_for import MadeFor, Measured, UtcText, made_for, made_for_of_file, require_fit
+from rigctl.calibrations.record import CalibrationFile, header_of, source_of_run
+from rigctl.errors import DataError
+from rigctl.files.toml import describe, newer_schema
+from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord
+
+FloatArray = NDArray[np.float64]
+
+# Share of saturated pixels in a frame beyond which it is no flat.
+_MOST_SATURATED = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatAngle:
+    """Numbers of the flat field at one polarizer angle, in the order in which its file has them.
+
+    Attributes
+    ----------
+    polarizer_angle_deg : float
+        0 to 180 [deg].
+    frames : int
+        Of the angle.
+    mean_dn : float
+        Mean count, dark level off [DN].
+    throughput : Measured
+        Light of the angle over the mean of all angles.
+    pattern_rms, noise_rms : float
+        Relative deviation over the pixels, of the response and of its error.
+    """
+
+    polarizer_angle_deg: float
+    frames: int
+    mean_dn: float
+    throughput: Measured[float]
+    pattern_rms: float
+    noise_rms: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunFlat:
+    """Flat fields by polarizer angle.
+
+    Attributes
+    ----------
+    angles_deg : (N,) array
+        Polarizer angles, 0 to 180 [deg].
+    flats : tuple of FlatField
+        One each.
+    exposure_s : float
+        Of the frames [s].
+    records : tuple of FrameRecord
+        The frames.
+    """
+
+    angles_deg: FloatArray
+    flats: tuple[FlatField, ...]
+    exposure_s: float
+    records: tuple[FrameRecord, ...]
+
+    def rows(self) -> tuple[FlatAngle, ...]:
+        """Return the numbers of each angle."""
+        values, errors = self.throughput()
+        return tuple(
+            FlatAngle(
+                polarizer_angle_deg=angle,
+                frames=flat.frames,
+                mean_dn=flat.mean_dn,
+                throughput=Measured(value=value, std_error=error),
+                pattern_rms=flat.pattern_rms,
+                noise_rms=flat.noise_rms,
+            )
+            for angle, flat, value, error in zip(
+                self.angles_deg.tolist(), self.flats, values.tolist(), errors.tolist(), strict=True
+            )
+        )
+
+    def throughput(self) -> tuple[FloatArray, FloatArray]:
+        """Return the light of each angle over the mean of all, and its error: of unpolarized, steady light."""
+        means = np.array([flat.mean_dn for flat in self.flats])
+        errors = np.array([flat.mean_error_dn for flat in self.flats])
+        return means / means.mean(), errors / means.mean()
+
+
+def flat_of_run(run: Run) -> RunFlat:
+    """Return the flat fields of a run, of its longest exposure that does not saturate.
+
+    Raises
+    ------
+    DataError
+        There are no flat frames with a polarizer angle, none is below saturation, or no dark level is known.
+    CalibrationError
+        An angle has one frame only, or no light.
+    """
+    flats = [one for one in run.frames if one.kind == "flat" and one.polarizer_angle_deg is not None]
+    usable = [one for one in flats if one.saturated_fraction <= _MOST_SATURATED and one.exposure_s is not None]
+    if not usable:
+        raise DataError(
+            f"{run.path}: has {len(flats)} flat frames with a polarizer angle, and none of known exposure below "
+            'saturation: take kind = "flat" with angles_deg in a session'
+        )
+    exposure_s = max(one.exposure_s or 0.0 for one in usable)
+    chosen = [one for one in usable if one.exposure_s == exposure_s]
+    groups: dict[float, list[FrameRecord]] = defaultdict(list)
+    for record in chosen:
+        groups[_angle_deg(record)].append(record)
+    dark_dn = _dark_dn(run, chosen[0])
+    angles = sorted(groups)
+    return RunFlat(
+        angles_deg=np.array(angles),
+        flats=tuple(_flat(run, angle, groups[angle], dark_dn) for angle in angles),
+        exposure_s=exposure_s,
+        records=tuple(chosen),
+    )
+
+
+def _angle_deg(record: FrameRecord) -> float:
+    target = record.polarizer_angle_target_deg
+    angle = record.polarizer_angle_deg if target is None else target
+    return round(angle or 0.0, 1) % 180.0
+
+
+def _flat(run: Run, angle_deg: float, records: Iterable[FrameRecord], dark_dn: FloatArray) -> FlatField:
+    try:
+        return flat_field((run.counts(record) for record in records), dark_dn)
+    except CalibrationError as error:
+        raise DataError(f"{run.path}: flat frames at {angle_deg:g} deg: {error}") from error
+
+
+def _dark_dn(run: Run, flat: FrameRecord) -> FloatArray:
+    darks = [one for one in run.frames if one.kind == "dark" and one.exposure_s == flat.exposure_s]
+    if darks:
+        total = np.zeros((flat.height, flat.width))
+        for record in darks:
+            total += run.counts(record)
+        return total / len(darks)
+    if flat.black_level_dn is None:
+        raise DataError(
+            f"{run.path}: has no dark frames at the exposure of its flat frames, and no black level: "
+            'take some in the same session (kind = "dark", the same exposure_ms)'
+        )
+    return np.full((flat.height, flat.width), flat.black_level_dn)
+
+
+SCHEMA_VERSION = 1
+# Dust moves: a choice.
+VALID_DAYS = 30.0
+# A flat this near to an angle is of that angle.
+_NEAR_DEG = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatFacts:
+    """Facts of the file beside its pictures, as far as anything is made of them."""
+
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    kind: Literal["flat"]
+    made_for: MadeFor
+    created_utc: UtcText | None = None
+
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlatFields:
+    """Flat fields as their file holds them.
+
+    Attributes
+    ----------
+    facts : FlatFacts
+        What they were made for.
+    angles_deg : (N,) array
+        Polarizer angles [deg].
+    response, std_error : (N, H, W) arrays
+        Of each pixel over the mean of its angle.
+
+    Raises
+    ------
+    ValueError
+        Pictures and angles do not belong together, or hold what is no number.
+    """
+
+    facts: FlatFacts
+    angles_deg: FloatArray
+    response: FloatArray
+    std_error: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.angles_deg.ndim != 1 or not len(self.angles_deg):
+            raise ValueError(f"angles_deg has the shape {self.angles_deg.shape}, must be a row of one or more")
+        for name, pictures in (("response", self.response), ("std_error", self.std_error)):
+            if pictures.ndim != 3 or pictures.shape != (len(self.angles_deg), *self.response.shape[1:]):
+                raise ValueError(f"{name} has the shape {pictures.shape}, must be a picture for each of its angles")
+        for name in ("angles_deg", "response", "std_error"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(f"{name} holds what is no finite number")
+        if np.any(self.std_error < 0.0):
+            raise ValueError("std_error is below 0 somewhere")
+
+    def place(self, polarizer_deg: float) -> int:
+        """Return which flat is that of a polarizer angle.
+
+        Raises
+        ------
+        DataError
+            There is none.
+        """
+        apart = np.abs(wrapped(self.angles_deg - polarizer_deg, turn=180.0))
+        nearest = int(np.argmin(apart))
+        if apart[nearest] > _NEAR_DEG:
+            known = ", ".join(f"{angle:g}" for angle in self.angles_deg)
+            raise DataError(
+                f"there is no flat field at {polarizer_deg % 180.0:.2f} deg; it was taken at {known} deg: take flat "
+                "frames at the angles that are used"
+            )
+        return nearest
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatNumbers:
+    """Numbers of flat fields beside their pictures, in the order in which the file has them."""
+
+    exposure_s: float
+    angles: tuple[FlatAngle, ...]
+    throughput: str = "over the mean of the angles; the polarizer's own only if the light is unpolarized and steady"
+
+
+def flat_file(found: RunFlat, run: Run, *, valid_days: float | None = None) -> CalibrationFile[FlatNumbers]:
+    """Return what the file says beside its pictures."""
+    source, records = source_of_run(run), found.records
+    return CalibrationFile(
+        header=header_of("flat", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days),
+        body=FlatNumbers(exposure_s=found.exposure_s, angles=found.rows()),
+    )
+
+
+def flat_npz(found: RunFlat, file: CalibrationFile[FlatNumbers]) -> bytes:
+    """Return the bytes of the file."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        facts=np.frombuffer(json.dumps(file.as_json(), allow_nan=False).encode(), dtype=np.uint8),
+        angles_deg=found.angles_deg,
+        response=np.array([flat.response for flat in found.flats], dtype=np.float32),
+        std_error=np.array([flat.std_error for flat in found.flats], dtype=np.float32),
+    )
+    return buffer.getvalue()
+
+
+def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...]]:
+    """Return flat fields for the scene frames of a run, and what is doubtful about them, in words.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is none, is of another version, camera, stage, size or binning.
+    """
+    flats = _read(path)
+    frames = [record for record in run.frames if record.kind == "scene"]
+    sizes = {(record.height, record.width) for record in frames}
+    if sizes != {flats.response.shape[1:]}:
+        raise DataError(
+            f"{path}: its pictures have (rows, columns) {flats.response.shape[1:]}, the run {sorted(sizes)}"
+        )
+    return flats, require_fit("flat field", flats.facts.origin, made_for(run, frames), stage=True)
+
+
+def read_flat_facts(path: Path) -> FlatFacts:
+    """Return what a file of flat fields says beside its pictures.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is none, or is of another version.
+    """
+    try:
+        return _facts(path, read_arrays(path, only=("facts",))["facts"].tobytes())
+    except KeyError as error:
+        raise DataError(f"{path}: holds no flat fields; they are made by `rigctl calibrate flat`") from error
+
+
+def _read(path: Path) -> FlatFields:
+    try:
+        kept = read_arrays(path)
+    except DataError as error:
+        raise DataError(f"{error}; flat fields are made by `rigctl calibrate flat`") from error
+    try:
+        facts = _facts(path, kept["facts"].tobytes())
+        arrays = {name: kept[name].astype(np.float64) for name in ("angles_deg", "response", "std_error")}
+        return FlatFields(facts=facts, **arrays)
+    except DataError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{path}: holds no flat fields ({error}); they are made by `rigctl calibrate flat`") from error
+
+
+def _facts(path: Path, text: bytes) -> FlatFacts:
+    try:
+        return TypeAdapter(FlatFacts).validate_json(text)
+    except ValidationError as error:
+        later = newer_schema(_json(text), FlatFacts)
+        if later is not None:
+            raise DataError(f"{path}: {later}\n  flat fields are made by `rigctl calibrate flat`") from error
+        raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
+
+
+def _json(text: bytes) -> object:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None

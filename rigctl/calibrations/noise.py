@@ -1,0 +1,218 @@
+"""The file that a noise calibration is kept in: ``noise.json``, as a record."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
+
+from calibration.results import Flag
+from model.sensor import SensorNoise
+from rigctl.calibrations.made_for import (
+    Bounded,
+    CameraOfVersion1,
+    MadeFor,
+    MeasuredOverFrames,
+    UtcText,
+    made_for,
+    made_for_of_file,
+    require_fit,
+)
+from rigctl.calibrations.record import read_record
+from rigctl.runs.folder import Run
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA_VERSION = 2
+# Version 1 has "camera" in place of "made_for".
+_OLDEST_VERSION = 1
+# For how long a noise calibration is trusted where it does not say so itself: a choice.
+VALID_DAYS = 365.0
+QUANTITIES = (
+    "gain_dn_per_e",
+    "read_noise_e",
+    "dark_current_e_per_s",
+    "black_level_dn",
+    "saturation_e",
+    "prnu",
+    "dsnu_e",
+)
+# Asymmetry and negative eigenvalues of a covariance that rounding of its printed digits can make.
+_ROUNDING = 1e-9
+# Of an estimate's square in any unit; see the largest number of a file.
+_LARGEST_COVARIANCE = 1e24
+
+StatedEstimate = MeasuredOverFrames[Bounded]
+Gain = MeasuredOverFrames[Annotated[float, Field(gt=0, le=1e6)]]
+# A pixel that answers ten times as much as the others is a defect, not their non-uniformity.
+Ratio = MeasuredOverFrames[Annotated[float, Field(ge=-10, le=10)]]
+
+
+def _without_bound(found: Any) -> Any:
+    """Return what a file has of a number, None where that is a bound."""
+    if isinstance(found, dict) and found.get("bound") in ("<", ">"):
+        value = found.get("value")
+        if not isinstance(value, int | float) or not abs(value) < float("inf"):
+            raise ValueError("a bound has to have a finite value")
+        return None
+    return found
+
+
+_Quantity = TypeVar("_Quantity")
+_Known = Annotated[_Quantity, BeforeValidator(_without_bound)]
+_Covariance = Annotated[float, Field(ge=-_LARGEST_COVARIANCE, le=_LARGEST_COVARIANCE)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointErrors:
+    """Covariance of the errors of several quantities."""
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[_Covariance, ...], ...]
+
+    def __post_init__(self) -> None:
+        if unknown := [name for name in self.names if name not in QUANTITIES]:
+            raise ValueError(f"names {unknown} are none of {', '.join(QUANTITIES)}")
+        if [len(row) for row in self.matrix] != [len(self.names)] * len(self.names):
+            raise ValueError(f"the matrix has to have {len(self.names)} rows and columns, one for each name")
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"names {list(self.names)} hold one twice")
+        matrix = np.array(self.matrix)
+        scale = np.sqrt(np.abs(np.diag(matrix)))
+        if np.any(np.abs(matrix - matrix.T) > _ROUNDING * np.outer(scale, scale)):
+            raise ValueError("the matrix is not symmetric")
+        correlation = matrix / np.where(scale > 0.0, np.outer(scale, scale), 1.0)
+        if len(matrix) and np.linalg.eigvalsh(correlation).min() < -_ROUNDING:
+            raise ValueError("the matrix is no covariance: it has a negative eigenvalue")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """Figures of merit, as far as anything is made of them."""
+
+    dark_current_variance_e_per_s: StatedEstimate | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseParameters:
+    """A noise calibration as its file holds it.
+
+    Attributes
+    ----------
+    gain_dn_per_e, read_noise_e, dark_current_e_per_s, black_level_dn, saturation_e, prnu, dsnu_e : estimate or None
+        Each in the unit that its name ends in; None is not known, or known by a bound only
+        (``{"bound": "<", "value": 4.2}``). What cannot be below 0 may be, by its error.
+    covariance : JointErrors or None
+        Of their errors.
+    performance : Performance or None
+        Figures of merit.
+    flags : tuple of Flag
+        What was odd in the frames.
+    made_for : MadeFor or None
+        Devices, settings and time; files of version 1 have ``camera`` instead.
+    created_utc : str or None
+        When the file was written.
+    """
+
+    schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
+    gain_dn_per_e: Gain
+    read_noise_e: _Known[StatedEstimate | None]
+    dark_current_e_per_s: _Known[StatedEstimate | None]
+    black_level_dn: StatedEstimate
+    saturation_e: _Known[StatedEstimate | None]
+    prnu: _Known[Ratio | None]
+    dsnu_e: _Known[StatedEstimate | None]
+    covariance: JointErrors | None = None
+    performance: Performance | None = None
+    flags: tuple[Flag, ...] = ()
+    made_for: MadeFor | None = None
+    camera: CameraOfVersion1 | None = None
+    created_utc: UtcText | None = None
+
+    @property
+    def known(self) -> dict[str, StatedEstimate]:
+        """Its quantities by name, those that are known."""
+        return {name: found for name in QUANTITIES if (found := getattr(self, name)) is not None}
+
+    @property
+    def below_zero(self) -> dict[str, float]:
+        """Estimates below 0 of what is never below 0 in a sensor."""
+        return {
+            name: self.known[name].value
+            for name in ("read_noise_e", "dark_current_e_per_s", "prnu", "dsnu_e")
+            if name in self.known and self.known[name].value < 0.0
+        }
+
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        origin = self.made_for
+        if origin is None and self.camera is not None:
+            origin = self.camera.made_for()
+        return made_for_of_file(origin, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
+    def sensor_noise(self) -> SensorNoise:
+        """Return the noise of the sensor; what is not known, or below 0 by its error, is 0."""
+        values = {name: 0.0 if name in self.below_zero else one.value for name, one in self.known.items()}
+        return SensorNoise(
+            gain_dn_per_e=self.gain_dn_per_e.value,
+            read_noise_e=values.get("read_noise_e", 0.0),
+            dark_current_e_per_s=values.get("dark_current_e_per_s", 0.0),
+            black_level_dn=self.black_level_dn.value,
+            prnu=values.get("prnu", 0.0),
+            dsnu_e=values.get("dsnu_e", 0.0),
+        )
+
+    def covariance_of(self, names: Sequence[str]) -> FloatArray:
+        """Return the covariance of the errors of some quantities, (n, n); 0 of those that are not known."""
+        known, joint = self.known, self.covariance
+        cov = np.diag([known[name].std_error ** 2 if name in known else 0.0 for name in names])
+        if joint is not None:
+            here = [k for k, name in enumerate(names) if name in joint.names]
+            there = [joint.names.index(names[k]) for k in here]
+            cov[np.ix_(here, here)] = np.array(joint.matrix)[np.ix_(there, there)]
+        return cov
+
+
+def read_noise_file(path: str | Path) -> NoiseParameters:
+    """Return a noise calibration.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no noise calibration, or is of another version: every problem at once.
+    """
+    return read_record(Path(path), NoiseParameters, made_by="a noise calibration is made by `rigctl calibrate noise`")
+
+
+def require_noise_fits(noise: NoiseParameters, used: MadeFor) -> tuple[str, ...]:
+    """Return what is doubtful about using a noise calibration for frames, in words.
+
+    Parameters
+    ----------
+    noise : NoiseParameters
+        The calibration.
+    used : MadeFor
+        What the frames were, or will be, taken with.
+
+    Raises
+    ------
+    DataError
+        It is of another camera, gain, bit depth or binning.
+    """
+    return require_fit("noise calibration", noise.origin, used)
+
+
+def read_fitting_noise(path: Path, run: Run) -> tuple[NoiseParameters, tuple[str, ...]]:
+    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words.
+
+    Raises
+    ------
+    DataError
+        As `read_noise_file` and `require_noise_fits`.
+    """
+    noise = read_noise_file(path)
+    return noise, require_noise_fits(noise, made_for(run, [one for one in run.frames if one.kind == "scene"]))

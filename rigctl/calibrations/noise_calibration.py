@@ -1,0 +1,299 @@
+"""The content of ``noise.json``, of a calibration and the frames that it was made from.
+
+A noise calibration from its frames to its file.
+"""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from calibration.estimate import Bound, Estimate
+from calibration.results import CalibrationError, Flag, RefusedFramesError, by_consequence
+from calibration.sensor.curves import PhotonTransfer, brighter_fatter
+from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
+from calibration.sensor.levels import LevelStatistics, Spectrogram, level_statistics
+from calibration.sensor.noise import NoiseCalibration, calibrate_noise, first_lines, not_known, with_pattern
+from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram, fixed_pattern
+from rigctl.base.numbers import utc_text
+from rigctl.calibrations.noise import QUANTITIES, SCHEMA_VERSION
+from rigctl.calibrations.noise_frames import FrameGroup, FrameSet
+from rigctl.console.json_text import Json
+from rigctl.errors import DataError
+from rigctl.version import VERSION
+
+# So many defects are listed one by one; the map has all.
+_LISTED = 1000
+
+
+def noise_json(
+    calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
+) -> dict[str, Json]:
+    """Return the content of the file.
+
+    Parameters
+    ----------
+    calibration : NoiseCalibration
+        The calibration.
+    frames : FrameSet
+        What it was made from.
+    utc_ns : callable
+        The clock that dates it [ns].
+    """
+    estimates = {name: getattr(calibration, name) for name in QUANTITIES}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "created_by": f"rigctl {VERSION}",
+        "created_utc": utc_text(utc_ns()),
+        "source": asdict(frames.source),
+        "made_for": frames.made_for.as_json(),
+        **{name: _estimate(found, calibration.bounds.get(name)) for name, found in estimates.items()},
+        "covariance": {
+            "names": list(calibration.covariance.names),
+            "matrix": calibration.covariance.matrix.tolist(),
+        },
+        "flags": flags_json(calibration.flags),
+        "performance": asdict(calibration.performance),
+        "dark_levels": _dark_levels(calibration),
+        "photon_transfer": _curve(calibration.transfer),
+        "linearity": _linearity(calibration.transfer),
+        "emva1288": {name: _standard(name, figure) for name, figure in calibration.emva1288.items()},
+        "read_first": list(first_lines(calibration)),
+        "not_known": not_known(calibration),
+        "influence": [asdict(one) for one in calibration.influence],
+        "light_stability": asdict(calibration.light_stability),
+    }
+
+
+def _estimate(found: Estimate | None, bound: Bound | None) -> dict[str, Json] | None:
+    """Return a number, its bound where it is not known itself, or None."""
+    if found is not None:
+        return asdict(found)
+    return None if bound is None else {"bound": bound.bound, "value": _brief(bound.value)}
+
+
+def _brief(value: float) -> float:
+    """Return a number without an error to six digits."""
+    return float(f"{value:.6g}")
+
+
+def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Json] | None:
+    if figure is None:
+        return None
+    held = asdict(figure) | {"symbol": EMVA_SYMBOLS[name]}
+    if figure.bound is None:
+        del held["bound"]
+        return held
+    return {"bound": figure.bound, "value": _brief(figure.value), "n": figure.n, "symbol": held["symbol"]}
+
+
+def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Json]]:
+    """Return flags as the file holds them."""
+    return [asdict(flag) for flag in flags]
+
+
+def _curve(transfer: PhotonTransfer) -> dict[str, Json]:
+    points = transfer.points
+    return {
+        "signal_dn": points.signal_dn.tolist(),
+        "variance_dn2": points.variance_dn2.tolist(),
+        "std_error_dn2": points.std_error_dn2.tolist(),
+        "used": transfer.used.tolist(),
+        "fit": "variance_dn2 = gain_dn_per_e * signal_dn + bend * signal_dn**2 + cubic * signal_dn**3",
+        "gain_dn_per_e": transfer.gain_dn_per_e,
+        "bend": transfer.bend,
+        "cubic": transfer.cubic,
+        "relative_scatter": transfer.fit.scatter / transfer.gain_dn_per_e,
+        "chi2_per_dof": transfer.fit.chi2_per_dof,
+    }
+
+
+def _linearity(transfer: PhotonTransfer) -> dict[str, Json] | None:
+    curve, spreading = transfer.linearity, brighter_fatter(transfer)
+    if curve is None:
+        return None
+    return {
+        "fit": "signal_dn = x * (1 + quadratic_per_dn * x + cubic_per_dn2 * x**2), x proportional to the light",
+        "light": curve.light,
+        "quadratic_per_dn": curve.quadratic_per_dn,
+        "cubic_per_dn2": curve.cubic_per_dn2,
+        "covariance": curve.covariance.tolist(),
+        "relative_scatter": curve.relative_scatter,
+        "brighter_fatter": None if spreading is None else asdict(spreading),
+    }
+
+
+def _dark_levels(noise: NoiseCalibration) -> list[dict[str, Json]]:
+    return [
+        {
+            "exposure_s": level.exposure_s,
+            "mean_dn": level.mean_dn,
+            "temporal_variance_dn2": level.temporal_variance_dn2,
+            "temporal_std_error_dn2": level.temporal_std_error_dn2,
+            "n": level.n_frames,
+        }
+        for level in noise.darks
+    ]
+
+
+def pattern_json(pattern: FixedPattern) -> dict[str, Json]:
+    """Return spectrograms, histograms and defects."""
+    return {
+        "signal_dn": pattern.signal_dn,
+        "n_dark_frames": pattern.n_dark_frames,
+        "n_flat_frames": pattern.n_flat_frames,
+        "spectrograms": {
+            "dark_rows_dn": _spectrum(pattern.dark_rows),
+            "dark_columns_dn": _spectrum(pattern.dark_columns),
+            "response_rows": _spectrum(pattern.response_rows),
+            "response_columns": _spectrum(pattern.response_columns),
+        },
+        "histograms": {
+            "dark_dn": _histogram(pattern.dark_histogram),
+            "response": _histogram(pattern.response_histogram),
+        },
+        "defects": _defects(pattern),
+    }
+
+
+def _spectrum(found: Spectrogram) -> dict[str, Json]:
+    return {
+        "frequency_per_pixel": [round(float(value), 6) for value in found.frequency_per_pixel],
+        "amplitude": [float(f"{value:.5g}") for value in found.amplitude],
+    }
+
+
+def _histogram(found: PatternHistogram) -> dict[str, Json]:
+    return {
+        "centres": [float(f"{value:.6g}") for value in found.centres],
+        "counts": found.counts.tolist(),
+        "sigma": found.sigma,
+    }
+
+
+def _defects(pattern: FixedPattern) -> dict[str, Json]:
+    found = pattern.defects
+    rows, columns = np.nonzero(found.mask)
+    return {
+        "n": found.n_defect,
+        "counts": found.counts,
+        "dark_limit_dn": found.dark_limit_dn,
+        "response_limit": found.response_limit,
+        "noise_limit_dn2": found.noise_limit_dn2,
+        "kinds": {str(defect.name).lower(): defect.value for defect in Defect},
+        "listed": [
+            {"x": int(x), "y": int(y), "kind": int(found.mask[y, x])}
+            for y, x in zip(rows[:_LISTED], columns[:_LISTED], strict=True)
+        ],
+    }
+
+
+# Levels that are measured at a time; more only press on the memory.
+_WORKERS = min(4, os.cpu_count() or 1)
+
+LevelDone = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameCalibration:
+    """A noise calibration, and the frames that it was made from.
+
+    Attributes
+    ----------
+    noise : NoiseCalibration
+        The numbers.
+    pattern : FixedPattern or None
+        The fixed pattern pixel by pixel; None where no flat is brighter than its dark.
+    frames : FrameSet
+        What it was made from.
+    """
+
+    noise: NoiseCalibration
+    pattern: FixedPattern | None
+    frames: FrameSet
+
+    def as_json(self, *, created_ns: int) -> dict[str, Json]:
+        """Return the content of noise.json, made at a time [ns since 1970 UTC]."""
+        return noise_json(self.noise, self.frames, utc_ns=lambda: created_ns) | {
+            "fixed_pattern": None if self.pattern is None else pattern_json(self.pattern)
+        }
+
+
+def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> FrameCalibration:
+    """Return the noise calibration of a set of frames.
+
+    Parameters
+    ----------
+    frames : FrameSet
+        Dark and flat frames.
+    level_done : callable or None
+        Told after each level how many of how many are done.
+
+    Raises
+    ------
+    DataError
+        A frame cannot be read.
+    CalibrationError
+        The frames are unfit; a ``RefusedFramesError`` holds the flags.
+
+    Notes
+    -----
+    Each frame is read once. Where several levels have as many frames as the one that the fixed pattern is taken from,
+    that one's are read a second time, so that memory does not grow with the number of levels.
+    """
+    if any(flag.refuses for flag in frames.flags):
+        raise RefusedFramesError(frames.flags)
+    groups = [group for group in frames.groups if len(group.loaders) > 1]
+    levels = []
+    # Reading and arithmetic both let go of the interpreter; a level in work holds a few pictures.
+    with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
+        measured = pool.map(_measure, groups, [_is_the_stack(group, groups) for group in groups])
+        for done, level in enumerate(measured, start=1):
+            levels.append(level)
+            if level_done is not None:
+                level_done(done, len(groups))
+    noise = calibrate_noise(levels, bit_depth=frames.camera.bit_depth, stated=frames.stated)
+    pattern = _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True)))
+    noise = with_pattern(noise, pattern)
+    flags = (*noise.flags, *frames.flags)
+    if singles := len(frames.groups) - len(groups):
+        flags += (_single_frames(singles),)
+    return FrameCalibration(noise=replace(noise, flags=by_consequence(flags)), pattern=pattern, frames=frames)
+
+
+def _is_the_stack(group: FrameGroup, groups: Sequence[FrameGroup]) -> bool:
+    """Return whether a group has more frames than any other of its kind: the fixed pattern will be taken from it."""
+    others = [len(other.loaders) for other in groups if other.kind == group.kind and other is not group]
+    return len(group.loaders) > max(others, default=0)
+
+
+def _measure(group: FrameGroup, keep_picture: bool) -> LevelStatistics:
+    try:
+        return level_statistics(
+            (load() for load in group.loaders),
+            kind=group.kind,
+            exposure_s=group.exposure_s,
+            photons=group.photons,
+            keep_picture=keep_picture,
+        )
+    except CalibrationError as error:
+        raise DataError(f"{group.kind} frames at {group.exposure_s} s: {error}") from error
+
+
+def _fixed_pattern(noise: NoiseCalibration, groups: dict[int, FrameGroup]) -> FixedPattern | None:
+    chosen = noise.darks[noise.spatial.dark], noise.flats[noise.spatial.flat]
+    dark, flat = (
+        level if level.picture is not None else _measure(groups[id(level)], keep_picture=True) for level in chosen
+    )
+    return fixed_pattern(dark, flat)
+
+
+def _single_frames(levels: int) -> Flag:
+    return Flag(
+        name="single_frames",
+        message=f"single dark or flat frames ({levels} of them) show no noise of their own and are left out: "
+        f"take two frames or more at each exposure",
+    )

@@ -1,0 +1,671 @@
+"""Angles of the generator of a polarizer scan: a TOML or a CSV file.
+
+Mean counts of a region in the frames of a polarizer scan, dark taken off.
+
+Sense, axis, extinction and W of a polarizer in its stage, from the scans of runs.
+
+The analyzer over the picture: throughput, diattenuation and axis of each stage angle, block by block.
+"""
+
+import csv
+import io
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from calibration.polarimeter.analyzer import (
+    AnalyzerChannels,
+    AxisCandidate,
+    AxisFit,
+    DataReduction,
+    Extinction,
+    FourierFit,
+    Harmonic,
+    analyzer_channels,
+    block_means,
+    extinction,
+    fit_axis,
+    fit_fourier,
+    half_turn,
+    harmonics_are_told_apart,
+    linear_states,
+    measured_data_reduction,
+    pooled_diattenuation,
+    residual_harmonics,
+)
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+from rigctl.base.numbers import wild_numbers
+from rigctl.calibrations.made_for import Measured
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region, masks
+from rigctl.files.toml import Section, Uncertain, load
+from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord
+
+GeneratorAngle = Callable[[FrameRecord], float]
+
+_CSV_KEYS = ("sequence", "cycle")
+_ANGLE = "angle_deg"
+
+
+class _GeneratorFile(Section):
+    schema_version: Literal[1] = 1
+    angle_deg: Annotated[list[float], Field(min_length=4)]
+
+
+def load_generator(path: Path) -> GeneratorAngle:
+    """Return what says a frame's generator angle [deg].
+
+    Parameters
+    ----------
+    path : Path
+        ``.csv`` with the columns ``angle_deg`` and either ``cycle`` or ``sequence`` (the frame's number in the run);
+        or TOML with ``angle_deg = [...]``, one for each cycle of the run. Angles are of the transmission axis,
+        counter-clockwise from horizontal as the camera sees the scene.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, or is wrong.
+    """
+    key, table = _read_csv(path) if path.suffix.lower() == ".csv" else ("cycle", _read_toml(path))
+
+    def angle_deg(record: FrameRecord) -> float:
+        number = record.cycle if key == "cycle" else record.sequence
+        if number is None or number not in table:
+            raise DataError(f"{path}: has no generator angle for frame {record.sequence} ({key} {number})")
+        return table[number]
+
+    return angle_deg
+
+
+def _read_toml(path: Path) -> dict[int, float]:
+    return dict(enumerate(load(path, _GeneratorFile).angle_deg))
+
+
+def _read_csv(path: Path) -> tuple[str, dict[int, float]]:
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8"))))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: is no text of commas and lines: {error}") from error
+    columns = set(rows[0]) if rows else set()
+    keys = [key for key in _CSV_KEYS if key in columns]
+    if len(keys) != 1 or _ANGLE not in columns:
+        raise ConfigError(f"{path}: needs the column {_ANGLE} and one of {', '.join(_CSV_KEYS)} in its first line")
+    try:
+        angles = {int(row[keys[0]]): float(row[_ANGLE]) for row in rows}
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}: {error}; wanted are whole numbers of {keys[0]} and angles in degrees") from error
+    wild = [f"{key}: {problem}" for key, problem in wild_numbers(angles, _ANGLE)]
+    if wild:
+        raise ConfigError("\n  ".join([f"{path}:", *wild]))
+    return keys[0], angles
+
+
+FloatArray = NDArray[np.float64]
+
+# Frames whose stage angles are no further apart were taken at one angle [deg]; stages land within hundredths.
+_ONE_ANGLE_DEG = 0.2
+# So many pixels of a region may be saturated, as hot ones are; they are left out of all frames of a scan.
+_FEW_SATURATED = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AnalyzerScan:
+    """A region's light against the stage's angle: angles (K,) [rad], mean counts (K,) [DN]."""
+
+    stage_rad: FloatArray
+    signal_dn: FloatArray
+    frames: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneratorScan:
+    """A region's light at each generator angle (K,) and stage angle (N,): mean counts (K, N) [DN]."""
+
+    generator_rad: FloatArray
+    stage_rad: FloatArray
+    signal_dn: FloatArray
+    frames: int
+
+
+def analyzer_scan(run: Run, region: Region | None) -> AnalyzerScan:
+    """Return the scan of the stage in front of a fixed reference.
+
+    Raises
+    ------
+    DataError
+        Frames lack stage angles or a dark level, or are saturated in the region.
+    """
+    records = scene_frames(run)
+    return AnalyzerScan(
+        stage_rad=np.radians([_stage_deg(run, record) for record in records]),
+        signal_dn=_signals_dn(run, records, region),
+        frames=len(records),
+    )
+
+
+def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngle) -> GeneratorScan:
+    """Return the scan of a generator, at each of the stage's angles; repeats are averaged.
+
+    Raises
+    ------
+    DataError
+        As `analyzer_scan`; or some stage angle lacks a generator angle that others have.
+    """
+    records = scene_frames(run)
+    cells = generator_cells(run, records, generator_deg)
+    signals = _signals_dn(run, records, region)
+    return GeneratorScan(
+        generator_rad=cells.generator_rad,
+        stage_rad=cells.stage_rad,
+        signal_dn=np.array([[np.mean(signals[list(cell)]) for cell in row] for row in cells.frames]),
+        frames=len(records),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneratorCells:
+    """Frames at each generator angle (K,) and stage angle (N,) [rad]: places in a list of records."""
+
+    generator_rad: FloatArray
+    stage_rad: FloatArray
+    frames: tuple[tuple[tuple[int, ...], ...], ...]
+
+
+def generator_cells(run: Run, records: Sequence[FrameRecord], generator_deg: GeneratorAngle) -> GeneratorCells:
+    """Return which frames of a generator scan belong to which pair of angles.
+
+    Raises
+    ------
+    DataError
+        Some stage angle lacks a generator angle that others have, or a frame has no angle.
+    """
+    groups, stages_deg = _one_angle(np.array([_stage_deg(run, record) for record in records]))
+    cells: dict[tuple[float, int], list[int]] = defaultdict(list)
+    for index, (record, group) in enumerate(zip(records, groups, strict=True)):
+        cells[generator_deg(record), group].append(index)
+    generators, stages = sorted({generator for generator, _ in cells}), range(len(stages_deg))
+    missing = [(g, s) for g in generators for s in stages if (g, s) not in cells]
+    if missing:
+        raise DataError(
+            f"{run.path}: {len(missing)} of {len(generators) * len(stages)} pairs of generator and stage angle have no "
+            f"frame, such as generator {missing[0][0]:g} deg at stage {stages_deg[missing[0][1]]:.2f} deg"
+        )
+    return GeneratorCells(
+        generator_rad=np.radians(generators),
+        stage_rad=np.radians(stages_deg),
+        frames=tuple(tuple(tuple(cells[g, s]) for s in stages) for g in generators),
+    )
+
+
+def _one_angle(angles_deg: FloatArray) -> tuple[list[int], FloatArray]:
+    """Return which of the stage's angles each frame was taken at, and these angles, ascending from 0 [deg].
+
+    A readback differs a little from frame to frame, also across 0: 359.998 and 0.003 deg are one angle.
+    """
+    # From just below 0, so that no angle near it is at the other end.
+    turned = (angles_deg + _ONE_ANGLE_DEG) % 360.0 - _ONE_ANGLE_DEG
+    order = np.argsort(turned, kind="stable")
+    numbers = np.cumsum(np.diff(turned[order], prepend=turned[order[0]]) > _ONE_ANGLE_DEG)
+    groups = np.empty(len(turned), dtype=np.int64)
+    groups[order] = numbers
+    means = np.array([turned[groups == group].mean() for group in range(int(numbers[-1]) + 1)])
+    return groups.tolist(), means
+
+
+def scene_frames(run: Run) -> list[FrameRecord]:
+    """Return the scene frames of a run, which have one exposure.
+
+    Raises
+    ------
+    DataError
+        There are none, or they have several exposures.
+    """
+    records = [record for record in run.frames if record.kind == "scene"]
+    if not records:
+        raise DataError(f"{run.path}: has no scene frames")
+    exposures = {record.exposure_s for record in records}
+    if len(exposures) > 1:
+        raise DataError(f"{run.path}: scene frames have {len(exposures)} exposures; a polarizer scan needs one")
+    return records
+
+
+def _stage_deg(run: Run, record: FrameRecord) -> float:
+    if record.stage_angle_deg is None:
+        raise DataError(f"{run.path}: frame {record.sequence} has no stage angle; a polarizer calibration needs it")
+    return record.stage_angle_deg
+
+
+def _signals_dn(run: Run, records: Sequence[FrameRecord], region: Region | None) -> FloatArray:
+    inside = _inside(records[0], region)
+    inside &= ~_saturated(run, records, inside)
+    means = np.array([float(run.counts(record)[inside].mean()) for record in records])
+    return means - _dark_dn(run, records[0], inside)
+
+
+def _saturated(run: Run, records: Sequence[FrameRecord], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which pixels are saturated in any frame, where those of the region are as few as hot pixels are."""
+    saturated = np.zeros_like(inside)
+    most = max(1, int(_FEW_SATURATED * np.count_nonzero(inside)))
+    for record in records:
+        saturated |= run.counts(record) >= record.saturation_dn
+        count = int(np.count_nonzero(saturated & inside))
+        if count > most:
+            raise DataError(
+                f"{run.path}: frame {record.sequence} has {count} saturated pixels in the region (allowed are {most}, "
+                f"as hot pixels): take a shorter exposure, or give another region"
+            )
+    return saturated
+
+
+def _inside(record: FrameRecord, region: Region | None) -> NDArray[np.bool_]:
+    if region is None:
+        return np.ones((record.height, record.width), dtype=np.bool_)
+    return masks([region], width=record.width, height=record.height)[region.name]
+
+
+def dark_frames(run: Run, scene: FrameRecord) -> list[FrameRecord]:
+    """Return the dark frames of the exposure of a scene frame."""
+    return [record for record in run.frames if record.kind == "dark" and record.exposure_s == scene.exposure_s]
+
+
+def _dark_dn(run: Run, scene: FrameRecord, inside: NDArray[np.bool_]) -> float:
+    darks = dark_frames(run, scene)
+    if darks:
+        return float(np.mean([run.counts(record)[inside].mean() for record in darks]))
+    if scene.black_level_dn is not None:
+        return scene.black_level_dn
+    raise DataError(
+        f"{run.path}: nothing says how many counts there are without light; a dark level that stays in lowers the "
+        f"extinction ratio: add dark frames at the exposure of the scan"
+    )
+
+
+# What is not so many of its own errors above 0 is not there.
+_SEEN_SIGMAS = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownLight:
+    """Light of a scan, as far as it is known beforehand.
+
+    Attributes
+    ----------
+    axis_error_rad : float
+        Standard error of the direction of reference or generator [rad].
+    dolp : Uncertain or None
+        Degree of linear polarization of reference or generator.
+    expected_rad, expected_error_rad : float or None, float
+        The offset, roughly, and how well [rad].
+    """
+
+    axis_error_rad: float = 0.0
+    dolp: Uncertain | None = None
+    expected_rad: float | None = None
+    expected_error_rad: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScanCurve:
+    """Light against the angle of what turned, and the law fitted to it.
+
+    Attributes
+    ----------
+    label : str
+        What stood still, such as "stage at 45.0 deg".
+    angle_rad, signal_dn : (K,) arrays
+        Points of the scan.
+    fit : FourierFit
+        Malus' law.
+    harmonics : tuple of Harmonic
+        What the law leaves.
+    """
+
+    label: str
+    angle_rad: FloatArray
+    signal_dn: FloatArray
+    fit: FourierFit
+    harmonics: tuple[Harmonic, ...]
+
+    @classmethod
+    def of(cls, label: str, angle_rad: FloatArray, signal_dn: FloatArray) -> "ScanCurve":
+        """Return the curve of a scan.
+
+        Raises
+        ------
+        DataError
+            It has no light, or its light does not change with the angle.
+        """
+        fit = fit_fourier(angle_rad, signal_dn)
+        if float(fit.terms[0]) < _SEEN_SIGMAS * float(fit.mean_error()):
+            raise DataError(f"{label}: there is no light above the dark level: check dark frames and region")
+        if float(fit.modulation) < _SEEN_SIGMAS * float(fit.modulation_error()):
+            raise DataError(
+                f"{label}: the light changes with the angle by no more than noise ({float(fit.modulation):.2%} +- "
+                f"{float(fit.modulation_error()):.2%}): is the polarizer, and what polarizes the light, in its place?"
+            )
+        return cls(
+            label=label,
+            angle_rad=angle_rad,
+            signal_dn=signal_dn,
+            fit=fit,
+            harmonics=residual_harmonics(angle_rad, signal_dn),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolarizerCalibration:
+    """A polarizer in its stage; None is what the scans cannot tell.
+
+    Attributes
+    ----------
+    axis : AxisFit
+        Sense and offset.
+    extinction : Extinction or None
+        Extinction ratio.
+    diattenuation, diattenuation_error : float or None
+        Of the polarizer.
+    channels : AnalyzerChannels or None
+        Each analyzer angle by itself.
+    stage_rad : (N,) array or None
+        Stage angles of the channels [rad].
+    reduction : DataReduction or None
+        W, for intensities over twice their mean.
+    harmonics : tuple of Harmonic
+        What is left of Malus' law; of the scan that shows each best.
+    curves : tuple of ScanCurve
+        The scans.
+    frames : int
+        Frames it was made from.
+    """
+
+    axis: AxisFit
+    extinction: Extinction | None
+    diattenuation: float | None
+    diattenuation_error: float | None
+    channels: AnalyzerChannels | None
+    stage_rad: FloatArray | None
+    reduction: DataReduction | None
+    harmonics: tuple[Harmonic, ...]
+    curves: tuple[ScanCurve, ...]
+    frames: int
+
+    @property
+    def offset_deg(self) -> Measured[float]:
+        """Polarizer angle where the stage stands at 0, of the sense that fits better [deg]."""
+        return candidate_offset_deg(self.axis.best)
+
+    @property
+    def harmonics_told_apart(self) -> bool:
+        """The scans go far enough round to tell the harmonics apart."""
+        return all(harmonics_are_told_apart(curve.angle_rad) for curve in self.curves)
+
+
+def candidate_offset_deg(candidate: AxisCandidate) -> Measured[float]:
+    """Return the offset of a sense [deg]."""
+    value, error = np.degrees([candidate.offset_rad, candidate.std_error_rad]).tolist()
+    return Measured(value=value, std_error=error)
+
+
+def from_references(
+    scans: Sequence[AnalyzerScan], references_rad: Sequence[float], known: KnownLight
+) -> PolarizerCalibration:
+    """Return the calibration by scans of the stage in front of fixed references."""
+    curves = tuple(
+        ScanCurve.of(f"reference at {np.degrees(reference):.1f} deg", scan.stage_rad, scan.signal_dn)
+        for scan, reference in zip(scans, references_rad, strict=True)
+    )
+    fits = [curve.fit for curve in curves]
+    axis = fit_axis(
+        axis_rad=np.array(references_rad),
+        stage_rad=np.array([float(fit.phase_rad) for fit in fits]),
+        std_error_rad=np.array([float(fit.phase_error_rad()) for fit in fits]),
+        common_error_rad=known.axis_error_rad,
+        expected_rad=known.expected_rad,
+        expected_error_rad=known.expected_error_rad,
+    )
+    weights = np.array([float(fit.modulation_error()) for fit in fits]) ** -2.0
+    modulation = float(weights @ [float(fit.modulation) for fit in fits] / weights.sum())
+    value, error = _diattenuation(modulation, float(weights.sum() ** -0.5), known.dolp)
+    return PolarizerCalibration(
+        axis=axis,
+        extinction=None if value is None or error is None else extinction(value, error),
+        diattenuation=value,
+        diattenuation_error=error,
+        channels=None,
+        stage_rad=None,
+        reduction=None,
+        harmonics=_clearest(curves),
+        curves=curves,
+        frames=sum(scan.frames for scan in scans),
+    )
+
+
+def from_generator(scan: GeneratorScan, known: KnownLight) -> PolarizerCalibration:
+    """Return the calibration by a generator that turns; one that is not described is taken as perfect."""
+    dolp = known.dolp or Uncertain(value=1.0)
+    channels = analyzer_channels(scan.generator_rad, scan.signal_dn, generator_dolp=dolp.value)
+    axis = fit_axis(
+        axis_rad=channels.axis_rad,
+        stage_rad=scan.stage_rad,
+        std_error_rad=channels.axis_error_rad,
+        common_error_rad=known.axis_error_rad,
+        expected_rad=known.expected_rad,
+        expected_error_rad=known.expected_error_rad,
+    )
+    curves = tuple(
+        ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", scan.generator_rad, column)
+        for stage, column in zip(scan.stage_rad.tolist(), scan.signal_dn.T, strict=True)
+    )
+    pooled, pooled_error = (float(number) for number in pooled_diattenuation(channels))
+    value, error = _diattenuation(pooled * dolp.value, pooled_error * dolp.value, dolp)
+    return PolarizerCalibration(
+        axis=axis,
+        extinction=None if value is None or error is None else extinction(value, error),
+        diattenuation=value,
+        diattenuation_error=error,
+        channels=channels,
+        stage_rad=scan.stage_rad,
+        reduction=_reduction(scan, dolp.value),
+        harmonics=_clearest(curves),
+        curves=curves,
+        frames=scan.frames,
+    )
+
+
+def _diattenuation(modulation: float, error: float, dolp: Uncertain | None) -> tuple[float | None, float | None]:
+    if dolp is None:
+        return None, None
+    value = modulation / dolp.value
+    return value, float(np.hypot(error / dolp.value, value * dolp.std / dolp.value))
+
+
+def _reduction(scan: GeneratorScan, dolp: float) -> DataReduction | None:
+    if len(scan.stage_rad) < 3:
+        return None
+    # A perfect analyzer passes half of unpolarized light, so that W gives Stokes parameters of S0 = 1.
+    scaled = scan.signal_dn / (2.0 * scan.signal_dn.mean())
+    return measured_data_reduction(linear_states(scan.generator_rad, dolp=dolp), scaled.T)
+
+
+def _clearest(curves: Sequence[ScanCurve]) -> tuple[Harmonic, ...]:
+    best: dict[int, Harmonic] = {}
+    for harmonic in (one for curve in curves for one in curve.harmonics):
+        before = best.get(harmonic.order)
+        if before is None or harmonic.amplitude * before.std_error > before.amplitude * harmonic.std_error:
+            best[harmonic.order] = harmonic
+    return tuple(best[order] for order in sorted(best))
+
+
+BoolArray = NDArray[np.bool_]
+
+# Blocks with less than this share of the median light are left out: their numbers would be noise.
+_LEAST_LIGHT = 0.05
+# Scans of more are fitted in bands of rows of blocks.
+_BAND_BYTES = 256_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolarimeterMaps:
+    """Each block of the picture by itself.
+
+    Attributes
+    ----------
+    side_pixels : int
+        Of a block.
+    lit : (h, w) array of bool
+        Blocks that have light and are not saturated; V of them.
+    stage_rad : (N,) array
+        Stage angles [rad].
+    channels : AnalyzerChannels
+        Of the V blocks, row by row: arrays (N, V).
+    """
+
+    side_pixels: int
+    lit: BoolArray
+    stage_rad: FloatArray
+    channels: AnalyzerChannels
+
+    def picture(self, values: FloatArray) -> FloatArray:
+        """Return numbers of the lit blocks (..., V) as pictures (..., h, w); not a number where there is no light."""
+        found = np.full((*values.shape[:-1], *self.lit.shape), np.nan)
+        found[..., self.lit] = values
+        return found
+
+    def axis_off_mean_rad(self) -> FloatArray:
+        """Return how far the axis of each block is from the mean over blocks, (N, V) [rad]."""
+        axis = self.channels.axis_rad
+        mean = 0.5 * np.angle(np.mean(np.exp(2j * axis), axis=1))
+        return half_turn(axis - mean[:, None])
+
+    def named(self) -> Mapping[str, FloatArray]:
+        """Return the maps by their names, as the file holds them."""
+        one = self.channels
+        return {
+            "stage_angle_deg": np.degrees(self.stage_rad),
+            "side_pixels": np.array(float(self.side_pixels)),
+            "axis_deg": self.picture(np.degrees(one.axis_rad) % 180.0),
+            "axis_error_deg": self.picture(np.degrees(one.axis_error_rad)),
+            "throughput": self.picture(one.throughput),
+            "throughput_error": self.picture(one.throughput_error),
+            "diattenuation": self.picture(one.diattenuation),
+            "diattenuation_error": self.picture(one.diattenuation_error),
+        }
+
+    def npz(self) -> bytes:
+        """Return the maps as the bytes of a NumPy archive."""
+        buffer = io.BytesIO()
+        arrays: dict[str, Any] = dict(self.named())
+        np.savez_compressed(buffer, **arrays)
+        return buffer.getvalue()
+
+
+def polarimeter_maps(
+    run: Run, generator_deg: GeneratorAngle, *, side_pixels: int, generator_dolp: float
+) -> PolarimeterMaps:
+    """Return the maps of a generator scan.
+
+    Parameters
+    ----------
+    run : Run
+        Of one exposure, with dark frames of it or a black level.
+    generator_deg : callable
+        Generator angle of a frame [deg].
+    side_pixels : int
+        Of a block; 1 for each pixel by itself. Beyond 256 MB the picture is fitted in bands of rows, and each frame is
+        read twice for every band.
+    generator_dolp : float
+        Degree of linear polarization that the generator makes.
+
+    Raises
+    ------
+    DataError
+        Pairs of angles have no frame, there is no dark level, or no block has light.
+    CalibrationError
+        Blocks do not fit into the picture, or angles do not determine the fit.
+    """
+    records = scene_frames(run)
+    cells = generator_cells(run, records, generator_deg)
+    dark = _dark(run, records[0], side_pixels)
+    rows = max(1, _BAND_BYTES // (8 * cells.generator_rad.size * cells.stage_rad.size * dark.shape[1]))
+    bands = [slice(first, first + rows) for first in range(0, len(dark), rows)]
+
+    @lru_cache(maxsize=1)
+    def scan_of(place: int) -> tuple[FloatArray, BoolArray]:
+        return _scan(run, records, cells, dark[bands[place]], side_pixels, first_row=bands[place].start)
+
+    seen = [_light(*scan_of(place)) for place in range(len(bands))]
+    light, saturated = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    lit = ~saturated & (light > _LEAST_LIGHT * np.median(light))
+    if not lit.any():
+        raise DataError(f"{run.path}: no block of the picture has light without being saturated")
+    parts = [
+        analyzer_channels(cells.generator_rad, scan_of(place)[0][..., lit[band]], generator_dolp=generator_dolp)
+        for place, band in enumerate(bands)
+        if lit[band].any()
+    ]
+    return PolarimeterMaps(side_pixels=side_pixels, lit=lit, stage_rad=cells.stage_rad, channels=_joined(parts))
+
+
+def _scan(
+    run: Run,
+    records: Sequence[FrameRecord],
+    cells: GeneratorCells,
+    dark: FloatArray,
+    side_pixels: int,
+    *,
+    first_row: int,
+) -> tuple[FloatArray, BoolArray]:
+    """Return counts less dark of a band of rows of blocks, (K, N, rows, w), and what is saturated in any frame."""
+    scan = np.zeros((cells.generator_rad.size, cells.stage_rad.size, *dark.shape))
+    saturated = np.zeros(dark.shape, dtype=np.bool_)
+    rows = slice(first_row * side_pixels, (first_row + len(dark)) * side_pixels)
+    for k, n in np.ndindex(scan.shape[:2]):
+        for place in cells.frames[k][n]:
+            counts = run.counts(records[place])[rows]
+            saturated |= block_means(counts >= records[place].saturation_dn, side_pixels) > 0.0
+            scan[k, n] += block_means(counts, side_pixels) - dark
+        scan[k, n] /= len(cells.frames[k][n])
+    return scan, saturated
+
+
+def _light(scan: FloatArray, saturated: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Return the least light of a band over the stage angles, and what is saturated."""
+    return scan.mean(axis=0).min(axis=0), saturated
+
+
+def _joined(parts: Sequence[AnalyzerChannels]) -> AnalyzerChannels:
+    """Return the channels of all bands."""
+    scans = [part.scan for part in parts]
+    return AnalyzerChannels(
+        throughput=np.concatenate([part.throughput for part in parts], axis=1),
+        throughput_error=np.concatenate([part.throughput_error for part in parts], axis=1),
+        diattenuation=np.concatenate([part.diattenuation for part in parts], axis=1),
+        diattenuation_error=np.concatenate([part.diattenuation_error for part in parts], axis=1),
+        axis_rad=np.concatenate([part.axis_rad for part in parts], axis=1),
+        axis_error_rad=np.concatenate([part.axis_error_rad for part in parts], axis=1),
+        scan=replace(
+            scans[0],
+            terms=np.concatenate([scan.terms for scan in scans], axis=2),
+            variance=np.concatenate([scan.variance for scan in scans], axis=1),
+        ),
+    )
+
+
+def _dark(run: Run, scene: FrameRecord, side_pixels: int) -> FloatArray:
+    darks = dark_frames(run, scene)
+    if darks:
+        return np.asarray(np.mean([block_means(run.counts(record), side_pixels) for record in darks], axis=0))
+    if scene.black_level_dn is None:
+        raise DataError(f"{run.path}: nothing says how many counts there are without light: add dark frames")
+    return np.full_like(block_means(run.counts(scene), side_pixels), scene.black_level_dn)

@@ -1,0 +1,349 @@
+"""Image registration of a run: the shift of its picture at each stage angle.
+
+The file that an image registration is kept in: ``registration.json``, as a record.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from calibration.polarimeter.pictures import Registration, Wander, fit_wander, register
+from rigctl.base.numbers import wrapped
+from rigctl.calibrations.made_for import (
+    Bounded,
+    MadeFor,
+    NotNegative,
+    UtcText,
+    at_least,
+    made_for,
+    made_for_of_file,
+    require_fit,
+)
+from rigctl.calibrations.record import CalibrationFile, header_of, read_record, source_of_run
+from rigctl.errors import DataError
+from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord
+
+FloatArray = NDArray[np.float64]
+
+# A false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
+_WORTH_A_WORD_PIXELS = 0.1
+_SIGMAS = 4.0
+# More pictures than this are not held at once.
+_MOST_PICTURES = 16
+
+
+# No picture is larger.
+Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleShift:
+    """Shift (x, y) of the picture at an angle against that at the first, in the order in which its file has it."""
+
+    angle_deg: Bounded
+    shift_pixels: tuple[Pixels, Pixels]
+    std_error_pixels: tuple[NotNegative, NotNegative] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunRegistration:
+    """Angles of a run and the shifts of their pictures.
+
+    Attributes
+    ----------
+    angle_deg : (N,) array
+        Stage angle, polarizer angle where a run has no stage [deg].
+    records : tuple of FrameRecord
+        The frames.
+    found : Registration
+        Shifts against the first angle.
+    wander : Wander or None
+        The circle through them; None with fewer than three angles. Its sense is the better one.
+    """
+
+    angle_deg: FloatArray
+    records: tuple[FrameRecord, ...]
+    found: Registration
+    wander: Wander | None
+
+    def rows(self) -> tuple[AngleShift, ...]:
+        """Return the shift at each angle."""
+        return tuple(
+            AngleShift(angle_deg=angle, shift_pixels=(x, y), std_error_pixels=(x_error, y_error))
+            for angle, (x, y), (x_error, y_error) in zip(
+                self.angle_deg.tolist(),
+                self.found.shift_pixels.tolist(),
+                self.found.std_error_pixels.tolist(),
+                strict=True,
+            )
+        )
+
+    @property
+    def shifted(self) -> tuple[int, ...]:
+        """Numbers of the pictures that lie so far from the first that it shows in DoLP."""
+        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
+        errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
+        return tuple(np.flatnonzero(sizes - _SIGMAS * errors > _WORTH_A_WORD_PIXELS).tolist())
+
+    @property
+    def finding(self) -> str | None:
+        """A sentence on pictures that lie so far apart that it shows in DoLP; None where they do not."""
+        if not self.shifted:
+            return None
+        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
+        errors = np.linalg.norm(self.found.std_error_pixels, axis=1)
+        pictures = ", ".join(
+            f"at {self.angle_deg[index]:.1f} deg lies {sizes[index]:.2f} +- {errors[index]:.2f} pixel"
+            for index in self.shifted
+        )
+        return (
+            f"shifted_frames: the picture {pictures} from that at {self.angle_deg[0]:.1f} deg; DoLP is false at every "
+            "edge: calibrate registration and give --register, or leave edges out of regions"
+        )
+
+    @property
+    def doubt(self) -> str | None:
+        """A sentence on pictures for which the shift is no plain one; None where all are, or none is shifted."""
+        sizes = np.linalg.norm(self.found.shift_pixels, axis=1)
+        off = [k for k in range(len(sizes)) if sizes[k] > _WORTH_A_WORD_PIXELS and not self.found.is_plain(k)]
+        if not off:
+            return None
+        pictures = "; ".join(
+            f"at {self.angle_deg[index]:.1f} deg {sizes[index]:.2f} pixel, ninths of the picture scatter by "
+            f"{self.found.scatter_pixels[index]:.2f} pixel, left of the edges {before_and_after(self.found, index)}"
+            for index in off
+        )
+        return (
+            f"not a plain shift: {pictures}: parts of the picture do not agree on it, or edges lie no better on one "
+            "another for it where it was not fitted, as after a turn, a change of scale, or where something moved"
+        )
+
+
+def before_and_after(found: Registration, index: int) -> str:
+    """Return what is left of the edges of a picture that do not lie on one another, in words."""
+    before, after = found.edge_residual[index]
+    return f"{before:.2%} before, {after:.2%} moved back"
+
+
+def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
+    """Return the walk of a run's picture.
+
+    Parameters
+    ----------
+    run : Run
+        Its scene frames are taken.
+    cycle : int or None
+        The repeat of the set of angles to take; None takes the first.
+
+    Raises
+    ------
+    DataError
+        There are no scene frames at two angles, or they lack angles.
+    CalibrationError
+        Pictures are too small, or have no edges in common.
+    """
+    scenes = [record for record in run.frames if record.kind == "scene"]
+    wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
+    records = [record for record in scenes if record.cycle == wanted]
+    if len(records) > _MOST_PICTURES:
+        # Repeats that nobody counted: the first at each angle.
+        records = list({_near(angle_deg(run, record)): record for record in reversed(records)}.values())[::-1]
+    angles = np.array([angle_deg(run, record) for record in records])
+    if len(records) < 2:
+        raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
+    pictures = np.array([run.counts(record).astype(np.float64) for record in records])
+    usable = np.all([usable_pixels(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
+    found = register(pictures, usable)
+    return RunRegistration(
+        angle_deg=angles,
+        records=tuple(records),
+        found=found,
+        wander=_wander(np.radians(angles), found.shift_pixels),
+    )
+
+
+def _near(angle: float) -> float:
+    """Return the angle by which repeats are one [deg]."""
+    return round(angle % 360.0, 1)
+
+
+def usable_pixels(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:
+    """Return the pixels of a frame that are neither saturated nor missing."""
+    received = np.ones(counts.shape, dtype=np.bool_) if record.missing_dn is None else counts != record.missing_dn
+    return np.asarray(received & (counts < record.saturation_dn))
+
+
+def angle_deg(run: Run, record: FrameRecord) -> float:
+    """Return the angle by which a frame's shift goes: of the stage, of the polarizer where there is no stage [deg].
+
+    Raises
+    ------
+    DataError
+        It has neither.
+    """
+    angle = record.stage_angle_deg if record.stage_angle_deg is not None else record.polarizer_angle_deg
+    if angle is None:
+        raise DataError(f"{run.path}: frame {record.sequence} has no angle; registration goes by angle")
+    return angle
+
+
+def _wander(stage_rad: FloatArray, shifts: FloatArray) -> Wander | None:
+    if len(stage_rad) < 3 or np.ptp(stage_rad) == 0.0:
+        return None
+    return min((fit_wander(stage_rad, shifts, sense=sense) for sense in (1, -1)), key=lambda one: one.residual_pixels)
+
+
+SCHEMA_VERSION = 1
+VALID_DAYS = 180.0
+# A circle that misses its shifts by more than this does not describe them.
+_CIRCLE_PIXELS = 0.05
+# A frame this near to an angle of the table has its shift.
+_NEAR_DEG = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle:
+    """The circle that the picture walks on, as `Wander` has it."""
+
+    turning_pixels: tuple[Pixels, Pixels]
+    sense: Literal[1, -1]
+    residual_pixels: NotNegative
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageRegistration:
+    """A registration as its file holds it.
+
+    Attributes
+    ----------
+    angles : tuple of AngleShift
+        What was measured.
+    wander : Circle or None
+        Through the shifts; None of two angles.
+    made_for : MadeFor
+        Devices, settings and time.
+    created_utc : str or None
+        When the file was written.
+    """
+
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
+    kind: Literal["registration"]
+    made_for: MadeFor
+    angles: Annotated[tuple[AngleShift, ...], at_least(2)]
+    wander: Circle | None
+    created_utc: UtcText | None = None
+
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
+
+    def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:
+        """Return the shift (x, y) of the picture at one angle against that at another.
+
+        Parameters
+        ----------
+        angle_deg, against_deg : float
+            Stage angles; polarizer angles where there is no stage [deg].
+
+        Raises
+        ------
+        DataError
+            No circle describes the shifts, and an angle is not among those that were measured.
+        """
+        circle = self.wander
+        if circle is not None and circle.residual_pixels <= _CIRCLE_PIXELS:
+            wander = Wander(
+                centre_pixels=0j,
+                turning_pixels=complex(*circle.turning_pixels),
+                sense=circle.sense,
+                residual_pixels=circle.residual_pixels,
+            )
+            return wander.shift_pixels(float(np.radians(angle_deg)), against_rad=float(np.radians(against_deg)))
+        return self._looked_up(angle_deg) - self._looked_up(against_deg)
+
+    def _looked_up(self, angle_deg: float) -> FloatArray:
+        angles = np.array([row.angle_deg for row in self.angles])
+        apart = np.abs(wrapped(angles - angle_deg, turn=360.0))
+        nearest = int(np.argmin(apart))
+        if apart[nearest] > _NEAR_DEG:
+            raise DataError(
+                f"the registration has no shift for {angle_deg:.2f} deg: it was measured at "
+                f"{', '.join(f'{angle:.1f}' for angle in angles)} deg, and no circle goes through its shifts: measure "
+                "it at the angles that are used"
+            )
+        return np.array(self.angles[nearest].shift_pixels)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkCircle:
+    """The circle of a wedged polarizer, in the order in which the file has it."""
+
+    turning_pixels: tuple[float, float]
+    sense: int
+    radius_pixels: float
+    residual_pixels: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """Walk of a run's picture, in the order in which the file has it."""
+
+    angles: tuple[AngleShift, ...]
+    wander: WalkCircle | None
+    finding: str | None
+
+
+def registration_file(found: RunRegistration, run: Run, *, valid_days: float | None = None) -> CalibrationFile[Walk]:
+    """Return the file of a registration."""
+    source, records = source_of_run(run), found.records
+    return CalibrationFile(
+        header=header_of(
+            "registration", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days
+        ),
+        body=Walk(
+            angles=found.rows(),
+            wander=None if found.wander is None else _circle(found.wander),
+            finding=found.finding,
+        ),
+    )
+
+
+def _circle(wander: Wander) -> WalkCircle:
+    return WalkCircle(
+        turning_pixels=(wander.turning_pixels.real, wander.turning_pixels.imag),
+        sense=wander.sense,
+        radius_pixels=abs(wander.turning_pixels),
+        residual_pixels=wander.residual_pixels,
+    )
+
+
+def read_registration_file(path: Path) -> ImageRegistration:
+    """Return a registration.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is none, or is of another version: every problem at once.
+    """
+    return read_record(
+        path, ImageRegistration, made_by="a registration is made by `rigctl calibrate registration RUN --out FILE`"
+    )
+
+
+def read_fitting_registration(path: Path, run: Run) -> tuple[ImageRegistration, tuple[str, ...]]:
+    """Return a registration for the scene frames of a run, and what is doubtful about it, in words.
+
+    Raises
+    ------
+    DataError
+        As `read_registration_file`; or it is of another camera or stage.
+    """
+    found = read_registration_file(path)
+    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
+    return found, require_fit("registration", found.origin, used, stage=True, gain=False)

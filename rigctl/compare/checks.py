@@ -1,0 +1,611 @@
+"""Checks of a run by itself, before any model: pair sums, linear response, registration, drift, residual of the fit.
+
+The verdict of a comparison, by region and of all of it: no two parts of a report contradict one another.
+
+Where disagreements point: a scale, the polarizer's axis, the degree of polarization, or the noise.
+
+Trends: the order of numbers over angles, regions or runs by the model and by the frames, whatever their scale.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.polarimeter.pictures import Registration, register
+from calibration.results import CalibrationError
+from model.moments import Moments
+from model.processing.agreement import RankCorrelation, chi_square_tail, rank_correlation
+from model.processing.diagnosis import region_residual
+from model.processing.fault_fit import SHARED as RESPONSES
+from model.processing.fault_fit import rounding_offsets
+from model.processing.reconstruction import pair_sum_excess, residual_chi_square
+from model.quantities import ORDERED, angle_of, is_counts
+from model.sensor import drifting_light
+from model.stokes import dolp
+from rigctl.base.numbers import p_value
+from rigctl.compare.rows import Row
+from rigctl.imports.levels import histogram, odd_pattern, saturation_plateau
+from rigctl.measure.diagnose import RunDiagnosis, diagnose_run
+from rigctl.measure.measure import Measurement, frame_order, signal_of_cycle
+
+FloatArray = NDArray[np.float64]
+Verdict = Literal["sound", "flagged", "refused", "not testable"]
+
+# Pair sums this far apart are no polarimeter's any more; half a per cent is what stages and lamps leave.
+_PAIRS_REFUSED, _PAIRS_FLAGGED = 0.08, 0.01
+# Blur and edges that lie a tenth of a pixel apart feign up to this much in a scene with structure.
+_CURVATURE_FLAGGED = 0.02
+_CURVATURE_REFUSED = 0.1
+# Standard error, as a share of its size, of a response that no fit could follow.
+_UNKNOWN = 0.5
+_CLIPPED_FLAGGED = 0.05
+_SHIFT_FLAGGED_PIXELS = 0.2
+_DRIFT_FLAGGED = 0.005
+_SIGMAS = 5.0
+_PAIRS_DIFFER = "pairs of orthogonal angles, each of which holds all of the light, differ"
+_PAIRS_RULE = (
+    f"flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above {_PAIRS_REFUSED:.0%}: light that "
+    "changed, unequal exposures or throughput, a dark level or a response that is wrong, or an angle that is"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One check of a run.
+
+    Attributes
+    ----------
+    name : str
+        Such as "pair sums".
+    verdict : str
+        "sound", "flagged", "refused" or "not testable".
+    text : str
+        What was found, and what is allowed.
+    region : str or None
+        That it is of; None where it is of the whole run.
+    size, rule : str
+        Of a check that every region has: what was found in a few words, and what holds for all of them.
+    """
+
+    name: str
+    verdict: Verdict
+    text: str
+    region: str | None = None
+    size: str = ""
+    rule: str = ""
+
+    @property
+    def kind(self) -> str:
+        """Its name without the region."""
+        return self.name.removesuffix(f" of {self.region}")
+
+
+def registration_of(measurement: Measurement) -> Registration | str:
+    """Return the shifts of a run's pictures against the first, or why they cannot be told."""
+    try:
+        return register(measurement.channels, ~(measurement.saturated | measurement.missing))
+    except CalibrationError as error:
+        return str(error)
+
+
+def run_checks(
+    measurement: Measurement, registration: Registration | str, diagnosis: RunDiagnosis | None = None
+) -> tuple[Check, ...]:
+    """Return every check of a run, with how its pictures lie on one another, or why that cannot be told."""
+    found = diagnose_run(measurement) if diagnosis is None else diagnosis
+    return (
+        *_pair_sums(measurement),
+        _linear(found),
+        _registration(measurement, registration),
+        _drift(measurement),
+        *_usable(measurement),
+        *_plateau(measurement),
+        *_bits(measurement),
+    )
+
+
+def nothing_tested(rows: Sequence["Row"], why: Sequence[str]) -> tuple[Check, ...]:
+    """Return the flag of a comparison in which no number was tested; none where one was, or where there are none."""
+    if not rows or any(row.agrees is not None for row in rows):
+        return ()
+    return (Check(name="nothing tested", verdict="flagged", text="; ".join(why)),)
+
+
+def _pair_sums(measurement: Measurement) -> Iterable[Check]:
+    if measurement.plan.redundancy == 0:
+        text = "three angles fit any frames: there is nothing to hold them against"
+        yield Check(name="pair sums", verdict="not testable", text=text)
+        return
+    rounding = _rounding(measurement)
+    for name, region in measurement.regions.items():
+        if not region.channels_mean.mean.mean() > 0.0:
+            continue
+        found = region_residual(measurement.plan, measurement.channels, region.inside)
+        moments = Moments(mean=found.means, cov=found.cov + rounding)
+        excess, error = pair_sum_excess(measurement.plan, moments.mean, moments.cov)
+        verdict: Verdict = "sound"
+        if excess > max(_PAIRS_FLAGGED, _SIGMAS * error):
+            verdict = "refused" if excess > _PAIRS_REFUSED else "flagged"
+        size = f"{excess:.2%} +- {error:.2%}"
+        yield Check(
+            name=f"pair sums of {name}",
+            verdict=verdict,
+            region=name,
+            text=f"{_PAIRS_DIFFER} by {size}; {_PAIRS_RULE}" + _residual(measurement, moments),
+            size=size,
+            rule=f"{_PAIRS_DIFFER}; {_PAIRS_RULE}",
+        )
+
+
+def _rounding(measurement: Measurement) -> FloatArray:
+    """Return the covariance of the means of frames by rounding, which is that of every region."""
+    usable = ~(measurement.saturated | measurement.missing)
+    step = float(measurement.grid.to_unit.max())
+    return np.diag(np.square(rounding_offsets(measurement.channels, usable, step=step)))
+
+
+def _linear(found: RunDiagnosis) -> Check:
+    name = "linear response"
+    terms = [term for term in found.terms if term.name in RESPONSES]
+    best = next((term for term in terms if term.named), next((term for term in terms if term.testable), None))
+    if best is None or best.value is None or best.std_error is None:
+        text = found.reason or next((term.reason for term in terms), "needs four angles or more")
+        return Check(name=name, verdict="not testable", text=text)
+    verdict: Verdict = "sound"
+    if best.named and abs(best.value) > _CURVATURE_FLAGGED:
+        verdict = "refused" if abs(best.value) > _CURVATURE_REFUSED else "flagged"
+    meant = "off a line at the mean light" if best.name == RESPONSES[0] else "off 1 in its exponent"
+    size = f"{best.value:+.2%} +- {best.std_error:.2%} {meant}"
+    if best.named and best.std_error >= _UNKNOWN * abs(best.value):
+        size = "too far off a line to be measured"
+    return Check(
+        name=name,
+        verdict=verdict,
+        text=f"what the angles leave over goes with the light as a response that is {size}; flagged above "
+        f"{_CURVATURE_FLAGGED:.0%} where it is told from other faults, refused above {_CURVATURE_REFUSED:.0%}: gamma, "
+        "tone mapping, saturation, or a dark level that is wrong",
+    )
+
+
+def _usable(measurement: Measurement) -> Iterable[Check]:
+    """Flag pictures of which clipping takes part."""
+    share = float(measurement.saturated.mean())
+    if share > _CLIPPED_FLAGGED:
+        yield Check(
+            name="clipped pixels",
+            verdict="flagged",
+            text=f"{share:.1%} of the pixels are clipped in one frame or more, and left out; flagged above "
+            f"{_CLIPPED_FLAGGED:.0%}: expose for less",
+        )
+
+
+def _plateau(measurement: Measurement) -> Iterable[Check]:
+    """Flag frames of which many pixels share the largest count, below what is taken for saturation."""
+    run, said = measurement.run, list[str]()
+    for record in measurement.grid.records[0]:
+        found = saturation_plateau(histogram(run.counts(record)), full_scale_dn=int(record.saturation_dn))
+        if found is not None:
+            angle = "" if record.polarizer_angle_deg is None else f" at {record.polarizer_angle_deg:g} deg"
+            said.append(f"{found.fraction:.1%} of the frame{angle} at {found.value_dn} DN")
+    if said:
+        yield Check(
+            name="largest count",
+            verdict="flagged",
+            text=f"many pixels share the largest count: {', '.join(said)}, below the stated saturation: if they are "
+            "clipped, they are in the numbers (rigctl import --saturation-dn)",
+        )
+
+
+def _bits(measurement: Measurement) -> Iterable[Check]:
+    """Flag counts whose histogram is not a camera's own: frame by frame, for each has its own range of light."""
+    run, records = measurement.run, measurement.grid.records[0]
+    found = [text for record in records if (text := odd_pattern(histogram(run.counts(record))))]
+    if 2 * len(found) >= len(records):
+        yield Check(name="odd bits", verdict="flagged", text=f"{found[0]}; rounding is coarser than the counts say")
+
+
+def _registration(measurement: Measurement, found: Registration | str) -> Check:
+    name = "registration"
+    if measurement.shifts is not None:
+        return Check(name=name, verdict="sound", text="frames were moved by a registration that was given")
+    if isinstance(found, str):
+        return Check(name=name, verdict="not testable", text=found)
+    sizes = np.linalg.norm(found.shift_pixels, axis=1)
+    errors = np.linalg.norm(found.std_error_pixels, axis=1)
+    worst = int(np.argmax(sizes))
+    off = [k for k in range(len(sizes)) if sizes[k] > max(_SHIFT_FLAGGED_PIXELS, _SIGMAS * errors[k])]
+    lies = [
+        f"at {angle_of(measurement.grid.channel_names[k])} deg lies {sizes[k]:.2f} +- {errors[k]:.2f} pixel"
+        for k in (off or [worst])
+    ]
+    angles = [angle_of(channel) for channel in measurement.grid.channel_names]
+    not_plain = [k for k in range(len(sizes)) if sizes[k] > _SHIFT_FLAGGED_PIXELS and not found.is_plain(k)]
+    doubt = "".join(
+        f"; at {angles[k]} deg it is not a plain shift: ninths of the picture scatter by {found.scatter_pixels[k]:.2f} "
+        f"pixel{_before_and_after(found, k)}"
+        for k in not_plain
+    ) or "".join(f"; at {angles[k]} deg{_before_and_after(found, k).removeprefix(';')}" for k in off)
+    return Check(
+        name=name,
+        verdict="flagged" if off or not_plain else "sound",
+        text=f"the picture {', '.join(lies)} from the first{doubt}; flagged above {_SHIFT_FLAGGED_PIXELS:g} pixel: "
+        "edges show polarization that is not there (rigctl calibrate registration, then --register)",
+    )
+
+
+def _before_and_after(found: Registration, index: int) -> str:
+    if index >= len(found.edge_residual):
+        return ""
+    before, after = found.edge_residual[index]
+    return f"; what is left of edges that do not lie on one another: {before:.1%}, moved back {after:.1%}"
+
+
+def _drift(measurement: Measurement) -> Check:
+    name, cycles = "drift of the light", measurement.grid.cycles
+    if cycles < 3 or not measurement.regions:
+        return Check(name=name, verdict="not testable", text="needs three cycles or more")
+    light = np.array([_light(measurement, cycle) for cycle in range(cycles)])
+    relative = light / light.mean() - 1.0
+    time = np.arange(cycles) - 0.5 * (cycles - 1)
+    slope = float(time @ relative / (time @ time))
+    left = relative - slope * time
+    error = float(np.sqrt(left @ left / (cycles - 2) / (time @ time)))
+    false = _false_dolp(measurement, slope)
+    return Check(
+        name=name,
+        verdict="flagged" if abs(slope) > max(_DRIFT_FLAGGED, _SIGMAS * error) else "sound",
+        text=f"{slope:+.3%} +- {error:.3%} a cycle, which alone would show as a DoLP of {false:.5f} in the order in "
+        f"which the angles were taken; flagged above {_DRIFT_FLAGGED:.1%}",
+    )
+
+
+def _light(measurement: Measurement, cycle: int) -> float:
+    usable = ~(measurement.saturated | measurement.missing)
+    if usable.all():
+        return float(measurement.light[cycle])
+    # Which pixels are left out is known only when all frames were read: they are read again.
+    return float(signal_of_cycle(measurement, cycle).mean(axis=0)[usable].mean())
+
+
+def _false_dolp(measurement: Measurement, drift: float) -> float:
+    unpolarised = drifting_light(drift, frame_order(measurement))
+    return float(dolp(measurement.plan.inverse @ unpolarised))
+
+
+def _residual(measurement: Measurement, moments: Moments) -> str:
+    try:
+        chi_square, freedom = residual_chi_square(measurement.plan, moments.mean, moments.cov)
+    except ValueError as error:
+        return f"; no residual of the weighted fit: {error}"
+    plural = "degree" if freedom == 1 else "degrees"
+    found = p_value(chi_square_tail(chi_square, freedom))
+    return f"; residual of the weighted fit: chi-square {chi_square:.1f}, {freedom} {plural} of freedom, {found}"
+
+
+VerdictName = Literal["agrees", "agrees_with_reservations", "disagrees", "cannot_be_judged"]
+
+# As a person reads it.
+VERDICT_WORDS: dict[VerdictName, str] = {
+    "agrees": "agree",
+    "agrees_with_reservations": "agree, with reservations",
+    "disagrees": "DISAGREE",
+    "cannot_be_judged": "cannot be judged",
+}
+
+
+# With reservations is agreement; what cannot be judged is neither.
+AGREES: dict[VerdictName, bool | None] = {
+    "agrees": True,
+    "agrees_with_reservations": True,
+    "disagrees": False,
+    "cannot_be_judged": None,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionVerdict:
+    """Verdict of a region, and why it cannot be judged or is held with reservations."""
+
+    verdict: VerdictName
+    reason: str
+
+
+def region_verdicts(
+    rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]
+) -> dict[str, RegionVerdict]:
+    """Return the verdict of every region.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        With their decisions.
+    checks : sequence of Check
+        What the run says of itself.
+    unjudged : mapping
+        Region to why nothing can be said of it.
+    """
+    names = dict.fromkeys([*(row.region for row in rows), *unjudged])
+    return {name: _of_region(name, rows, checks, unjudged) for name in names}
+
+
+def verdict_of(rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]) -> VerdictName:
+    """Return the verdict of a comparison: that of a run that can be judged is taken from the regions that can."""
+    regions = region_verdicts(rows, checks, unjudged)
+    if any(_refuses_run(check) for check in checks):
+        return "cannot_be_judged"
+    if regions and all(found.verdict == "cannot_be_judged" for found in regions.values()):
+        return "cannot_be_judged"
+    if any(row.agrees is False for row in rows):
+        return "disagrees"
+    is_reserved = any(check.verdict in ("flagged", "refused") for check in checks) or bool(unjudged)
+    return "agrees_with_reservations" if is_reserved else "agrees"
+
+
+def refused_regions(checks: Sequence["Check"]) -> dict[str, str]:
+    """Return the regions that a check of their own refused, and why."""
+    return {
+        check.region: f"{check.name}: {check.text}"
+        for check in checks
+        if check.verdict == "refused" and check.region is not None
+    }
+
+
+def refusals(checks: Sequence["Check"]) -> tuple[str, ...]:
+    """Return why a run or some of its regions are unsound, what they have in common once."""
+    return tuple(f"{title.removeprefix('refused, ')}: {text}" for title, text in said_of(checks, "refused"))
+
+
+def reservations(checks: Sequence["Check"], regions: Mapping[str, RegionVerdict]) -> str:
+    """Return what an agreement is held with: flags, and regions that cannot be judged; empty where there is nothing."""
+    flags = titles(checks, "flagged")
+    unjudged = [name for name, found in regions.items() if found.verdict == "cannot_be_judged"]
+    parts = [f"flagged: {flags}"] if flags else []
+    return "; ".join([*parts, f"cannot be judged: {', '.join(unjudged)}"] if unjudged else parts)
+
+
+def not_judged(checks: Sequence["Check"]) -> str:
+    """Return the verdict of a comparison that cannot be judged, in a sentence without its point."""
+    why = "the run is unsound" if any(check.verdict == "refused" for check in checks) else "no region gives its numbers"
+    return f"model and measurement cannot be judged: {why}"
+
+
+def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence["Check"]) -> list[str]:
+    """Return why regions cannot be judged, those of one reason together; those that a check refused are said there."""
+    refused = refused_regions(checks)
+    by_reason: dict[str, list[str]] = {}
+    for name, found in regions.items():
+        if found.verdict == "cannot_be_judged" and name not in refused:
+            by_reason.setdefault(found.reason, []).append(name)
+    return [f"{', '.join(names)} cannot be judged: {reason}" for reason, names in by_reason.items()]
+
+
+def said_of(checks: Sequence["Check"], *verdicts: str) -> list[tuple[str, str]]:
+    """Return checks of some verdicts as a heading and a text; what many regions have in common is said once."""
+    groups: dict[tuple[str, str], list[Check]] = {}
+    for check in checks:
+        if check.verdict in verdicts:
+            groups.setdefault((check.verdict, check.kind), []).append(check)
+    return [(f"{verdict}, {_title(group)}", _text(group)) for (verdict, _), group in groups.items()]
+
+
+def titles(checks: Sequence["Check"], *verdicts: str) -> str:
+    """Return the names of checks of some verdicts, those of one kind together."""
+    groups: dict[str, list[Check]] = {}
+    for check in checks:
+        if check.verdict in verdicts:
+            groups.setdefault(check.kind, []).append(check)
+    return ", ".join(_title(group) for group in groups.values())
+
+
+def _title(group: Sequence["Check"]) -> str:
+    regions = [check.region for check in group if check.region is not None]
+    return f"{group[0].kind} of {', '.join(regions)}" if len(regions) > 1 else group[0].name
+
+
+def _text(group: Sequence["Check"]) -> str:
+    if len(group) == 1:
+        return group[0].text
+    if all(check.size for check in group):
+        return f"{'; '.join(f'{check.region} {check.size}' for check in group)}: {group[0].rule}"
+    return "; ".join(dict.fromkeys(check.text for check in group))
+
+
+def without_decisions(rows: Iterable["Row"], unjudged: Mapping[str, str]) -> tuple["Row", ...]:
+    """Return rows without a decision where their region cannot be judged."""
+    return tuple(replace(row, agrees=None) if row.region in unjudged else row for row in rows)
+
+
+def _refuses_run(check: "Check") -> bool:
+    return check.verdict == "refused" and check.region is None
+
+
+def _of_region(
+    name: str, rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]
+) -> RegionVerdict:
+    if name in unjudged:
+        return RegionVerdict(verdict="cannot_be_judged", reason=unjudged[name])
+    run = [check for check in checks if _refuses_run(check)]
+    if run:
+        return RegionVerdict(verdict="cannot_be_judged", reason="; ".join(f"{one.name}: {one.text}" for one in run))
+    if any(row.agrees is False for row in rows if row.region == name):
+        return RegionVerdict(verdict="disagrees", reason="")
+    flags = [check.name for check in checks if check.verdict == "flagged" and check.region in (None, name)]
+    if flags:
+        return RegionVerdict(verdict="agrees_with_reservations", reason="flagged: " + ", ".join(flags))
+    if not any(row.agrees is not None for row in rows if row.region == name):
+        return RegionVerdict(verdict="agrees_with_reservations", reason="nothing of it was tested")
+    return RegionVerdict(verdict="agrees", reason="")
+
+
+Cause = Literal["scale", "axis-offset", "axis-sense", "polarization", "noise", "not-normal"]
+
+ADVICE: dict[Cause, str] = {
+    "scale": "Counts and S0 are off by a common factor while DoLP and AoLP agree: look at the gain, the exposure, "
+    "transmittance and quantum efficiency, or the radiance of the scene.",
+    "axis-offset": "AoLP is off by the same angle everywhere while DoLP agrees: look at the offset of the polarizer's "
+    "axis in the rig file.",
+    "axis-sense": "AoLP is mirrored while DoLP agrees: look at the sense of rotation of the polarizer in the rig file "
+    "(+1 or -1 as the camera sees it), or a mirrored picture.",
+    "polarization": "The degree of polarization is off: look at the extinction ratio, at dark level that was not "
+    "taken off, at drift of the light, or at the polarization of the scene.",
+    "noise": "Means agree and deviations do not: look at the noise calibration, or at the texture of the scene.",
+    "not-normal": "The pixels of a region do not scatter as one normal cloud, which the law of DoLP takes them for: "
+    "look for an edge, shading or parts of different polarization in the region, or for counts of few steps.",
+}
+
+
+# Numbers that the law of DoLP gives.
+_OF_LAW = ("dolp_pixels", "dolp_snr")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """Where the disagreements point.
+
+    Attributes
+    ----------
+    points_to : tuple of str
+        Causes that would show as these rows do; empty where all rows agree.
+    advice : tuple of str
+        A sentence for each.
+    """
+
+    points_to: tuple[Cause, ...]
+    advice: tuple[str, ...]
+
+
+def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> Diagnosis:
+    """Return where the disagreeing rows point.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        With their decisions.
+    is_of_law : bool
+        DoLP of pixels was predicted from these very pixels, by a law alone.
+
+    Notes
+    -----
+    What a cause cannot touch tells it apart: a scale leaves s1, s2, DoLP and AoLP alone, a turned axis leaves S0 and
+    DoLP alone, and only noise leaves every mean alone.
+    """
+    off = {(row.quantity, row.statistic) for row in rows if row.agrees is False}
+    means = {quantity for quantity, statistic in off if statistic == "mean"}
+    causes: list[Cause] = []
+    if "dolp" in means:
+        causes.append("polarization")
+    else:
+        if means & {"aolp_deg", "s1n", "s2n"}:
+            causes.append(_axis_cause(rows))
+        if "s0" in means or (not causes and _any_count(means)):
+            causes.append("scale")
+    if off and not causes:
+        causes.append("not-normal" if is_of_law and all(name in _OF_LAW for name, _ in off) else "noise")
+    return Diagnosis(points_to=tuple(causes), advice=tuple(ADVICE[cause] for cause in causes))
+
+
+def _any_count(quantities: set[str]) -> bool:
+    return any(is_counts(quantity) or quantity in ("s1", "s2") for quantity in quantities)
+
+
+def _axis_cause(rows: Sequence[Row]) -> Cause:
+    """Return whether one turn, or one mirror, explains the angles of polarization of all regions."""
+    angles = [row for row in rows if row.quantity == "aolp_deg" and row.statistic == "mean" and row.std_error]
+    weights = np.array([1.0 / (row.std_error or 1.0) ** 2 for row in angles])
+    predicted = np.deg2rad([2.0 * row.predicted for row in angles])
+    measured = np.deg2rad([2.0 * row.measured for row in angles])
+    turned, mirrored = _spread(measured - predicted, weights), _spread(measured + predicted, weights)
+    return "axis-sense" if mirrored < turned else "axis-offset"
+
+
+def _spread(angles_rad: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    """Return the weighted spread of angles on the circle: 0 where they are all one."""
+    return 1.0 - float(abs(np.average(np.exp(1j * angles_rad), weights=weights)))
+
+
+_LEAST_NUMBERS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trend:
+    """One row of numbers in order, by the model and by the frames.
+
+    Attributes
+    ----------
+    quantity : str
+        Of what, such as "dolp".
+    over : str
+        Along what: "angles of black_panel", "regions", "runs of asphalt".
+    order : RankCorrelation
+        Kendall's tau, pairs that are known in spite of their errors, and the chance of so good an order.
+    """
+
+    quantity: str
+    over: str
+    order: RankCorrelation
+
+    @property
+    def predicted(self) -> bool | None:
+        """Whether every pair whose order is known is in the predicted order; None where none is known."""
+        share = self.order.share_concordant
+        return None if share is None else share == 1.0
+
+
+def trends_of(rows: Sequence[Row], cov: FloatArray | None, measurement: Measurement) -> tuple[Trend, ...]:
+    """Return the trends within one run: of counts over angles, and of each scale-free quantity over regions.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Of the comparison.
+    cov : (m, m) array or None
+        Covariance of their predictions.
+    measurement : Measurement
+        The run.
+    """
+    predicted_cov = np.zeros((len(rows), len(rows))) if cov is None else cov
+    return (*_over_angles(rows, predicted_cov, measurement), *_over_regions(rows, predicted_cov))
+
+
+def trend(rows: Sequence[Row], *, over: str, predicted_cov: FloatArray, measured_cov: FloatArray) -> Trend:
+    """Return the trend of one quantity along rows."""
+    order = rank_correlation(
+        [row.predicted for row in rows],
+        [row.measured for row in rows],
+        predicted_cov=predicted_cov,
+        measured_cov=measured_cov,
+    )
+    return Trend(quantity=rows[0].quantity, over=over, order=order)
+
+
+def _over_angles(rows: Sequence[Row], cov: FloatArray, measurement: Measurement) -> Iterable[Trend]:
+    for name, region in measurement.regions.items():
+        places = [
+            k
+            for k, row in enumerate(rows)
+            if row.region == name and row.statistic == "mean" and row.quantity in measurement.grid.channel_names
+        ]
+        if len(places) == measurement.grid.angles >= _LEAST_NUMBERS:
+            found = trend(
+                [rows[k] for k in places],
+                over=f"angles of {name}",
+                predicted_cov=cov[np.ix_(places, places)],
+                measured_cov=region.channels_mean.cov,
+            )
+            yield Trend(quantity="counts", over=found.over, order=found.order)
+
+
+def _over_regions(rows: Sequence[Row], cov: FloatArray) -> Iterable[Trend]:
+    for quantity in ORDERED:
+        places = [k for k, row in enumerate(rows) if (row.quantity, row.statistic) == (quantity, "mean")]
+        if len(places) >= _LEAST_NUMBERS:
+            chosen = [rows[k] for k in places]
+            yield trend(
+                chosen,
+                over="regions",
+                predicted_cov=cov[np.ix_(places, places)],
+                measured_cov=np.diag([(row.std_error or 0.0) ** 2 for row in chosen]),
+            )

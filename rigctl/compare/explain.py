@@ -1,0 +1,309 @@
+"""The rows that an attribution is sought from, and the covariance of their measurement.
+
+Attribution of residuals to inputs: which, how far each, and which of them the data cannot tell apart.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.processing import agreement as bayesian_update
+from model.processing.agreement import Propagation, chi_square_tail, deviations_cov
+from rigctl.compare.rows import Row, off_prediction
+from rigctl.measure.measure import Measurement
+from rigctl.predict.predict import NumberKey
+from rigctl.scene.scene import Inputs, parameters
+
+FloatArray = NDArray[np.float64]
+
+_STOKES = ("s0", "s1", "s2")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """Rows that are not functions of one another.
+
+    Attributes
+    ----------
+    places : (n,) array
+        Positions among the rows of the comparison: mean counts of every channel, their temporal deviations, and the
+        spatial deviations of the Stokes parameters. All other rows follow from these.
+    cov : (n, n) array
+        Covariance of the measurement.
+    """
+
+    places: NDArray[np.intp]
+    cov: FloatArray
+
+
+def gather_evidence(rows: Sequence["Row"], measurement: "Measurement") -> Evidence:
+    """Return the rows that an attribution is sought from.
+
+    Notes
+    -----
+    Sample means and deviations of Gaussian pixels are independent. Means of one region share pixels; those of all
+    regions share the error of the dark level. Temporal deviations are of frames that are independent; spatial ones of
+    Stokes parameters go together as far as their pixels do.
+    """
+    place = {row.key: k for k, row in enumerate(rows)}
+    groups = [
+        (names, statistic)
+        for region in measurement.regions
+        for names, statistic in (
+            ([(region, name) for name in measurement.grid.channel_names], "mean"),
+            ([(region, name) for name in measurement.grid.channel_names], "std_temporal"),
+            ([(region, name) for name in _STOKES], "std_spatial_mean"),
+        )
+    ]
+    wanted = [NumberKey(*name, statistic) for names, statistic in groups for name in names]
+    found = [key for key in wanted if key in place]
+    position = {key: k for k, key in enumerate(found)}
+    cov = np.diag([(rows[place[key]].std_error or 0.0) ** 2 for key in found])
+    _fill_means(cov, position, measurement)
+    _fill_deviations(cov, position, measurement)
+    return Evidence(places=np.array([place[key] for key in found], dtype=np.intp), cov=cov)
+
+
+def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: "Measurement") -> None:
+    names = measurement.grid.channel_names
+    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    at = {
+        region: [position[NumberKey(region, name, "mean")] for name in names]
+        for region in measurement.regions
+        if NumberKey(region, names[0], "mean") in position
+    }
+    for one, here in at.items():
+        for other, there in at.items():
+            cov[np.ix_(here, there)] = (
+                measurement.regions[one].channels_mean.cov if one == other else np.outer(level, level)
+            )
+
+
+def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measurement: "Measurement") -> None:
+    for name, region in measurement.regions.items():
+        keys = [NumberKey(name, quantity, "std_spatial_mean") for quantity in _STOKES]
+        if any(key not in position for key in keys):
+            continue
+        here = [position[key] for key in keys]
+        errors = np.sqrt(np.diag(cov))[here]
+        # Without any spread of some parameter there is no correlation to speak of.
+        if np.all(np.ptp(region.stokes_pixels_mean, axis=1) > 0.0):
+            cov[np.ix_(here, here)] = deviations_cov(errors, np.corrcoef(region.stokes_pixels_mean))
+
+
+# An input of whose variance the data resolve less than this says nothing, and of which nothing is said.
+_LEAST_SEEN = 1e-3
+# What is left after a move is acceptable where chance makes as much in one case of so many.
+_ACCEPTED = 0.01
+# Residuals that chance makes as often, no input of which stands out by so many standard deviations.
+_UNREMARKABLE, _WORTH_A_WORD = 0.05, 3.0
+# Inputs that often are the cause of a disagreement, in the order in which they are.
+_OFTEN_THE_CAUSE = (
+    "sensor.f_number",
+    "rig.polarizer_offset_deg",
+    "rig.exposure_ratio",
+    "sensor.optics_transmittance",
+    "sensor.quantum_efficiency",
+    "sensor.extinction_ratio",
+)
+# More names than this say no more than that an input is hardly seen.
+_NAMED = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputMove:
+    """One input, and what its move would do.
+
+    Attributes
+    ----------
+    name : str
+        As in the scene file.
+    value, std : float
+        As stated, in the units of the file.
+    move_std : float
+        How far it would have to move to remove what it can of the disagreement, in its own standard uncertainties.
+    moved_value : float
+        Where that is.
+    score : float
+        Standard normal where everything stated is right: the root of the fall in chi-square that the move makes.
+    p_value_left : float
+        Chance of what is left after the move.
+    removes : bool
+        Whether what is left is what chance makes.
+    seen : float
+        Share of its stated variance that the data resolve, 0 to 1.
+    indistinguishable_from : tuple of str
+        Inputs that could look the same: were this one off by five standard uncertainties, they would outrank it in more
+        than 5 % of cases.
+    """
+
+    name: str
+    value: float
+    std: float
+    move_std: float
+    moved_value: float
+    score: float
+    p_value_left: float
+    removes: bool
+    seen: float
+    indistinguishable_from: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedInput:
+    """One input after a joint update of all: fitted to this run, not measured otherwise."""
+
+    name: str
+    value: float
+    std: float
+    moved_std: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputAttribution:
+    """Residuals of a comparison, attributed to inputs.
+
+    Attributes
+    ----------
+    chi_square, degrees_of_freedom, p_value
+        Of the residuals, in the errors of measurement and inputs together.
+    moves : tuple of InputMove
+        The input that explains most first. Empty where no input has an uncertainty.
+    fitted : tuple of FittedInput
+        All inputs updated at once, each held by its stated uncertainty.
+    unseen : tuple of str
+        Inputs of which the data say nothing.
+    remark : str
+        What to know of it.
+    """
+
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+    moves: tuple[InputMove, ...]
+    fitted: tuple[FittedInput, ...]
+    unseen: tuple[str, ...]
+    remark: str
+
+    @property
+    def best(self) -> InputMove | None:
+        """The input that explains most."""
+        return self.moves[0] if self.moves else None
+
+
+def attribute_residuals(
+    rows: Sequence[Row], *, propagation: Propagation, inputs: Inputs, measurement: Measurement
+) -> InputAttribution | None:
+    """Return what would explain the residuals of rows; None where no input has an uncertainty.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        All rows of the comparison.
+    propagation : Propagation
+        Of the uncertain inputs to these rows.
+    inputs : Inputs
+        The uncertain ones alone.
+    measurement : Measurement
+        The run.
+    """
+    if not inputs.names:
+        return None
+    evidence = gather_evidence(rows, measurement)
+    chosen = [rows[k] for k in evidence.places]
+    std = np.sqrt(np.diag(inputs.cov))
+    of_prediction, of_measurement = _straightened(chosen)
+    residual = np.array([off_prediction(row, row.measured) for row in chosen])
+    found = bayesian_update.update_inputs(
+        0.5 * (of_prediction + of_measurement) * residual,
+        measurement_cov=evidence.cov * np.outer(of_measurement, of_measurement),
+        effects=propagation.effects[evidence.places] * of_prediction[:, None],
+        input_correlation=inputs.cov / np.outer(std, std),
+    )
+    moves = tuple(_move(found, inputs, std, k) for k in found.order if found.seen[k] >= _LEAST_SEEN)
+    seen = {move.name for move in moves}
+    return InputAttribution(
+        chi_square=found.chi_square,
+        degrees_of_freedom=found.degrees_of_freedom,
+        p_value=found.p_value,
+        moves=moves,
+        fitted=tuple(_fitted(found, inputs, std)),
+        unseen=tuple(name for name in inputs.names if name not in seen),
+        remark=_remark(moves, found.p_value, _exact(inputs)),
+    )
+
+
+def _straightened(rows: Sequence[Row]) -> tuple[FloatArray, FloatArray]:
+    """Return by what changes of rows have to be multiplied so that inputs move them in a straight line.
+
+    The light moves temporal variances in proportion, and deviations as its root: a deviation s counts as s^2, with the
+    slope 2 s, taken at the prediction and at the measurement. Over five standard uncertainties of the light the bend of
+    a deviation is far above its error.
+    """
+    bent = np.array([row.statistic == "std_temporal" for row in rows])
+    predicted, measured = (np.array([getattr(row, side) for row in rows]) for side in ("predicted", "measured"))
+    return np.where(bent, 2.0 * predicted, 1.0), np.where(bent, 2.0 * measured, 1.0)
+
+
+def _move(found: bayesian_update.InputUpdate, inputs: Inputs, std: FloatArray, k: int) -> InputMove:
+    left = chi_square_tail(float(found.chi_square_left[k]), found.degrees_of_freedom - 1)
+    return InputMove(
+        name=inputs.names[k],
+        value=float(inputs.values[k]),
+        std=float(std[k]),
+        move_std=float(found.move[k]),
+        moved_value=float(inputs.values[k] + found.move[k] * std[k]),
+        score=float(found.score[k]),
+        p_value_left=left,
+        removes=left > _ACCEPTED,
+        seen=float(found.seen[k]),
+        indistinguishable_from=tuple(inputs.names[j] for j in found.confused_with(k) if found.seen[j] >= _LEAST_SEEN),
+    )
+
+
+def _fitted(found: bayesian_update.InputUpdate, inputs: Inputs, std: FloatArray) -> Iterable[FittedInput]:
+    for k, name in enumerate(inputs.names):
+        yield FittedInput(
+            name=name,
+            value=float(inputs.values[k] + found.joint_move[k] * std[k]),
+            std=float(found.joint_std[k] * std[k]),
+            moved_std=float(found.joint_move[k]),
+        )
+
+
+def _exact(inputs: Inputs) -> tuple[str, ...]:
+    """Return inputs that often are the cause, and that the scene states as exact."""
+    exact = {found.key for found in parameters(inputs.scene) if found.std == 0.0}
+    return tuple(key for key in _OFTEN_THE_CAUSE if key in exact)
+
+
+def _remark(moves: Sequence[InputMove], p_value: float, exact: Sequence[str]) -> str:
+    if not moves:
+        return "no input that has a stated uncertainty acts on what was measured"
+    best = moves[0]
+    if p_value > _UNREMARKABLE and abs(best.score) < _WORTH_A_WORD:
+        return "the residuals are what the stated errors make: nothing has to be explained"
+    if not best.removes:
+        return "none of the stated inputs" + _not_to_be_named(exact)
+    text = (
+        f"{best.name} would remove them by moving {best.move_std:+.1f} of its standard uncertainties, from "
+        f"{best.value:.4g} to {best.moved_value:.4g}"
+    )
+    return text + _told_from(best.indistinguishable_from)
+
+
+def _not_to_be_named(exact: Sequence[str]) -> str:
+    if not exact:
+        return "; look at what the run shows of itself"
+    verb = "is" if len(exact) == 1 else "are"
+    return f"; {', '.join(exact)} {verb} stated as exact and cannot be named: give them a std"
+
+
+def _told_from(names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    if len(names) > _NAMED:
+        return f"; these data hardly see it, {len(names)} other inputs could look the same"
+    return "; these data cannot tell it from " + ", ".join(names)

@@ -1,0 +1,174 @@
+"""Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.radiometric import PanelScale, panel_scale
+from model.prediction import predict
+from model.processing.agreement import input_jacobian
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.compare.predict_run import one_exposure_s, run_readout, scene_of_run
+from rigctl.compare.scale import modelled_response, without_throughput
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.scene_file import SceneFile
+from rigctl.measure.measure import MeasuredRegion, Measurement
+from rigctl.scene.light import SceneLight, build_scenario
+from rigctl.scene.reading import assumed_materials, scene_of_file
+from rigctl.scene.scene import Inputs, Scene, gather
+
+FloatArray = NDArray[np.float64]
+
+# Saturated pixels that are left out make the rest look darker than the panel is.
+_MOST_SATURATED = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PanelResponse:
+    """The counts that a radiance makes, by a panel.
+
+    Attributes
+    ----------
+    panel : str
+        Its region.
+    exposure_s : float
+        Of each frame [s].
+    f_number : float
+        As the scene file has it.
+    channel_names : tuple of str
+        Of the N polarizer angles.
+    polarizer_angles_rad : (N,) array
+        Those [rad].
+    modelled_dn_per_radiance : float
+        Counts per unit of unpolarized radiance as the scene file's sensor has it [DN per W m-2 sr-1].
+    scale : PanelScale
+        Measured over that, by channel and for all.
+    radiance, radiance_error : float
+        S0 of the panel at the aperture as it was predicted, and its standard error [W m-2 sr-1].
+    shares : mapping
+        Uncertain input to the share of the variance of the common scale that comes from it alone; "measurement" is
+        one of them. Where inputs are correlated they do not add up to 1.
+    pixels : int
+        Of the panel.
+    remarks : tuple of str
+        What was assumed, overruled or found on the way.
+    """
+
+    panel: str
+    exposure_s: float
+    f_number: float
+    channel_names: tuple[str, ...]
+    polarizer_angles_rad: FloatArray
+    modelled_dn_per_radiance: float
+    scale: PanelScale
+    radiance: float
+    radiance_error: float
+    shares: dict[str, float]
+    pixels: int
+    remarks: tuple[str, ...]
+
+
+def panel_response(
+    measurement: Measurement, *, scene: SceneFile, panel: str, noise: NoiseParameters | None
+) -> PanelResponse:
+    """Return the counts that a radiance makes, by a panel of known reflectance.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of a run, with the panel among its regions.
+    scene : SceneFile
+        Says what the panel is made of, or which radiance it sends; the sun is that of the run.
+    panel : str
+        Name of its region.
+    noise : NoiseParameters or None
+        A noise calibration.
+
+    Raises
+    ------
+    ConfigError
+        The scene has no such region.
+    DataError
+        The panel is saturated, or the run cannot be predicted: exposures differ or are not known.
+    """
+    alone = _alone(scene, panel)
+    alone, moved = scene_of_run(alone, measurement.run, measurement.grid.frames)
+    measured = _unsaturated(measurement, panel)
+    # Counts are compared with the radiance: what the sensor makes of it is what is sought.
+    inputs = without_throughput(gather(scene_of_file(alone, noise)), gain=True)
+    light, exposure_s = SceneLight(), one_exposure_s(measurement)
+
+    def at(values: FloatArray) -> FloatArray:
+        return _prediction(measurement, inputs.at(values), light)
+
+    *channels, radiance = at(inputs.values)
+    jacobian = input_jacobian(at, inputs.values, np.sqrt(np.diag(inputs.cov)), least=tuple(inputs.least))
+    cov = jacobian @ inputs.cov @ jacobian.T
+    predicted_dn = np.array(channels)
+    scale = panel_scale(measured.channels_mean.mean, measured.channels_mean.cov, predicted_dn, cov[:-1, :-1])
+    return PanelResponse(
+        panel=panel,
+        exposure_s=exposure_s,
+        f_number=inputs.scene.sensor.f_number.value,
+        channel_names=measurement.grid.channel_names,
+        polarizer_angles_rad=measurement.grid.polarizer_angles_rad,
+        modelled_dn_per_radiance=modelled_response(inputs.scene, exposure_s=exposure_s),
+        scale=scale,
+        radiance=float(radiance),
+        radiance_error=float(np.sqrt(cov[-1, -1])),
+        shares=_shares(scale, predicted_dn, inputs, jacobian[:-1]),
+        pixels=measured.pixels,
+        remarks=(*assumed_materials(alone), *moved, *light.remarks(inputs.scene), *_of_channels(scale)),
+    )
+
+
+def _alone(scene: SceneFile, panel: str) -> SceneFile:
+    named = [region for region in scene.regions if region.name == panel]
+    if not named:
+        known = ", ".join(region.name for region in scene.regions)
+        raise ConfigError(f"--panel: {panel!r} is no region of {scene.name}; there are {known}")
+    return scene.model_copy(update={"regions": named})
+
+
+def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
+    if panel in measurement.unmeasured:
+        raise DataError(measurement.unmeasured[panel])
+    region = measurement.regions[panel]
+    share = region.excluded / (region.excluded + region.pixels)
+    if share > _MOST_SATURATED:
+        raise DataError(
+            f"{measurement.run.path}: {share:.1%} of the panel's pixels are saturated or missing (allowed are "
+            f"{_MOST_SATURATED:.1%}): what is left is not its mean; expose shorter, or draw the region within the panel"
+        )
+    return region
+
+
+def _prediction(measurement: Measurement, scene: Scene, light: SceneLight) -> FloatArray:
+    """Return the counts of the panel's channels, and S0 of its light at the aperture."""
+    scenario = build_scenario(
+        scene, readout=run_readout(measurement), exposure_s=one_exposure_s(measurement), light=light
+    )
+    (prediction,) = predict(scenario).values()
+    return np.append(prediction.channels.mean_dn, scenario.regions[0].aperture_moments().mean[0])
+
+
+def _shares(scale: PanelScale, predicted_dn: FloatArray, inputs: Inputs, jacobian: FloatArray) -> dict[str, float]:
+    """Return how much of the common scale's variance each uncertain number makes alone."""
+    slopes = scale.common * jacobian.sum(axis=0) / predicted_dn.sum()
+    parts = np.square(slopes) * np.diag(inputs.cov) / scale.common_error**2
+    found = {name: float(part) for name, part in zip(inputs.names, parts, strict=True) if part > 0.0}
+    found["measurement"] = (scale.measurement_error / scale.common_error) ** 2
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _of_channels(scale: PanelScale) -> tuple[str, ...]:
+    if scale.channels_agree:
+        return ()
+    spread = (scale.channel.max() - scale.channel.min()) / scale.common
+    remark = (
+        f"channels differ by {spread:.2%}, more than their errors allow (chi-squared {scale.chi2:.3g}): the throughput "
+        "depends on the angle, the light drifted, or the panel's polarization is not as predicted; see "
+        "rigctl calibrate axis"
+    )
+    return (remark,)

@@ -1,0 +1,388 @@
+"""Sun and camera of a run in place of the scene file's, with what that changes.
+
+Prediction of a run from a scene file: at the run's own angles, cycles, exposure, sun and rig.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.chain import Settings
+from model.prediction import RegionPrediction, predict, predict_with_errors
+from model.quantities import angle_of
+from model.scene.field import FieldLight
+from model.scene.scene import Readout
+from rigctl.base.numbers import wrapped
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.compare.rows import with_ratios
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
+from rigctl.files.scene_file import SceneFile, SunSection
+from rigctl.files.toml import Uncertain
+from rigctl.measure.measure import Measurement, frame_order
+from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord, SimulatedLight
+from rigctl.scene.light import SceneLight, build_scenario, sun_text
+from rigctl.scene.reading import scene_of_file, sun_covariance_deg2, sun_of_file
+from rigctl.scene.scene import (
+    Inputs,
+    Parameter,
+    Scene,
+    Sun,
+    TakenCycle,
+    exposure_std,
+    gather,
+    parameters,
+    rig_errors,
+    with_rig,
+)
+from rigctl.scene.sun import sun_position
+
+# Below this a difference is that of rounding, and not worth a word [deg].
+_WORTH_A_WORD_DEG = 0.01
+# The distance of the sun is the same for all.
+_ANYWHERE = Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
+
+
+def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[SceneFile, tuple[str, ...]]:
+    """Return the scene with the sun and the camera's place that the run states, and each difference in words.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        What the model is told.
+    run : Run
+        Its rig and session may hold [site] and [geometry].
+    frames : iterable of FrameRecord
+        Those that are compared.
+
+    Raises
+    ------
+    DataError
+        The run's description of its place is damaged.
+
+    Notes
+    -----
+    The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun, unless it lit a
+    simulated roof. Where the run states a number as exact, the scene file's standard uncertainty of it stays.
+    """
+    light = run.session.simulated_light
+    if not scene.has_materials or (run.session.origin == "simulated" and light is None):
+        return scene, ()
+    changed = _with_geometry(scene, run)
+    if light is not None and not light.is_clocked:
+        changed = _with_stated_sun(changed, light)
+    else:
+        changed = _with_sun(changed, run, tuple(frames))
+    return changed, tuple(_differences(scene, changed))
+
+
+def sun_used(stated: SceneFile, used: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[str, ...]:
+    """Return in one line which sun a comparison of a run takes, when, and whence; nothing without materials.
+
+    Parameters
+    ----------
+    stated, used : SceneFile
+        As it is, and as `scene_of_run` returns it.
+    run : Run
+        The run.
+    frames : iterable of FrameRecord
+        Those that are compared.
+    """
+    if not stated.has_materials:
+        return ()
+    light = run.session.simulated_light
+    if light is not None and not light.is_clocked:
+        whence, time = f"the scene file that lit the roof ({light.scene})", _time_of_file(stated)
+    elif used.sun is stated.sun:
+        whence, time = "the scene file", _time_of_file(stated)
+    else:
+        whence = "the run's frames" if light is None else "the run's simulated clock"
+        time = _time_of_frames(frames)
+    return (f"sun used: {sun_text(scene_of_file(used), time=time)}; by {whence}",)
+
+
+def _time_of_file(scene: SceneFile) -> str | None:
+    time = None if scene.sun is None else scene.sun.time
+    return None if time is None else f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _time_of_frames(frames: Iterable[FrameRecord]) -> str | None:
+    starts = [frame.start_utc for frame in frames if frame.start_utc is not None]
+    return f"{min(starts)[:19]}Z to {max(starts)[:19]}Z" if starts else None
+
+
+def _with_stated_sun(scene: SceneFile, light: SimulatedLight) -> SceneFile:
+    """Return the scene under the sun that lit a simulated roof whose clock moves none."""
+    stated = sun_of_file(scene)
+    if light.sun_zenith_deg is None or stated is None:
+        return scene
+    azimuth = light.sun_azimuth_deg
+    stds = [0.0 if number is None else number.std for number in (stated.zenith_deg, stated.azimuth_deg)]
+    sun = SunSection(
+        zenith_deg=Uncertain(value=light.sun_zenith_deg, std=stds[0]),
+        azimuth_deg=None if azimuth is None else Uncertain(value=azimuth, std=stds[1]),
+        distance_factor=Uncertain(value=light.distance_factor or 1.0, std=stated.distance_factor.std),
+    )
+    return scene if _is_same(sun, stated) else scene.model_copy(update={"sun": sun})
+
+
+def _is_same(sun: SunSection, stated: Sun) -> bool:
+    return (sun.zenith_deg, sun.azimuth_deg) == (stated.zenith_deg, stated.azimuth_deg)
+
+
+def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
+    geometry = None if run.session.rig is None else run.session.rig.geometry
+    if geometry is None:
+        return scene
+    pointing = scene.pointing
+    if scene.geometry is not None:
+        pointing = None if pointing is None else _without_angles_of_run(pointing, geometry)
+        geometry = _with_stds(geometry, scene.geometry)
+    return scene.model_copy(update={"geometry": geometry, "pointing": pointing})
+
+
+def _without_angles_of_run(pointing: PointingSection, geometry: GeometrySection) -> PointingSection | None:
+    """Return how errors go together without the angles whose errors the run itself states; None where nothing is left.
+
+    An angle of the run without a standard uncertainty has that of the scene file, and goes together as before.
+    """
+    stated = {f"geometry.{name}" for name in type(geometry).model_fields if _is_stated_otherwise(geometry, name)}
+    kept = [k for k, key in enumerate(pointing.parameters) if key not in stated]
+    if len(kept) < 2:
+        return None
+    return PointingSection(
+        parameters=tuple(pointing.parameters[k] for k in kept),
+        correlation=tuple(tuple(pointing.correlation[i][k] for k in kept) for i in kept),
+    )
+
+
+def _is_stated_otherwise(geometry: GeometrySection, name: str) -> bool:
+    number = getattr(geometry, name)
+    return number is None or number.std > 0.0
+
+
+def _with_stds(used: GeometrySection, stated: GeometrySection) -> GeometrySection:
+    """Return the geometry that is used; a number without uncertainty takes that of the same number as stated."""
+    kept = {}
+    for name in type(used).model_fields:
+        number, other = getattr(used, name), getattr(stated, name)
+        if number is not None and other is not None and number.std == 0.0:
+            kept[name] = Uncertain(value=number.value, std=other.std)
+    return used.model_copy(update=kept)
+
+
+def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> SceneFile:
+    site = run.session.site
+    directions = [_direction(frame, site) for frame in frames]
+    known = [direction for direction in directions if direction is not None]
+    if not known or len(known) < len(frames):
+        return scene
+    east, north, up = np.mean(known, axis=0)
+    zenith_std_deg, azimuth_std_deg = _sun_stds_deg(scene, site, frames)
+    sun = SunSection(
+        zenith_deg=Uncertain(value=math.degrees(math.atan2(math.hypot(east, north), up)), std=zenith_std_deg),
+        azimuth_deg=Uncertain(value=math.degrees(math.atan2(east, north)) % 360.0, std=azimuth_std_deg),
+    )
+    return scene.model_copy(update={"sun": _at_distance(sun, frames[0], scene.sun)})
+
+
+def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
+    """Return the standard uncertainty of the sun's angles, by scene file or by the run's site; of both the larger."""
+    sun = sun_of_file(scene)
+    numbers = () if sun is None else (sun.zenith_deg, sun.azimuth_deg)
+    stds = [0.0 if number is None else number.std for number in numbers] or [0.0, 0.0]
+    time = frames[0].start_utc
+    if site is not None and site.is_uncertain and time is not None:
+        by_site = np.sqrt(np.diag(sun_covariance_deg2(site, datetime.fromisoformat(time))))
+        stds = np.maximum(stds, by_site).tolist()
+    return stds[0], stds[1]
+
+
+def _at_distance(sun: SunSection, frame: FrameRecord, stated: SunSection | None) -> SunSection:
+    """Return a sun at its distance when the frame was taken, as well as the scene file knows it."""
+    factor = _distance_factor(frame, stated)
+    std = 0.0 if stated is None or stated.distance_factor is None else stated.distance_factor.std
+    if factor is None:
+        return sun.model_copy(update={"day_of_year": None if stated is None else stated.day_of_year})
+    return sun.model_copy(update={"distance_factor": Uncertain(value=factor, std=std)})
+
+
+def _distance_factor(frame: FrameRecord, stated: SunSection | None) -> float | None:
+    """Irradiance of the sun over that at its mean distance: of the frame's time or the scene file's; None by a day."""
+    if frame.start_utc is not None:
+        return sun_position(datetime.fromisoformat(frame.start_utc), _ANYWHERE).distance_factor
+    if stated is None:
+        return None
+    if stated.time is not None:
+        return sun_position(stated.time, _ANYWHERE).distance_factor
+    return None if stated.distance_factor is None else stated.distance_factor.value
+
+
+def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:
+    """Direction to the sun as the frame recorded it, or by its time at the site."""
+    if frame.sun_azimuth_deg is not None and frame.sun_elevation_deg is not None:
+        zenith_rad, azimuth_rad = math.radians(90.0 - frame.sun_elevation_deg), math.radians(frame.sun_azimuth_deg)
+    elif frame.start_utc is not None and site is not None:
+        found = sun_position(datetime.fromisoformat(frame.start_utc), site.place)
+        zenith_rad, azimuth_rad = found.zenith_rad, found.azimuth_rad
+    else:
+        return None
+    level = math.sin(zenith_rad)
+    return level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.cos(zenith_rad)
+
+
+def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+    yield from _pointing_set_aside(scene, changed)
+    stated, used = _directions(scene), _directions(changed)
+    for name, number in used.items():
+        before = stated.get(name)
+        if before is None:
+            yield f"{name}: {number.value:.2f} of the run; the scene file states none"
+        elif abs(wrapped(number.value - before.value, turn=360.0)) > _WORTH_A_WORD_DEG:
+            yield f"{name}: {number.value:.2f} of the run, not {before.value:.2f} of the scene file"
+    if "geometry.phi_deg" in used and used.get("sun.azimuth_deg") != stated.get("sun.azimuth_deg"):
+        yield "geometry.phi_deg: kept as stated, though the run has another sun: no camera azimuth is known"
+
+
+def _pointing_set_aside(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+    kept = () if changed.pointing is None else changed.pointing.parameters
+    gone = [key for key in (() if scene.pointing is None else scene.pointing.parameters) if key not in kept]
+    if gone:
+        yield f"pointing: set aside for {', '.join(gone)}: the run has errors of its own for angles of [pointing]"
+
+
+def _directions(scene: SceneFile) -> dict[str, Parameter]:
+    """Angles of sun and camera, by their keys."""
+    return {
+        number.key: number
+        for number in parameters(scene_of_file(scene))
+        if number.key.startswith(("sun.", "geometry.")) and number.unit == "deg"
+    }
+
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunPredictor:
+    """A scene as it was when a run was taken, ready to be predicted with other values of its inputs.
+
+    Attributes
+    ----------
+    inputs : Inputs
+        Numbers of scene file, calibration and rig.
+    readout : Readout
+        Angles and cycles of the run.
+    exposure_s : float
+        Of each frame [s].
+    light : SceneLight
+        Computes the light of materials, and keeps it.
+    settings : Settings or None
+        Numerical settings in place of those of the file.
+    moved : tuple of str
+        Which sun is taken, and what the run says of sun and geometry otherwise than the file.
+    """
+
+    inputs: Inputs
+    readout: Readout
+    exposure_s: float
+    light: SceneLight
+    moved: tuple[str, ...]
+    settings: Settings | None = None
+
+    def predictions(self, values: FloatArray) -> dict[str, RegionPrediction]:
+        """Return what the model says of each region, at values of the inputs.
+
+        Raises
+        ------
+        ConfigError
+            The values do not go together.
+        """
+        scene = self.inputs.at(values)
+        errors = rig_errors(scene)
+        try:
+            scenario = build_scenario(
+                scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light, settings=self.settings
+            )
+            return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
+        except ValueError as error:
+            raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
+
+    def lights(self, scene: Scene) -> dict[str, FieldLight]:
+        """Return the light of each region that is given by a material."""
+        named = [region for region in scene.regions if region.material is not None]
+        return {region.name: self.light.region(scene, region, self.settings) for region in named}
+
+
+def run_predictor(measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None) -> RunPredictor:
+    """Return what predicts a run from a scene file.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The run; angles, cycles, exposure, sun and rig are its own.
+    scene : SceneFile
+        What the model is told.
+    noise : NoiseParameters or None
+        A noise calibration, in place of the assumed noise.
+
+    Raises
+    ------
+    DataError
+        Exposures differ or are not known.
+    """
+    stated_file = scene
+    scene, moved = scene_of_run(stated_file, measurement.run, measurement.grid.frames)
+    stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_run(measurement, scene))
+    return RunPredictor(
+        inputs=gather(stated),
+        readout=run_readout(measurement),
+        exposure_s=one_exposure_s(measurement),
+        light=SceneLight(),
+        moved=(*sun_used(stated_file, scene, measurement.run, measurement.grid.frames), *moved),
+    )
+
+
+def run_readout(measurement: Measurement) -> Readout:
+    """Return angles and cycles of a run."""
+    grid = measurement.grid
+    return Readout(
+        angles_rad=grid.polarizer_angles_rad,
+        channel_names=grid.channel_names,
+        cycles=grid.cycles,
+        extinction_ratio=measurement.extinction_ratio,
+        noise_factor=measurement.noise_factor if measurement.corrections.is_any else None,
+        flat_error=None if measurement.flat is None else measurement.flat.error,
+    )
+
+
+def one_exposure_s(measurement: Measurement) -> float:
+    """Return the exposure of a run's frames [s].
+
+    Raises
+    ------
+    DataError
+        It is not known, or differs between angles.
+    """
+    exposures = measurement.grid.exposures_s
+    if exposures is None:
+        raise DataError(f"{measurement.run.path}: its exposure is not known, and a scene cannot be predicted without")
+    if not measurement.grid.is_one_exposure:
+        raise DataError(f"{measurement.run.path}: its angles have different exposures; a scene needs one for all")
+    return float(exposures[0])
+
+
+def cycle_of_run(measurement: Measurement, scene: SceneFile) -> TakenCycle:
+    """Return the cycle of a run, as the errors of its rig act on it."""
+    return TakenCycle(
+        angle_names=tuple(angle_of(name) for name in measurement.grid.channel_names),
+        frame_order=tuple(frame_order(measurement).tolist()),
+        # How well the rig file of the run knows the polarizer's offset; 0 where there is none, as of images.
+        offset_std_deg=measurement.run.session.polarizer.offset_std_deg,
+        exposure_std=exposure_std(scene),
+    )

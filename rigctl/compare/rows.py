@@ -1,0 +1,387 @@
+"""The rows of a comparison: one number by the model and by the frames, how far apart, and whether that is too far.
+
+The uncertainty budget of a comparison: how much each cause makes of the error of a region's polarization.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.polarimeter.pictures import Registration
+from model.moments import Moments
+from model.numerics import ndtri
+from model.prediction import RegionPrediction, budget, noise_causes, shift_cause
+from model.processing.agreement import Propagation, holm_rejections, two_sided_p_value
+from model.processing.mosaic import reach_px
+from model.processing.reconstruction import channel_ratios
+from model.processing.samples import Sample
+from model.quantities import difference, is_counts, ratio_name
+from model.sensor import ChannelMoments
+from rigctl.files.regions import Region, inner_masks, masks
+from rigctl.measure.diagnose import RunDiagnosis
+from rigctl.measure.measure import MeasuredRegion, Measurement
+from rigctl.predict.predict import NumberKey
+from rigctl.scene.scene import ANGLE, DRIFT, OFFSET, Inputs
+
+if TYPE_CHECKING:
+    from model.prediction import Quantities
+    from rigctl.measure.measure import MeasuredQuantities
+
+# Chance with which a disagreement is to be seen.
+_POWER = 0.9
+# A difference that is seen only where it is larger than this share of a number tells nothing of it.
+_USELESS_SHARE = 0.5
+_SPATIAL, _OF_PIXELS = ("std", "std_spatial_mean"), ("dolp_pixels", "dolp_snr")
+_DEVIATIONS = (*_SPATIAL, "std_temporal")
+# The farthest that an AoLP can be off is twice this; numbers that may be nothing by nature have no size of their own.
+_TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One number by the model and by the frames.
+
+    Attributes
+    ----------
+    region, quantity, statistic : str
+        Which number, for instance ("asphalt", "dn_45", "std_temporal").
+    predicted, measured : float
+        In DN, degrees or without unit, as the quantity has it.
+    std_error : float or None
+        Of the measurement; of a deviation that came out below its prediction, as large as the prediction has it.
+    std_error_inputs : float or None
+        Of the prediction, from the uncertainty of what it rests on.
+    z_measurement : float or None
+        Difference over `std_error`.
+    z : float or None
+        Difference over both errors together; the decision is taken from this one.
+    agrees : bool or None
+        By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
+    smallest_difference_90 : float or None
+        That would have been called a disagreement with a chance of 90 %, were this row the only one that is off.
+    """
+
+    region: str
+    quantity: str
+    statistic: str
+    predicted: float
+    measured: float
+    std_error: float | None = None
+    std_error_inputs: float | None = None
+    z_measurement: float | None = None
+    z: float | None = None
+    agrees: bool | None = None
+    smallest_difference_90: float | None = None
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether only a difference larger than half the number (of AoLP, of 45 deg) would have been seen."""
+        seen = self.smallest_difference_90
+        size = _TURN_DEG if self.quantity == "aolp_deg" else abs(self.predicted)
+        return seen is not None and self.quantity not in _SIGNED and seen > _USELESS_SHARE * size
+
+    @property
+    def key(self) -> NumberKey:
+        """Which number it is."""
+        return NumberKey(self.region, self.quantity, self.statistic)
+
+
+def pair(region: str, predicted: "Quantities", measured: "MeasuredQuantities") -> Iterable[Row]:
+    """Return a row for each number that both sides have.
+
+    The error that a deviation has by its own pixels is small where it came out small by chance: taken as it is, it
+    calls four times as many deviations of 1600 pixels too small as chance has it, a hundred times as many of 100. So
+    it is that of the larger one, of measured and predicted.
+    """
+    for quantity, statistics in predicted.items():
+        for statistic, value in statistics.items():
+            sample = measured.get(quantity, {}).get(statistic)
+            if sample is not None:
+                yield Row(
+                    region=region,
+                    quantity=quantity,
+                    statistic=statistic,
+                    predicted=value,
+                    measured=sample.value,
+                    std_error=_error_beside(sample, value) if statistic in _DEVIATIONS else sample.std_error,
+                )
+
+
+def _error_beside(deviation: Sample, predicted: float) -> float:
+    """Return the error of a measured deviation, or that of a predicted one that is larger."""
+    return deviation.std_error * max(predicted / deviation.value, 1.0) if deviation.value > 0.0 else deviation.std_error
+
+
+def off_prediction(row: Row, value: float) -> float:
+    """Return how far a value of a row's quantity is above its prediction; of an AoLP, the shorter way round."""
+    return difference(row.quantity, value, row.predicted)
+
+
+def scored(row: Row, std_error_inputs: float) -> Row:
+    """Return the row with its scores; without one where neither side has an error."""
+    measured_error = row.std_error or 0.0
+    both = float(np.hypot(measured_error, std_error_inputs))
+    off = off_prediction(row, row.measured)
+    return replace(
+        row,
+        std_error_inputs=float(std_error_inputs),
+        z_measurement=off / measured_error if measured_error > 0.0 else None,
+        z=off / both if both > 0.0 else None,
+    )
+
+
+def decide(rows: tuple[Row, ...], *, alpha: float) -> tuple[Row, ...]:
+    """Return the rows with a decision each, by Holm's rule over all that are tests, and what each could have seen."""
+    tests = [k for k, row in enumerate(rows) if row.z is not None]
+    rejected = holm_rejections(two_sided_p_value([rows[k].z or 0.0 for k in tests]), alpha=alpha)
+    verdicts = dict(zip(tests, rejected.tolist(), strict=True))
+    # The first step of Holm's rule: a single row that is off has to pass it.
+    seen = -float(ndtri(0.5 * alpha / max(len(tests), 1))) + float(ndtri(_POWER))
+    return tuple(
+        replace(row, agrees=not verdicts[k], smallest_difference_90=seen * error_of_both(row)) if k in verdicts else row
+        for k, row in enumerate(rows)
+    )
+
+
+def error_of_both(row: Row) -> float:
+    """Return the standard error of both sides together."""
+    return float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0))
+
+
+def with_ratios(predictions: Mapping[str, "RegionPrediction"]) -> dict[str, "RegionPrediction"]:
+    """Return predictions with a ratio for each channel beside its counts; none where there is no light."""
+    return {name: _with_ratios(prediction) for name, prediction in predictions.items()}
+
+
+def measured_with_ratios(region: "MeasuredRegion") -> "MeasuredQuantities":
+    """Return what a region measured, with a ratio for each channel; none where there is no light."""
+    moments = region.channels_mean
+    names = [name for name in region.quantities if is_counts(name)]
+    if not moments.mean.mean() > 0.0:
+        return region.quantities
+    samples = (Sample(value=float(v), std_error=float(e)) for v, e in zip(*channel_ratios(moments), strict=True))
+    return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
+
+
+def predictable(measured: "MeasuredQuantities", *, is_mosaic: bool, is_interpolated: bool) -> "MeasuredQuantities":
+    """Return what a scene's prediction is set beside: it knows of pixels that see one point behind all angles.
+
+    Behind the polarizers of a mosaic each angle has pixels of its own. What their texture and response have in common
+    is not known, nor what interpolation leaves of them: then deviations over the pixels are no tests.
+    """
+    if not is_mosaic:
+        return measured
+    return {
+        quantity: {
+            statistic: sample
+            for statistic, sample in statistics.items()
+            if statistic not in _SPATIAL or (is_counts(quantity) and not is_interpolated)
+        }
+        for quantity, statistics in measured.items()
+        if quantity not in _OF_PIXELS
+    }
+
+
+def _with_ratios(prediction: "RegionPrediction") -> "RegionPrediction":
+    mean = prediction.channels.mean_dn
+    if not mean.mean() > 0.0:
+        return prediction
+    names = [name for name in prediction.quantities if is_counts(name)]
+    ratios = channel_ratios(Moments(mean=mean, cov=np.zeros((mean.size, mean.size))))[0]
+    found = {ratio_name(name): {"mean": float(ratio)} for name, ratio in zip(names, ratios, strict=True)}
+    return replace(prediction, quantities=prediction.quantities | found)
+
+
+FloatArray = NDArray[np.float64]
+
+
+# Name of the cause: what the faults that a run shows of itself could do, all of them together.
+FAULTS = "faults of the run"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionBudget:
+    """Standard uncertainties of one region's polarization.
+
+    Attributes
+    ----------
+    region : str
+        Its name.
+    parts : mapping
+        Quantity ("s0" relative, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty.
+    """
+
+    region: str
+    parts: dict[str, dict[str, float]]
+
+
+def scene_budget(
+    predictions: Mapping[str, RegionPrediction],
+    measurement: Measurement,
+    *,
+    inputs: Inputs,
+    rows: tuple[Row, ...],
+    propagation: Propagation,
+    uncertain: Inputs,
+) -> tuple[RegionBudget, ...]:
+    """Return the budget of every region of a comparison with a scene.
+
+    Parameters
+    ----------
+    predictions, measurement
+        Both sides.
+    inputs : Inputs
+        All of them.
+    rows, propagation, uncertain
+        What the uncertain inputs do to the mean counts.
+    """
+    found = []
+    for name, prediction in predictions.items():
+        if name not in measurement.regions:
+            continue
+        region = measurement.regions[name]
+        causes = noise_causes(
+            prediction.channels,
+            gain_dn_per_e=inputs.scene.noise.gain_dn_per_e.value,
+            noise_factor=inputs.scene.noise.noise_factor.value,
+            pixels=region.independent_pixels,
+            cycles=measurement.grid.cycles,
+        )
+        causes["dark level"] = _dark_level(measurement)
+        causes |= _repeats(region)
+        causes |= _inputs(name, rows, propagation, uncertain, measurement.grid.channel_names)
+        found.append(_region(name, prediction.channels, causes, measurement))
+    return tuple(found)
+
+
+def run_budget(
+    predictions: Mapping[str, RegionPrediction], measurement: Measurement, *, gain_dn_per_e: float | None
+) -> tuple[RegionBudget, ...]:
+    """Return the budget of every region of a comparison with the run's own moments.
+
+    Without a calibration noise and texture cannot be told apart and stand as one.
+    """
+    found = []
+    for name, prediction in predictions.items():
+        region = measurement.regions[name]
+        causes = _run_causes(prediction.channels, region, measurement, gain_dn_per_e) | _repeats(region)
+        found.append(_region(name, prediction.channels, causes | {"dark level": _dark_level(measurement)}, measurement))
+    return tuple(found)
+
+
+def with_registration(
+    budgets: tuple[RegionBudget, ...],
+    measurement: Measurement,
+    *,
+    regions: list[Region],
+    found: Registration | str,
+    means: dict[str, NDArray[np.float64]],
+) -> tuple[RegionBudget, ...]:
+    """Return budgets with what misregistration does to each region; as they are where that cannot be told.
+
+    Frames that were moved by a registration that was given are taken as registered.
+    """
+    if isinstance(found, str) or measurement.shifts is not None:
+        return budgets
+    outer = masks(regions, width=measurement.grid.width, height=measurement.grid.height)
+    inside = inner_masks(regions, outer, least_px=reach_px(measurement.run.session.interpolation))
+    sizes = np.hypot(found.shift_pixels, found.std_error_pixels)
+    return tuple(_registered(one, measurement, inside[one.region], sizes, means[one.region]) for one in budgets)
+
+
+def _run_causes(
+    channels: ChannelMoments, region: MeasuredRegion, measurement: Measurement, gain_dn_per_e: float | None
+) -> dict[str, FloatArray]:
+    if gain_dn_per_e is None or not measurement.grid.is_one_exposure:
+        return {"noise and texture": region.scatter_cov}
+    causes = noise_causes(
+        channels,
+        gain_dn_per_e=gain_dn_per_e,
+        noise_factor=1.0,
+        pixels=region.independent_pixels,
+        cycles=measurement.grid.cycles,
+    )
+    pattern = causes.pop("fixed pattern")
+    texture = causes.pop("texture")
+    return causes | {"texture and fixed pattern": pattern + texture}
+
+
+def _region(
+    name: str, channels: ChannelMoments, causes: Mapping[str, FloatArray], measurement: Measurement
+) -> RegionBudget:
+    if not (measurement.plan.inverse @ channels.mean_dn)[0] > 0.0:
+        return RegionBudget(region=name, parts={})
+    return RegionBudget(region=name, parts=budget(channels.mean_dn, causes, plan=measurement.plan))
+
+
+def _repeats(region: MeasuredRegion) -> dict[str, FloatArray]:
+    """Return the cause of what the rig does not repeat; none where nothing was repeated."""
+    cov = region.repeatability.cov(region.channels_mean.mean)
+    return {"repeatability": cov} if np.any(cov) else {}
+
+
+def _dark_level(measurement: Measurement) -> FloatArray:
+    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    return np.outer(level, level)
+
+
+def _inputs(
+    region: str, rows: tuple[Row, ...], propagation: Propagation, uncertain: Inputs, channels: tuple[str, ...]
+) -> dict[str, FloatArray]:
+    """Return what the inputs do to the mean counts of a region: angle, drift of the light, and all others."""
+    place = {row.key: k for k, row in enumerate(rows)}
+    effects = propagation.effects[[place[NumberKey(region, channel, "mean")] for channel in channels]]
+    std = np.sqrt(np.diag(uncertain.cov))
+    correlation = uncertain.cov / np.outer(std, std)
+    found = {}
+    kinds = [_kind(name) for name in uncertain.names]
+    for kind in dict.fromkeys(kinds):
+        chosen = np.array([k == kind for k in kinds])
+        own = effects[:, chosen]
+        found[kind] = np.asarray(own @ correlation[np.ix_(chosen, chosen)] @ own.T)
+    return found
+
+
+def _kind(name: str) -> str:
+    if name.startswith((OFFSET, ANGLE)):
+        return "angle"
+    if name == DRIFT:
+        return "drift"
+    return "inputs"
+
+
+def _registered(
+    found: RegionBudget,
+    measurement: Measurement,
+    inside: NDArray[np.bool_],
+    sizes: NDArray[np.float64],
+    mean_dn: NDArray[np.float64],
+) -> RegionBudget:
+    if not found.parts:
+        return found
+    causes = {"registration": shift_cause(measurement.channels, inside, shift_pixels=sizes)}
+    own = budget(mean_dn, causes, plan=measurement.plan)
+    return RegionBudget(
+        region=found.region, parts={quantity: parts | own[quantity] for quantity, parts in found.parts.items()}
+    )
+
+
+def with_diagnosis(
+    budgets: tuple[RegionBudget, ...], diagnosis: RunDiagnosis, measurement: Measurement
+) -> tuple[RegionBudget, ...]:
+    """Return budgets with what each fault that the run shows could do to the polarization of a region."""
+    return tuple(_with_faults(found, diagnosis, measurement) for found in budgets)
+
+
+def _with_faults(found: RegionBudget, diagnosis: RunDiagnosis, measurement: Measurement) -> RegionBudget:
+    if not found.parts or found.region not in measurement.regions:
+        return found
+    parts = {quantity: dict(causes) for quantity, causes in found.parts.items()}
+    moved = [term.by_region.get(found.region, (None, None)) for term in diagnosis.named]
+    for place, quantity in enumerate(("dolp", "aolp_deg")):
+        if moved and quantity in parts:
+            parts[quantity][FAULTS] = float(np.linalg.norm([shifts[place] or 0.0 for shifts in moved]))
+    return RegionBudget(region=found.region, parts=parts)

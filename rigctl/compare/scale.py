@@ -1,0 +1,237 @@
+"""The numbers of a scene file that only say how many counts a radiance makes, and what takes their place.
+
+Scale of the counts of a prediction: by the scene file, by a panel, or by the run itself.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.radiometric import FreeScale, fit_free_scale
+from model.prediction import RegionPrediction
+from model.processing.agreement import input_jacobian
+from model.sensor import counts_per_radiance
+from rigctl.compare.predict_run import one_exposure_s
+from rigctl.errors import ConfigError, DataError
+from rigctl.scene.light import sensor_of
+from rigctl.scene.scene import EFFICIENCY, GAIN, TRANSMITTANCE, Inputs, Scene
+
+if TYPE_CHECKING:
+    from rigctl.calibrations.radiometric import RadiometricResponse
+    from rigctl.files.choices import ScaleKind
+    from rigctl.measure.measure import Measurement
+
+FloatArray = NDArray[np.float64]
+
+# A scale that is measured holds all of them; the gain is not one, since noise rests on it too.
+_THROUGHPUT = (
+    EFFICIENCY,
+    TRANSMITTANCE,
+    "sensor.pixel_pitch_um",
+    "sensor.f_number",
+    "sensor.wavelength_nm",
+    "sensor.polarizer_transmittance",
+)
+
+
+def modelled_response(scene: Scene, *, exposure_s: float) -> float:
+    """Return the counts per unit of unpolarized radiance by the sensor of a scene [DN per W m-2 sr-1]."""
+    return counts_per_radiance(sensor_of(scene, exposure_s))
+
+
+def without_throughput(inputs: Inputs, *, gain: bool = False) -> Inputs:
+    """Return the inputs with the numbers of the throughput taken as exact, and with `gain` that of the gain too."""
+    exact = (*_THROUGHPUT, GAIN) if gain else _THROUGHPUT
+    keep = np.array([0.0 if name in exact else 1.0 for name in inputs.names])
+    return replace(inputs, cov=inputs.cov * np.outer(keep, keep))
+
+
+def rescaled(inputs: Inputs, factor: float, *, variance: float, common: FloatArray) -> Inputs:
+    """Return the inputs with a factor on the counts per radiance in place of what the scene file says of it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        Of scene file and noise calibration.
+    factor : float
+        On the electrons that a radiance makes, > 0.
+    variance : float
+        Of its logarithm, with all that goes into `common`.
+    common : (k,) array
+        Covariance of its logarithm with each input.
+
+    Raises
+    ------
+    DataError
+        More electrons than photons would be needed.
+
+    Notes
+    -----
+    Transmittance and quantum efficiency are only known as their product, which stands under the latter's name.
+    """
+    place = {name: k for k, name in enumerate(inputs.names)}
+    efficiency = inputs.values[place[EFFICIENCY]] * inputs.values[place[TRANSMITTANCE]] * factor
+    if efficiency > 1.0:
+        raise DataError(
+            f"the scale of the counts needs {efficiency:.3g} electrons per photon, more than there can be: check gain, "
+            "exposure, f-number and pixel pitch of scene file and calibrations, and the radiance of the panel"
+        )
+    fixed = without_throughput(inputs)
+    values, cov = fixed.values.copy(), fixed.cov.copy()
+    values[place[TRANSMITTANCE]], values[place[EFFICIENCY]] = 1.0, efficiency
+    row = efficiency * common * np.array([0.0 if name in _THROUGHPUT else 1.0 for name in inputs.names])
+    cov[place[EFFICIENCY], :] = cov[:, place[EFFICIENCY]] = row
+    cov[place[EFFICIENCY], place[EFFICIENCY]] = efficiency**2 * variance
+    return replace(fixed, scene=fixed.at(values), values=values, cov=cov, fitted=(EFFICIENCY,))
+
+
+Predicted = Callable[[FloatArray], Mapping[str, RegionPrediction]]
+
+# A lens that was stopped down since is another one.
+_F_NUMBER_STEP = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """Scale of the counts of a prediction.
+
+    Attributes
+    ----------
+    kind : {"absolute", "panel", "free"}
+        By the optics and efficiency of the scene file; by a radiometric calibration; fitted to the run.
+    value, std_error : float
+        Factor on the counts per radiance of the scene file, and its standard error: as far as the file itself knows it
+        (absolute), of the calibration, or of the fit.
+    source : str
+        Where it comes from, in words for a report.
+    """
+
+    kind: "ScaleKind"
+    value: float
+    std_error: float
+    source: str
+
+    @property
+    def remark(self) -> str:
+        """The scale in a line."""
+        number = f"{self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
+        return f"scale of the counts: {number}" if self.kind != "absolute" else f"scale of the counts, taken: {number}"
+
+
+def scale_inputs(
+    kind: "ScaleKind",
+    inputs: "Inputs",
+    *,
+    measurement: "Measurement",
+    radiometric: "RadiometricResponse | None",
+    predicted: Predicted,
+) -> tuple["Inputs", Scale]:
+    """Return the inputs of a prediction with the counts scaled, and the scale.
+
+    Parameters
+    ----------
+    kind : {"absolute", "panel", "free"}
+        Which scale.
+    inputs : Inputs
+        Of scene file and noise calibration.
+    measurement : Measurement
+        The run; "free" is fitted to the mean S0 of its regions.
+    radiometric : mapping or None
+        A radiometric calibration as its file holds it, for "panel".
+    predicted : callable
+        Values of the inputs to what the model says of each region.
+
+    Raises
+    ------
+    ConfigError
+        "panel" without a calibration, or a calibration with another kind of scale.
+    DataError
+        The calibration is of another f-number, the scale is not possible, or there is no light to fit.
+
+    Notes
+    -----
+    A scale acts on the electrons that a radiance makes, so that noise follows. The errors of a fitted scale go together
+    with those of the inputs that it makes up for: both are in the covariance that is returned.
+    """
+    if (kind == "panel") != (radiometric is not None):
+        raise ConfigError("--scale panel and --radiometric FILE (rigctl calibrate radiometric) go together")
+    if kind == "panel" and radiometric is not None:
+        return panel_scaled(inputs, radiometric, exposure_s=one_exposure_s(measurement))
+    if kind == "free":
+        return _by_run(inputs, measurement, predicted)
+    return inputs, _of_file(inputs, one_exposure_s(measurement))
+
+
+def _of_file(inputs: "Inputs", exposure_s: float) -> Scale:
+    def logarithm(values: FloatArray) -> FloatArray:
+        return np.log([modelled_response(inputs.at(values), exposure_s=exposure_s)])
+
+    slopes = input_jacobian(logarithm, inputs.values, np.sqrt(np.diag(inputs.cov)), least=tuple(inputs.least))[0]
+    error = float(np.sqrt(slopes @ inputs.cov @ slopes))
+    return Scale(kind="absolute", value=1.0, std_error=error, source="optics and efficiency of the scene file")
+
+
+def with_panel_scale(inputs: "Inputs", *, radiometric: "RadiometricResponse") -> "Inputs":
+    """Return the inputs of a prediction without a run, scaled by a radiometric calibration, which a remark says.
+
+    Raises
+    ------
+    DataError
+        As `panel_scaled`.
+    """
+    scaled, scale = panel_scaled(inputs, radiometric, exposure_s=inputs.scene.exposure_s)
+    return replace(scaled, remarks=(*scaled.remarks, scale.remark))
+
+
+def panel_scaled(inputs: "Inputs", radiometric: "RadiometricResponse", *, exposure_s: float) -> tuple["Inputs", Scale]:
+    """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale.
+
+    Raises
+    ------
+    DataError
+        The calibration is of another f-number, or the scale needs more electrons than photons.
+    """
+    f_number, gain = inputs.scene.sensor.f_number.value, inputs.scene.noise.gain_dn_per_e.value
+    response = radiometric.response_dn_per_radiance
+    if abs(radiometric.f_number / f_number - 1.0) > _F_NUMBER_STEP:
+        raise DataError(
+            f"the radiometric calibration was made at f/{radiometric.f_number:g}, the scene file says "
+            f"f/{f_number:g}: calibrate at the stop that is used"
+        )
+    counts = response.value * exposure_s / radiometric.exposure_s
+    factor = counts / modelled_response(inputs.scene, exposure_s=exposure_s)
+    relative = response.std_error / response.value
+    # Counts are what is known: with a larger gain there are fewer electrons.
+    common = -inputs.cov[inputs.names.index(GAIN)] / gain
+    variance = relative**2 + inputs.cov[inputs.names.index(GAIN), inputs.names.index(GAIN)] / gain**2
+    found = rescaled(inputs, factor, variance=variance, common=common)
+    return found, Scale(
+        kind="panel",
+        value=factor,
+        std_error=factor * relative,
+        source=f"radiometric calibration on {radiometric.panel.name}",
+    )
+
+
+def _by_run(inputs: "Inputs", measurement: "Measurement", predicted: Predicted) -> tuple["Inputs", Scale]:
+    fixed = without_throughput(inputs)
+    s0 = {name: region.quantities["s0"]["mean"] for name, region in measurement.regions.items()}
+
+    def modelled(values: FloatArray) -> FloatArray:
+        regions = predicted(values)
+        return np.array([regions[name].quantities["s0"]["mean"] for name in s0])
+
+    found: FreeScale = fit_free_scale(
+        measured=np.array([sample.value for sample in s0.values()]),
+        measured_error=np.array([sample.std_error for sample in s0.values()]),
+        predicted=modelled(fixed.values),
+        jacobian=input_jacobian(modelled, fixed.values, np.sqrt(np.diag(fixed.cov)), least=tuple(fixed.least)),
+        input_cov=fixed.cov,
+    )
+    error = found.value * found.variance**0.5
+    plural = "region" if len(s0) == 1 else "regions"
+    scale = Scale(kind="free", value=found.value, std_error=error, source=f"fitted to S0 of {len(s0)} {plural}")
+    return rescaled(inputs, found.value, variance=found.variance, common=found.common), scale

@@ -1,0 +1,242 @@
+"""The material file: a surface of one's own, each property with its uncertainty and where it comes from.
+
+The fit file: which regions of which runs tell about a surface, how sun and camera stood, and what to find.
+"""
+
+import json
+import math
+from collections.abc import Callable
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties
+from model.surface.pbrdf import DiffuseKind, Shadowing
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Name
+from rigctl.files.toml import Allowed, Section, load
+
+# Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
+NM_PER_M = 1e9
+
+Number = Annotated[float, Field(strict=True)]
+Wavelengths = Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=2)]
+
+
+def _listed(given: object) -> object:
+    return given if isinstance(given, list) else [given]
+
+
+class PropertySection(Section):
+    """One property: a plain number, ``{value, std, ...}``, or lists of the same length as a table over wavelength.
+
+    Whoever gives no source has not measured: such a value counts as assumed unless the file says otherwise.
+    """
+
+    value: Annotated[list[Number], BeforeValidator(_listed)]
+    """The number, or one for each wavelength. Example: `1.5`."""
+    wavelength_nm: Wavelengths | None = None
+    """Rising wavelengths of the values. Example: `[400.0, 700.0]`."""
+    std: Annotated[float, Field(ge=0)] = 0.0
+    """Standard uncertainty of each value. Example: `0.02`."""
+    source: Annotated[str, Field(pattern=r"\S")] = "no source given"
+    """Where the number is from. Example: `"measured on 2026-05-04"`."""
+    confidence: Confidence = "low"
+    """How far the source is trusted. Example: `"medium"`."""
+    assumed: bool = True
+    """Nobody measured it of this surface. Example: `false`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_number(cls, given: object) -> object:
+        return given if isinstance(given, dict) else {"value": given}
+
+    @model_validator(mode="after")
+    def _one_value_for_each_wavelength(self) -> "PropertySection":
+        expected = 1 if self.wavelength_nm is None else len(self.wavelength_nm)
+        if len(self.value) != expected:
+            raise ValueError(f"has {len(self.value)} values, needs one, or as many as it has wavelength_nm")
+        if self.wavelength_nm is not None and sorted(set(self.wavelength_nm)) != self.wavelength_nm:
+            raise ValueError("has a wavelength_nm that does not ascend")
+        return self
+
+
+def _within(words: str, fits: Callable[[float], bool]) -> AfterValidator:
+    def check(given: PropertySection) -> PropertySection:
+        outside = [value for value in given.value if not fits(value)]
+        if outside:
+            raise ValueError(f"is {outside[0]:g}, must {words}")
+        return given
+
+    return AfterValidator(check)
+
+
+Above0 = Annotated[PropertySection, _within("be above 0", lambda value: value > 0), Allowed("above 0")]
+NotBelow0 = Annotated[PropertySection, _within("not be below 0", lambda value: value >= 0), Allowed("from 0")]
+From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <= value <= 1), Allowed("from 0, to 1")]
+
+
+class MaterialFile(Section):
+    """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean."""
+
+    schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
+    name: Annotated[str, Field(pattern=r"\S")]
+    """Name of the material. Example: `"my black paint"`."""
+    n: Above0
+    """Real part of the refractive index. Example: `{ value = 1.5, std = 0.02 }`."""
+    k: NotBelow0 = PropertySection(value=[0.0], source="not in the file: taken as 0, no absorption")
+    """Imaginary part of the refractive index. Example: `0.0`."""
+    slope_rms: Above0
+    """Deviation of the facets' slopes. Example: `{ value = 0.25, std = 0.05 }`."""
+    dhr: From0To1 | None = None
+    """Directional-hemispherical reflectance. Example: `{ value = 0.05, std = 0.01 }`."""
+    dhr_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 8.0
+    """Angle from the normal at which dhr was measured. Example: `8.0`."""
+    specular_weight: From0To1 = PropertySection(value=[1.0], source="not in the file: taken as 1, a clean surface")
+    """Factor on the light that facets mirror. Example: `1.0`."""
+
+
+def load_material(path: Path) -> Material:
+    """Return the material of a material file.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or has problems: all of them, each with its key.
+    """
+    file = load(path, MaterialFile)
+    return Material(
+        name=file.name,
+        n=_property(file.n),
+        k=_property(file.k),
+        slope_rms=_property(file.slope_rms),
+        dhr=None if file.dhr is None else _property(file.dhr),
+        specular_weight=_property(file.specular_weight),
+        dhr_angle_rad=math.radians(file.dhr_angle_deg),
+    )
+
+
+def find_material(name_or_path: str, *, beside: Path) -> Material:
+    """Return a material of the library by its name, or one from a file; the library's names come first.
+
+    `beside` is the folder from which a relative path counts: that of the file which names the material.
+
+    Raises
+    ------
+    ConfigError
+        There is no such material and no such file, or the file has problems.
+    """
+    if name_or_path in MATERIALS:
+        return material(name_or_path)
+    path = beside / name_or_path
+    if not path.is_file():
+        known = ", ".join(MATERIALS)
+        close = get_close_matches(name_or_path, MATERIALS, n=1)
+        alike = f"; did you mean {close[0]}?" if close else ""
+        raise ConfigError(
+            f"material {name_or_path!r}: must be one of {known}, or a material file; none at {path}{alike}"
+        )
+    return load_material(path)
+
+
+def material_toml(material: Material) -> str:
+    """Return a material as the text of a material file, which `load_material` reads back."""
+    lines = [
+        f"name = {_quoted(material.name)}",
+        f"dhr_angle_deg = {math.degrees(material.dhr_angle_rad):.12g}",
+    ]
+    for name, given in properties(material).items():
+        lines += ["", f"[{name}]"]
+        if given.wavelengths_m:
+            lines.append(f"wavelength_nm = {[round(w * NM_PER_M, 6) for w in given.wavelengths_m]}")
+        lines += [
+            f"value = {list(given.values) if given.wavelengths_m else given.values[0]}",
+            f"std = {given.standard_uncertainty}",
+            f"source = {_quoted(given.source)}",
+            f"confidence = {_quoted(given.confidence)}",
+            f"assumed = {'true' if given.assumed else 'false'}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a TOML basic string too.
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _property(section: PropertySection) -> Property:
+    return Property(
+        values=tuple(section.value),
+        wavelengths_m=tuple(wavelength / NM_PER_M for wavelength in section.wavelength_nm or ()),
+        standard_uncertainty=section.std,
+        source=section.source,
+        confidence=section.confidence,
+        assumed=section.assumed,
+    )
+
+
+FreeParameter = Literal["n", "k", "slope_rms", "dhr", "specular_weight"]
+Bounds = tuple[float, float]
+AcuteZenithDeg = Annotated[float, Field(ge=0, lt=90)]
+
+
+class ObservationSection(Section):
+    """One region of one run; azimuths are seen from the target, clockwise from north."""
+
+    run: Path
+    """Run folder. Example: `"runs/noon"`."""
+    region: Name
+    """Region of the regions file. Example: `"black-panel"`."""
+    sun_zenith_deg: AcuteZenithDeg
+    """Angle of the sun from the zenith. Example: `40.0`."""
+    sun_azimuth_deg: float
+    """Azimuth of the sun as seen from the target, clockwise from north. Example: `180.0`."""
+    camera_zenith_deg: Annotated[float, Field(ge=0, le=180)]
+    """Angle of the camera from the target's zenith. Example: `45.0`."""
+    camera_azimuth_deg: float
+    """Azimuth of the camera as seen from the target. Example: `0.0`."""
+    camera_roll_deg: float = 0.0
+    """Roll of the camera, counter-clockwise as it sees the scene. Example: `0.0`."""
+    tilt_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
+    """Angle of the surface's normal from the zenith. Example: `0.0`."""
+    tilt_azimuth_deg: float = 0.0
+    """Azimuth to which the surface leans. Example: `0.0`."""
+
+
+class SurfaceFitFile(Section):
+    """Content of a fit file."""
+
+    schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
+    name: Annotated[str, Field(pattern=r"\S")]
+    """Name of the fit. Example: `"black panel"`."""
+    regions: Path
+    """Regions file. Example: `"regions.toml"`."""
+    material: str
+    """Material that the fit begins with: of the library, or a file. Example: `"material-mine.toml"`."""
+    wavelength_nm: Annotated[float, Field(gt=0)]
+    """Wavelength of the runs. Example: `550.0`."""
+    free: Annotated[tuple[FreeParameter, ...], Field(min_length=1)] = ("n", "slope_rms", "dhr")
+    """Properties that are found; the others stay. Example: `["n", "slope_rms"]`."""
+    bounds: Annotated[dict[FreeParameter, Bounds], Field(default_factory=dict)]
+    """Limits of what is found. Example: `{ n = [1.3, 1.8] }`."""
+    shadowing: Shadowing = "v-cavity"
+    """How facets hide one another. Example: `"v-cavity"`."""
+    diffuse: DiffuseKind = "coupled"
+    """Form of the diffuse term. Example: `"coupled"`."""
+    unmodelled_std: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Deviation of S1/S0 and S2/S0 that the model is taken to miss. Example: `0.002`."""
+    observation: Annotated[list[ObservationSection], Field(min_length=1)]
+    """Regions of runs, with how sun and camera stood."""
+
+
+def load_surface_fit(path: Path) -> SurfaceFitFile:
+    """Return the checked fit file; the files and folders that it names count from its own folder."""
+    file = load(path, SurfaceFitFile)
+    observations = [
+        observation.model_copy(update={"run": path.parent / observation.run}) for observation in file.observation
+    ]
+    return file.model_copy(update={"regions": path.parent / file.regions, "observation": observations})

@@ -1,0 +1,442 @@
+"""Words for what is wrong with a file that people write: which table, which key was meant, which file this is.
+
+Files that people write: TOML in, checked records out, every problem of a file named at once.
+"""
+
+import re
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from model.moments import rectangular_std
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+from rigctl.base.numbers import shown, wild_numbers
+from rigctl.errors import ConfigError
+from rigctl.version import VERSION
+
+Key = tuple[int | str, ...]
+
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+# What a value must be, by what pydantic calls the fault; names in braces are its own facts.
+_TIME = "a time with its zone, such as 2026-05-04T12:00:00Z or 2026-05-04T14:00:00+02:00"
+_DEMANDS = {
+    "greater_than": "above {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "below {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "multiple_of": "a multiple of {multiple_of:g}",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "text, in quotes",
+    "path_type": "a path, in quotes",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "too_short": "of {min_length} or more, and has {actual_length}",
+    "too_long": "of {max_length} at most, and has {actual_length}",
+    "string_too_short": "text of {min_length} characters or more",
+    "string_too_long": "text of {max_length} characters at most",
+    "missing_argument": "there",
+    "timezone_aware": _TIME,
+    "datetime_type": _TIME,
+    "datetime_parsing": _TIME,
+    "datetime_from_date_parsing": _TIME,
+    "literal_error": "{expected}",
+    "enum": "{expected}",
+    "dict_type": "a table",
+    "dataclass_type": "a table",
+}
+# Of tables that may be written in one line, what one writes.
+_TABLES = {
+    "Uncertain": "a number, {{ value = 1.2, std = 0.1 }} or {{ range = [1.0, 1.4] }}",
+    "Rectangle": "{{ x = 70, y = 190, width = 150, height = 130 }}, in pixels",
+}
+# A table of few keys is told whole, where none of them is alike.
+_FEW = 12
+# Files by the tables that only they have; the first that fits.
+_KINDS: tuple[tuple[str, str, frozenset[str]], ...] = (
+    ("RigFile", "a rig file", frozenset({"stage", "camera"})),
+    ("SurfaceFitFile", "a fit file", frozenset({"observation"})),
+    ("StudyFile", "a study file", frozenset({"cases"})),
+    ("SessionFile", "a session file", frozenset({"take"})),
+    ("SceneFile", "a scene file", frozenset({"sensor", "acquisition"})),
+    ("MaterialFile", "a material file", frozenset({"n"})),
+    ("RegionsFile", "a regions file", frozenset({"regions"})),
+)
+_IN_MANY = frozenset({"regions", "schema_version"})
+
+
+def other_kind(table: Mapping[str, Any], model: type[BaseModel]) -> str | None:
+    """Return in words that a file is of another kind than the one that is wanted; None where it may be the one."""
+    own = next(((words, keys) for name, words, keys in _KINDS if name == model.__name__), None)
+    if own is None or (own[1] <= set(table) and not own[1] <= _IN_MANY):
+        return None
+    found = next((words for _, words, keys in _KINDS if _is_of_kind(table, keys) and words != own[0]), None)
+    return None if found is None else f"this is {found}, {own[0]} is wanted"
+
+
+def _is_of_kind(table: Mapping[str, Any], keys: frozenset[str]) -> bool:
+    """Return whether a file has what only its kind has; of a kind that has nothing of its own, nothing else."""
+    return keys <= set(table) and (not keys <= _IN_MANY or set(table) <= _IN_MANY)
+
+
+def demands(details: Sequence[Any]) -> str:
+    """Return in words what a value must be, from all that pydantic says of it: "must be a number, or 'auto'".
+
+    Parameters
+    ----------
+    details : sequence of ErrorDetails
+        One for each kind that the value was held against.
+    """
+    wanted = list(dict.fromkeys(_demand(detail) for detail in details))
+    if all(text.startswith("must be ") for text in wanted):
+        return ", or ".join([wanted[0], *(text.removeprefix("must be ") for text in wanted[1:])])
+    return ", or ".join(wanted)
+
+
+def _demand(detail: Any) -> str:
+    kind, facts = detail["type"], detail.get("ctx", {})
+    if kind == "json_invalid":
+        return f"is no JSON: {facts['error']}"
+    if kind in ("model_type", "model_attributes_type"):
+        return f"must be {_TABLES.get(facts['class_name'], 'a table')}".replace("{{", "{").replace("}}", "}")
+    if kind in _DEMANDS:
+        return f"must be {_DEMANDS[kind].format(**facts)}{_alike(detail['input'], facts.get('expected', ''))}"
+    text = str(detail["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    return text[:1].lower() + text[1:]
+
+
+def _alike(given: object, expected: str) -> str:
+    """Return which of the words that are expected was meant; empty where none is alike."""
+    words = re.findall(r"'([^']*)'", expected)
+    close = get_close_matches(str(given), words, n=1, cutoff=0.7) if isinstance(given, str) else []
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def place_text(key: Key, *, is_table: bool = False) -> str:
+    """Return the place of a value as people count: "second [[take]], exposure_ms" for take.1.exposure_ms.
+
+    Parameters
+    ----------
+    key : tuple of int or str
+        Names, and places within lists, from 0.
+    is_table : bool
+        Whether a table stands there: then a number at the end counts tables and not values.
+    """
+    texts: list[str] = []
+    names: list[str] = []
+    for k, part in enumerate(key):
+        is_last = k + 1 == len(key)
+        if isinstance(part, int) and names and (_is_array_of_tables(key, k) or (is_last and is_table)):
+            texts.append(f"{_ordinal(part)} [[{'.'.join(names)}]]")
+            names = []
+        elif isinstance(part, int) and names and is_last:
+            return ", ".join([*texts, f"{_ordinal(part)} of {'.'.join(names)}"])
+        else:
+            names.append(str(part))
+    return ", ".join([*texts, ".".join(names)] if names else texts)
+
+
+def _is_array_of_tables(key: Key, k: int) -> bool:
+    """Return whether an index counts tables: a name stands after it."""
+    return k + 1 < len(key) and isinstance(key[k + 1], str)
+
+
+def _ordinal(k: int) -> str:
+    return _ORDINALS[k] if k < len(_ORDINALS) else f"{k + 1}th"
+
+
+def meant(key: Key, model: type[BaseModel] | None) -> str:
+    """Return which key may have been meant, for a key that is not known; empty where nothing can be said."""
+    if model is None or not key:
+        return ""
+    here = sorted({name for one in _models_at(model, key[:-1]) for name in one.model_fields})
+    close = get_close_matches(str(key[-1]), here, n=2, cutoff=0.6)
+    if close:
+        return f"; did you mean {' or '.join(close)}?"
+    elsewhere = _elsewhere(str(key[-1]), model)
+    if elsewhere:
+        return f"; did you mean {elsewhere}?"
+    return f"; there are {', '.join(here)}" if 0 < len(here) <= _FEW else ""
+
+
+def needed(key: Key, model: type[BaseModel] | None) -> str:
+    """Return what a table that is missing has to have, so that one reads it all at once; empty for a plain value."""
+    if model is None or not key:
+        return ""
+    fields = [one.model_fields[str(key[-1])] for one in _models_at(model, key[:-1]) if str(key[-1]) in one.model_fields]
+    tables = [inner for field in fields for inner in _models_of(field.annotation)]
+    keys = [name for one in tables[:1] for name, field in one.model_fields.items() if field.is_required()]
+    return f"; it has {', '.join(keys)}" if keys and tables[0].__name__ not in _TABLES else ""
+
+
+def _elsewhere(name: str, model: type[BaseModel]) -> str:
+    """Return the place of a key of this very name in a table of the file."""
+    for table, field in model.model_fields.items():
+        if any(name in one.model_fields for one in _models_of(field.annotation)):
+            return f"{table}.{name}"
+    return ""
+
+
+def _models_at(model: type[BaseModel], place: Sequence[int | str]) -> list[type[BaseModel]]:
+    models = [model]
+    for part in place:
+        if isinstance(part, str):
+            fields = [one.model_fields[part] for one in models if part in one.model_fields]
+            models = [inner for field in fields for inner in _models_of(field.annotation)]
+    return models
+
+
+def _models_of(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the tables that a value may be, through lists, unions and what is annotated."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models_of(inner)
+
+
+class Section(BaseModel):
+    """A table of a file: keys that it does not know are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Uncertain(Section):
+    """A number with its standard uncertainty.
+
+    In a file: a plain number, ``{value = 1.2, std = 0.1}``, or ``{range = [1.0, 1.4]}`` where any value between two
+    limits is as likely as any other.
+    """
+
+    value: float
+    std: Annotated[float, Field(ge=0)] = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_number(cls, given: object) -> object:
+        if isinstance(given, int | float):
+            return {"value": given}
+        if isinstance(given, dict) and set(given) == {"range"}:
+            return _of_range(given["range"])
+        return given
+
+
+def _of_range(limits: object) -> dict[str, float]:
+    """Return middle and standard deviation of a rectangular law (JCGM 100:2008, 4.3.7)."""
+    if not isinstance(limits, list | tuple) or len(limits) != 2 or not all(isinstance(x, int | float) for x in limits):
+        raise ValueError(f"range is {limits!r}; it needs two numbers, for instance [1.0, 1.4]")
+    low, high = limits
+    if not low < high:
+        raise ValueError(f"range is {limits!r}; the first number must be below the second")
+    return {"value": 0.5 * (low + high), "std": rectangular_std(low, high)}
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """The range that a check of a number allows, in words: for the reference of keys."""
+
+    words: str
+
+
+def with_std_apart(given: object, *names: str) -> object:
+    """Return a table in which each of some numbers is plain, and its standard uncertainty stands beside it.
+
+    ``latitude_deg = {value = 43.0, std = 0.1}`` becomes ``latitude_deg = 43.0`` and ``latitude_std_deg = 0.1``. For
+    numbers that most of the program takes as exact.
+    """
+    if not isinstance(given, dict):
+        return given
+    apart = dict(given)
+    for name in names:
+        if isinstance(given.get(name), dict):
+            number, (quantity, _, unit) = Uncertain.model_validate(given[name]), name.rpartition("_")
+            apart |= {name: number.value, f"{quantity}_std_{unit}": number.std}
+    return apart
+
+
+def _positive(number: Uncertain) -> Uncertain:
+    if number.value <= 0:
+        raise ValueError(f"is {number.value:g}, must be above 0")
+    return number
+
+
+def _not_negative(number: Uncertain) -> Uncertain:
+    if number.value < 0:
+        raise ValueError(f"is {number.value:g}, must not be below 0")
+    return number
+
+
+def _fraction(number: Uncertain) -> Uncertain:
+    if not 0 < number.value <= 1:
+        raise ValueError(f"is {number.value:g}, must lie in (0, 1]")
+    return number
+
+
+Positive = Annotated[Uncertain, AfterValidator(_positive), Allowed("above 0")]
+NotNegative = Annotated[Uncertain, AfterValidator(_not_negative), Allowed("from 0")]
+Fraction = Annotated[Uncertain, AfterValidator(_fraction), Allowed("above 0, to 1")]
+
+FileModel = TypeVar("FileModel", bound=BaseModel)
+
+# What pydantic puts into the place of a value for each kind that it tried there.
+_KIND_TRIED = re.compile(r"constrained-\w+|float|int|str|bool|(literal|list|tuple|dict)\[.*\]")
+
+
+def load(path: Path, model: type[FileModel]) -> FileModel:
+    """Return the checked content of a TOML file.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, is no TOML, or has problems: all of them, each with its key.
+    """
+    table = _table(path)
+    other = other_kind(table, model)
+    if other is not None:
+        raise ConfigError(f"{path}: {other}")
+    wild = [f"{key}: {problem}" for key, problem in wild_numbers(table)]
+    if wild:
+        raise ConfigError(_listed(path, wild))
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        later = newer_schema(table, model)
+        raise ConfigError(f"{path}: {later}" if later else describe(path, error, model)) from error
+
+
+def newer_schema(content: object, model: type[object]) -> str | None:
+    """Return in words that a file is of a later schema than a record reads; None where it is not.
+
+    Parameters
+    ----------
+    content : object
+        Content of the file, whatever it is.
+    model : type
+        The record: its `schema_version` says what it reads.
+    """
+    found = content if isinstance(content, dict) else {}
+    version, newest = found.get("schema_version"), _newest_schema(model)
+    if not isinstance(version, int) or isinstance(version, bool) or newest is None or version <= newest:
+        return None
+    by = found.get("created_by")
+    known = isinstance(by, str) and re.fullmatch(r"rigctl [\w.+-]{1,40}", by)
+    reads = f"1 to {newest}" if newest > 1 else "1"
+    advice = f"{by} wrote it: use that, or a later one" if known else "a later rigctl reads it: use that which wrote it"
+    return f"schema_version is {version}, and rigctl {VERSION} reads {reads}; {advice}"
+
+
+def _newest_schema(model: type[object]) -> int | None:
+    kind = get_type_hints(model, include_extras=True).get("schema_version")
+    if get_origin(kind) is Literal:
+        return int(max(get_args(kind)))
+    limits = (one for field in getattr(kind, "__metadata__", ()) for one in getattr(field, "metadata", ()))
+    newest: int | None = next((limit.le for limit in limits if hasattr(limit, "le")), None)
+    return newest
+
+
+def has_any_key(path: Path, *keys: str) -> bool:
+    """Return whether a TOML file has any of some keys, which tell what kind of file it is.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read.
+    """
+    return not _table(path).keys().isdisjoint(keys)
+
+
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is no text file (UTF-8): {error.reason}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: is no TOML: {error}{_line_of(path, error)}") from error
+    except (RecursionError, ValueError) as error:  # brackets within brackets, a number of thousands of digits
+        raise ConfigError(f"{path}: is no TOML that can be read: {_first_line(error)}") from error
+
+
+def _line_of(path: Path, error: tomllib.TOMLDecodeError) -> str:
+    """Return the line at which a file ceases to be TOML, and what is often meant by it."""
+    place = re.search(r"at line (\d+)", str(error))
+    if place is None:
+        return ""
+    line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip()
+    comma = "; numbers are written with a point, such as 2.5" if re.search(r"=\s*-?\d+,\d", line) else ""
+    return f": {shown(line)}{comma}"
+
+
+def describe(path: Path, error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """Return every problem of a file as text, one a line: key, what is wrong, what was found, what was meant."""
+    problems = _problems(error.errors(include_url=False), model, dotted=path.suffix == ".json")
+    return _listed(path, problems)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]
+
+
+def _listed(path: Path, problems: Sequence[str]) -> str:
+    count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+    return "\n".join([f"{path}: {count}", *(f"  {line}" for line in problems)])
+
+
+def _problems(details: Sequence[Any], model: type[BaseModel] | None, *, dotted: bool = False) -> list[str]:
+    """Return a line for each key that is wrong; what a value of several allowed kinds is not, in one line."""
+    by_key: dict[Key, list[Any]] = defaultdict(list)
+    for detail in details:
+        by_key[_key(detail["loc"])].append(detail)
+    # Of a list, its items say more than that it is no number.
+    inner = {key[:size] for key in by_key for size in range(len(key))}
+    told = {key: found for key, found in by_key.items() if key not in inner or not _is_of_items(found)}
+    # Tables are counted as in TOML; JSON, which programs wrote, has its keys with dots.
+    texts = {key: ".".join(map(str, key)) if dotted else place_text(key, is_table=_is_table(told[key])) for key in told}
+    return [_problem(key, texts[key], found, model) for key, found in told.items()]
+
+
+def _is_of_items(found: Sequence[Any]) -> bool:
+    """Return whether a list is only wrong since its items are: several kinds were tried, or all were left out."""
+    return len(found) > 1 or found[0]["type"] == "too_short"
+
+
+def _key(place: Sequence[int | str]) -> Key:
+    """Return the place of a value in its file, without the kinds of value that were tried there."""
+    return tuple(part for part in place if not (isinstance(part, str) and _KIND_TRIED.fullmatch(part)))
+
+
+def _problem(key: Key, place: str, details: Sequence[Any], model: type[BaseModel] | None) -> str:
+    name, first = place or "(whole file)", details[0]
+    if first["type"] == "extra_forbidden":
+        return f"{name}: is no known key{_found(first['input'])}{meant(key, model)}"
+    if first["type"] == "missing":
+        return f"{name}: is missing{needed(key, model)}"
+    is_said = first["type"] in ("value_error", "json_invalid")
+    found = "" if is_said else _found(first["input"])
+    text, question, alike = demands(details).partition("; did you mean ")
+    return f"{name}: {text}{found}{question}{alike}"
+
+
+def _is_table(details: Sequence[Any]) -> bool:
+    return isinstance(details[0]["input"], dict)
+
+
+def _found(given: object) -> str:
+    """Return what stands in the file; a whole table is not repeated."""
+    is_table = isinstance(given, dict) or (isinstance(given, list) and any(isinstance(one, dict) for one in given))
+    if isinstance(given, date | bool):
+        return f" (found {given.isoformat() if isinstance(given, date) else str(given).lower()})"
+    return " (found a table)" if is_table else f" (found {shown(given)})"

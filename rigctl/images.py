@@ -1,0 +1,571 @@
+"""Size of a picture as its header declares it, found without taking memory for the picture.
+
+A still camera's RAW file as an image to import, and whether the files of a stack were taken alike.
+
+Grey PNG files whose rows are stored as they are, which many cameras' programs write: read at the speed of zlib.
+
+Images that other programs or cameras wrote (FITS, PNG, TIFF, RAW), read as whole numbers of counts.
+"""
+
+import errno
+import gzip
+import io
+import math
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.cameras.raw_files import RAW_SUFFIXES, RawPicture, read_raw
+from drivers.cameras.raw_planes import Plane
+from drivers.errors import LimitError, ProtocolError
+from rigctl.base.durable import MOST_FRAME_BYTES, read_bounded
+from rigctl.errors import ConfigError, DataError
+
+_BYTES_PER_MB = 1_000_000
+_PNG_HEADER = struct.Struct(">II")
+_PNG_HEADER_START, _PNG_HEADER_END = 16, 33
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+# Tags of a TIFF directory, and bytes of the types that sizes come in.
+_WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
+_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
+_MOST_PICTURES = 1000
+
+
+def require_size(sample_bytes: int, most_bytes: int) -> None:
+    """Refuse a picture whose samples take more memory than is allowed.
+
+    Raises
+    ------
+    DataError
+        They do.
+    """
+    if sample_bytes > most_bytes:
+        raise DataError(
+            f"would take {sample_bytes / _BYTES_PER_MB:.4g} MB by its header, and at most "
+            f"{most_bytes / _BYTES_PER_MB:.4g} MB are read; say --max-frame-mb N if it really is that large"
+        )
+
+
+def png_bytes(data: bytes) -> tuple[int, int]:
+    """Return bytes of all samples, and bits a sample, of a PNG file.
+
+    Raises
+    ------
+    DataError
+        The file ends before its header does, or has no pixels.
+
+    References
+    ----------
+    W3C, Portable Network Graphics (PNG) Specification, third edition, section 11.2.1.
+    """
+    if len(data) < _PNG_HEADER_END:
+        raise DataError(f"is damaged: its {len(data)} bytes end within the header of a PNG file")
+    width, height = _PNG_HEADER.unpack_from(data, _PNG_HEADER_START)
+    bits, colour = data[24], data[25]
+    if not width or not height:
+        raise DataError(f"has {width} x {height} pixels")
+    return width * height * _PNG_CHANNELS.get(colour, 4) * max(1, bits // 8), bits
+
+
+def tiff_bytes(data: bytes) -> int:
+    """Return bytes of all samples of all pictures of a TIFF or BigTIFF file.
+
+    Raises
+    ------
+    DataError
+        A directory lies outside of the file, has no size, or they come round in a circle.
+
+    References
+    ----------
+    Adobe, TIFF revision 6.0, section 2; Aware Systems, The BigTIFF file format proposal.
+    """
+    try:
+        return sum(_directory_bytes(entries) for entries in _directories(data))
+    except struct.error as error:
+        raise DataError("is damaged: a directory of a TIFF file lies outside of the file") from error
+
+
+def _directory_bytes(entries: dict[int, int]) -> int:
+    if not entries.get(_WIDTH) or not entries.get(_HEIGHT):
+        raise DataError("is damaged: a picture of a TIFF file without width or height")
+    samples = entries[_WIDTH] * entries[_HEIGHT] * max(1, entries.get(_SAMPLES, 1))
+    return samples * max(1, entries.get(_BITS, 8) // 8)
+
+
+def _directories(data: bytes) -> Iterator[dict[int, int]]:
+    order = "<" if data.startswith(b"I") else ">"
+    big = data[2:4] in (b"+\0", b"\0+")
+    pointer = order + ("Q" if big else "I")
+    (place,) = struct.unpack_from(pointer, data, 8 if big else 4)
+    seen: set[int] = set()
+    while place:
+        if place in seen or len(seen) >= _MOST_PICTURES:
+            raise DataError(f"is damaged: its pictures come round in a circle, or are more than {_MOST_PICTURES}")
+        seen.add(place)
+        entries, place = _directory(data, place, order, pointer, big=big)
+        yield entries
+
+
+def _directory(data: bytes, place: int, order: str, pointer: str, *, big: bool) -> tuple[dict[int, int], int]:
+    (count,) = struct.unpack_from(order + ("Q" if big else "H"), data, place)
+    place += 8 if big else 2
+    size = 20 if big else 12
+    if place + count * size > len(data):
+        raise DataError("is damaged: a directory of a TIFF file lies outside of the file")
+    entries: dict[int, int] = {}
+    for start in range(place, place + count * size, size):
+        tag, kind = struct.unpack_from(order + "HH", data, start)
+        if tag in (_WIDTH, _HEIGHT, _BITS, _SAMPLES) and kind in _TYPES:
+            entries[tag] = _value(data, start, order, pointer, _TYPES[kind], big=big)
+    (following,) = struct.unpack_from(pointer, data, place + count * size)
+    return entries, following
+
+
+def _value(data: bytes, start: int, order: str, pointer: str, kind: str, *, big: bool) -> int:
+    """Return the first number of an entry: it stands in the entry, or, of several, where the entry points."""
+    (count,) = struct.unpack_from(pointer, data, start + 4)
+    place = start + (12 if big else 8)
+    if count * struct.calcsize(kind) > (8 if big else 4):
+        (place,) = struct.unpack_from(pointer, data, place)
+    (value,) = struct.unpack_from(order + kind, data, place)
+    return int(value)
+
+
+# Of a header: FITS cards, and what a RAW file tells of itself.
+HeaderValue = str | float | bool
+EXPOSURE, ISO, BLACK, WHITE = "EXPTIME", "ISO", "BLACK", "WHITE"
+# Cameras round the exposure that they write; a third of a stop is 26 %.
+_EXPOSURE_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawSettings:
+    """Settings of a still camera, as its file tells; None where it does not."""
+
+    exposure_s: float | None
+    iso: float | None
+    flip: int
+
+
+def raw_picture(path: Path, *, plane: Plane | None) -> RawPicture:
+    """Return a RAW file's picture.
+
+    Raises
+    ------
+    ConfigError
+        ``--plane`` has to be said, or does not fit.
+    DataError
+        The file is damaged or no RAW file.
+    """
+    try:
+        return read_raw(path, plane=plane)
+    except LimitError as error:
+        raise ConfigError(f"--plane: {_without_path(path, error)}") from error
+    except ProtocolError as error:
+        raise DataError(_without_path(path, error)) from error
+
+
+def raw_header(picture: RawPicture) -> dict[str, HeaderValue]:
+    """Return what a RAW file tells, under names that ``--exposure-key`` and ``--black-level-key`` can ask for."""
+    told: dict[str, HeaderValue | None] = {
+        EXPOSURE: picture.exposure_s,
+        ISO: picture.iso,
+        BLACK: picture.black_level_dn,
+        WHITE: picture.white_level_dn,
+    }
+    return {name: value for name, value in told.items() if value is not None}
+
+
+def raw_settings(picture: RawPicture) -> RawSettings:
+    """Return how the camera was set."""
+    return RawSettings(exposure_s=picture.exposure_s, iso=picture.iso, flip=picture.flip)
+
+
+def unlike_settings(stack: Sequence[tuple[Path, RawSettings]], *, same_exposure: bool) -> list[str]:
+    """Return what differs between the first file of a stack and the others, and must not.
+
+    Parameters
+    ----------
+    stack : sequence of (path, settings)
+        The RAW files.
+    same_exposure : bool
+        The user says that all exposures are alike.
+    """
+    problems = []
+    for path, settings in stack[1:]:
+        first_path, first = stack[0]
+        if settings.iso != first.iso:
+            problems.append(f"{path}: ISO {settings.iso}, but {first_path} has {first.iso}: one gain for all is needed")
+        if settings.flip != first.flip:
+            problems.append(f"{path}: the camera was held another way than for {first_path}")
+        if same_exposure and not _alike(settings.exposure_s, first.exposure_s):
+            problems.append(
+                f"{path}: exposed {settings.exposure_s} s and {first_path} {first.exposure_s} s: not --same-exposure, "
+                f"but --exposure-key {EXPOSURE}"
+            )
+    return problems
+
+
+def _alike(one_s: float | None, other_s: float | None) -> bool:
+    if one_s is None or other_s is None:
+        return one_s == other_s
+    return abs(one_s - other_s) <= _EXPOSURE_TOLERANCE * other_s
+
+
+def _without_path(path: Path, error: Exception) -> str:
+    return str(error).removeprefix(f"{path}: ")
+
+
+_SIGNATURE_SIZE = 8
+_CHUNK_FRAME_SIZE = 12  # length, name and checksum
+_ZLIB_HEADER, _ZLIB_CHECKSUM = 2, 4
+_DICTIONARY = 0x20
+_HEADER = struct.Struct(">IIBBBBB")
+# Grey; deflate; adaptive filters; not interlaced.
+_PLAIN = (0, 0, 0, 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    width: int
+    height: int
+    sample_bytes: int
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row, its filter's byte before it."""
+        return 1 + self.width * self.sample_bytes
+
+
+def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None:
+    """Return the samples of a grey PNG file of 8 or 16 bits whose rows have no filter; None for any other.
+
+    Parameters
+    ----------
+    data : bytes
+        The file. A damaged one gives None too: what reads every kind of PNG then says so.
+
+    References
+    ----------
+    W3C, Portable Network Graphics (PNG) Specification, third edition.
+    """
+    try:
+        layout, packed = _parts(data)
+    except (struct.error, ValueError):
+        return None
+    if layout is None or len(packed) < _ZLIB_HEADER:
+        return None
+    raw = _inflated(packed, layout.height * layout.row_bytes)
+    if raw is None:
+        return None
+    rows = np.frombuffer(raw, np.uint8).reshape(layout.height, layout.row_bytes)
+    if rows[:, 0].any():
+        return None
+    samples = rows[:, 1:]
+    return np.ascontiguousarray(samples) if layout.sample_bytes == 1 else samples.view(">u2").astype(np.uint16)
+
+
+def _inflated(packed: bytes, size: int) -> bytes | None:
+    """Return what a zlib stream holds, None where that is not so many bytes, or another kind of stream.
+
+    Its checksum over the samples is passed by: those of the chunks are over the same, packed, and were right.
+    """
+    method, flags = packed[0], packed[1]
+    if method & 0x0F != zlib.DEFLATED or flags & _DICTIONARY or (method << 8 | flags) % 31:
+        return None
+    unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
+    try:
+        # One byte more than there should be is asked for, to see that there is none.
+        raw = unpacker.decompress(memoryview(packed)[_ZLIB_HEADER:], size + 1)
+    except zlib.error:
+        return None
+    whole = len(raw) == size and unpacker.eof and len(unpacker.unused_data) == _ZLIB_CHECKSUM
+    return raw if whole else None
+
+
+def _parts(data: bytes) -> tuple[_Layout | None, bytes]:
+    """Return the layout, None where it is not plain, and the packed rows."""
+    layout, packed = None, []
+    for name, content in _chunks(data):
+        if name == b"IHDR":
+            layout = _layout(content)
+        elif name == b"IDAT":
+            packed.append(content)
+        elif name in (b"PLTE", b"tRNS"):
+            return None, b""
+    return layout, b"".join(packed)
+
+
+def _layout(content: memoryview) -> _Layout | None:
+    width, height, bits, *rest = _HEADER.unpack(content)
+    if tuple(rest) != _PLAIN or bits not in (8, 16):
+        return None
+    return _Layout(width=width, height=height, sample_bytes=bits // 8)
+
+
+def _chunks(data: bytes) -> list[tuple[bytes, memoryview]]:
+    view, place, found = memoryview(data), _SIGNATURE_SIZE, []
+    while place < len(data):
+        (length,) = struct.unpack_from(">I", data, place)
+        name = data[place + 4 : place + 8]
+        content = view[place + 8 : place + 8 + length]
+        (checksum,) = struct.unpack_from(">I", data, place + 8 + length)
+        if zlib.crc32(view[place + 4 : place + 8 + length]) != checksum:
+            raise ValueError(f"chunk {name!r} is damaged")
+        found.append((name, content))
+        place += length + _CHUNK_FRAME_SIZE
+    return found
+
+
+FirstRow = Literal["top", "bottom"]
+
+# Of the remark on a header's checksum.
+STALE = "its CHECKSUM is stale while the DATASUM of its samples holds"
+_GZIP = b"\x1f\x8b"
+_FITS = b"SIMPLE  ="
+_PNG = b"\x89PNG\r\n\x1a\n"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+# What a file may have beside its samples.
+_MOST_HEADER_BYTES = 10_000_000
+_LARGER = "; --max-frame-mb N says how large a picture may be"
+_LARGEST = 65535
+_ROW_ORDERS: dict[str, FirstRow] = {"TOP-DOWN": "top", "BOTTOM-UP": "bottom"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageFile:
+    """An image as its file has it.
+
+    Attributes
+    ----------
+    counts : (H, W) array of uint16
+        Samples, rows in the order of the file.
+    sample_bits : {8, 16}
+        Bits that a sample takes in the file; a camera may fill fewer of them.
+    first_row : {"top", "bottom"}
+        Which row comes first, as the file says or as its format has it.
+    first_row_stated : bool
+        The file itself says so.
+    header : mapping
+        Value by keyword; empty where the format has none.
+    remarks : tuple of str
+        What else one has to know of the file.
+    raw : RawSettings or None
+        How a still camera was set; None for what is no RAW file.
+    """
+
+    counts: NDArray[np.uint16]
+    sample_bits: int
+    first_row: FirstRow
+    first_row_stated: bool
+    header: Mapping[str, HeaderValue]
+    remarks: tuple[str, ...] = ()
+    raw: RawSettings | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageReading:
+    """How files of images are read: which colour of RAW files, and how many bytes of samples one may have."""
+
+    plane: Plane | None = None
+    most_bytes: int = MOST_FRAME_BYTES
+
+
+def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST_FRAME_BYTES) -> ImageFile:
+    """Return the image of a file.
+
+    Parameters
+    ----------
+    path : Path
+        A FITS file (its first image is taken), a PNG or TIFF file of one grey picture, or a camera's RAW file.
+    plane : str or None
+        Which colour of a RAW file.
+    most_bytes : int
+        A picture whose header declares more bytes of samples, and a file that has or unpacks to more, is refused before
+        memory is taken for it.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is too large, is no such image, is damaged, has colours or several pictures, or
+        samples that are not whole numbers from 0 to 65535.
+    ConfigError
+        A colour is said and the file is not RAW, or the other way round.
+    """
+    if path.suffix.lower() in RAW_SUFFIXES:
+        return _read_raw(path, plane, most_bytes)
+    if plane is not None:
+        raise ConfigError(f"--plane {plane}: is for RAW files of cameras, which this is not")
+    try:
+        data = read_bounded(path, most_bytes + _MOST_HEADER_BYTES)
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}{_LARGER if error.errno == errno.EFBIG else ''}") from error
+    if data.startswith(_GZIP):
+        data = _uncompressed(data, most_bytes + _MOST_HEADER_BYTES)
+    if data.startswith(_FITS):
+        return _read_fits(data, most_bytes)
+    if data.startswith(_PNG):
+        return _read_png(data, most_bytes)
+    if data.startswith(_TIFF):
+        return _read_tiff(data, most_bytes)
+    raise DataError("is no FITS, PNG, TIFF or RAW image; other formats have to be converted without loss first")
+
+
+def _read_raw(path: Path, plane: Plane | None, most_bytes: int) -> ImageFile:
+    if path.is_file():
+        # Stored samples are packed twofold at most; LibRaw bounds the memory of the picture itself.
+        require_size(path.stat().st_size, most_bytes)
+    picture = raw_picture(path, plane=plane)
+    white = f"white level {picture.white_level_dn} by its file, {picture.bit_depth} bits; a sensor may saturate below"
+    return ImageFile(
+        counts=picture.counts,
+        sample_bits=16,
+        first_row="top",
+        first_row_stated=False,
+        header=raw_header(picture),
+        remarks=(white, f"plane {plane}") if plane else (white,),
+        raw=raw_settings(picture),
+    )
+
+
+def _uncompressed(data: bytes, most_bytes: int) -> bytes:
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as packed:
+            plain = packed.read(most_bytes + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise DataError(f"is damaged: {error}") from error
+    if len(plain) > most_bytes:
+        raise DataError(f"unpacks to more than {most_bytes // 10**6} MB{_LARGER}")
+    return plain
+
+
+def _read_png(data: bytes, most_bytes: int) -> ImageFile:
+    sample_bytes, bits = png_bytes(data)
+    if bits < 8:
+        raise DataError(f"has {bits} bits per sample, which is no camera's raw image")
+    require_size(sample_bytes, most_bytes)
+    plain = unfiltered_png(data)
+    return _plain_image(_decoded(data)[0] if plain is None else plain)
+
+
+def _read_tiff(data: bytes, most_bytes: int) -> ImageFile:
+    require_size(tiff_bytes(data), most_bytes)
+    pages = _decoded(data)
+    if len(pages) > 1:
+        raise DataError(f"holds {len(pages)} pictures; give one file for each")
+    return _plain_image(pages[0])
+
+
+def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
+    """Return the pictures of a PNG or TIFF file; one that is None where it cannot be read."""
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # not on each odd tag of a TIFF file
+    try:
+        _, pages = cv2.imdecodemulti(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise DataError("is damaged, or larger than pictures can be") from error
+    return pages or (None,)
+
+
+def _plain_image(pixels: NDArray[Any] | None) -> ImageFile:
+    if pixels is None:
+        raise DataError("is damaged, or of a kind of PNG or TIFF that cannot be read")
+    if pixels.ndim != 2:
+        raise DataError(f"is a colour image ({pixels.shape[2]} channels); one grey picture is wanted")
+    return ImageFile(
+        counts=_whole_counts(pixels),
+        sample_bits=_sample_bits(pixels),
+        first_row="top",
+        first_row_stated=False,
+        header={},
+    )
+
+
+def _read_fits(data: bytes, most_bytes: int) -> ImageFile:
+    header, pixels, images, is_stale = _first_fits_image(data, most_bytes)
+    if pixels.ndim != 2:
+        raise DataError(f"has {pixels.ndim} axes {pixels.shape}; give one file for each picture")
+    stated = str(header.get("ROWORDER", "")).strip().upper()
+    if stated and stated not in _ROW_ORDERS:
+        raise DataError(f"ROWORDER is {stated!r}; known are {', '.join(_ROW_ORDERS)}")
+    return ImageFile(
+        counts=_whole_counts(pixels),
+        sample_bits=_sample_bits(pixels),
+        first_row=_ROW_ORDERS.get(stated, "bottom"),
+        first_row_stated=bool(stated),
+        header=header,
+        remarks=(
+            *((f"the first of {images} images of its file",) if images > 1 else ()),
+            *((f"{STALE}: header keywords were changed after it was written",) if is_stale else ()),
+        ),
+    )
+
+
+def _first_fits_image(data: bytes, most_bytes: int) -> tuple[dict[str, HeaderValue], NDArray[Any], int, bool]:
+    from astropy.io import fits
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            with fits.open(io.BytesIO(data), memmap=False, checksum=True) as units:
+                # By the header: asking for the samples of a unit takes memory for them.
+                images = [unit for unit in units if unit.is_image and unit.shape]
+                require_size(max(map(_fits_bytes, images), default=0), most_bytes)
+                header = {key: images[0].header[key] for key in set(images[0].header)} if images else {}
+                pixels = images[0].data if images else None
+        except DataError:
+            raise
+        except Exception as error:  # whatever astropy's own code trips over in a header that is spoilt
+            raise DataError(f"is no FITS file that can be read: {error}") from error
+    is_stale = _refuse_damage([str(warning.message) for warning in caught], has_datasum="DATASUM" in header)
+    if pixels is None:
+        raise DataError("is a FITS file without an image")
+    return header, pixels, len(images), is_stale
+
+
+def _fits_bytes(unit: Any) -> int:
+    bits: int = abs(int(unit.header["BITPIX"]))
+    return math.prod(map(int, unit.shape)) * bits // 8
+
+
+def _refuse_damage(messages: list[str], *, has_datasum: bool) -> bool:
+    """Return whether the checksum of the header fails while that of the data holds; refuse what is damaged."""
+    # Headers are often untidy, and astropy says so; what matters here is whether the samples are what was written.
+    failed = [text for text in messages if "verification failed" in text]
+    of_data = [text for text in failed if text.startswith("Datasum")]
+    is_stale = bool(failed) and has_datasum and not of_data
+    damage = [text for text in messages if "truncated" in text] + ([] if is_stale else failed)
+    if damage:
+        raise DataError(f"is damaged: {' '.join(dict.fromkeys(damage))}")
+    return is_stale
+
+
+def _sample_bits(pixels: NDArray[Any]) -> int:
+    return 8 if pixels.dtype.itemsize == 1 else 16
+
+
+def _whole_counts(pixels: NDArray[Any]) -> NDArray[np.uint16]:
+    if pixels.size == 0:
+        raise DataError("has no pixels")
+    if pixels.dtype.kind == "f":
+        _refuse_fractions(pixels)
+    low, high = pixels.min(), pixels.max()
+    if low < 0 or high > _LARGEST:
+        raise DataError(f"samples run from {low:g} to {high:g}; raw counts lie between 0 and {_LARGEST}")
+    return np.ascontiguousarray(pixels, dtype=np.uint16)
+
+
+def _refuse_fractions(pixels: NDArray[Any]) -> None:
+    unset = int(np.count_nonzero(~np.isfinite(pixels)))
+    if unset:
+        raise DataError(f"{unset} samples are NaN or infinite; give missing pixels a count and name it: --missing-dn")
+    broken = int(np.count_nonzero(pixels != np.floor(pixels)))
+    if broken:
+        raise DataError(f"{broken} samples are not whole numbers: this is no raw image, but one that was worked on")

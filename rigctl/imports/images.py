@@ -1,0 +1,678 @@
+"""Constant pixels along the edges of an image: what resampling, cropping or a mask left there.
+
+A request to make a run of images: all that the user says of them, and what is still to be said.
+
+Scale of imported images: how many bits, where they stand, what is saturated, what is missing.
+
+A first look at every image that is to be imported: its size, its header's answers, its counts.
+
+The frames that surveyed images become: upright, cut into channels, with their bits in place.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+
+from drivers.cameras.raw_planes import Plane
+from model.processing.jpeg_traces import jpeg_traces
+from rigctl.base.durable import MOST_FRAME_BYTES
+from rigctl.base.numbers import is_utc_text
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import FrameKind
+from rigctl.images import FirstRow, HeaderValue, ImageFile, RawSettings, read_image, unlike_settings
+from rigctl.imports.levels import LEVELS, common_zero_bits, histogram, largest, missing_pixels, saturation_plateau
+from rigctl.runs.records import FrameRecord
+
+# A border is at least so long, as a share of the shorter side, and at most so large a share of the image.
+_LEAST_LENGTH, _LARGEST_SHARE = 0.5, 0.3
+# A value that is as common within the image is no border's.
+_LARGEST_SHARE_INSIDE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Border:
+    """Pixels of one value that hang together along the edges.
+
+    Attributes
+    ----------
+    value_dn : int
+        Their count.
+    fraction : float
+        Of all pixels.
+    """
+
+    value_dn: int
+    fraction: float
+
+
+def constant_border(counts: NDArray[np.uint16]) -> Border | None:
+    """Return the constant border of an image, or None.
+
+    Parameters
+    ----------
+    counts : (H, W) array
+        As in the file.
+
+    Notes
+    -----
+    The most common value along the four edges, where pixels of it hang together from an edge inward, are at least
+    half a side long, and are rare in the rest of the image. An image that is dark all over has none.
+    """
+    edges = np.concatenate([counts[0], counts[-1], counts[:, 0], counts[:, -1]])
+    values, numbers = np.unique(edges, return_counts=True)
+    value = int(values[np.argmax(numbers)])
+    same = counts == value
+    pieces, _ = label(same)
+    touching = np.unique(np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]]))
+    sizes = np.bincount(pieces.ravel())
+    least = _LEAST_LENGTH * min(counts.shape)
+    border = [int(piece) for piece in touching if piece and sizes[piece] >= least]
+    pixels = int(sum(sizes[piece] for piece in border))
+    inside = int(same.sum()) - pixels
+    if not pixels or pixels > _LARGEST_SHARE * counts.size or inside > _LARGEST_SHARE_INSIDE * counts.size:
+        return None
+    return Border(value_dn=value, fraction=pixels / counts.size)
+
+
+Justified = Literal["left", "right"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportRequest:
+    """What the options of `rigctl import` state of images; None is not stated."""
+
+    run: Path
+    files: tuple[Path, ...]  #: in the order in which they were taken
+    kind: FrameKind
+    angles_deg: tuple[float, ...] | None = None
+    angle_key: str | None = None
+    mosaic_deg: tuple[float, ...] | None = None  #: of the cell of 2 x 2 pixels at the top left, row by row
+    exposure_s: float | None = None
+    exposure_key: str | None = None
+    same_exposure: bool = False
+    black_level_dn: float | None = None
+    black_level_key: str | None = None
+    black_level_from_darks: bool = False
+    bit_depth: int | None = None
+    justified: Justified | None = None
+    saturation_dn: float | None = None
+    missing_dn: float | None = None
+    none_missing: bool = False
+    no_border_search: bool = False
+    first_row: FirstRow | None = None
+    plane: Plane | None = None
+    most_bytes: int = MOST_FRAME_BYTES
+
+
+def request_problems(request: ImportRequest, *, darks_are_there: bool) -> list[str]:
+    """Return what is contradictory, out of range or missing, each with its option.
+
+    `darks_are_there`: the run has dark frames already, which give the black level.
+    """
+    return [
+        *_angle_problems(request),
+        *_exposure_problems(request),
+        *_black_level_problems(request, darks_are_there=darks_are_there),
+        *_range_problems(request),
+    ]
+
+
+def _angle_problems(request: ImportRequest) -> Iterator[str]:
+    ways = [request.angles_deg, request.angle_key, request.mosaic_deg]
+    said = sum(way is not None for way in ways)
+    if said > 1:
+        yield "--angles, --angle-key, --mosaic: give one of them"
+    if said == 0 and request.kind == "scene":
+        yield "angles of the polarizer: say --angles 0,45,..., --angle-key KEY or --mosaic A,B,C,D"
+    if request.angles_deg is not None and len(request.angles_deg) != len(request.files):
+        yield f"--angles: {len(request.angles_deg)} angles for {len(request.files)} files; give one for each file"
+    if request.mosaic_deg is not None and len(request.mosaic_deg) != 4:
+        yield f"--mosaic: {len(request.mosaic_deg)} angles; a cell of 2 x 2 pixels has 4, row by row"
+
+
+def _exposure_problems(request: ImportRequest) -> Iterator[str]:
+    ways = (request.exposure_s is not None, request.exposure_key is not None, request.same_exposure)
+    if sum(ways) > 1:
+        yield "--exposure-s, --exposure-key, --same-exposure: give one of them"
+    if not any(ways) and len(request.files) > 1:
+        yield (
+            "exposure: say --exposure-s X, --exposure-key KEY, or --same-exposure where it is not known but was "
+            "the same for all files"
+        )
+
+
+def _black_level_problems(request: ImportRequest, *, darks_are_there: bool) -> Iterator[str]:
+    ways = (
+        request.black_level_dn is not None,
+        request.black_level_key is not None,
+        request.black_level_from_darks,
+    )
+    if sum(ways) > 1:
+        yield "--black-level-dn, --black-level-key, --black-level-from-darks: give one of them"
+    if not any(ways) and request.kind == "scene" and not darks_are_there:
+        yield (
+            "black level: say --black-level-dn X, --black-level-key KEY, or --black-level-from-darks where dark "
+            "frames of this run will tell it"
+        )
+
+
+def _range_problems(request: ImportRequest) -> Iterator[str]:
+    angles = {"--angles": request.angles_deg, "--mosaic": request.mosaic_deg}
+    for option, values in angles.items():
+        if not all(isfinite(value) for value in values or ()):
+            yield f"{option}: every angle must be a finite number of degrees"
+    if request.exposure_s is not None and not 0 < request.exposure_s < float("inf"):
+        yield f"--exposure-s: is {request.exposure_s:g}, must be above 0"
+    counts = {
+        "--black-level-dn": request.black_level_dn,
+        "--saturation-dn": request.saturation_dn,
+        "--missing-dn": request.missing_dn,
+    }
+    for option, value in counts.items():
+        if value is not None and not 0 <= value <= 65535:
+            yield f"{option}: is {value:g}, must lie between 0 and 65535"
+    if request.bit_depth is not None and not 1 <= request.bit_depth <= 16:
+        yield f"--bit-depth: is {request.bit_depth}, must lie between 1 and 16"
+
+
+_TELLING_LEVELS = 8
+# So many lowest bits that are zero are no accident.
+_LEAST_UNUSED_BITS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """The way from the counts of the files to the counts of the run.
+
+    Attributes
+    ----------
+    bit_depth : int
+        Bits of the camera.
+    shift_bits : int
+        How far counts are shifted right on their way.
+    saturation_dn : float
+        A pixel at or above this is saturated [DN of the run].
+    missing_dn : float or None
+        The value that marks pixels that were not received [DN of the run].
+    remarks : tuple of str
+        What was recognised, for the user and for every frame.
+    """
+
+    bit_depth: int
+    shift_bits: int
+    saturation_dn: float
+    missing_dn: float | None
+    remarks: tuple[str, ...]
+
+
+def find_scale(
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    *,
+    sample_bits: int,
+    black_level_dn: float | None,
+    levels_by_file: Sequence[NDArray[np.int64]] = (),
+    borders: Sequence[Border] = (),
+) -> Scale:
+    """Return what the counts mean, by what the user says and the counts themselves show.
+
+    Parameters
+    ----------
+    request : ImportRequest
+        What the user says.
+    levels : (65536,) array of int
+        Pixels by count, over all files.
+    sample_bits : {8, 16}
+        Bits that a sample takes in the files.
+    black_level_dn : float or None
+        The smallest black level of the files [DN of the files].
+    levels_by_file : sequence of (65536,) arrays of int
+        The same file by file: some may have been resampled, and others not.
+    borders : sequence of Border
+        Constant pixels along the edges of files.
+
+    Raises
+    ------
+    ConfigError
+        The counts leave a choice that the user has to make.
+    DataError
+        The counts contradict what the user says.
+    """
+    depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
+    shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
+    full_scale_dn = (2**depth - 1) << shift
+    saturation_dn, saturation_remarks = _saturation(request, levels, full_scale_dn)
+    # A sky that is clipped up to the edge is no border.
+    dark = [border for border in borders if border.value_dn < min(saturation_dn, largest(levels))]
+    missing_dn, missing_remarks = _missing(request, levels, black_level_dn, dark)
+    unit = 2**shift
+    return Scale(
+        bit_depth=depth,
+        shift_bits=shift,
+        saturation_dn=saturation_dn / unit,
+        missing_dn=None if missing_dn is None else missing_dn / unit,
+        remarks=(*depth_remarks, *shift_remarks, *saturation_remarks, *missing_remarks),
+    )
+
+
+def _bit_depth(
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    sample_bits: int,
+    levels_by_file: Sequence[NDArray[np.int64]],
+) -> tuple[int, tuple[str, ...]]:
+    if request.bit_depth is not None and request.bit_depth > sample_bits:
+        raise DataError(f"--bit-depth {request.bit_depth}: samples in the files have only {sample_bits} bits")
+    if request.bit_depth is not None:
+        return request.bit_depth, ()
+    if sample_bits == 8:
+        return 8, ()
+    zero_bits = common_zero_bits(levels)
+    if zero_bits:
+        raise ConfigError(
+            f"bit depth: all counts are multiples of {2**zero_bits}, as {16 - zero_bits} bits left-justified in 16 "
+            f"would be; say --bit-depth N (and --justified right if they are not)"
+        )
+    if largest(levels) < 2**15:
+        raise ConfigError(
+            f"bit depth: samples of 16 bits with counts up to {largest(levels)} do not tell how many the camera "
+            "has; say --bit-depth N" + "".join(f" ({remark})" for remark in _some_left(levels_by_file))
+        )
+    return 16, (f"16 bits, since counts reach {largest(levels)}", *_some_left(levels_by_file))
+
+
+def _some_left(levels_by_file: Sequence[NDArray[np.int64]]) -> tuple[str, ...]:
+    """Return that some files show unused bits and others do not, as resampled ones would."""
+    bits = [common_zero_bits(own) for own in levels_by_file if np.count_nonzero(own) >= _TELLING_LEVELS]
+    plain = [zero for zero in bits if zero >= _LEAST_UNUSED_BITS]
+    if not plain or len(plain) == len(bits):
+        return ()
+    depth = 16 - min(plain)
+    remark = (
+        f"counts of {len(plain)} of {len(bits)} files are multiples of {2 ** min(plain)}: if the camera has {depth} "
+        f"bits and the other files were resampled, say --bit-depth {depth} --justified left"
+    )
+    return (remark,)
+
+
+def _shift(
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    depth: int,
+    sample_bits: int,
+    levels_by_file: Sequence[NDArray[np.int64]],
+) -> tuple[int, tuple[str, ...]]:
+    resampled = _resampled(request, levels, depth, sample_bits, levels_by_file)
+    if resampled is not None:
+        return resampled
+    spare, zero_bits, top = sample_bits - depth, common_zero_bits(levels), largest(levels)
+    could_be_right = top < 2**depth
+    # A handful of round numbers, as in a drawn test image, is no sign of unused bits.
+    tells = not could_be_right or int(np.count_nonzero(levels)) >= _TELLING_LEVELS
+    could_be_left = spare > 0 and zero_bits >= spare and tells
+    if not _possible(request, could_be_left, could_be_right):
+        raise DataError(
+            f"--bit-depth {depth}: counts reach {top} and are multiples of {2**zero_bits}, which "
+            f"{depth} bits {_where(request)} of {sample_bits} do not hold"
+        )
+    if could_be_left and could_be_right and request.justified is None:
+        raise ConfigError(
+            f"justification: counts reach {top} only and all are multiples of {2**zero_bits}, so that {depth} bits "
+            f"may stand at either end of {sample_bits}; say --justified left or --justified right"
+        )
+    if could_be_left and request.justified != "right":
+        return spare, (f"left-justified: {depth} bits in {sample_bits}; counts were divided by {2**spare}",)
+    return 0, _unused_bits(zero_bits, sample_bits)
+
+
+def _resampled(
+    request: ImportRequest,
+    levels: NDArray[np.int64],
+    depth: int,
+    sample_bits: int,
+    levels_by_file: Sequence[NDArray[np.int64]],
+) -> tuple[int, tuple[str, ...]] | None:
+    """Return the shift of files that stand left, of which some were resampled and show it no more; None otherwise."""
+    spare = sample_bits - depth
+    plain = sum(common_zero_bits(own) >= spare for own in levels_by_file)
+    if spare <= 0 or plain == len(levels_by_file) or request.justified == "right":
+        return None
+    stated = request.justified == "left"
+    if largest(levels) < 2**depth or (plain == 0 and not stated):
+        return None
+    shown = f"{plain} of {len(levels_by_file)} files show it" if plain else "no file shows it, it was said"
+    remark = (
+        f"left-justified: {depth} bits in {sample_bits}; {shown}, counts of the others were resampled: all were "
+        f"divided by {2**spare} and rounded, which loses up to half a count"
+    )
+    return spare, (remark,)
+
+
+def _unused_bits(zero_bits: int, sample_bits: int) -> tuple[str, ...]:
+    if not zero_bits:
+        return ()
+    depth = sample_bits - zero_bits
+    remark = (
+        f"all counts are multiples of {2**zero_bits}: if they are {depth} bits left-justified in {sample_bits}, "
+        f"say --bit-depth {depth} --justified left"
+    )
+    return (remark,)
+
+
+def _where(request: ImportRequest) -> str:
+    return "at either end" if request.justified is None else f"at the {request.justified} end"
+
+
+def _possible(request: ImportRequest, could_be_left: bool, could_be_right: bool) -> bool:
+    wanted = {"left": could_be_left, "right": could_be_right}
+    return wanted[request.justified] if request.justified is not None else any(wanted.values())
+
+
+def _saturation(request: ImportRequest, levels: NDArray[np.int64], full_scale_dn: int) -> tuple[float, tuple[str, ...]]:
+    if request.saturation_dn is not None:
+        return request.saturation_dn, ()
+    plateau = saturation_plateau(levels, full_scale_dn=full_scale_dn)
+    if plateau is None:
+        return float(full_scale_dn), ()
+    found = f"{plateau.fraction:.1%} of the pixels are at the largest count, {plateau.value_dn}"
+    if plateau.certain:
+        return float(plateau.value_dn), (f"{found}, and are taken as saturated (--saturation-dn)",)
+    return float(full_scale_dn), (f"{found}: if they are saturated, say --saturation-dn {plateau.value_dn}",)
+
+
+def _missing(
+    request: ImportRequest, levels: NDArray[np.int64], black_level_dn: float | None, borders: Sequence[Border]
+) -> tuple[float | None, tuple[str, ...]]:
+    if request.missing_dn is not None or request.none_missing:
+        return request.missing_dn, ()
+    if borders:
+        widest = max(borders, key=lambda border: border.fraction)
+        remark = (
+            f"a constant border of {widest.value_dn} takes up to {widest.fraction:.2%} of a file, in {len(borders)} of "
+            "them: all pixels of that count are taken as missing (--no-border-search if they are not)"
+        )
+        return float(widest.value_dn), (remark,)
+    block = missing_pixels(levels, black_level_dn=black_level_dn)
+    if block is None:
+        return None, ()
+    found = f"{block.fraction:.1%} of the pixels are 0 and none lies between that and the darkest possible"
+    if block.certain:
+        return float(block.value_dn), (f"{found}: taken as missing (--missing-dn none if they are not)",)
+    return None, (f"{found}: if they were not received, say --missing-dn 0",)
+
+
+_ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
+_FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyedImage:
+    """One file, as far as it is known before anything is written.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    shape : (height, width)
+        Its size.
+    sample_bits : {8, 16}
+        Bits that a sample takes in the file.
+    first_row : {"top", "bottom"}
+        Which row comes first in it.
+    angle_deg, exposure_s, black_level_dn : float or None
+        From the user or the header.
+    start_utc : str or None
+        Start of the exposure, where the header has it in standard form.
+    remarks : tuple of str
+        What else one has to know of the file.
+    raw : RawSettings or None
+        How a still camera was set.
+    levels : (65536,) array of int
+        How many of its pixels have each count.
+    border : Border or None
+        Constant pixels along its edges.
+    is_jpeg : bool
+        Its blocks of 8 x 8 pixels show that it went through JPEG.
+    """
+
+    path: Path
+    shape: tuple[int, int]
+    sample_bits: int
+    first_row: FirstRow
+    angle_deg: float | None
+    exposure_s: float | None
+    black_level_dn: float | None
+    start_utc: str | None
+    remarks: tuple[str, ...]
+    raw: RawSettings | None
+    levels: NDArray[np.int64] = field(repr=False)
+    border: Border | None = None
+    is_jpeg: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """All files, as far as they are known.
+
+    Attributes
+    ----------
+    images : tuple of SurveyedImage
+        The files that could be read.
+    levels : (65536,) array of int
+        How many pixels of all images together have each count.
+    unsaid : tuple of str
+        What the command line would have to say (exit 2).
+    unfit : tuple of str
+        What is wrong with the files (exit 4).
+    """
+
+    images: tuple[SurveyedImage, ...]
+    levels: NDArray[np.int64]
+    unsaid: tuple[str, ...]
+    unfit: tuple[str, ...]
+
+
+def survey_images(request: ImportRequest) -> Survey:
+    """Return what all files say, and every problem of theirs."""
+    images: list[SurveyedImage] = []
+    levels = np.zeros(LEVELS, dtype=np.int64)
+    unsaid: list[str] = []
+    unfit: list[str] = []
+    for index, path in enumerate(request.files):
+        try:
+            image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
+            images.append(_survey(request, index, image))
+            levels += images[-1].levels
+        except DataError as error:
+            unfit.append(f"{path}: {error}")
+        except ConfigError as error:
+            unsaid.append(f"{path}: {error}")
+    unfit += _size_problems(request, images)
+    stack = [(image.path, image.raw) for image in images if image.raw is not None]
+    unfit += unlike_settings(stack, same_exposure=request.same_exposure)
+    return Survey(images=tuple(images), levels=levels, unsaid=tuple(unsaid), unfit=tuple(unfit))
+
+
+def _survey(request: ImportRequest, index: int, image: ImageFile) -> SurveyedImage:
+    return SurveyedImage(
+        path=request.files[index],
+        shape=(image.counts.shape[0], image.counts.shape[1]),
+        sample_bits=image.sample_bits,
+        first_row=_first_row(request, image),
+        angle_deg=_angle(request, index, image.header),
+        exposure_s=_number(image.header, "--exposure-key", request.exposure_key, request.exposure_s),
+        black_level_dn=_number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn),
+        start_utc=_start(image.header),
+        remarks=image.remarks,
+        raw=image.raw,
+        levels=histogram(image.counts),
+        border=None if request.no_border_search else constant_border(image.counts),
+        is_jpeg=_is_jpeg(image.counts),
+    )
+
+
+def _is_jpeg(counts: NDArray[np.uint16]) -> bool:
+    found = jpeg_traces(counts)
+    return found is not None and found.is_found
+
+
+def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
+    if request.first_row is None or request.first_row == image.first_row:
+        return image.first_row
+    if image.first_row_stated:
+        raise ConfigError(f"--first-row {request.first_row}: the file itself says {image.first_row}")
+    return request.first_row
+
+
+def _angle(request: ImportRequest, index: int, header: Mapping[str, HeaderValue]) -> float | None:
+    if request.angle_key is not None:
+        text = str(_header_value(header, "--angle-key", request.angle_key)).strip()
+        match = _ANGLE.fullmatch(text)
+        if match is None:
+            raise ConfigError(f"--angle-key {request.angle_key}: {text!r} is no angle in degrees; say --angles")
+        return float(match[1])
+    angles = request.angles_deg or ()
+    return angles[index] if index < len(angles) else None
+
+
+def _number(header: Mapping[str, HeaderValue], option: str, key: str | None, given: float | None) -> float | None:
+    if key is None:
+        return given
+    value = _header_value(header, option, key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or value < 0:
+        raise ConfigError(f"{option} {key}: {value!r} is no number of 0 or more")
+    return float(value)
+
+
+def _header_value(header: Mapping[str, HeaderValue], option: str, key: str) -> HeaderValue:
+    if key.upper() not in header:
+        has = f"its header has {', '.join(sorted(filter(None, header)))}" if header else "it has no header"
+        raise ConfigError(f"{option} {key}: not in this file; {has}")
+    return header[key.upper()]
+
+
+def _start(header: Mapping[str, HeaderValue]) -> str | None:
+    text = str(header.get("DATE-OBS", ""))
+    is_utc = str(header.get("TIMESYS", "UTC")).strip().upper() == "UTC"
+    return f"{text}Z" if is_utc and _FITS_TIME.fullmatch(text) and is_utc_text(text) else None
+
+
+def _size_problems(request: ImportRequest, images: list[SurveyedImage]) -> list[str]:
+    problems = []
+    for image in images:
+        if image.shape != images[0].shape:
+            problems.append(f"{image.path}: {_size(image)} pixels, but {images[0].path} has {_size(images[0])}")
+        if request.mosaic_deg is not None and (image.shape[0] % 2 or image.shape[1] % 2):
+            problems.append(f"{image.path}: {_size(image)} pixels cannot be cut into cells of 2 x 2 (--mosaic)")
+    return problems
+
+
+def _size(image: SurveyedImage) -> str:
+    return f"{image.shape[1]} x {image.shape[0]}"
+
+
+_SAME_AXIS_DEG = 180.0
+JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
+
+
+def axis_deg(angle_deg: float) -> float:
+    """Return the angle of a transmission axis in [0, 180) [deg]: turned by half a circle it is the same axis."""
+    return round(angle_deg % _SAME_AXIS_DEG, 6) % _SAME_AXIS_DEG
+
+
+def frames_of(
+    request: ImportRequest,
+    images: Iterable[SurveyedImage],
+    scale: Scale,
+    *,
+    first_sequence: int,
+    present: Iterable[FrameRecord],
+) -> Iterator[tuple[FrameRecord, NDArray[np.uint16]]]:
+    """Return the frames of all files one by one, each file read when it is its turn.
+
+    Parameters
+    ----------
+    request : ImportRequest
+        What the user says.
+    images : iterable of SurveyedImage
+        The files, in order.
+    scale : Scale
+        What their counts mean.
+    first_sequence : int
+        Sequence number of the first frame.
+    present : iterable of FrameRecord
+        Frames that the run holds already; cycles are counted on from theirs.
+    """
+    cycles = Counter(
+        axis_deg(record.polarizer_angle_deg)
+        for record in present
+        if record.kind == request.kind and record.polarizer_angle_deg is not None
+    )
+    sequence = first_sequence
+    for image in images:
+        record = _record(request, image, scale)
+        for angle_deg, counts in _pictures(request, image):
+            placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
+            yield placed, _in_place(counts, scale.shift_bits)
+            sequence += 1
+
+
+def _in_place(counts: NDArray[np.uint16], shift_bits: int) -> NDArray[np.uint16]:
+    """Return counts divided by a power of two and rounded; those of a camera are multiples of it."""
+    if not shift_bits:
+        return counts
+    half = np.uint32(1) << np.uint32(shift_bits - 1)
+    largest = np.uint32(65535) >> np.uint32(shift_bits)
+    rounded = (counts.astype(np.uint32) + half) >> np.uint32(shift_bits)
+    return np.asarray(np.minimum(rounded, largest), dtype=np.uint16)
+
+
+def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[float]) -> FrameRecord:
+    if angle_deg is None:
+        return record
+    cycle = cycles[axis_deg(angle_deg)]
+    cycles[axis_deg(angle_deg)] += 1
+    return replace(record, cycle=cycle, polarizer_angle_target_deg=angle_deg, polarizer_angle_deg=angle_deg)
+
+
+def _pictures(request: ImportRequest, image: SurveyedImage) -> Iterator[tuple[float | None, NDArray[np.uint16]]]:
+    counts = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes).counts
+    upright = counts if image.first_row == "top" else counts[::-1]
+    if request.mosaic_deg is None:
+        yield image.angle_deg, upright
+        return
+    for index, angle_deg in enumerate(request.mosaic_deg):
+        row, column = divmod(index, 2)
+        yield angle_deg, upright[row::2, column::2]
+
+
+def _record(request: ImportRequest, image: SurveyedImage, scale: Scale) -> FrameRecord:
+    black_level_dn = image.black_level_dn
+    return FrameRecord(
+        kind=request.kind,
+        sequence=0,
+        bit_depth=scale.bit_depth,
+        saturation_dn=scale.saturation_dn,
+        missing_dn=scale.missing_dn,
+        exposure_s=image.exposure_s,
+        black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
+        start_utc=image.start_utc,
+        source_file=str(image.path),
+        remarks=(*image.remarks, *_row_remarks(image), *_coding_remarks(image), *scale.remarks),
+    )
+
+
+def _coding_remarks(image: SurveyedImage) -> tuple[str, ...]:
+    return (JPEG,) if image.is_jpeg else ()
+
+
+def _row_remarks(image: SurveyedImage) -> tuple[str, ...]:
+    return () if image.first_row == "top" else ("turned: the file has its bottom row first",)

@@ -1,0 +1,262 @@
+"""Tasks on dask: workers of this machine, or those of a scheduler that somebody else runs.
+
+Folders into which results come bit by bit, by one command at a time.
+"""
+
+import fcntl
+import hashlib
+import logging
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rigctl.errors import ConfigError, DataError
+from rigctl.scene.light import sources_of
+from rigctl.version import VERSION
+
+TaskT = TypeVar("TaskT")
+ResultT = TypeVar("ResultT")
+
+_NEEDED = "needs dask.distributed, xarray, zarr and pyarrow: pip install 'rigctl[cluster]'"
+_TOLD_DIGITS = 12
+# A worker that is killed is started anew and its task given to another; so often before the task is to blame.
+_LOST_WORKERS = 10
+# Of workers of this machine. One thread of linear algebra each, as they are as many as cores. dask has them give freed
+# memory back at once, which costs arrays of some 100 kB a page fault every time, look at the stack every 10 ms, and
+# wake every 20 ms to see how long that took: each time the thread that computes has to let go of the interpreter.
+_OF_WORKERS = {
+    "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+# Tasks that wait at each worker: its next is there when one is done, and few are lost with the client.
+_WAITING = 2
+_CONNECT_S = 15
+# So long a scheduler may have no workers yet, as when a cluster's queue gives them; so often they are counted.
+_FIRST_WORKER_S, _ASKED_EVERY_S = 60, 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Engine:
+    """Where tasks are done: the address of a scheduler, or so many processes here."""
+
+    scheduler: str | None
+    workers: int
+
+
+@cache
+def code_version(packages: tuple[str, ...]) -> str:
+    """Return the program's version with a hash of the code of packages, from which results follow."""
+    digest = hashlib.sha256()
+    for package in packages:
+        for name, source in sorted(sources_of(files(package)).items()):
+            digest.update(f"{package}/{name}\0".encode() + source.read_bytes() + b"\0")
+    return f"{VERSION}+{digest.hexdigest()[:_TOLD_DIGITS]}"
+
+
+@contextmanager
+def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Iterator[Any]:
+    """Hold a client of dask; workers of this machine end with it.
+
+    Parameters
+    ----------
+    engine : Engine
+        Where.
+    command : str
+        Which one needs dask, for messages.
+    packages : tuple of str
+        Whose code has to be the same on all workers.
+
+    Raises
+    ------
+    ConfigError
+        dask is not installed, no scheduler answers, or a worker has another version of the program.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise ConfigError(f"rigctl {command} {_NEEDED}") from error
+    settings = {
+        "distributed.scheduler.allowed-failures": _LOST_WORKERS,
+        "distributed.comm.timeouts.connect": _CONNECT_S,
+        **_OF_WORKERS,
+    }
+    with dask.config.set(settings):
+        if engine.scheduler is None:
+            with _local_cluster(LocalCluster, engine.workers) as cluster, Client(cluster) as client:
+                yield client
+            return
+        try:
+            client = Client(engine.scheduler, timeout=_CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"--scheduler {engine.scheduler}: no scheduler of dask answers there: {error}") from error
+        with client:
+            require_same_code(client, packages)
+            yield client
+
+
+def _local_cluster(kind: Any, workers: int) -> Any:
+    """Return workers of this machine; nothing listens beyond it.
+
+    Raises
+    ------
+    DataError
+        They do not start.
+    """
+    try:
+        return kind(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        )
+    except RuntimeError as error:
+        raise DataError(
+            f"workers do not start on this machine: {error} They need memory, ports of 127.0.0.1, a writable /dev/shm "
+            "and a writable folder for temporary files"
+        ) from error
+
+
+def require_same_code(client: Any, packages: tuple[str, ...]) -> None:
+    """Refuse workers of another version, and a scheduler without any."""
+    try:
+        client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
+        codes = client.run(code_version, packages)
+    except TimeoutError as error:
+        raise ConfigError("--scheduler: it has no workers; start some: dask worker ADDRESS --nthreads 1") from error
+    except ImportError as error:
+        raise ConfigError(f"--scheduler: rigctl is not installed on a worker: {error}") from error
+    own = code_version(packages)
+    others = {worker: code for worker, code in codes.items() if code != own}
+    if others:
+        told = ", ".join(f"{worker} has {code}" for worker, code in sorted(others.items()))
+        raise ConfigError(f"--scheduler: this is rigctl {own}, and {told}: install the same on all")
+
+
+def compute_all(
+    client: Any,
+    work: Callable[[TaskT], ResultT],
+    tasks: Iterator[TaskT],
+    keep: Callable[[TaskT, ResultT], None],
+    *,
+    parts: Callable[[TaskT], Sequence[TaskT]],
+    lost: Callable[[TaskT, str], ResultT],
+) -> None:
+    """Do tasks, and keep the result of each as it comes; which comes first is not said.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        From `client_of`.
+    work : callable
+        Does a task on a worker.
+    tasks : iterator
+        As many as there are; only some for each worker are taken from it at a time.
+    keep : callable
+        Takes a task and its result; called in this thread.
+    parts : callable
+        A task that ends its workers to smaller ones, of which one alone may be to blame; itself where it is one.
+    lost : callable
+        Gives the result of a task that nothing smaller is made of and that ends its workers, with the reason.
+
+    Raises
+    ------
+    ConfigError
+        A worker is of another version.
+    DataError
+        The scheduler or all of its workers are gone.
+    """
+    from distributed import KilledWorker, as_completed
+    from distributed.client import FutureCancelledError
+
+    under_way: dict[str, TaskT] = {}
+    slots = _Slots(client)
+    queue = as_completed()
+
+    def give(task: TaskT) -> None:
+        future = client.submit(work, task, pure=False)
+        under_way[future.key] = task
+        queue.add(future)
+
+    while True:
+        for _, task in zip(range((1 + _WAITING) * slots.count() - len(under_way)), tasks, strict=False):
+            give(task)
+        if not under_way:
+            return
+        try:
+            future = next(queue)
+            task = under_way.pop(future.key)
+            result = future.result()
+        except KilledWorker as error:
+            smaller = parts(task)
+            if len(smaller) > 1:
+                for one in smaller:
+                    give(one)
+                continue
+            result = lost(task, f"every worker that had it ended (no memory?): {error}")
+        except (StopIteration, FutureCancelledError, OSError) as error:
+            raise DataError(_gone(len(under_way) + 1)) from error
+        keep(task, result)
+
+
+class _Slots:
+    """How many tasks run at once; workers come and go, on a cluster for minutes after the first."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._count, self._asked_s = slots_of(client), time.monotonic()
+
+    def count(self) -> int:
+        """Return how many, as of a few seconds ago."""
+        if time.monotonic() > self._asked_s + _ASKED_EVERY_S:
+            # A scheduler that is gone is told by the next result that does not come.
+            with suppress(OSError):
+                self._count = slots_of(self._client)
+            self._asked_s = time.monotonic()
+        return self._count
+
+
+def slots_of(client: Any) -> int:
+    """Return how many tasks the workers of a client run at once, 1 at least."""
+    threads: int = sum(client.nthreads().values())
+    return max(1, threads)
+
+
+def _gone(tasks: int) -> str:
+    return f"the scheduler is gone with {tasks} tasks under way; what was done is kept: give the command again"
+
+
+PARTS_FOLDER = "parts"
+_LOCK_FILE = ".lock"
+
+
+@contextmanager
+def held_folder(out: Path) -> Iterator[None]:
+    """Hold a folder of results, which is made where it is not there: no other command writes into it meanwhile.
+
+    Raises
+    ------
+    DataError
+        Another command holds it.
+    """
+    (out / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(out / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise DataError(f"{out}: another command computes into this folder now; name another --out") from error
+        yield
+    finally:
+        os.close(descriptor)

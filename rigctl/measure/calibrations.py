@@ -1,0 +1,322 @@
+"""The calibrations that a run is compared with: read, found to be of its devices, and what is doubtful about them.
+
+Calibrations that are picked from the store for a run: which, why, and why not the others.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from rigctl.base.durable import sha256_of
+from rigctl.calibrations.flat import FlatFields, read_fitting_flats
+from rigctl.calibrations.made_for import made_for
+from rigctl.calibrations.noise import NoiseParameters, read_fitting_noise
+from rigctl.calibrations.polarizer import PolarizerParameters, read_fitting_polarizer
+from rigctl.calibrations.radiometric import RadiometricResponse, read_fitting_radiometric
+from rigctl.calibrations.registration import ImageRegistration, read_fitting_registration
+from rigctl.calibrations.store import (
+    KINDS,
+    NONE,
+    STORE_FOLDER,
+    CalibrationKind,
+    Choice,
+    Pick,
+    RigPicks,
+    UnreadFile,
+    choice_lines,
+    choices_json,
+    choose,
+    read_store,
+)
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Region
+from rigctl.files.rig_file import PLACEHOLDER
+from rigctl.measure.frames import (
+    FoundCorrections,
+    FrameGrid,
+    Throughput,
+    arrange,
+    flat_division,
+    flat_remarks,
+    frame_shifts,
+    throughput_of,
+)
+from rigctl.measure.measure import Measurement, measure
+from rigctl.runs.folder import Run
+
+_MOVED = (
+    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
+    "fixed pattern of single pixels are smoothed too, and their prediction is not"
+)
+
+_Content = TypeVar("_Content")
+_Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationPaths:
+    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced.
+
+    Attributes
+    ----------
+    noise, radiometric, registration, flat, polarizer : Path or None
+        Files that are named.
+    force_registration : bool
+        Use a registration that helps no edges too.
+    picks : bool
+        Pick what is not named from the store, where there is one.
+    store : Path or None
+        The store; None is the one that stands beside the rig file.
+    without : tuple of str
+        Kinds that are not picked.
+    """
+
+    noise: Path | None = None
+    radiometric: Path | None = None
+    registration: Path | None = None
+    flat: Path | None = None
+    polarizer: Path | None = None
+    force_registration: bool = False
+    picks: bool = False
+    store: Path | None = None
+    without: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> dict[CalibrationKind, Path]:
+        """Files that are named, by their kind."""
+        named = {kind: getattr(self, kind) for kind in KINDS}
+        return {kind: path for kind, path in named.items() if isinstance(path, Path)}
+
+    def with_files(self, files: Mapping[CalibrationKind, Path]) -> "CalibrationPaths":
+        """Return them with more files."""
+        together = self.files | dict(files)
+        return replace(
+            self,
+            noise=together.get("noise"),
+            radiometric=together.get("radiometric"),
+            registration=together.get("registration"),
+            flat=together.get("flat"),
+            polarizer=together.get("polarizer"),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunCalibrations:
+    """Contents of calibration files, as far as there are any, and doubts about using them for a run, in words."""
+
+    noise: NoiseParameters | None
+    radiometric: RadiometricResponse | None
+    registration: ImageRegistration | None
+    flats: FlatFields | None
+    polarizer: PolarizerParameters | None
+    doubts: tuple[str, ...]
+    force_registration: bool = False
+
+    def measure(self, run: Run, regions: list[Region], found: FoundCorrections | None = None) -> Measurement:
+        """Return what a run measured, processed with them, and corrected by what it shows of itself."""
+        return measure(
+            run,
+            regions=regions,
+            noise=self.noise,
+            registration=self.registration,
+            flats=self.flats,
+            polarizer=self.polarizer,
+            found=found,
+            may_measure_none=True,
+        )
+
+
+def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
+    """Return the calibrations of a run.
+
+    Raises
+    ------
+    DataError
+        A file is wrong, or of other devices or settings.
+    """
+    doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and paths.polarizer is None else []
+
+    def read(path: Path | None, reader: _Read[_Content]) -> _Content | None:
+        if path is None:
+            return None
+        content, more = reader(path, run)
+        doubts.extend(more)
+        return content
+
+    return RunCalibrations(
+        noise=read(paths.noise, read_fitting_noise),
+        radiometric=read(paths.radiometric, read_fitting_radiometric),
+        registration=read(paths.registration, read_fitting_registration),
+        flats=read(paths.flat, read_fitting_flats),
+        polarizer=read(paths.polarizer, read_fitting_polarizer),
+        doubts=tuple(doubts),
+        force_registration=paths.force_registration,
+    )
+
+
+def correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple[str, ...]:
+    """Return what was done to frames by calibrations, and what that leaves unpredicted, in words."""
+    done = measurement.corrections
+    return (
+        *(() if done.throughput is None else (_of_throughput(done.throughput),)),
+        *(() if done.flat is None else flat_remarks(done.flat, regions)),
+        *(() if done.shifts is None else (_MOVED,)),
+    )
+
+
+def _of_throughput(throughput: Throughput) -> str:
+    values = throughput.value.tolist()
+    return (
+        f"frames were divided by the throughput of their angle, {min(values):.4f} to {max(values):.4f}, known to "
+        f"{throughput.error.max():.2%}"
+    )
+
+
+# As many folders above a run are looked into for its rig file.
+_ABOVE = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickedCalibrations:
+    """Calibrations of a run: those that were named, and those that were picked.
+
+    Attributes
+    ----------
+    paths : CalibrationPaths
+        All of them.
+    store : Path or None
+        Where was looked; None where there is no store, and nothing is picked.
+    choices : tuple of Choice
+        What was picked, kind by kind, and what was not.
+    damaged : tuple of UnreadFile
+        Files of the store that may be calibrations, and cannot be read.
+    """
+
+    paths: CalibrationPaths
+    store: Path | None = None
+    choices: tuple[Choice, ...] = ()
+    damaged: tuple[UnreadFile, ...] = ()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was picked and why, a line for each kind of which the store has any."""
+        return choice_lines(self.choices, self.damaged)
+
+    def report(self) -> None:
+        """Report what was picked; warn where there are calibrations of a kind and none fits."""
+        for choice in self.choices:
+            (warn if choice.pick is None and choice.others else note)(choice.line)
+        for line in choice_lines((), self.damaged):
+            note(line)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what results say of it; nothing where there is no store."""
+        return {} if self.store is None else choices_json(self.choices, self.damaged)
+
+
+def calibration_paths(
+    named: Mapping[CalibrationKind, Path | None], *, store: Path | None, force_registration: bool = False
+) -> CalibrationPaths:
+    """Return the calibrations that a command line names; ``none`` is to have none, the others are picked.
+
+    Raises
+    ------
+    ConfigError
+        The store that is named is no folder.
+    """
+    if store is not None and store != NONE and not store.is_dir():
+        raise ConfigError(f"--calibrations: {store}: there is no such folder")
+    paths = CalibrationPaths(
+        force_registration=force_registration,
+        picks=store != NONE,
+        store=None if store == NONE else store,
+        without=tuple(kind for kind, path in named.items() if path == NONE),
+    )
+    return paths.with_files({kind: path for kind, path in named.items() if path is not None and path != NONE})
+
+
+def calibrations_json(picked: "PickedCalibrations | RigPicks | None") -> dict[str, Json]:
+    """Return the calibrations that were used, by kind: file, sha256, why, age_days; empty where there is no store."""
+    picks = () if picked is None or picked.store is None else (one.pick for one in picked.choices)
+    return {one.kind: one.as_json() for one in picks if one is not None}
+
+
+def named_calibrations(picked: "PickedCalibrations | RigPicks | None") -> str:
+    """Return the calibrations that were used as the end of a sentence."""
+    picks = () if picked is None else (one.pick for one in picked.choices)
+    files = [f"{one.kind} {one.file.name}" for one in picks if one is not None]
+    return f", with {', '.join(files)}" if files else ""
+
+
+def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> PickedCalibrations:
+    """Return the calibrations of a run, those that are not named picked from the store.
+
+    Parameters
+    ----------
+    paths : CalibrationPaths
+        What is named, and whether anything is picked.
+    run : Run
+        The run.
+    kinds : sequence of str
+        What can be used.
+
+    Raises
+    ------
+    ConfigError, DataError
+        The store cannot be read, or the run has no frames to calibrate.
+    """
+    folder = (paths.store or store_of_run(run)) if paths.picks else None
+    if folder is None:
+        return PickedCalibrations(paths=paths)
+    store, grid = read_store(folder), arrange(run)
+    used = made_for(run, grid.frames)
+    wanted = [kind for kind in kinds if kind not in paths.without]
+    choices = tuple(
+        _named(kind, paths.files[kind])
+        if kind in paths.files
+        else choose(store, kind, used, require_usable=_usable(kind, run, grid))
+        for kind in wanted
+    )
+    picked = {choice.kind: choice.pick.file for choice in choices if choice.pick is not None}
+    return PickedCalibrations(paths=paths.with_files(picked), store=folder, choices=choices, damaged=store.damaged)
+
+
+def store_of_run(run: Run) -> Path | None:
+    """Return the store beside the rig file that a run was taken with; None where there is none.
+
+    Notes
+    -----
+    The rig file is sought where it was, then by its name in the folders above the run and in the current one, as runs
+    are moved to other machines.
+    """
+    files = run.session_json.get("files")
+    rig = files.get("rig") if isinstance(files, dict) else None
+    if not isinstance(rig, dict) or not isinstance(rig.get("name"), str):
+        return None
+    stated = run.session_json.get("host_folder")
+    folders = [Path(stated)] if isinstance(stated, str) else []
+    folders += [*run.path.absolute().parents][:_ABOVE]
+    for folder in (*folders, Path.cwd()):
+        if (folder / str(rig["name"])).is_file() and (folder / STORE_FOLDER).is_dir():
+            return folder / STORE_FOLDER
+    return None
+
+
+def _named(kind: CalibrationKind, path: Path) -> Choice:
+    pick = Pick(kind=kind, file=path, sha256=sha256_of(path), why="named on the command line", age_days=None)
+    return Choice(kind=kind, pick=pick, others=())
+
+
+def _usable(kind: CalibrationKind, run: Run, grid: FrameGrid) -> Callable[[Path], object]:
+    """Return what tries a file on the frames of a run, as measuring will."""
+    tries: dict[CalibrationKind, Callable[[Path], object]] = {
+        "noise": lambda path: read_fitting_noise(path, run),
+        "polarizer": lambda path: throughput_of(grid, read_fitting_polarizer(path, run)[0]),
+        "flat": lambda path: flat_division(grid, read_fitting_flats(path, run)[0]),
+        "radiometric": lambda path: read_fitting_radiometric(path, run),
+        "registration": lambda path: frame_shifts(run, grid, read_fitting_registration(path, run)[0]),
+    }
+    return tries[kind]

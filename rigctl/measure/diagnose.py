@@ -1,0 +1,496 @@
+"""What a run says of its own faults: the one diagnosis that stokes, compare and summary show.
+
+Faults that a run shows of itself, as corrections of its frames.
+
+A run measured and diagnosed, and corrected by its own diagnosis where that is asked for.
+
+A run as if it had been taken with other calibrations: those that are named, or that its store holds today.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.polarimeter.pictures import moved_back
+from model.processing.diagnosis import Diagnosis, Term, consequence, diagnose
+from model.processing.fault_fit import PER_FRAME
+from model.processing.mosaic import coarse_pictures
+from model.processing.reconstruction import Design, design
+from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file
+from rigctl.calibrations.store import CalibrationKind
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region
+from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, RunCalibrations, picked_for_run
+from rigctl.measure.faults import FaultTerm, fault_title
+from rigctl.measure.frames import FoundCorrections, FrameGrid, FrameShifts, Throughput, moved_edges, region_slopes
+from rigctl.measure.measure import Measurement, measure, signal_of_cycle
+from rigctl.runs.folder import Run
+from rigctl.runs.records import PolarizerAsTaken, RigAsTaken
+
+FloatArray = NDArray[np.float64]
+
+# Smaller pictures hold no blocks.
+_LEAST_SIDE_PIXELS = 8
+# Half turns are looked at frame by frame as long as there are no more frames than this.
+_MOST_FRAMES = 16
+# A first look takes squares of larger pictures as one pixel, and reads no more counts than this.
+QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
+# What walks leaves the mean of an even region where it is: its slopes tell.
+_OF_EDGES = ("shift", "wobble", "planes of a mosaic")
+_OF_PAIRS = "throughput of pairs"
+_DEG_PER_RAD = float(np.degrees(1.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunDiagnosis:
+    """What a run says of itself.
+
+    Attributes
+    ----------
+    terms : tuple of FaultTerm
+        Those named first, the strongest at the front.
+    reason : str
+        Why nothing is testable; empty otherwise.
+    angles_deg : tuple of float
+        Of the frames that were looked at.
+    found : Diagnosis
+        As the model has it.
+    """
+
+    terms: tuple[FaultTerm, ...]
+    reason: str
+    angles_deg: tuple[float, ...]
+    found: Diagnosis
+
+    @property
+    def named(self) -> tuple[FaultTerm, ...]:
+        """The causes that explain the run best."""
+        return tuple(term for term in self.terms if term.named)
+
+    @property
+    def first(self) -> FaultTerm | None:
+        """The strongest of them."""
+        return self.named[0] if self.named else None
+
+    def term(self, name: str) -> FaultTerm | None:
+        """Return the first term of a name."""
+        return next((term for term in self.terms if term.name == name), None)
+
+
+def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) -> RunDiagnosis:
+    """Return what the redundancy of a run's angles says of its faults.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Of the run.
+    most_pixels : int or None
+        Of a picture: squares of larger ones are taken as one pixel, which is faster and sees small shifts less well.
+    """
+    plan, pictures, angles_rad, times = _frames(measurement)
+    usable = ~(measurement.saturated | measurement.missing)
+    means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
+    seen, seen_usable, side = coarse_pictures(pictures, usable, most_pixels=most_pixels or usable.size)
+    step = float(measurement.grid.to_unit.max())
+    return diagnose_pictures(
+        plan,
+        seen,
+        seen_usable,
+        angles_rad=angles_rad,
+        times=times,
+        step=step,
+        means=means,
+        slopes=slopes,
+        side_pixels=side,
+    )
+
+
+def diagnose_pictures(
+    plan: Design,
+    pictures: FloatArray,
+    usable: NDArray[np.bool_],
+    *,
+    angles_rad: FloatArray,
+    times: Sequence[float],
+    step: float,
+    means: Mapping[str, FloatArray],
+    slopes: Mapping[str, FloatArray] | None = None,
+    side_pixels: int = 1,
+) -> RunDiagnosis:
+    """Return what pictures say of their faults.
+
+    Parameters
+    ----------
+    plan, pictures, usable, angles_rad, times, step
+        As the model's `diagnose` takes them.
+    means : mapping
+        Region to its mean behind each frame.
+    slopes : mapping or None
+        Region to its mean slopes behind each frame, shape (N, 2) [per pixel of the camera]: what a shift does to it.
+    side_pixels : int
+        Of a pixel of the pictures, in pixels of the camera.
+    """
+    angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
+    if min(usable.shape) < _LEAST_SIDE_PIXELS:
+        return replace(
+            undiagnosed("the pictures are too small to hold a dozen tiles of 12 pixels"), angles_deg=angles_deg
+        )
+    try:
+        found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
+    except (ValueError, ArithmeticError) as error:
+        # Frames such as no camera takes; what can be measured of them is measured all the same.
+        return replace(undiagnosed(f"these frames give no joint fit: {error}"), angles_deg=angles_deg)
+    terms = tuple(_term(term, found, plan, angles_deg, means, slopes or {}, side_pixels) for term in found.terms)
+    return RunDiagnosis(
+        terms=terms if side_pixels == 1 else _told_coarsely(terms),
+        reason=found.reason,
+        angles_deg=angles_deg,
+        found=found,
+    )
+
+
+def _told_coarsely(terms: tuple[FaultTerm, ...]) -> tuple[FaultTerm, ...]:
+    """Return terms of coarse pictures: edges off by part of a pixel blur what tells one throughput from a pair's."""
+    if all(term.name != _OF_PAIRS for term in terms):
+        return terms
+    return tuple(
+        replace(term, confused_with=(*term.confused_with, _OF_PAIRS))
+        if term.name == "throughput" and term.named and _OF_PAIRS not in term.confused_with
+        else term
+        for term in terms
+    )
+
+
+def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosis:
+    """Return what a run says of its faults at a first look; with a reason where it cannot be looked at.
+
+    Parameters
+    ----------
+    run : Run
+        Frames of any kind.
+    most_pixels : int
+        As `diagnose_run` takes it.
+    """
+    scenes = [record for record in run.frames if record.kind == "scene"]
+    if not scenes:
+        return undiagnosed("there are no scene frames")
+    if sum(record.width * record.height for record in scenes) > _MOST_COUNTS:
+        return undiagnosed("so many frames of this size are not read for a first look; rigctl stokes does")
+    try:
+        return diagnose_run(measure(run, regions=[]), most_pixels=most_pixels)
+    except (DataError, ConfigError, ValueError, ArithmeticError) as error:
+        return undiagnosed(str(error))
+
+
+def undiagnosed(reason: str) -> RunDiagnosis:
+    """Return that nothing can be said of a run, and why."""
+    nothing = Diagnosis(terms=(), first=None, reason=reason, faults=None, light=0.0)
+    return RunDiagnosis(terms=(), reason=reason, angles_deg=(), found=nothing)
+
+
+def _frames(measurement: Measurement) -> tuple[Design, FloatArray, FloatArray, list[float]]:
+    """Return design, pictures, angles over the whole turn and times; half turns one by one, other repeats as means."""
+    grid = measurement.grid
+    whole = np.array([[record.polarizer_angle_deg or 0.0 for record in cycle] for cycle in grid.records])
+    sequence = [[float(record.sequence) for record in cycle] for cycle in grid.records]
+    half_turns = np.any(np.abs((whole - whole[0] + 90.0) % 360.0 - 90.0) > 90.0)
+    if not half_turns or whole.size > _MOST_FRAMES:
+        times = np.argsort(np.argsort(sequence[0])).astype(np.float64).tolist()
+        return measurement.plan, measurement.channels, np.radians(whole[0] % 360.0), times
+    pictures = np.concatenate([signal_of_cycle(measurement, cycle) for cycle in range(grid.cycles)])
+    angles_rad = np.radians(whole.ravel() % 360.0)
+    times = np.argsort(np.argsort(np.ravel(sequence))).astype(np.float64).tolist()
+    return design(angles_rad, measurement.extinction_ratio), pictures, angles_rad, times
+
+
+def _means(
+    measurement: Measurement, pictures: FloatArray, usable: NDArray[np.bool_]
+) -> Iterable[tuple[str, FloatArray]]:
+    """Give the mean behind each frame, of every region, or of the whole picture where there are none."""
+    repeats = len(pictures) // measurement.grid.angles
+    for name, region in measurement.regions.items():
+        yield name, np.tile(region.channels_mean.mean, repeats)
+    if not measurement.regions and usable.any():
+        yield "picture", pictures[:, usable].mean(axis=1)
+
+
+def _slopes(
+    measurement: Measurement, pictures: FloatArray, usable: NDArray[np.bool_]
+) -> Iterable[tuple[str, FloatArray]]:
+    """Give the mean slopes behind each frame, x and y, of every region, or of the picture where there are none."""
+    inside = {name: region.inside for name, region in measurement.regions.items()}
+    if not inside and usable.any():
+        inside = {"picture": usable}
+    for name, mask in inside.items():
+        if mask.any():
+            yield name, region_slopes(pictures, mask)
+
+
+def _term(
+    term: Term,
+    found: Diagnosis,
+    plan: Design,
+    angles_deg: tuple[float, ...],
+    means: Mapping[str, FloatArray],
+    slopes: Mapping[str, FloatArray],
+    side_pixels: int,
+) -> FaultTerm:
+    is_turn = term.unit == "rad"
+    factor = _DEG_PER_RAD if is_turn else side_pixels if term.unit == "pixel" else 1.0
+    steep = {name: slope * side_pixels for name, slope in slopes.items()}
+    shifts = {
+        name: _moved(term, found, plan, mean, steep.get(name)) for name, mean in means.items() if term.is_testable
+    }
+    return FaultTerm(
+        name=term.name,
+        angle_deg=None if term.frame is None else angles_deg[term.frame],
+        value=None if term.value is None else term.value * factor,
+        std_error=None if term.std_error is None else term.std_error * factor,
+        unit="deg" if is_turn else term.unit,
+        testable=term.is_testable,
+        reason=term.reason,
+        confused_with=tuple(
+            fault_title(name, None if frame is None else angles_deg[frame]) for name, frame in term.confused_with
+        ),
+        dolp_shift=_largest(shift for shift, _ in shifts.values()),
+        aolp_shift_deg=_largest(shift for _, shift in shifts.values()),
+        named=term.is_named,
+        by_region=shifts,
+    )
+
+
+def _moved(
+    term: Term, found: Diagnosis, plan: Design, means: FloatArray, slopes: FloatArray | None
+) -> tuple[float | None, float | None]:
+    is_unknown = term.name in _OF_EDGES and slopes is None
+    if is_unknown or not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
+        return None, None
+    moved = consequence(plan.system, means, term.parameters, light=found.light, slopes=slopes)
+    aolp = moved.aolp_shift_rad
+    return moved.dolp_shift, None if aolp is None else aolp * _DEG_PER_RAD
+
+
+def _largest(shifts: Iterable[float | None]) -> float | None:
+    return max((shift for shift in shifts if shift is not None), key=abs, default=None)
+
+
+CORRECTABLE = ("throughput", "dark-level", "shift")
+# Faults that are smaller change nothing that is seen.
+_NOTHING = 1e-12
+
+
+def correctable(text: str) -> tuple[str, ...]:
+    """Return the names of a comma-separated list of what is to be corrected.
+
+    Raises
+    ------
+    ConfigError
+        One of them is not known.
+    """
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    unknown = [name for name in names if name not in CORRECTABLE]
+    if unknown or not names:
+        raise ConfigError(f"--correct: is {text!r}; allowed are {', '.join(CORRECTABLE)}, separated by commas")
+    return names
+
+
+def found_faults(grid: FrameGrid, diagnosis: RunDiagnosis, names: Sequence[str]) -> FoundCorrections:
+    """Return the corrections that a diagnosis asks for.
+
+    Parameters
+    ----------
+    grid : FrameGrid
+        Of the run.
+    diagnosis : RunDiagnosis
+        Of its frames as they are.
+    names : sequence of str
+        Of `CORRECTABLE`: others are left as they are.
+    """
+    sizes, errors = _sizes(grid, diagnosis)
+    throughput, dark = sizes[0], sizes[2]
+    moved = sizes[3:5].T - sizes[3:5].T[0]
+    is_done = {
+        "throughput": bool(np.any(np.abs(throughput) > _NOTHING)),
+        "dark-level": bool(np.any(np.abs(dark) > _NOTHING)),
+        "shift": bool(np.any(np.abs(moved) > _NOTHING)),
+    }
+    taken = {name: name in names and done for name, done in is_done.items()}
+    return FoundCorrections(
+        throughput=Throughput(value=1.0 + throughput, error=errors[0]) if taken["throughput"] else None,
+        dark=dark if taken["dark-level"] else None,
+        shifts=_shifts(grid, moved) if taken["shift"] else None,
+        dark_error=errors[2] * taken["dark-level"],
+        shift_error=errors[3:5].T * taken["shift"],
+        remarks=tuple(_remarks(names, taken, sizes, moved)),
+    )
+
+
+def _sizes(grid: FrameGrid, diagnosis: RunDiagnosis) -> tuple[FloatArray, FloatArray]:
+    """Return the size of each kind of fault by angle, and its error, shape (kinds, N); repeats are averaged."""
+    frames = len(diagnosis.angles_deg)
+    kinds = len(PER_FRAME)
+    total, variance = np.zeros((kinds, frames)), np.zeros((kinds, frames))
+    for term in diagnosis.found.terms:
+        if term.is_named and term.value:
+            own = term.parameters[: kinds * frames].reshape(kinds, frames)
+            total += own
+            variance += np.square(own / term.value * (term.std_error or 0.0))
+    by_cycle = (kinds, frames // grid.angles, grid.angles)
+    return total.reshape(by_cycle).mean(axis=1), np.sqrt(variance.reshape(by_cycle).mean(axis=1))
+
+
+def _shifts(grid: FrameGrid, moved: FloatArray) -> FrameShifts:
+    by_frame = {record.sequence: moved[angle] for cycle in grid.records for angle, record in enumerate(cycle)}
+    one_pixel = np.zeros((4, 4))
+    return FrameShifts(
+        shifts_pixels=by_frame,
+        variance_factor=np.array([moved_back(one_pixel, shift)[1] for shift in moved]),
+        margin_pixels=int(np.ceil(np.max(np.abs(moved)))),
+    )
+
+
+def _remarks(names: Sequence[str], taken: dict[str, bool], sizes: FloatArray, moved: FloatArray) -> Iterable[str]:
+    said = {
+        "throughput": f"frames were divided by {_numbers(1.0 + sizes[0], '.4f')}",
+        "dark-level": f"{_numbers(sizes[2], '+.3g')} were taken off beside the dark level",
+        "shift": f"frames were moved back by {_numbers(np.linalg.norm(moved, axis=1), '.2f')} pixel",
+    }
+    for name in names:
+        done = said[name] if taken[name] else "there was nothing to correct"
+        yield f"corrected by what the run shows, {name}: {done}"
+
+
+def _numbers(values: FloatArray, digits: str) -> str:
+    return ", ".join(format(value, digits) for value in values.tolist())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DiagnosedRun:
+    """What a run measured, and what it says of itself.
+
+    Attributes
+    ----------
+    measurement, diagnosis
+        After the corrections.
+    remarks : tuple of str
+        What was corrected.
+    """
+
+    measurement: Measurement
+    diagnosis: RunDiagnosis
+    remarks: tuple[str, ...]
+
+
+def diagnosed(run: Run, regions: list[Region], given: RunCalibrations, *, correct: Sequence[str]) -> DiagnosedRun:
+    """Return a run measured with its calibrations, diagnosed, and corrected by what was found.
+
+    Parameters
+    ----------
+    run, regions, given
+        The run, its regions and calibrations.
+    correct : sequence of str
+        "throughput", "dark-level", "shift"; nothing is corrected that is not named.
+
+    Raises
+    ------
+    DataError
+        The registration that was given makes edges no better, and was not forced.
+    """
+    measurement = given.measure(run, regions)
+    moved = _registered(measurement, force=given.force_registration)
+    diagnosis = diagnose_run(measurement)
+    if not correct:
+        return DiagnosedRun(measurement=measurement, diagnosis=diagnosis, remarks=moved)
+    found = _helpful(measurement, found_faults(measurement.grid, diagnosis, correct), force=given.force_registration)
+    corrected = given.measure(run, regions, found)
+    return DiagnosedRun(measurement=corrected, diagnosis=diagnose_run(corrected), remarks=(*moved, *found.remarks))
+
+
+def _registered(measurement: Measurement, *, force: bool) -> tuple[str, ...]:
+    """Return what a registration that was given does to the edges of a run; it has to make them better."""
+    if measurement.shifts is None:
+        return ()
+    edges = moved_edges(measurement.run, measurement.grid, measurement.shifts)
+    if not (edges.is_better or force):
+        raise DataError(
+            f"--register: not a plain shift of this run: {edges.text}; not applied (--force-registration applies it)"
+        )
+    return (edges.text,) if edges.text else ()
+
+
+def _helpful(measurement: Measurement, found: FoundCorrections, *, force: bool) -> FoundCorrections:
+    """Return corrections without shifts that make edges no better, unless they are forced."""
+    if found.shifts is None:
+        return found
+    edges = moved_edges(measurement.run, measurement.grid, found.shifts)
+    if edges.is_better or force:
+        return replace(found, remarks=(*found.remarks, edges.text))
+    said = f"shift: not applied, it is not a plain one: {edges.text} (--force-registration applies it)"
+    return replace(found, shifts=None, remarks=(*(text for text in found.remarks if ", shift:" not in text), said))
+
+
+# What a measurement can be made with.
+MEASURED_WITH: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "registration")
+
+
+def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrations]:
+    """Return a run with the axis of its polarizer calibration, if there is one, and all calibrations for it.
+
+    Parameters
+    ----------
+    run : Run
+        As it was taken.
+    paths : CalibrationPaths
+        What is named, and whether anything is picked.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A calibration cannot be read, is of other devices, or a frame does not say where the stage stood.
+    """
+    # What the rig file stated of the axis is what may be wrong: no calibration is refused for it.
+    open_axis = _with_polarizer(run, replace(run.session.polarizer, sense=None, offset_deg=None))
+    picked = picked_for_run(paths, open_axis, MEASURED_WITH)
+    named = picked.paths.polarizer
+    return (run if named is None else with_axis(run, read_polarizer_file(named))), picked
+
+
+def with_axis(run: Run, polarizer: PolarizerParameters) -> Run:
+    """Return a run whose polarizer angles are those of its stage angles by a calibration.
+
+    Parameters
+    ----------
+    run : Run
+        Its frames stay as they are.
+    polarizer : PolarizerParameters
+        With sense and offset.
+
+    Raises
+    ------
+    DataError
+        A frame of the scene has no stage angle.
+    """
+    frames = []
+    for record in run.frames:
+        if record.stage_angle_deg is not None:
+            angle = polarizer.sense * record.stage_angle_deg + polarizer.offset_deg.value
+            frames.append(replace(record, polarizer_angle_deg=angle))
+        elif record.kind == "scene":
+            raise DataError(f"{run.path}: {record.file} does not say where the stage stood: its axis stays as it was")
+        else:
+            frames.append(record)
+    known = run.session.polarizer
+    offset = polarizer.offset_deg
+    taken = replace(known, sense=polarizer.sense, offset_deg=offset.value, offset_std_deg=offset.std_error)
+    return replace(
+        _with_polarizer(run, taken),
+        frames=tuple(frames),
+        written_angles_deg={record.sequence: record.polarizer_angle_deg for record in run.frames},
+    )
+
+
+def _with_polarizer(run: Run, polarizer: PolarizerAsTaken) -> Run:
+    rig = replace(run.session.rig or RigAsTaken(), polarizer=polarizer)
+    return replace(run, session=replace(run.session, rig=rig))

@@ -1,0 +1,686 @@
+"""The scene frames of a run by cycle and polarizer angle.
+
+The dark level of a run, taken off its counts before anything is made of them, and its source.
+
+Frames divided by the flat field of their polarizer angle, and what that does to noise.
+
+Frames divided by the throughput of their polarizer angle, as a polarizer calibration has measured it.
+
+Frames moved back to where the first polarizer angle sees the scene, and what that does to noise.
+
+Corrections of a frame once its dark level is off: throughput, flat field, image registration, in this order.
+
+Frames of a run, corrected one by one as they are read, and what is told of all of them.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.polarimeter.pictures import edges_left, moved_back
+from model.quantities import counts_name
+from rigctl.base.numbers import wrapped
+from rigctl.calibrations.flat import FlatFields
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.calibrations.polarizer import Channel, PolarizerParameters
+from rigctl.calibrations.registration import ImageRegistration, angle_deg, usable_pixels
+from rigctl.errors import DataError
+from rigctl.files.regions import Region, masks
+from rigctl.runs.folder import Run
+from rigctl.runs.records import FrameRecord, left_out_texts
+
+FloatArray = NDArray[np.float64]
+
+# Targets are written with a few decimals at most; what is closer than this is one angle.
+_ANGLE_DECIMALS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameGrid:
+    """The scene frames of a run by cycle and angle.
+
+    Attributes
+    ----------
+    records : tuple of tuple of FrameRecord
+        records[cycle][angle], angles in ascending order.
+    channel_names : tuple of str
+        "dn_45" and so on, by the angle that was asked for, modulo 180 deg; a second frame at an angle within one
+        cycle is "dn_45_2".
+    target_angles_deg : (N,) array
+        The angles that were asked for, modulo 180 deg; those of the readback where nobody asked [deg].
+    polarizer_angles_rad : (N,) array
+        By the stage's readback, the mean over the cycles [rad].
+    exposures_s : (N,) array or None
+        Exposure of each angle [s]; None where nobody knows and one shot gave all of them.
+    left_out : tuple of str
+        Frames that are not used, with the reason.
+    """
+
+    records: tuple[tuple[FrameRecord, ...], ...]
+    channel_names: tuple[str, ...]
+    target_angles_deg: FloatArray
+    polarizer_angles_rad: FloatArray
+    exposures_s: FloatArray | None
+    left_out: tuple[str, ...]
+
+    @property
+    def frames(self) -> tuple[FrameRecord, ...]:
+        """All of them, cycle by cycle."""
+        return tuple(record for cycle in self.records for record in cycle)
+
+    @property
+    def cycles(self) -> int:
+        """Number of whole cycles."""
+        return len(self.records)
+
+    @property
+    def angles(self) -> int:
+        """Number of frames of a cycle."""
+        return len(self.channel_names)
+
+    @property
+    def width(self) -> int:
+        """Columns of a picture."""
+        return self.records[0][0].width
+
+    @property
+    def height(self) -> int:
+        """Rows of a picture."""
+        return self.records[0][0].height
+
+    @property
+    def is_one_exposure(self) -> bool:
+        """All angles have the same exposure, so that counts can be compared as they are."""
+        return self.exposures_s is None or bool(np.ptp(self.exposures_s) <= 1e-9 * self.exposures_s.max())
+
+    @property
+    def unit(self) -> str:
+        """Unit of what is made of the counts."""
+        return "DN" if self.is_one_exposure else "DN/s"
+
+    @property
+    def to_unit(self) -> FloatArray:
+        """Factor from the counts of each angle to `unit`, shape (N,)."""
+        if self.is_one_exposure or self.exposures_s is None:
+            return np.ones(self.angles)
+        return np.asarray(1.0 / self.exposures_s)
+
+
+def arrange(run: Run) -> FrameGrid:
+    """Return the scene frames of a run by cycle and angle.
+
+    Raises
+    ------
+    DataError
+        There are no scene frames, an angle is not known, sizes differ, or exposures are unknown for some only.
+    """
+    scene = [record for record in run.frames if record.kind == "scene"]
+    _refuse_unusable(run, scene)
+    # Cycles are counted over all frames that were taken: one that is excluded moves no other into its cycle.
+    excluded = {
+        one.sequence: one for one in run.excluded if one.kind == "scene" and one.polarizer_angle_deg is not None
+    }
+    by_cycle: dict[int, dict[str, FrameRecord]] = defaultdict(dict)
+    for cycle, name, record in _named(sorted((*scene, *excluded.values()), key=lambda record: record.sequence)):
+        if record.sequence not in excluded:
+            by_cycle[cycle][name] = record
+    sets = Counter(frozenset(channels) for channels in by_cycle.values())
+    names = max(sets, key=lambda found: (len(found), sets[found]))
+    whole = [by_cycle[cycle] for cycle in sorted(by_cycle) if frozenset(by_cycle[cycle]) == names]
+    partial = [cycle for cycle in sorted(by_cycle) if frozenset(by_cycle[cycle]) != names]
+    ordered = sorted(names, key=lambda name: (_target_deg(whole[0][name]), name))
+    records = tuple(tuple(channels[name] for name in ordered) for channels in whole)
+    return FrameGrid(
+        records=records,
+        channel_names=tuple(ordered),
+        target_angles_deg=np.array([_target_deg(record) for record in records[0]]),
+        polarizer_angles_rad=_mean_angles_rad(records),
+        exposures_s=_exposures_s(run, records),
+        left_out=(
+            *left_out_texts(run.annotations, excluded.values()),
+            *(f"cycle {cycle}: incomplete, {len(by_cycle[cycle].keys() & names)} of {len(names)}" for cycle in partial),
+        ),
+    )
+
+
+def _refuse_unusable(run: Run, scene: list[FrameRecord]) -> None:
+    if not scene:
+        gone = sum(record.kind == "scene" for record in run.excluded)
+        raise DataError(f"{run.path}: holds no scene frames{f': all {gone} are excluded' if gone else ''}")
+    unknown = [record.file for record in scene if record.polarizer_angle_deg is None]
+    sizes = {(record.width, record.height) for record in scene}
+    problems = [f"the polarizer angle of {len(unknown)} frames is not known ({unknown[0]}, ...)"] if unknown else []
+    if len(sizes) > 1:
+        problems.append("frames differ in size: " + ", ".join(f"{w} x {h}" for w, h in sorted(sizes)))
+    if problems:
+        raise DataError(f"{run.path}: " + "; ".join(problems))
+
+
+def _target_deg(record: FrameRecord) -> float:
+    target = record.polarizer_angle_target_deg
+    angle = record.polarizer_angle_deg if target is None else target
+    return round((angle or 0.0) % 180.0, _ANGLE_DECIMALS) % 180.0
+
+
+def _named(scene: list[FrameRecord]) -> list[tuple[int, str, FrameRecord]]:
+    """Return each frame with its cycle and channel; without a cycle the n-th frame at an angle is of cycle n."""
+    seen: Counter[tuple[int | None, float]] = Counter()
+    found = []
+    for record in scene:
+        angle = _target_deg(record)
+        before = seen[record.cycle, angle]
+        seen[record.cycle, angle] += 1
+        name = counts_name(f"{angle:g}")
+        if record.cycle is None:
+            found.append((before, name, record))
+        else:
+            found.append((record.cycle, name if before == 0 else f"{name}_{before + 1}", record))
+    return found
+
+
+def _mean_angles_rad(records: tuple[tuple[FrameRecord, ...], ...]) -> FloatArray:
+    degrees = np.array([[record.polarizer_angle_deg for record in cycle] for cycle in records], dtype=np.float64)
+    # An axis is the same after half a turn: average what is near the target, 179.998 deg as -0.002 beside 0.
+    targets = np.array([_target_deg(record) for record in records[0]])
+    near = targets + wrapped(degrees - targets, turn=180.0)
+    return np.asarray(np.deg2rad(near.mean(axis=0)))
+
+
+def _exposures_s(run: Run, records: tuple[tuple[FrameRecord, ...], ...]) -> FloatArray | None:
+    known = {record.exposure_s is not None for cycle in records for record in cycle}
+    if known == {False}:
+        return None
+    if len(known) == 2:
+        raise DataError(f"{run.path}: the exposure of some scene frames is known and of others not")
+    exposures = np.array([[record.exposure_s for record in cycle] for cycle in records], dtype=np.float64)
+    if np.any(np.ptp(exposures, axis=0) > 1e-9 * exposures.max()):
+        raise DataError(f"{run.path}: the exposure of an angle differs from cycle to cycle; this is not supported")
+    return np.asarray(exposures[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DarkLevel:
+    """One number per polarizer angle that is taken off every pixel.
+
+    Attributes
+    ----------
+    level_dn : (N,) array
+        [DN].
+    std_error_dn : float
+        Standard error of it, common to all angles [DN].
+    source : str
+        Where it comes from, in words for a report.
+    """
+
+    level_dn: FloatArray
+    std_error_dn: float
+    source: str
+
+
+def find_dark_level(run: Run, grid: FrameGrid, noise: NoiseParameters | None) -> DarkLevel:
+    """Return the dark level by the best source there is.
+
+    In this order: dark frames of the run at the exposure of its scene frames; the black level that the frames
+    state; black level and dark current of a noise calibration.
+
+    Raises
+    ------
+    DataError
+        There is no source. A dark level that stays in lowers every DoLP, so none is made up.
+    """
+    darks = _matching_darks(run, grid)
+    if darks:
+        return _from_dark_frames(run, grid, darks)
+    stated = [record.black_level_dn for record in grid.records[0]]
+    known = [level for level in stated if level is not None]
+    if len(known) == len(stated):
+        return DarkLevel(
+            level_dn=np.array(known), std_error_dn=0.0, source="the black level that the frames state, taken as exact"
+        )
+    if noise is not None:
+        return _from_calibration(grid, noise)
+    raise DataError(
+        f"{run.path}: nothing says how many counts there are without light: add dark frames of the same exposure "
+        "(rigctl import --kind dark), a black level (--black-level-dn), or a calibration (--noise)"
+    )
+
+
+def _matching_darks(run: Run, grid: FrameGrid) -> list[FrameRecord]:
+    """Return the dark frames of the scene frames' exposure and gain, where that is one."""
+    first = grid.records[0][0]
+    if not grid.is_one_exposure:
+        return []
+    return [
+        record
+        for record in run.frames
+        if record.kind == "dark"
+        and record.gain_db == first.gain_db
+        and (record.width, record.height) == (first.width, first.height)
+        and _same_exposure(record.exposure_s, first.exposure_s)
+    ]
+
+
+def _same_exposure(one_s: float | None, other_s: float | None) -> bool:
+    if one_s is None or other_s is None:
+        return one_s is other_s
+    return abs(one_s - other_s) <= 1e-6 * other_s
+
+
+def _from_dark_frames(run: Run, grid: FrameGrid, darks: list[FrameRecord]) -> DarkLevel:
+    mean = np.zeros((grid.height, grid.width))
+    for record in darks:
+        mean += run.counts(record)
+    mean /= len(darks)
+    error = float(mean.std() / np.sqrt(mean.size))
+    plural = "frame" if len(darks) == 1 else "frames"
+    return DarkLevel(
+        level_dn=np.full(grid.angles, mean.mean()),
+        std_error_dn=error,
+        source=f"{len(darks)} dark {plural} of this run at the same exposure (black level and dark current)",
+    )
+
+
+def _from_calibration(grid: FrameGrid, noise: NoiseParameters) -> DarkLevel:
+    black, dark_current = noise.black_level_dn, noise.dark_current_e_per_s
+    level = np.full(grid.angles, black.value)
+    known = dark_current is not None and grid.exposures_s is not None
+    if dark_current is not None and grid.exposures_s is not None:
+        level += noise.gain_dn_per_e.value * dark_current.value * grid.exposures_s
+    what = "black level and dark current" if known else "black level (the dark current is not known and stays in)"
+    return DarkLevel(level_dn=level, std_error_dn=black.std_error, source=f"the noise calibration: {what}")
+
+
+# A pixel that answers with less than this share of the others says nothing of the scene.
+_DEAD = 0.1
+# A region this far from the mean of the flat field has another noise than is predicted.
+_UNLIKE = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlatDivision:
+    """The flat field of each channel.
+
+    Attributes
+    ----------
+    response : (N, H, W) array
+        What frames are divided by, mean 1; 1 where a pixel is dead.
+    dead : (H, W) array of bool
+        Pixels that hardly answer to light.
+    variance_factor : (N,) array
+        What the division makes of the variance of noise, mean over the pixels.
+    error : (N,) array
+        Standard deviation over the pixels of the flat field's own error, relative.
+    """
+
+    response: FloatArray
+    dead: NDArray[np.bool_]
+    variance_factor: FloatArray
+    error: FloatArray
+
+    def divided(self, signal: FloatArray, channel: int) -> FloatArray:
+        """Return a frame of a channel, dark level off, over its flat field."""
+        return np.asarray(signal / self.response[channel])
+
+
+def flat_division(grid: FrameGrid, flats: FlatFields) -> FlatDivision:
+    """Return what the frames of a run are to be divided by.
+
+    Raises
+    ------
+    DataError
+        An angle of the run has no flat field.
+    """
+    places = [flats.place(angle_deg) for angle_deg in np.degrees(grid.polarizer_angles_rad)]
+    response, errors = flats.response[places], flats.std_error[places]
+    dead = np.any(response < _DEAD, axis=0)
+    response = np.where(dead, 1.0, response)
+    alive = ~dead
+    return FlatDivision(
+        response=response,
+        dead=dead,
+        variance_factor=np.mean(response[:, alive] ** -2.0, axis=1),
+        error=np.sqrt(np.mean(np.square(errors[:, alive] / response[:, alive]), axis=1)),
+    )
+
+
+def flat_remarks(flat: FlatDivision, regions: list[Region]) -> Iterable[str]:
+    """Return what dividing by flat fields does to the prediction of each region, where it is worth a word."""
+    for name, inside in masks(regions, width=flat.dead.shape[1], height=flat.dead.shape[0]).items():
+        response = float(flat.response[:, inside].mean())
+        if abs(response - 1.0) > _UNLIKE:
+            yield (
+                f"{name}: the flat field is {response:.2f} of its mean there; its noise is predicted as for 1, "
+                f"{'smaller' if response < 1.0 else 'larger'} than it is by {abs(response**-0.5 - 1.0):.0%}"
+            )
+    worst = float(flat.error.max())
+    yield f"frames were divided by flat fields, whose own error adds a pattern of up to {worst:.2%} to single pixels"
+
+
+# A frame this near to a calibrated stage angle has its throughput.
+_NEAR_DEG = 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Throughput:
+    """Response to unpolarized light by channel, mean over the calibrated angles 1, and its standard error, (N,)."""
+
+    value: FloatArray
+    error: FloatArray
+
+
+def together(one: Throughput | None, other: Throughput | None) -> Throughput | None:
+    """Return two throughputs as one; None where there is none."""
+    if one is None or other is None:
+        return one or other
+    return Throughput(value=one.value * other.value, error=np.hypot(one.error, other.error))
+
+
+def throughput_of(grid: FrameGrid, polarizer: PolarizerParameters) -> Throughput | None:
+    """Return the throughput of each channel of a run; None where the calibration did not measure it.
+
+    Parameters
+    ----------
+    grid : FrameGrid
+        Of the run.
+    polarizer : PolarizerParameters
+        A polarizer calibration. References alone do not measure throughput; a generator does.
+
+    Raises
+    ------
+    DataError
+        It was measured, but not at a stage angle of the run.
+    """
+    if polarizer.channels is None:
+        return None
+    found = [_nearest(polarizer.channels, record).throughput for record in grid.records[0]]
+    return Throughput(
+        value=np.array([one.value for one in found]),
+        error=np.array([one.std_error for one in found]),
+    )
+
+
+def _nearest(channels: Sequence[Channel], record: FrameRecord) -> Channel:
+    known = np.array([one.stage_angle_deg for one in channels])
+    if record.stage_angle_deg is None:
+        raise DataError(f"{record.file} has no stage angle; the throughput of a polarizer goes by it")
+    apart = np.abs(wrapped(known - record.stage_angle_deg, turn=360.0))
+    if apart.min() > _NEAR_DEG:
+        raise DataError(
+            f"{record.file} was taken at stage angle {record.stage_angle_deg:.2f} deg; the polarizer calibration has "
+            f"throughput at {', '.join(f'{angle:.1f}' for angle in known)} deg: calibrate at the angles that are used"
+        )
+    return channels[int(np.argmin(apart))]
+
+
+BoolArray = NDArray[np.bool_]
+
+# Smaller shifts are none; edges of which more is left than this are mostly noise, and tell nothing [share].
+_SHIFTED_PIXELS, _MOSTLY_NOISE = 0.05, 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameShifts:
+    """Shifts of frames against the first angle of the first cycle.
+
+    Attributes
+    ----------
+    shifts_pixels : mapping
+        Sequence number of a frame to its shift (x, y).
+    variance_factor : (N,) array
+        What interpolation makes of the variance of white noise, by channel; the mean over cycles.
+    margin_pixels : int
+        Rows and columns along the border of the picture that not every frame shows.
+    """
+
+    shifts_pixels: dict[int, FloatArray]
+    variance_factor: FloatArray
+    margin_pixels: int
+
+    def signal(self, record: FrameRecord, signal: FloatArray) -> FloatArray:
+        """Return a frame moved back."""
+        return moved_back(signal, self.shifts_pixels[record.sequence])[0]
+
+    def touched(self, record: FrameRecord, bad: BoolArray) -> BoolArray:
+        """Return which pixels of the frame moved back have any part of a bad one."""
+        if not bad.any():
+            return bad
+        parts, _ = moved_back(bad.astype(np.float64), self.shifts_pixels[record.sequence])
+        return np.asarray(parts > 0.0)
+
+    def beyond(self, shape: tuple[int, int]) -> BoolArray:
+        """Return which pixels of a picture lie in the margin."""
+        outside = np.ones(shape, dtype=np.bool_)
+        inner = slice(self.margin_pixels, -self.margin_pixels or None)
+        outside[inner, inner] = False
+        return outside
+
+
+def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> FrameShifts:
+    """Return how the frames of a run are to be moved, by a registration.
+
+    Raises
+    ------
+    DataError
+        A frame has no angle, or the registration none for it.
+    """
+    first = angle_deg(run, grid.records[0][0])
+    shifts = {
+        record.sequence: registration.shift_pixels(angle_deg(run, record), against_deg=first)
+        for cycle in grid.records
+        for record in cycle
+    }
+    one_pixel = np.zeros((4, 4))
+    factors = [[moved_back(one_pixel, shifts[record.sequence])[1] for record in cycle] for cycle in grid.records]
+    return FrameShifts(
+        shifts_pixels=shifts,
+        variance_factor=np.mean(factors, axis=0),
+        margin_pixels=int(np.ceil(max(np.max(np.abs(shift)) for shift in shifts.values()))),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovedEdges:
+    """Edges of the pictures of a run before and after they were moved.
+
+    Attributes
+    ----------
+    text : str
+        In words, angle by angle; empty where nothing was moved.
+    is_better : bool
+        They lie better on one another, or tell nothing.
+    """
+
+    text: str
+    is_better: bool
+
+
+def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> MovedEdges:
+    """Return what moving the frames of the first cycle does to their edges."""
+    records = grid.records[0]
+    moves = np.array([shifts.shifts_pixels[record.sequence] for record in records])
+    off = np.flatnonzero(np.linalg.norm(moves, axis=1) > _SHIFTED_PIXELS)
+    if not off.size:
+        return MovedEdges(text="", is_better=True)
+    pictures = np.array([run.counts(record).astype(np.float64) for record in records])
+    usable = np.all([usable_pixels(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
+    if not usable.any():
+        return MovedEdges(text="no pixel is usable in all frames", is_better=True)
+    left = edges_left(pictures, moves, usable)
+    text = "; ".join(
+        f"at {records[index].polarizer_angle_deg or 0.0:g} deg {before:.2%} before, {after:.2%} moved back"
+        for index, (before, after) in zip(off.tolist(), left[off].tolist(), strict=True)
+    )
+    before, after = left[off].sum(axis=0)
+    is_better = bool(after < before or left[off, 0].min() > _MOSTLY_NOISE)
+    return MovedEdges(text=f"left of edges that do not lie on one another {text}", is_better=is_better)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Corrections:
+    """Corrections of frames; None is not corrected.
+
+    `interpolated` is what the interpolation of a mosaic has made of the variance of noise before frames were stored.
+    """
+
+    throughput: Throughput | None = None
+    flat: FlatDivision | None = None
+    shifts: FrameShifts | None = None
+    interpolated: float = 1.0
+
+    def corrected(self, signal: FloatArray, record: FrameRecord, channel: int) -> FloatArray:
+        """Return the frame of a channel, dark level off, corrected."""
+        if self.throughput is not None:
+            signal = signal / self.throughput.value[channel]
+        if self.flat is not None:
+            signal = self.flat.divided(signal, channel)
+        return signal if self.shifts is None else self.shifts.signal(record, signal)
+
+    def touched(self, bad: BoolArray, record: FrameRecord) -> BoolArray:
+        """Return which pixels of the corrected frame have any part of a bad one."""
+        return bad if self.shifts is None else self.shifts.touched(record, bad)
+
+    def missing(self, record: FrameRecord, shape: tuple[int, int]) -> BoolArray:
+        """Return which pixels of the corrected frame show nothing of the scene."""
+        dead = np.zeros(shape, dtype=np.bool_) if self.flat is None else self.touched(self.flat.dead, record)
+        return dead if self.shifts is None else dead | self.shifts.beyond(shape)
+
+    def noise_factor(self, channels: int) -> FloatArray:
+        """Return what all of it makes of the variance of temporal noise, by channel.
+
+        Notes
+        -----
+        That of light whose mean after the division is known: a frame that got less of it had less noise too, so that
+        the throughput enters once and not squared. Read noise is enlarged by another factor of it, some per cent.
+        """
+        factor = np.full(channels, self.interpolated)
+        if self.throughput is not None:
+            factor /= self.throughput.value
+        if self.flat is not None:
+            factor *= self.flat.variance_factor
+        return factor if self.shifts is None else factor * self.shifts.variance_factor
+
+    def relative_error(self, channels: int) -> FloatArray:
+        """Return the standard error that it adds to the mean of each channel, relative and independent."""
+        return np.zeros(channels) if self.throughput is None else self.throughput.error
+
+    @property
+    def is_any(self) -> bool:
+        """Any correction is made, or was."""
+        return self.interpolated != 1.0 or any(part is not None for part in (self.throughput, self.flat, self.shifts))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FoundCorrections:
+    """What a run's own diagnosis has frames corrected by; None is not corrected.
+
+    Attributes
+    ----------
+    throughput : Throughput or None
+        Frames are divided by it.
+    dark : (N,) array or None
+        Taken off the frames of each angle beside the dark level [unit of the measurement].
+    shifts : FrameShifts or None
+        Frames are moved back by them.
+    dark_error : (N,) array
+        Standard error of the level taken off [unit of the measurement].
+    shift_error : (N, 2) array
+        Standard error of the shifts, x and y [pixel].
+    remarks : tuple of str
+        What was done, or that there was nothing to do, in words.
+    """
+
+    throughput: Throughput | None
+    dark: FloatArray | None
+    shifts: FrameShifts | None
+    dark_error: FloatArray
+    shift_error: FloatArray
+    remarks: tuple[str, ...]
+
+    def level_error(self, channels: FloatArray, inside: BoolArray) -> FloatArray:
+        """Return the standard error that dark levels and shifts add to a region's mean, each angle by itself, (N,).
+
+        Parameters
+        ----------
+        channels : (N, H, W) array
+            Pictures, corrected.
+        inside : (H, W) array of bool
+            The region.
+        """
+        square = np.square(self.dark_error)
+        if np.any(self.shift_error > 0.0) and inside.any():
+            slopes = region_slopes(channels, inside)
+            square = square + np.sum(np.square(self.shift_error * slopes), axis=1)
+        return np.asarray(np.sqrt(square))
+
+
+def region_slopes(channels: FloatArray, inside: BoolArray) -> FloatArray:
+    """Return the mean slopes of a region behind each angle, x and y, shape (N, 2); nothing along one pixel."""
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    slopes = np.zeros((len(channels), 2))
+    for way, (axis, length) in enumerate(((2, len(columns)), (1, len(rows)))):
+        if length > 1:
+            steep = np.gradient(channels[(slice(None), *part)], axis=axis)
+            slopes[:, way] = steep[:, inside[part]].mean(axis=1)
+    return slopes
+
+
+NOTHING = Corrections()
+
+
+class CorrectedFrames:
+    """Reads frames one by one; keeps their sum by angle, mean by cycle, and which pixels were ever unusable."""
+
+    def __init__(self, run: Run, grid: FrameGrid, dark_level: DarkLevel, corrections: Corrections) -> None:
+        """Take the run, which frame is which, and what is done to each; nothing is read yet."""
+        shape = (grid.height, grid.width)
+        self._run, self.interpolation = run, run.session.interpolation
+        self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
+        self.sums = np.zeros((grid.angles, *shape))
+        self.light = np.zeros(grid.cycles)
+        self.saturated = np.zeros(shape, dtype=np.bool_)
+        self.missing = np.zeros(shape, dtype=np.bool_)
+
+    def anew(self) -> "CorrectedFrames":
+        """Return a reader of the same frames that has seen none."""
+        return CorrectedFrames(self._run, self.grid, self.dark_level, self.corrections)
+
+    def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
+        """Return the signal of every frame in each region, shape (cycles, N, P)."""
+        pixels = {
+            name: np.empty((self.grid.cycles, self.grid.angles, int(mask.sum()))) for name, mask in inside.items()
+        }
+        for cycle in range(self.grid.cycles):
+            for name, found in self.cycle(cycle, inside).items():
+                pixels[name][cycle] = found
+        return pixels
+
+    def cycle(self, cycle: int, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
+        """Return the signal of the frames of a cycle in each region, shape (N, P)."""
+        pixels = {name: np.empty((self.grid.angles, int(mask.sum()))) for name, mask in inside.items()}
+        for angle in range(self.grid.angles):
+            signal = self.read(cycle, angle)
+            for name, mask in inside.items():
+                pixels[name][angle] = signal[mask]
+        return pixels
+
+    def read(self, cycle: int, angle: int) -> FloatArray:
+        """Return the signal of a frame, shape (H, W), and add it to what is kept."""
+        record = self.grid.records[cycle][angle]
+        counts = self._run.counts(record)
+        self._note_unusable(record, counts)
+        signal = (counts - self.dark_level.level_dn[angle]) * self.grid.to_unit[angle]
+        signal = self.corrections.corrected(signal, record, angle)
+        self.sums[angle] += signal
+        self.light[cycle] += float(signal.mean()) / self.grid.angles
+        return np.asarray(signal)
+
+    def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
+        self.saturated |= self.corrections.touched(counts >= record.saturation_dn, record)
+        if self.corrections.is_any:
+            self.missing |= self.corrections.missing(record, self.missing.shape)
+        if record.missing_dn is not None:
+            self.missing |= self.corrections.touched(counts == record.missing_dn, record)

@@ -1,0 +1,724 @@
+"""Temporal variance of a run's frames by a noise calibration.
+
+Numbers of one region by its pixels: every quantity of the report, with its standard error.
+
+Stokes parameters, DoLP and AoLP of every pixel.
+
+From the frames of a run to pictures of its Stokes parameters and numbers of its regions.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from model.moments import Moments, propagate_linear
+from model.processing import dolp
+from model.processing.maps import Float32Array, polarization_maps
+from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px, variance_factor
+from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
+from model.processing.samples import (
+    Repeatability,
+    RepeatedPixels,
+    RunningPixels,
+    Sample,
+    deviation,
+    effective_pixels,
+    mean_moments,
+    mean_over_deviation,
+    region_mean_moments,
+    repeated,
+)
+from model.sensor import SensorNoise, temporal_variance_dn2
+from model.stokes import dolp as degree_of_polarization
+from rigctl.calibrations.flat import FlatFields
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.calibrations.polarizer import PolarizerParameters
+from rigctl.calibrations.registration import ImageRegistration
+from rigctl.errors import DataError
+from rigctl.files.regions import Region, inner_masks, masks
+from rigctl.measure.frames import (
+    NOTHING,
+    CorrectedFrames,
+    Corrections,
+    DarkLevel,
+    FlatDivision,
+    FoundCorrections,
+    FrameGrid,
+    FrameShifts,
+    arrange,
+    find_dark_level,
+    flat_division,
+    frame_shifts,
+    throughput_of,
+    together,
+)
+from rigctl.runs.folder import Run
+
+FloatArray = NDArray[np.float64]
+
+# What a temporal deviation rests on, in the order of the vector that is varied.
+INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TemporalNoise:
+    """The numbers of a calibration that temporal noise rests on.
+
+    Attributes
+    ----------
+    values : (3,) array
+        Gain [DN/e-], read noise [e-] and dark current [e-/s].
+    cov : (3, 3) array
+        Their covariance.
+    remarks : tuple of str
+        What was set aside.
+    """
+
+    values: FloatArray
+    cov: FloatArray
+    remarks: tuple[str, ...]
+
+
+def temporal_noise(noise: "NoiseParameters") -> TemporalNoise:
+    """Return what temporal noise rests on, by a noise calibration.
+
+    Raises
+    ------
+    DataError
+        The calibration has no read noise.
+    """
+    if noise.read_noise_e is None:
+        raise DataError("the noise calibration has no read_noise_e: it cannot predict a temporal deviation")
+    remarks = []
+    dark = noise.dark_current_e_per_s
+    if dark is None:
+        remarks.append("dark current: not calibrated, taken as 0")
+    elif dark.value < 0.0:
+        remarks.append(f"dark current: the calibration's {dark.value:.3g} e-/s is below 0 by its error; 0 is used")
+    sensor = noise.sensor_noise()
+    return TemporalNoise(
+        values=np.array([sensor.gain_dn_per_e, sensor.read_noise_e, sensor.dark_current_e_per_s]),
+        cov=noise.covariance_of(INPUTS),
+        remarks=tuple(remarks),
+    )
+
+
+def temporal_variance(measurement: "Measurement", region: "MeasuredRegion", values: FloatArray) -> FloatArray:
+    """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2].
+
+    Parameters
+    ----------
+    measurement, region
+        Exposures and mean signal.
+    values : (3,) array
+        Gain, read noise and dark current, as in `TemporalNoise`.
+
+    Raises
+    ------
+    DataError
+        The exposure is not known.
+    """
+    grid = measurement.grid
+    if grid.exposures_s is None:
+        raise DataError(f"{measurement.run.path}: its exposure is not known: the noise cannot be predicted")
+    gain, read_noise, dark_current = values.tolist()
+    noise = SensorNoise(
+        gain_dn_per_e=gain, read_noise_e=read_noise, dark_current_e_per_s=dark_current, black_level_dn=0.0
+    )
+    signal_dn = region.channels_mean.mean / grid.to_unit
+    variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s)
+    return np.asarray(variance * grid.to_unit**2 * measurement.noise_factor)
+
+
+# quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
+MeasuredQuantities = dict[str, dict[str, Sample]]
+
+# Fewer pixels than this give no fourth moment worth the name.
+LEAST_PIXELS = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredRegion:
+    """A region by its pixels.
+
+    Attributes
+    ----------
+    pixels, excluded, edge : int
+        Pixels used, pixels of the region left out as saturated or missing, and those left out along its border.
+    independent_pixels : float
+        How many independent ones they are worth for S0: errors of deviations take this number.
+    channels_mean : Moments
+        Mean of each angle over pixels and cycles, and the covariance of that mean.
+    scatter_cov : (N, N) array
+        Of the mean of each angle by the scatter of the pixels alone.
+    channel_pixels, channel_pixels_mean : (N, P) array
+        Counts of each pixel behind each angle, of the first cycle and of the mean of all.
+    stokes_pixels, stokes_pixels_mean : (3, P) array
+        Stokes parameters of each pixel, likewise.
+    repeatability : Repeatability
+        Relative errors of the means by what differs from cycle to cycle; 0 with one cycle.
+    first_half : (P,) array of bool
+        Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
+    quantities : mapping
+        Everything a prediction is set beside.
+    """
+
+    pixels: int
+    excluded: int
+    edge: int
+    independent_pixels: float
+    channels_mean: Moments
+    scatter_cov: FloatArray
+    channel_pixels: FloatArray
+    channel_pixels_mean: FloatArray
+    stokes_pixels: FloatArray
+    stokes_pixels_mean: FloatArray
+    first_half: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
+    repeatability: Repeatability
+    quantities: MeasuredQuantities
+
+
+def measure_region(
+    *,
+    name: str,
+    pixels: RepeatedPixels,
+    inside: NDArray[np.bool_],
+    excluded: int,
+    edge: int,
+    channel_names: tuple[str, ...],
+    plan: Design,
+    level_std_error: FloatArray,
+    relative_error: FloatArray,
+    own_error: FloatArray | float = 0.0,
+    interpolation: Interpolation = "none",
+) -> MeasuredRegion:
+    """Return the numbers of a region.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    pixels : RepeatedPixels
+        Of N angles and P pixels; dark level off.
+    inside : (H, W) array of bool
+        Where the P pixels are.
+    excluded, edge : int
+        How many pixels of the region are left out as saturated or missing, and along its border.
+    channel_names : tuple of str
+        Of the N angles.
+    plan : Design
+        Angles and inverse.
+    level_std_error : (N,) array
+        Standard error of the dark level that was taken off, one cause for all angles.
+    relative_error : (N,) array
+        Relative standard error of each angle's throughput, independent of the others.
+    own_error : (N,) array or float
+        Standard error of each angle's own level, independent of the others: of a dark level or a shift of its own.
+    interpolation : {"none", "bilinear"}
+        What the frames were made of a mosaic by: then neighbours share their noise.
+
+    Raises
+    ------
+    DataError
+        Fewer than 16 pixels are left.
+    """
+    count = pixels.mean.shape[1]
+    require_pixels(name, count, excluded=excluded, edge=edge)
+    independent = _independent_pixels(pixels.mean, inside, plan)
+    inflation = count / independent
+    scattered = region_mean_moments(pixels.mean, inside)
+    channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
+    channels_mean = replace(channels_mean, cov=channels_mean.cov + pixels.repeatability.cov(channels_mean.mean))
+    stokes_pixels = np.asarray(plan.inverse @ pixels.first)
+    quantities = _of_vectors(
+        pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
+    ) | _of_pixel_dolp(stokes_pixels, inflation)
+    return MeasuredRegion(
+        pixels=count,
+        excluded=excluded,
+        edge=edge,
+        independent_pixels=independent,
+        channels_mean=channels_mean,
+        scatter_cov=scattered.cov,
+        channel_pixels=pixels.first,
+        channel_pixels_mean=pixels.mean,
+        stokes_pixels=stokes_pixels,
+        stokes_pixels_mean=np.asarray(plan.inverse @ pixels.mean),
+        inside=inside,
+        repeatability=pixels.repeatability,
+        # Whole cells where neighbours share samples: their pixels are not alike.
+        first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
+        quantities=quantities,
+    )
+
+
+def require_pixels(name: str, left: int, *, excluded: int, edge: int) -> None:
+    """Refuse a region of which too few pixels are left."""
+    if left < LEAST_PIXELS:
+        raise DataError(
+            f"region {name}: {left} pixels are left of {left + excluded + edge} "
+            f"({excluded} are saturated or missing, {edge} lie along its border); at least {LEAST_PIXELS} are needed"
+        )
+
+
+def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:
+    image = np.zeros(inside.shape)
+    image[inside] = plan.inverse[0] @ mean
+    return effective_pixels(image, inside)
+
+
+def _with_level_errors(
+    moments: Moments,
+    level_std_error: FloatArray,
+    relative_error: FloatArray,
+    own_error: FloatArray | float,
+) -> Moments:
+    own = np.square(moments.mean * relative_error) + np.square(own_error)
+    common = np.outer(level_std_error, level_std_error) + np.diag(own)
+    return Moments(mean=moments.mean, cov=moments.cov + common)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Vectors:
+    """Channels or Stokes parameters of the pixels: of the first cycle and the mean of all, and their temporal noise."""
+
+    names: tuple[str, ...]
+    first: FloatArray
+    mean: FloatArray
+    temporal: tuple[Sample, ...]
+
+
+def _of_vectors(
+    pixels: RepeatedPixels,
+    channel_names: tuple[str, ...],
+    channels_mean: Moments,
+    plan: Design,
+    inflation: float,
+    of_noise: float,
+) -> MeasuredQuantities:
+    """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
+    channels = _Vectors(names=channel_names, first=pixels.first, mean=pixels.mean, temporal=pixels.temporal)
+    stokes = _Vectors(
+        names=("s0", "s1", "s2"),
+        first=pixels.stokes_first,
+        mean=pixels.stokes_mean,
+        temporal=pixels.temporal_stokes,
+    )
+    stokes_mean = propagate_linear(channels_mean, plan.inverse)
+    found = _linear(channels, channels_mean, inflation, of_noise)
+    return found | _linear(stokes, stokes_mean, inflation, of_noise) | _of_mean_stokes(stokes_mean)
+
+
+def _linear(vectors: _Vectors, mean: Moments, inflation: float, of_noise: float) -> MeasuredQuantities:
+    """Return mean and deviations of channels or Stokes parameters.
+
+    `inflation` is of errors of what varies over the pixels, `of_noise` of what varies with time.
+    """
+    found: MeasuredQuantities = {}
+    for k, name in enumerate(vectors.names):
+        found[name] = {
+            "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
+            "std": _inflated(deviation(vectors.first[k]), inflation),
+            "std_spatial_mean": _inflated(deviation(vectors.mean[k]), inflation),
+        }
+        if vectors.temporal:
+            found[name]["std_temporal"] = _inflated(vectors.temporal[k], of_noise)
+    return found
+
+
+def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
+    if stokes.mean[0] <= 0.0:
+        return {}
+    normalized = normalized_moments(stokes)
+    errors = np.sqrt(np.diag(normalized.cov))
+    found = {
+        name: {"mean": Sample(value=float(normalized.mean[k]), std_error=float(errors[k]))}
+        for k, name in enumerate(("s1n", "s2n"))
+    }
+    if not np.any(stokes.mean[1:]):
+        return found
+    degree = dolp.first_order(stokes.mean, stokes.cov)
+    angle = aolp_moments_rad(stokes)
+    found["dolp"] = {"mean": Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))}
+    found["aolp_deg"] = {
+        "mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=float(np.rad2deg(np.sqrt(angle.cov[0, 0]))))
+    }
+    return found
+
+
+def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuantities:
+    """Return what the DoLP of single pixels gives; nothing where a pixel has no light, since it has none then."""
+    if np.any(stokes_pixels[0] <= 0.0):
+        return {}
+    values = np.asarray(degree_of_polarization(stokes_pixels.T))
+    mean = mean_moments(values[None, :])
+    mean_error = float(np.sqrt(mean.cov[0, 0]))
+    found: MeasuredQuantities = {
+        "dolp_pixels": {
+            "mean": _inflated(Sample(value=float(mean.mean[0]), std_error=mean_error), inflation),
+            "std": _inflated(deviation(values), inflation),
+        }
+    }
+    if np.ptp(values) > 0.0:
+        found["dolp_snr"] = {"mean": _inflated(mean_over_deviation(values), inflation)}
+    return found
+
+
+def _inflated(sample: Sample, inflation: float) -> Sample:
+    return Sample(value=sample.value, std_error=sample.std_error * float(np.sqrt(inflation)))
+
+
+_NEIGHBOURHOOD = (7, 7)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolarizationImages:
+    """What a run shows, pixel by pixel, in single precision: for pictures; numbers of regions come from its channels.
+
+    Attributes
+    ----------
+    stokes : (3, H, W) array
+        S0, S1, S2, in the unit of the measurement.
+    dolp : (H, W) array
+        NaN where it has no meaning: no light, saturated or missing.
+    aolp_deg : (H, W) array
+        Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
+    unusable : (H, W) array of bool
+        Saturated or missing in any frame.
+    aolp_error_deg : (H, W) array
+        How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
+    residual : (H, W) array or None
+        Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
+        differ by. None with three angles; NaN where there is no light.
+    """
+
+    stokes: Float32Array
+    dolp: Float32Array
+    aolp_deg: Float32Array
+    unusable: NDArray[np.bool_]
+    aolp_error_deg: Float32Array
+    residual: FloatArray | None
+
+
+def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray[np.bool_]) -> PolarizationImages:
+    """Return the images of a run.
+
+    Parameters
+    ----------
+    plan : Design
+        Measured polarizer angles and the inverse in use.
+    channels : (N, H, W) array
+        Mean of each angle, dark level off.
+    unusable : (H, W) array of bool
+        Pixels that are saturated or missing.
+    """
+    maps = polarization_maps(channels.astype(np.float32), plan)
+    dark = unusable | ~maps.valid
+    return PolarizationImages(
+        stokes=maps.stokes,
+        dolp=np.where(dark, np.float32(np.nan), maps.dolp),
+        aolp_deg=np.rad2deg(maps.aolp_rad),
+        unusable=unusable,
+        aolp_error_deg=_aolp_error_deg(maps.stokes),
+        residual=_residual(plan, channels, dark),
+    )
+
+
+def _aolp_error_deg(stokes: Float32Array) -> Float32Array:
+    squares = sum(_scatter_squares(component) for component in stokes[1:]) / 2.0
+    # Of the neighbours' mean: where there is no polarization, that of single pixels is the noise itself.
+    smooth = [cv2.blur(component, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE) for component in stokes[1:]]
+    polarized = np.maximum(np.hypot(*smooth), 1e-12)
+    return np.asarray(np.minimum(np.degrees(0.5 * np.sqrt(squares) / polarized), 90.0))
+
+
+def _scatter_squares(image: Float32Array) -> Float32Array:
+    """Return the local variance of a pixel about the line through its neighbours."""
+    bent = np.zeros_like(image)
+    bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0
+    # Running sums go below 0 by rounding.
+    return np.maximum(cv2.blur(bent, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE), 0.0)
+
+
+def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> FloatArray | None:
+    if plan.redundancy == 0:
+        return None
+    left = np.tensordot(plan.null_basis @ plan.null_basis.T, channels, axes=1)
+    largest = np.take_along_axis(left, np.argmax(np.abs(left), axis=0)[None], axis=0)[0]
+    # At equal sizes the sign is that of the first angle, so that a picture has one.
+    if plan.redundancy == 1:
+        largest = left[0] / max(float(np.abs(plan.null_basis[0, 0])), 1e-12) * float(np.abs(plan.null_basis).max())
+    mean = channels.mean(axis=0)
+    return np.where(dark | (mean <= 0.0), np.nan, 2.0 * largest / np.where(mean > 0.0, mean, 1.0))
+
+
+_LEAST_ANGLES = 3
+# Pixels of regions over all frames are held up to this size; where they are more, frames are read twice.
+MOST_HELD_BYTES = 256_000_000
+_FLOAT_BYTES = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement:
+    """A run as it was measured.
+
+    Attributes
+    ----------
+    run : Run
+        Where it comes from.
+    grid : FrameGrid
+        Which frame is which angle of which cycle.
+    plan : Design
+        Measured polarizer angles and the inverse in use.
+    extinction_ratio : float
+        Of the polarizer, as taken; infinite where nobody states one: then it is assumed ideal.
+    dark_level : DarkLevel
+        What was taken off the counts, and whence.
+    channels : (N, H, W) array
+        Mean of each angle over the cycles, dark level off [grid.unit].
+    saturated, missing : (H, W) arrays of bool
+        Pixels that are so in any frame.
+    light : (C,) array
+        Mean of all pixels of all angles, cycle by cycle, dark level off [grid.unit].
+    regions : mapping
+        Name to what its pixels say.
+    unmeasured : mapping
+        Name of each region that gives no numbers to why.
+    corrections : Corrections
+        What was done to frames after the dark level.
+    """
+
+    run: Run
+    grid: FrameGrid
+    plan: Design
+    extinction_ratio: float
+    dark_level: DarkLevel
+    channels: FloatArray
+    saturated: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
+    light: FloatArray
+    regions: dict[str, MeasuredRegion]
+    unmeasured: dict[str, str] = field(default_factory=dict)
+    corrections: Corrections = NOTHING
+
+    @cached_property
+    def images(self) -> PolarizationImages:
+        """Stokes parameters, DoLP and AoLP of every pixel; made when first asked for."""
+        return polarization_images(self.plan, self.channels, unusable=self.saturated | self.missing)
+
+    @property
+    def shifts(self) -> FrameShifts | None:
+        """Shifts by which frames were moved to lie on one another; None where they were not."""
+        return self.corrections.shifts
+
+    @property
+    def flat(self) -> FlatDivision | None:
+        """Flat fields that frames were divided by; None where they were not."""
+        return self.corrections.flat
+
+    @property
+    def noise_factor(self) -> FloatArray:
+        """Factor that the corrections put on the variance of noise, shape (N,)."""
+        return self.corrections.noise_factor(self.grid.angles)
+
+
+def measure(
+    run: Run,
+    *,
+    regions: list[Region],
+    noise: NoiseParameters | None = None,
+    registration: ImageRegistration | None = None,
+    flats: FlatFields | None = None,
+    polarizer: PolarizerParameters | None = None,
+    found: FoundCorrections | None = None,
+    may_measure_none: bool = False,
+) -> Measurement:
+    """Return the Stokes pictures of a run and the numbers of its regions.
+
+    Parameters
+    ----------
+    run : Run
+        With scene frames of at least three angles that differ modulo 180 deg.
+    regions : list of Region
+        May be empty.
+    noise : NoiseParameters or None
+        A noise calibration: its black level serves where the run says nothing of one.
+    registration : ImageRegistration or None
+        A registration: frames are moved back by it.
+    flats : FlatFields or None
+        Flat fields: frames are divided by them, before they are moved.
+    polarizer : PolarizerParameters or None
+        A polarizer calibration: frames are divided by the throughput of their angle.
+    found : FoundCorrections or None
+        What the run's own diagnosis has frames corrected by, beside the calibrations.
+    may_measure_none : bool
+        Not one region need give numbers: why stands in `unmeasured`.
+
+    Raises
+    ------
+    DataError
+        The frames cannot give Stokes parameters, with the reason; or not one region gives numbers, unless that may be.
+    ConfigError
+        A region does not fit the pictures.
+    """
+    grid = arrange(run)
+    extinction_ratio = _extinction_ratio(run)
+    plan = _plan(run, grid, extinction_ratio)
+    dark_level = _with_found(find_dark_level(run, grid, noise), grid, found)
+    outer = masks(regions, width=grid.width, height=grid.height)
+    inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
+    areas = [_Area(name=name, outer=outer[name], inside=mask) for name, mask in inside.items()]
+    frames = CorrectedFrames(run, grid, dark_level, _corrections(run, grid, registration, flats, polarizer, found))
+    measured, unmeasured = _measured_regions(areas, frames, _repeats(areas, frames, plan), plan, found)
+    if unmeasured and not measured and not may_measure_none:
+        raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
+    return Measurement(
+        run=run,
+        grid=grid,
+        plan=plan,
+        extinction_ratio=extinction_ratio,
+        dark_level=dark_level,
+        channels=frames.sums / grid.cycles,
+        saturated=frames.saturated,
+        missing=frames.missing,
+        light=frames.light,
+        regions=measured,
+        unmeasured=unmeasured,
+        corrections=frames.corrections,
+    )
+
+
+def _corrections(
+    run: Run,
+    grid: FrameGrid,
+    registration: ImageRegistration | None,
+    flats: FlatFields | None,
+    polarizer: PolarizerParameters | None,
+    found: FoundCorrections | None,
+) -> Corrections:
+    """Return what is done to frames by calibrations, and by what the run itself shows."""
+    throughput = None if polarizer is None else throughput_of(grid, polarizer)
+    shifts = None if found is None else found.shifts
+    if shifts is None and registration is not None:
+        shifts = frame_shifts(run, grid, registration)
+    return Corrections(
+        throughput=together(throughput, None if found is None else found.throughput),
+        flat=None if flats is None else flat_division(grid, flats),
+        shifts=shifts,
+        interpolated=variance_factor(run.session.interpolation),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Area:
+    """A region's pixels: all of it, and without its border."""
+
+    name: str
+    outer: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
+
+
+# Gives the usable pixels of an area over all cycles.
+_Repeats = Callable[[_Area], RepeatedPixels]
+
+
+def _repeats(areas: Sequence[_Area], frames: CorrectedFrames, plan: Design) -> _Repeats:
+    """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
+
+    Only when all frames were read is it known which pixels are usable in all of them.
+    """
+    inflation = mean_inflation(frames.interpolation)
+    held_bytes = sum(int(area.inside.sum()) for area in areas) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
+    if held_bytes <= MOST_HELD_BYTES:
+        pixels = frames.pixels({area.name: area.inside for area in areas})
+
+        def of_held(area: _Area) -> RepeatedPixels:
+            usable = ~(frames.saturated | frames.missing)[area.inside]
+            return repeated(pixels[area.name][:, :, usable], plan.inverse, noise_inflation=inflation)
+
+        return of_held
+    frames.pixels({})
+    usable = ~(frames.saturated | frames.missing)
+    running = {area.name: RunningPixels(plan.inverse, noise_inflation=inflation) for area in areas}
+    again = frames.anew()
+    for cycle in range(frames.grid.cycles):
+        of_cycle = again.cycle(cycle, {area.name: area.inside & usable for area in areas})
+        for name, found in of_cycle.items():
+            running[name].add(found)
+    return lambda area: running[area.name].result()
+
+
+def _measured_regions(
+    areas: Iterable[_Area], frames: CorrectedFrames, repeats: _Repeats, plan: Design, found: FoundCorrections | None
+) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
+    """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
+    usable = ~(frames.saturated | frames.missing)
+    channels = frames.sums / frames.grid.cycles
+    measured: dict[str, MeasuredRegion] = {}
+    unmeasured: dict[str, str] = {}
+    for area in areas:
+        excluded, edge = int(np.sum(area.inside & ~usable)), int(np.sum(area.outer & ~area.inside))
+        try:
+            require_pixels(area.name, int(np.sum(area.inside & usable)), excluded=excluded, edge=edge)
+            measured[area.name] = measure_region(
+                name=area.name,
+                pixels=repeats(area),
+                inside=area.inside & usable,
+                excluded=excluded,
+                edge=edge,
+                channel_names=frames.grid.channel_names,
+                plan=plan,
+                level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
+                relative_error=frames.corrections.relative_error(frames.grid.angles),
+                own_error=0.0 if found is None else found.level_error(channels, area.inside & usable),
+                interpolation=frames.interpolation,
+            )
+        except (DataError, ValueError, ArithmeticError) as error:
+            unmeasured[area.name] = str(error)
+    return measured, unmeasured
+
+
+def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | None) -> DarkLevel:
+    if found is None or found.dark is None:
+        return level
+    return replace(
+        level,
+        level_dn=level.level_dn + found.dark / grid.to_unit,
+        source=f"{level.source}; and what the run itself shows of single angles",
+    )
+
+
+def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
+    """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
+    frames = CorrectedFrames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
+    return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
+
+
+def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
+    distinct = np.unique(grid.target_angles_deg)
+    if len(distinct) < _LEAST_ANGLES:
+        raise DataError(
+            f"{run.path}: its frames stand at {len(distinct)} angles that differ modulo 180 deg "
+            f"({', '.join(f'{angle:g}' for angle in distinct)} deg); Stokes parameters need three"
+        )
+    try:
+        return design(grid.polarizer_angles_rad, extinction_ratio)
+    except ValueError as error:
+        raise DataError(f"{run.path}: its polarizer angles do not give Stokes parameters: {error}") from error
+
+
+def _extinction_ratio(run: Run) -> float:
+    """Return what the rig file of the session says; infinite where there is none, as for imported images."""
+    stated = run.session.polarizer.extinction_ratio
+    return np.inf if stated is None else stated
+
+
+def frame_order(measurement: Measurement) -> NDArray[np.intp]:
+    """Return the place of each angle's frame in the first cycle, from 0."""
+    sequence = [record.sequence for record in measurement.grid.records[0]]
+    return np.argsort(np.argsort(sequence))

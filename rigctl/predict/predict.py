@@ -1,0 +1,673 @@
+"""Prediction of a scene file without a run, and where the light of each region comes from.
+
+Performance of predictions: the distribution of each region's DoLP, and RX detection between regions.
+
+Propagation of the uncertainty of the inputs to predicted numbers.
+
+Standard uncertainties that the inputs of a scene file give the numbers predicted from it, without a run.
+
+Whole ROC curves of a pair of regions, on Stokes parameters and on the counts behind the polarizer.
+
+Axes of a sweep: the numbers of a scene that change, and their values, from requests of a user.
+"""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.prediction import PairDetection, RegionPrediction, predict, rocs_of_pair
+from model.processing.agreement import Propagation, propagate
+from model.quantities import difference
+from rigctl.errors import ConfigError, DataError, as_config_error
+from rigctl.files.choices import ROC_KINDS, RocKind
+from rigctl.scene.light import SceneLight, build_scenario, camera_view, lit_scene, readout_of, sensor_of
+from rigctl.scene.reading import acting_effects, forced_effects, scene_of_file
+from rigctl.scene.scene import (
+    Inputs,
+    cycle_of_file,
+    gather,
+    only_uncertain,
+    require_within,
+    rig_errors,
+    with_rig,
+    with_values,
+)
+
+if TYPE_CHECKING:
+    from model.accuracy.chain import Clock
+    from model.accuracy.predict import AccuratePrediction
+    from model.accuracy.series import SeriesPrediction
+    from model.effects.names import EffectPlan
+    from model.prediction import PolarizationStrength
+    from model.scene.field import FieldLight, Source
+    from model.scene.scene import LitScene
+    from rigctl.calibrations.noise import NoiseParameters
+    from rigctl.files.choices import EffectRule
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.scene.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneGeometry:
+    """Where sun and camera stand, and what the sun sends [deg, W m-2 in band]."""
+
+    sun_zenith_deg: float
+    sun_azimuth_deg: float
+    camera_zenith_deg: float
+    camera_azimuth_deg: float
+    phi_deg: float
+    direct_irradiance: float
+    sky_irradiance: float
+
+
+def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
+    """Return a scene as if its file said otherwise, and a remark that it does."""
+    found = with_values(scene, changed)
+    require_within(scene, changed, option="changed")
+    said = ", ".join(f"{key} = {value:g}" for key, value in changed.items())
+    return replace(found, remarks=(*scene.remarks, f"changed: {said}, not as the scene file has it"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScenePrediction:
+    """Predictions of a scene.
+
+    Attributes
+    ----------
+    predictions : mapping
+        Region to prediction.
+    lights : mapping
+        Region to its light, for the regions that are given by a material.
+    geometry : SceneGeometry or None
+        For a scene with such a region.
+    remarks : tuple of str
+        What is assumed, and what is least known.
+    """
+
+    predictions: dict[str, RegionPrediction]
+    lights: dict[str, "FieldLight"]
+    geometry: SceneGeometry | None
+    remarks: tuple[str, ...]
+
+
+class ScenePredictor:
+    """A scene, ready to be predicted with any of its numbers changed."""
+
+    def __init__(
+        self,
+        scene: "SceneFile",
+        noise: "NoiseParameters | None",
+        *,
+        light: SceneLight | None = None,
+        source: "Source" = "total",
+        scaled: Callable[[Inputs], Inputs] | None = None,
+        changes: Mapping[str, float] | None = None,
+    ) -> None:
+        """Take a scene file, a noise calibration, and what else changes its inputs, such as a radiometric calibration.
+
+        `changes` are numbers in the place of those of file and noise calibration, as if the file stated them.
+
+        Raises
+        ------
+        ConfigError
+            The file has no light of this source, or its scene cannot be put together.
+        """
+        if source != "total" and not scene.has_materials:
+            raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
+        stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_file(scene))
+        if changes:
+            stated = _with_changes(stated, changes)
+        self._light, self._source = SceneLight() if light is None else light, source
+        self._inputs = gather(stated) if scaled is None else scaled(gather(stated))
+        # The processing takes what is stated, whatever is true.
+        self._readout = readout_of(stated)
+
+    @property
+    def scene(self) -> "Scene":
+        """The scene as file and calibration have it."""
+        return self._inputs.scene
+
+    @property
+    def inputs(self) -> Inputs:
+        """Its numbers with their covariance."""
+        return self._inputs
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is assumed, what was set aside, and what is least known of the air."""
+        return (*self._inputs.remarks, *self._light.remarks(self.scene))
+
+    def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
+        """Return what the model says with some numbers changed, by their keys.
+
+        Raises
+        ------
+        ConfigError
+            There is no such number, or it is outside its range.
+        """
+        return self.predictions_of(with_values(self.scene, changed or {}))
+
+    def predictions_of(self, scene: "Scene") -> dict[str, RegionPrediction]:
+        """Return what the model says of this scene with some numbers changed.
+
+        Raises
+        ------
+        ConfigError
+            A number is outside its range.
+        """
+        with as_config_error(f"scene {scene.name}"):
+            scenario = build_scenario(
+                scene, readout=self._readout, exposure_s=scene.exposure_s, light=self._light, source=self._source
+            )
+            errors = rig_errors(scene)
+            if errors is None:
+                return predict(scenario)
+            from model.prediction import predict_with_errors
+
+            return predict_with_errors(scenario, errors)
+
+    def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
+        """Return all that the scene is, as one record of the model.
+
+        Parameters
+        ----------
+        scene : Scene or None
+            This scene with some numbers changed; None: as it is.
+
+        Raises
+        ------
+        ConfigError
+            A number is outside its range.
+        """
+        of = self.scene if scene is None else scene
+        with as_config_error(f"scene {of.name}"):
+            sensor = sensor_of(of, of.exposure_s)
+        return lit_scene(of, sensor=sensor, readout=self._readout, source=self._source)
+
+    def effect_plan(
+        self, tolerance: float, *, rule: "EffectRule" = "safe", of: "LitScene | None" = None
+    ) -> "EffectPlan":
+        """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
+
+        By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds. Of
+        the scene as it is, none is estimated in daylight.
+
+        Parameters
+        ----------
+        tolerance : float
+            Of a prediction.
+        rule : {"safe", "estimated", "all"}
+            By bounds, by estimates, or not at all.
+        of : LitScene or None
+            This scene with some numbers changed; None: as it is.
+
+        Raises
+        ------
+        ConfigError
+            The tolerance, or a number, is outside its range.
+        """
+        # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
+        from rigctl.scene.effects import plan_for_prediction
+
+        with as_config_error(f"scene {self.scene.name}"):
+            return plan_for_prediction(
+                self.lit_scene() if of is None else of,
+                tolerance=tolerance,
+                forced=forced_effects(self.scene),
+                rule=rule,
+                store=self._light.lights,
+                is_of_many=of is not None,
+            )
+
+    def to_tolerance(
+        self,
+        tolerance: float,
+        *,
+        effects: "EffectPlan | None" = None,
+        estimated_only: bool = False,
+        clock: "Clock" = time.perf_counter,
+    ) -> "AccuratePrediction":
+        """Return what the model says of the scene, to a stated numerical error.
+
+        Parameters
+        ----------
+        tolerance : float
+            Of effects that are left out and numerical settings together.
+        effects : EffectPlan or None
+            From `effect_plan`; settings have what that did not spend. None: all that the scene file does not leave out.
+        estimated_only : bool
+            Take errors that nothing promises as they are estimated.
+        clock : callable
+            Seconds, rising.
+
+        Raises
+        ------
+        ConfigError
+            The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded, which is
+            no part of such a prediction.
+        """
+        from model.accuracy import predict as predict_to_tolerance
+
+        _require_recorded_rig(self.scene)
+        active = acting_effects(self.scene) if effects is None else effects.active
+        spent = 0.0 if effects is None else effects.spent.largest
+        with as_config_error(f"scene {self.scene.name}"):
+            return predict_to_tolerance.predict(
+                self.lit_scene(),
+                tolerance=tolerance - spent,
+                effects=active,
+                estimated_only=estimated_only,
+                store=self._light.lights,
+                clock=clock,
+            )
+
+    def series_to_tolerance(
+        self,
+        scenes: Sequence["Scene"],
+        tolerance: float,
+        *,
+        shape: tuple[int, ...] | None = None,
+        rule: "EffectRule" = "safe",
+        estimated_only: bool = False,
+    ) -> "SeriesPrediction":
+        """Return what the model says of this scene with some numbers changed step by step, to a numerical error.
+
+        Parameters
+        ----------
+        scenes : sequence of Scene
+            In an order in which they change smoothly; of a grid the last axis fastest.
+        tolerance : float
+            Of effects that are left out and numerical settings together.
+        shape : tuple of int or None
+            Scenes along each axis of a grid; None for one axis.
+        rule : {"safe", "estimated", "all"}
+            What decides of effects of the light.
+        estimated_only : bool
+            Take errors that nothing promises as they are estimated.
+
+        Raises
+        ------
+        ConfigError
+            The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded.
+        """
+        from model.accuracy.series import SeriesEffects, predict_series
+
+        for scene in scenes:
+            _require_recorded_rig(scene)
+        with as_config_error(f"scene {self.scene.name}"):
+            return predict_series(
+                [self.lit_scene(scene) for scene in scenes],
+                tolerance=tolerance,
+                shape=shape,
+                effects=SeriesEffects(
+                    acting=acting_effects(self.scene),
+                    rule=rule,
+                    planned=lambda lit: self.effect_plan(tolerance, rule=rule, of=lit),
+                ),
+                estimated_only=estimated_only,
+                store=self._light.lights,
+            )
+
+    def predict(self) -> ScenePrediction:
+        """Return what the model says of the scene as it is."""
+        scene, predictions = self.scene, self.predictions()
+        materials = [region for region in scene.regions if region.material is not None]
+        return ScenePrediction(
+            predictions=predictions,
+            lights={region.name: self._light.region(scene, region) for region in materials},
+            geometry=self._geometry() if materials else None,
+            remarks=self.remarks,
+        )
+
+    def _geometry(self) -> SceneGeometry:
+        illumination, view = self._light.illumination(self.scene), camera_view(self.scene)
+        phi_deg = np.degrees(illumination.sun_azimuth_rad - view.azimuth_rad)
+        return SceneGeometry(
+            sun_zenith_deg=float(np.degrees(illumination.sun_zenith_rad)),
+            sun_azimuth_deg=float(np.degrees(illumination.sun_azimuth_rad)) % 360.0,
+            camera_zenith_deg=float(np.degrees(view.zenith_rad)),
+            camera_azimuth_deg=float(np.degrees(view.azimuth_rad)) % 360.0,
+            phi_deg=180.0 - float(180.0 - phi_deg) % 360.0,
+            direct_irradiance=illumination.lighting.direct_irradiance,
+            sky_irradiance=illumination.sky_irradiance,
+        )
+
+
+def _require_recorded_rig(scene: "Scene") -> None:
+    if rig_errors(scene) is not None:
+        raise ConfigError(
+            f"scene {scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
+            "polarizer_offset_deg = 0, exposure_ratio = 1 (uncertainties may stay)"
+        )
+
+
+# Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.
+FALSE_ALARM_RATES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+# Those for which a prediction states the probability of detection, and those of a sweep.
+STATED_RATES, SWEPT_RATES = FALSE_ALARM_RATES[1:4], FALSE_ALARM_RATES[1:]
+
+# Why NEDoLP is not known.
+NO_NOISE = "no noise calibration was given: temporal noise is not told from texture"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Performance:
+    """Polarization and detection by the model, of single pixels of one cycle.
+
+    Attributes
+    ----------
+    strengths : mapping
+        Region to the distribution of its DoLP in a few numbers; None where there is no light.
+    detections : tuple of PairDetection
+        Every ordered pair of regions, at `STATED_RATES`.
+    """
+
+    strengths: dict[str, "PolarizationStrength | None"]
+    detections: tuple["PairDetection", ...]
+
+
+def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
+    """Return the distribution of DoLP of every region, and the detection of each on every other."""
+    from model.prediction import pair_detections
+
+    return Performance(
+        strengths={name: _strength(prediction) for name, prediction in predictions.items()},
+        detections=pair_detections(predictions, STATED_RATES),
+    )
+
+
+def _strength(prediction: "RegionPrediction") -> "PolarizationStrength | None":
+    from model.prediction import LEAST_S0_DN, polarization_strength
+
+    if not prediction.stokes_dn.mean[0] > LEAST_S0_DN:
+        return None
+    try:
+        return polarization_strength(prediction)
+    except ArithmeticError:
+        # Quantiles of a law that no quadrature follows; the region's other numbers stand.
+        return None
+
+
+FloatArray = NDArray[np.float64]
+
+
+class NumberKey(NamedTuple):
+    """Which number of a prediction, or of a measurement."""
+
+    region: str
+    quantity: str
+    statistic: str
+
+
+def propagate_numbers(
+    numbers: Mapping[NumberKey, float],
+    inputs: "Inputs",
+    predicted: Callable[[FloatArray], Mapping[str, "RegionPrediction"]],
+) -> Propagation:
+    """Return what the uncertain inputs do to predicted numbers, in their order.
+
+    Parameters
+    ----------
+    numbers : mapping
+        With the inputs at their values.
+    inputs : Inputs
+        All of them.
+    predicted : callable
+        Values of all inputs to what the model says of each region.
+
+    Raises
+    ------
+    ConfigError
+        The model has no prediction on either side of an input.
+    DataError
+        Within the uncertainty of an input one of the numbers does not exist.
+    """
+    uncertain = np.flatnonzero(np.diag(inputs.cov) > 0.0)
+
+    def off(some: FloatArray) -> FloatArray:
+        values = inputs.values.copy()
+        values[uncertain] = some
+        try:
+            regions = predicted(values)
+        except ConfigError as error:
+            # For the propagation: here the inputs do not go together. It takes the other side, and names the input.
+            raise ValueError(str(error)) from error
+        return np.array([difference(key.quantity, _value(key, regions), number) for key, number in numbers.items()])
+
+    from rigctl.scene.scene import only_uncertain
+
+    found = only_uncertain(inputs)
+    try:
+        fitted = [k for k, name in enumerate(found.names) if name in found.fitted]
+        return propagate(off, found.values, found.cov, least=found.least, most=found.most, fitted=fitted)
+    except ValueError as error:
+        raise ConfigError(f"the uncertainties of the inputs ({', '.join(found.names)}): {error}") from error
+
+
+def curved_inputs(propagation: Propagation, uncertain: "Inputs") -> Iterable[str]:
+    """Return which inputs were taken by quadrature, and for which slopes had to do."""
+    if propagation.curved:
+        names = ", ".join(uncertain.names[k] for k in propagation.curved)
+        yield f"curved within its uncertainty, hence propagated by quadrature: {names}"
+    if propagation.limited:
+        names = ", ".join(uncertain.names[k] for k in propagation.limited)
+        yield f"so near to what is possible, for its uncertainty, that a slope had to do: {names}"
+
+
+def correlated_pairs(uncertain: "Inputs") -> list[tuple[str, str, float]]:
+    """Return the inputs whose errors go together, two and two with their correlation, the closest first."""
+    std = np.sqrt(np.diag(uncertain.cov))
+    correlation = uncertain.cov / np.outer(std, std)
+    pairs = [(i, k) for k in range(len(std)) for i in range(k) if correlation[i, k] != 0.0]
+    rows = [(uncertain.names[i], uncertain.names[k], float(correlation[i, k])) for i, k in pairs]
+    return sorted(rows, key=lambda row: -abs(row[2]))
+
+
+def _value(key: NumberKey, regions: Mapping[str, "RegionPrediction"]) -> float:
+    try:
+        return regions[key.region].quantities[key.quantity][key.statistic]
+    except KeyError as error:
+        raise DataError(
+            f"{key.region}: {key.quantity} {key.statistic} does not exist everywhere within the uncertainty of the "
+            "inputs; the light may be too weak there, or the uncertainty too large"
+        ) from error
+
+
+# A change of so little of a number, or of one, is that of rounding.
+_ROUNDING = 1e-12
+# Region, quantity and statistic to a number.
+Nested = dict[str, dict[str, dict[str, float]]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictedUncertainty:
+    """Standard uncertainties of predicted numbers.
+
+    Attributes
+    ----------
+    std_errors : mapping
+        Region, quantity and statistic to the standard uncertainty by all inputs.
+    inputs : tuple of str
+        Those that have an uncertainty.
+    effects : mapping
+        Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
+    remarks : tuple of str
+        What was curved, or stood at a limit.
+    correlations : tuple of (input, input, correlation)
+        Inputs whose errors go together, the closest first; the effects are of each alone.
+    """
+
+    std_errors: Nested
+    inputs: tuple[str, ...]
+    effects: dict[NumberKey, FloatArray]
+    remarks: tuple[str, ...]
+    correlations: tuple[tuple[str, str, float], ...] = ()
+
+    def ranked(self, region: str, quantity: str) -> list[tuple[str, float]]:
+        """Return inputs with what one standard uncertainty of each changes of a mean, the largest first."""
+        found = self.effects.get(NumberKey(region, quantity, "mean"), np.zeros(len(self.inputs)))
+        return [(self.inputs[k], float(found[k])) for k in np.argsort(-np.abs(found), kind="stable") if found[k] != 0.0]
+
+
+def predicted_uncertainty(
+    predictor: "ScenePredictor", predictions: Mapping[str, "RegionPrediction"]
+) -> PredictedUncertainty:
+    """Return what the uncertain inputs make of predictions.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene, with what is stated of its inputs.
+    predictions : mapping
+        Region to prediction, with the inputs at their values.
+
+    Raises
+    ------
+    ConfigError
+        The model has no prediction on either side of an input.
+    DataError
+        Within the uncertainty of an input a number does not exist.
+
+    References
+    ----------
+    `model.processing.agreement.propagate`.
+    """
+    numbers = {
+        NumberKey(region, quantity, statistic): value
+        for region, prediction in predictions.items()
+        for quantity, statistics in prediction.quantities.items()
+        for statistic, value in statistics.items()
+    }
+    inputs, uncertain = predictor.inputs, only_uncertain(predictor.inputs)
+    found = propagate_numbers(numbers, inputs, lambda values: predictor.predictions_of(inputs.at(values)))
+    errors = np.sqrt(np.maximum(np.diag(found.cov), 0.0)).tolist()
+    nested: Nested = {}
+    for key, error in zip(numbers, errors, strict=True):
+        nested.setdefault(key.region, {}).setdefault(key.quantity, {})[key.statistic] = error
+    return PredictedUncertainty(
+        std_errors=nested,
+        inputs=uncertain.names,
+        effects={
+            key: _without_rounding(effects, number)
+            for (key, number), effects in zip(numbers.items(), found.effects, strict=True)
+        },
+        remarks=tuple(curved_inputs(found, uncertain)),
+        correlations=tuple(correlated_pairs(uncertain)),
+    )
+
+
+def _without_rounding(effects: FloatArray, value: float) -> FloatArray:
+    return np.where(np.abs(effects) > _ROUNDING * max(abs(value), 1.0), effects, 0.0)
+
+
+# Six decades on a logarithmic axis, and the rest of the curve on an even one.
+ROC_RATES = np.concatenate([np.logspace(-6.0, -1.0, 51), np.linspace(0.1, 1.0, 19)[1:]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class RocPair:
+    """Region that is sought, and region on which."""
+
+    target: str
+    background: str
+
+
+def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
+    """Return the pair of a request ``TARGET,BACKGROUND``.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read, or there is no such region.
+    """
+    names = [name.strip() for name in request.split(",")]
+    if len(names) != 2 or names[0] == names[1] or not set(names) <= set(regions):
+        raise ConfigError(
+            f"--roc: is {request!r}, must be TARGET,BACKGROUND, two of the scene's regions: {', '.join(regions)}"
+        )
+    return RocPair(target=names[0], background=names[1])
+
+
+def roc_curves(found: Mapping[str, "RegionPrediction"], pair: RocPair) -> dict[RocKind, PairDetection]:
+    """Return the whole ROC of a pair for each kind of vector.
+
+    Parameters
+    ----------
+    found : mapping
+        Region to prediction.
+    pair : RocPair
+        Two of them.
+    """
+    return {kind: curves[0] for kind, curves in roc_curves_of_sweep((found,), pair).items()}
+
+
+def roc_curves_of_sweep(
+    found: Sequence[Mapping[str, "RegionPrediction"]], pair: RocPair
+) -> dict[RocKind, tuple[PairDetection, ...]]:
+    """Return the whole ROC of a pair at each point of a sweep, for each kind of vector.
+
+    Parameters
+    ----------
+    found : sequence of mapping
+        Region to prediction, of each point.
+    pair : RocPair
+        Two of them.
+    """
+    return {kind: rocs_of_pair(pair.target, pair.background, found, ROC_RATES, kind=kind) for kind in ROC_KINDS}
+
+
+MOST_STEPS = 10_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Axis:
+    """A number of the scene, and the values that it takes, in the unit of the file."""
+
+    key: str
+    values: FloatArray
+
+
+def parse_sweeps(requests: Sequence[str]) -> tuple[Axis, ...]:
+    """Return the axes of a grid.
+
+    Raises
+    ------
+    ConfigError
+        One cannot be read, two are of one number, or there are too many points.
+    """
+    axes = tuple(Axis(key=key, values=values) for key, values in map(parse_sweep, requests))
+    for key, times in Counter(axis.key for axis in axes).items():
+        if times > 1:
+            raise ConfigError(f"RANGES: {key} is given {times} times; a number has one range")
+    points = math.prod(axis.values.size for axis in axes)
+    if points > MOST_STEPS:
+        raise ConfigError(f"RANGES: the grid has {points} points, allowed is {MOST_STEPS}")
+    return axes
+
+
+def parse_sweep(request: str) -> tuple[str, FloatArray]:
+    """Return name and values of a request ``KEY=start:stop:n``.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read.
+    """
+    key, _, span = request.partition("=")
+    parts = span.split(":")
+    wanted = f"RANGES: is {request!r}, must be KEY=start:stop:n, for instance sun.zenith_deg=10:80:8"
+    try:
+        start, stop, steps = float(parts[0]), float(parts[1]), int(parts[2])
+    except (IndexError, ValueError) as error:
+        raise ConfigError(wanted) from error
+    if len(parts) != 3 or not key.strip() or not (math.isfinite(start) and math.isfinite(stop)):
+        raise ConfigError(wanted)
+    if not 1 <= steps <= MOST_STEPS:
+        raise ConfigError(f"RANGES: has {steps} steps, allowed is 1 to {MOST_STEPS}")
+    return key.strip(), np.linspace(start, stop, steps)

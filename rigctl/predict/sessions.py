@@ -1,0 +1,353 @@
+"""The light of a scene as sessions see it: what one cycle of frames shows of each region.
+
+Sessions of a scene, what each gives for its time, and the shortest that reaches what is wanted.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+
+from model.acquisition import (
+    PATTERNS,
+    SATURATED,
+    CycleLight,
+    Disturbances,
+    DolpBudget,
+    Obstacle,
+    Pattern,
+    Reached,
+    Scheme,
+    Session,
+    Wanted,
+    cycle_light,
+    dolp_budget,
+    fewest_cycles,
+    least_drifting_order,
+    shortest,
+)
+from model.moments import Moments
+from model.processing.reconstruction import equispaced_rad
+from model.sensor import Sensor
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.errors import ConfigError, as_config_error
+from rigctl.files.scene_file import SceneFile
+from rigctl.scene.light import SceneLight, build_scenario, readout_of
+from rigctl.scene.reading import scene_of_file
+
+# The brightest counts go up to this share of the largest that the sensor gives.
+_FILLING = 0.8
+
+
+class SceneSessions:
+    """Makes the schemes of a scene: what one cycle shows of its regions at given angles and exposure."""
+
+    def __init__(self, scene: SceneFile, noise: NoiseParameters | None, *, light: SceneLight | None = None) -> None:
+        self._scene = scene_of_file(scene, noise)
+        scenario = build_scenario(
+            self._scene,
+            readout=readout_of(self._scene),
+            exposure_s=self._scene.exposure_s,
+            light=SceneLight() if light is None and scene.has_materials else light,
+        )
+        self._sensor: Sensor = scenario.sensor
+        self._apertures: dict[str, Moments] = {region.name: region.aperture_moments() for region in scenario.regions}
+        self._lights: dict[tuple[tuple[float, ...], float], dict[str, CycleLight]] = {}
+
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """Names of the regions."""
+        return tuple(self._apertures)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Assumptions on scene and sensor."""
+        return self._scene.remarks
+
+    def scheme(self, session: Session) -> Scheme:
+        """Return what a cycle of a session shows of each region.
+
+        Raises
+        ------
+        ConfigError
+            Angles or exposure are outside their range.
+        """
+        key = (session.angles_rad, session.exposure_s)
+        if key not in self._lights:
+            with as_config_error(f"scene {self._scene.name}"):
+                self._lights[key] = self._seen(session)
+        return Scheme(session=session, lights=self._lights[key])
+
+    def filling_exposure_s(self, *, share: float = _FILLING) -> float:
+        """Return the exposure at which the brightest region's mean behind any angle is a share of full scale [s]."""
+        trial = Session(angles_rad=tuple(equispaced_rad(8)), exposure_s=self._sensor.exposure_s)
+        brightest_dn = max(float(light.channels_dn.max()) for light in self.scheme(trial).lights.values())
+        full_scale_dn = float(2**self._sensor.bit_depth - 1)
+        return share * full_scale_dn / brightest_dn * self._sensor.exposure_s
+
+    def _seen(self, session: Session) -> dict[str, CycleLight]:
+        sensor = replace(self._sensor, exposure_s=session.exposure_s)
+        ratio = self._scene.sensor.extinction_ratio.value
+        return {
+            name: cycle_light(aperture, sensor=sensor, angles_rad=session.angles_rad, extinction_ratio=ratio)
+            for name, aperture in self._apertures.items()
+        }
+
+
+# Turning the polarizer and storing the frame: what `rigctl plan` assumes [s].
+OVERHEAD_S = 0.42
+# Light that drifts by 1 % a minute, as under a clear sky in the morning.
+DRIFT_PER_S = 0.01 / 60.0
+NOTHING_WANTED = Wanted()
+MORNING = Disturbances(drift_per_s=DRIFT_PER_S)
+_SHORTER = (1.0, 0.5, 0.25, 0.125)
+# Waits for the polarizer to stand still, in units of its settling time.
+_SETTLE_TIMES = (0.0, 2.0, 4.0, 6.0, 8.0)
+_CURVE_CYCLES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TradeoffRequest:
+    """A question to the sessions of a scene.
+
+    Attributes
+    ----------
+    wanted : Wanted
+        What to reach; nothing by default.
+    region : str or None
+        Whose DoLP counts; None for every region.
+    pair : tuple of str or None
+        Target and background, whose detection is shown.
+    pixels : int
+        How many pixels are averaged before DoLP is taken.
+    disturbances : Disturbances
+        Drift and settling.
+    overhead_s : float
+        Turning and storing, each frame [s].
+    exposures_s : tuple of float or None
+        Which exposures to try [s]; None for that which fills the sensor, and shorter ones.
+    """
+
+    wanted: Wanted = NOTHING_WANTED
+    region: str | None = None
+    pair: tuple[str, str] | None = None
+    pixels: int = 1
+    disturbances: Disturbances = MORNING
+    overhead_s: float = OVERHEAD_S
+    exposures_s: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionPoint:
+    """A session and what it gives.
+
+    Attributes
+    ----------
+    session : Session
+        Which.
+    budgets : mapping
+        Region to errors of DoLP.
+    p_detection : float or None
+        Of the pair that was asked for.
+    """
+
+    session: Session
+    budgets: dict[str, DolpBudget]
+    p_detection: float | None
+
+    @property
+    def worst(self) -> DolpBudget:
+        """The errors of the region that has the largest."""
+        return max(self.budgets.values(), key=lambda budget: budget.total)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AcquisitionTradeoff:
+    """Sessions of a scene, what each gives, and the shortest.
+
+    Attributes
+    ----------
+    scene : str
+        Its name.
+    request : TradeoffRequest
+        What was asked.
+    regions : tuple of str
+        Whose DoLP counted.
+    points : tuple of CurvePoint
+        Every way to take frames, at its best exposure and settling, with more and more cycles.
+    reached : tuple of (Session, Reached)
+        For every way, what it starts from and what it comes to; empty where nothing is wanted.
+    best : Reached or None
+        The shortest of them.
+    remarks : tuple of str
+        What is assumed.
+    """
+
+    scene: str
+    request: TradeoffRequest
+    regions: tuple[str, ...]
+    points: tuple[SessionPoint, ...]
+    reached: tuple[tuple[Session, Reached], ...]
+    best: Reached | None
+    remarks: tuple[str, ...]
+
+
+def acquisition_tradeoff(
+    scene: SceneFile, noise: NoiseParameters | None, request: TradeoffRequest, *, light: SceneLight | None = None
+) -> AcquisitionTradeoff:
+    """Return what sessions of a scene give for their time, and the shortest that reaches what is wanted.
+
+    Parameters
+    ----------
+    scene : SceneFile
+        What is looked at; its noise is assumed where no calibration is given.
+    noise : NoiseParameters or None
+        A noise calibration.
+    request : TradeoffRequest
+        What is asked.
+    light : SceneLight or None
+        Computes the light of materials.
+
+    Raises
+    ------
+    ConfigError
+        A region or pair that the scene does not have, or a number outside its range.
+
+    Notes
+    -----
+    Tried are the angles of the file, and 3, 4, 5 and 6 equally spaced ones in the order that drift harms least; in
+    cycles, back and forth, and grouped; at exposures that fill the sensor and shorter ones; with waits for the
+    polarizer to settle where it needs any.
+    """
+    sessions = SceneSessions(scene, noise, light=light)
+    regions = _regions(sessions, request)
+    tried = tuple(_tried(scene, sessions, request))
+    reached = _reached(sessions, tried, request, regions)
+    best = shortest(one for _, one in reached)
+    chosen = [_best_way(sessions, way, request, regions) for way in _ways(tried)]
+    points = tuple(
+        _point(sessions, replace(session, cycles=cycles), request, regions)
+        for session in chosen
+        for cycles in _CURVE_CYCLES
+    )
+    return AcquisitionTradeoff(
+        scene=scene.name,
+        request=request,
+        regions=regions,
+        points=points,
+        reached=reached,
+        best=best,
+        remarks=sessions.remarks,
+    )
+
+
+def _regions(sessions: SceneSessions, request: TradeoffRequest) -> tuple[str, ...]:
+    named = (() if request.region is None else (request.region,)) + (request.pair or ())
+    unknown = [name for name in named if name not in sessions.regions]
+    if unknown:
+        raise ConfigError(f"no region {', '.join(unknown)}; the scene has {', '.join(sessions.regions)}")
+    if request.pair is not None and request.pair[0] == request.pair[1]:
+        raise ConfigError(f"target and background are both {request.pair[0]}; name two regions")
+    if request.wanted.p_detection is not None and request.pair is None:
+        raise ConfigError("a probability of detection is wanted: name target and background")
+    return sessions.regions if request.region is None else (request.region,)
+
+
+def _tried(scene: SceneFile, sessions: SceneSessions, request: TradeoffRequest) -> Iterator[Session]:
+    """Yield every way to take frames, with one cycle."""
+    for angles_rad in _angle_sets(scene):
+        for pattern in PATTERNS:
+            for exposure_s in _exposures_s(scene, sessions, request):
+                for settle_s in _settle_s(request.disturbances):
+                    yield Session(
+                        angles_rad=angles_rad,
+                        pattern=pattern,
+                        exposure_s=exposure_s,
+                        settle_s=settle_s,
+                        overhead_s=request.overhead_s,
+                    )
+
+
+def _angle_sets(scene: SceneFile) -> tuple[tuple[float, ...], ...]:
+    stated = tuple(float(angle) for angle in np.deg2rad(scene.acquisition.angles_deg))
+    ascending = tuple(float(angle) for angle in equispaced_rad(4))
+    ordered = [tuple(float(a) for a in least_drifting_order(equispaced_rad(count))) for count in (3, 4, 5, 6)]
+    kept: dict[tuple[float, ...], tuple[float, ...]] = {}
+    for angles in (stated, ascending, *ordered):
+        kept.setdefault(tuple(round(degrees(angle), 6) for angle in angles), angles)
+    return tuple(kept.values())
+
+
+def _exposures_s(scene: SceneFile, sessions: SceneSessions, request: TradeoffRequest) -> tuple[float, ...]:
+    if request.exposures_s is not None:
+        return request.exposures_s
+    filling_s = sessions.filling_exposure_s()
+    return tuple(sorted({filling_s * factor for factor in _SHORTER} | {scene.acquisition.exposure_ms / 1000.0}))
+
+
+def _settle_s(disturbances: Disturbances) -> tuple[float, ...]:
+    if disturbances.settling_time_s == 0.0:
+        return (0.0,)
+    return tuple(disturbances.settling_time_s * times for times in _SETTLE_TIMES)
+
+
+def _reached(
+    sessions: SceneSessions, tried: tuple[Session, ...], request: TradeoffRequest, regions: tuple[str, ...]
+) -> tuple[tuple[Session, Reached], ...]:
+    """Return for each angle set and pattern the shortest session, or why there is none."""
+    if request.wanted.dolp_total is None and request.wanted.p_detection is None:
+        return ()
+    found = []
+    for way in _ways(session for session in tried if session.pattern != "grouped"):
+        each = [
+            fewest_cycles(
+                sessions.scheme(session),
+                request.wanted,
+                disturbances=request.disturbances,
+                regions=regions,
+                pair=request.pair,
+                pixels=request.pixels,
+            )
+            for session in way
+        ]
+        # Where none reaches it, the last is that of the longest exposure: most likely what to look at.
+        unsaturated = [one for one in each if one.obstacle is not Obstacle.SATURATED] or each
+        found.append((way[0], shortest(each) or unsaturated[-1]))
+    return tuple(found)
+
+
+def _ways(tried: Iterable[Session]) -> list[list[Session]]:
+    """Return the sessions of each angle set and pattern together."""
+    ways: dict[tuple[tuple[float, ...], Pattern], list[Session]] = {}
+    for session in tried:
+        ways.setdefault((session.angles_rad, session.pattern), []).append(session)
+    return list(ways.values())
+
+
+def _best_way(
+    sessions: SceneSessions, way: list[Session], request: TradeoffRequest, regions: tuple[str, ...]
+) -> Session:
+    """Return the exposure and settling whose error, from one and two cycles, falls fastest in time."""
+    usable = [session for session in way if sessions.scheme(session).saturation_probability <= SATURATED]
+    if not usable:
+        raise ConfigError("every exposure that was tried saturates; give shorter ones")
+
+    def cost(session: Session) -> float:
+        worst = _point(sessions, replace(session, cycles=2), request, regions).worst
+        return float(worst.total**2 * session.frame_s) if np.isfinite(worst.total) else np.inf
+
+    return min(usable, key=cost)
+
+
+def _point(
+    sessions: SceneSessions, session: Session, request: TradeoffRequest, regions: tuple[str, ...]
+) -> SessionPoint:
+    scheme = sessions.scheme(session)
+    budgets = {
+        name: dolp_budget(scheme.lights[name], session, request.disturbances, pixels=request.pixels) for name in regions
+    }
+    detected = None
+    if request.pair is not None:
+        detected = scheme.detection(request.pair, cycles=session.cycles, p_false_alarm=request.wanted.p_false_alarm)
+    return SessionPoint(session=session, budgets=budgets, p_detection=detected)

@@ -1,0 +1,247 @@
+"""Numbers of a scene through ranges, one or a grid of several: what the model says at each point."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.series import SeriesPrediction
+from model.prediction import PairDetection, Quantities, RegionPrediction, detections_of_sweep, reason_missing
+from rigctl.errors import ConfigError
+from rigctl.files.choices import EffectRule, RocKind
+from rigctl.predict.predict import SWEPT_RATES, Axis, RocPair, ScenePredictor, roc_curves_of_sweep
+from rigctl.scene.scene import Scene, require_within, with_values
+
+FloatArray = NDArray[np.float64]
+
+# What light and air hang on: these change least often, so that no sky is made twice.
+SKY_KEYS = ("sun.", "atmosphere.", "sensor.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointWarning:
+    """Something to be said of one point: its place along each axis, and the words."""
+
+    index: tuple[int, ...]
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissingNumber:
+    """A number that does not exist at a point: its place along each axis, its name, and why."""
+
+    index: tuple[int, ...]
+    number: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sweep:
+    """Predictions at each point of a grid; the last axis varies fastest.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        One or more.
+    quantities : tuple of dict
+        For each point, region to quantities.
+    detections : tuple of tuple of PairDetection
+        For each point, every ordered pair of regions at `SWEPT_RATES`.
+    rocs : mapping
+        Kind to a curve for each point; empty where none was asked for.
+    warnings : tuple of PointWarning
+        Of the predictions and of detection.
+    missing : tuple of MissingNumber
+        What does not exist.
+    """
+
+    axes: tuple[Axis, ...]
+    quantities: tuple[dict[str, Quantities], ...]
+    detections: tuple[tuple[PairDetection, ...], ...]
+    rocs: dict[RocKind, tuple[PairDetection, ...]]
+    warnings: tuple[PointWarning, ...]
+    missing: tuple[MissingNumber, ...]
+
+    @property
+    def key(self) -> str:
+        """The numbers that change, in words."""
+        return ", ".join(axis.key for axis in self.axes)
+
+    @property
+    def values(self) -> FloatArray:
+        """Values along the first axis."""
+        return self.axes[0].values
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points along each axis."""
+        return tuple(axis.values.size for axis in self.axes)
+
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """The regions, in the order of the scene file."""
+        return tuple(self.quantities[0])
+
+    def series(self, region: str, quantity: str, statistic: str) -> FloatArray:
+        """Return one number of a region at each point, in the shape of the grid; not a number where there is none."""
+        found = [step[region].get(quantity, {}).get(statistic, math.nan) for step in self.quantities]
+        return np.array(found, dtype=np.float64).reshape(self.shape)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Target and background of each pair."""
+        return tuple((found.target, found.background) for found in self.detections[0])
+
+    def detection(self, pair: tuple[str, str], p_false_alarm: float) -> FloatArray:
+        """Return the probability of detection of a pair at each point, at one of `SWEPT_RATES`."""
+        place, rate = self.pairs.index(pair), SWEPT_RATES.index(p_false_alarm)
+        found = [step[place].p_detection[rate] for step in self.detections]
+        return np.array(found, dtype=np.float64).reshape(self.shape)
+
+
+def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPair | None = None) -> Sweep:
+    """Return what the model says at each point of a grid.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene.
+    axes : tuple of Axis
+        One or more.
+    roc : RocPair or None
+        Of which the whole ROC is found at each point.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number, or a value is outside its range.
+    """
+    scenes = swept_scenes(predictor.scene, axes)
+    slow = [k for k, axis in enumerate(axes) if axis.key.startswith(SKY_KEYS)]
+    found: dict[tuple[int, ...], dict[str, RegionPrediction]] = {}
+    for index in sorted(scenes, key=lambda index: tuple(index[k] for k in slow)):
+        found[index] = predictor.predictions_of(scenes[index])
+        # The model names what it cannot compute better than a range can; what it could is held to the range as well.
+        require_within(predictor.scene, _at(axes, index), option="RANGES")
+    return sweep_of(axes, [found[index] for index in scenes], roc=roc)
+
+
+def swept_scenes(scene: Scene, axes: tuple[Axis, ...]) -> dict[tuple[int, ...], Scene]:
+    """Return the scene at each point of a grid, by its place along each axis, the last axis fastest.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number.
+    """
+    shape = tuple(axis.values.size for axis in axes)
+    return {index: _changed(scene, _at(axes, index)) for index in np.ndindex(shape)}
+
+
+def sweep_of(
+    axes: tuple[Axis, ...], predictions: Sequence[Mapping[str, RegionPrediction]], *, roc: RocPair | None = None
+) -> Sweep:
+    """Return a sweep from the predictions of its points.
+
+    Parameters
+    ----------
+    axes : tuple of Axis
+        One or more.
+    predictions : sequence of mapping
+        Region to prediction for each point, the last axis fastest.
+    roc : RocPair or None
+        Of which the whole ROC is found at each point.
+    """
+    detections = detections_of_sweep(predictions, SWEPT_RATES)
+    curves = {} if roc is None else roc_curves_of_sweep(predictions, roc)
+    indices = list(np.ndindex(tuple(axis.values.size for axis in axes)))
+    rocs = list(zip(*curves.values(), strict=True)) if curves else [() for _ in indices]
+    points = list(zip(indices, predictions, detections, rocs, strict=True))
+    return Sweep(
+        axes=axes,
+        quantities=tuple({name: region.quantities for name, region in one.items()} for one in predictions),
+        detections=detections,
+        rocs=curves,
+        warnings=tuple(
+            PointWarning(index=index, message=message)
+            for index, found, pairs, roc_pairs in points
+            for message in _warnings(found, pairs, roc_pairs)
+        ),
+        missing=tuple(
+            MissingNumber(index=index, number=number, reason=reason)
+            for index, found, pairs, _ in points
+            for number, reason in _missing(found, pairs)
+        ),
+    )
+
+
+def _at(axes: tuple[Axis, ...], index: tuple[int, ...]) -> dict[str, float]:
+    return {axis.key: float(axis.values[k]) for axis, k in zip(axes, index, strict=True)}
+
+
+def _changed(scene: Scene, numbers: dict[str, float]) -> Scene:
+    try:
+        return with_values(scene, numbers)
+    except ConfigError as error:
+        raise ConfigError(f"RANGES: {error}") from error
+
+
+def _warnings(
+    found: Mapping[str, RegionPrediction], detections: Iterable[PairDetection], rocs: Iterable[PairDetection]
+) -> Iterable[str]:
+    for name, region in found.items():
+        yield from (f"{name}: {warning}" for warning in region.warnings)
+    # The same pair may be among both.
+    pairs = (f"{pair.target} on {pair.background}: {text}" for pair in (*detections, *rocs) for text in pair.warnings)
+    yield from dict.fromkeys(pairs)
+
+
+def _missing(found: Mapping[str, RegionPrediction], detections: Iterable[PairDetection]) -> Iterable[tuple[str, str]]:
+    for name, region in found.items():
+        yield from ((f"{name}.{quantity}", reason) for quantity, reason in reason_missing(region).items())
+    for pair in detections:
+        if math.isnan(pair.auc):
+            yield f"{pair.target}_on_{pair.background}.p_detection", "; ".join(pair.warnings)
+
+
+def sweep_to_tolerance(
+    predictor: ScenePredictor,
+    axes: tuple[Axis, ...],
+    tolerance: float,
+    *,
+    roc: RocPair | None = None,
+    rule: EffectRule = "safe",
+    estimated_only: bool = False,
+) -> tuple[Sweep, SeriesPrediction]:
+    """Return what the model says at each point of a grid to a numerical error, and how that was kept.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene.
+    axes : tuple of Axis
+        One or more; the values of each in an order in which they change smoothly.
+    tolerance : float
+        Largest error of any number, 1e-6 to 0.1.
+    roc : RocPair or None
+        Of which the whole ROC is found at each point.
+    rule : {"safe", "estimated", "all"}
+        What decides of effects of the light.
+    estimated_only : bool
+        Take errors that nothing promises as they are estimated.
+
+    Raises
+    ------
+    ConfigError
+        There is no such number, or a value is outside its range.
+    """
+    scenes = swept_scenes(predictor.scene, axes)
+    shape = tuple(axis.values.size for axis in axes)
+    series = predictor.series_to_tolerance(
+        list(scenes.values()), tolerance, shape=shape, rule=rule, estimated_only=estimated_only
+    )
+    for index in scenes:
+        require_within(predictor.scene, _at(axes, index), option="RANGES")
+    return sweep_of(axes, [case.result.predictions for case in series.cases], roc=roc), series

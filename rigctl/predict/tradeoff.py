@@ -1,0 +1,528 @@
+"""Numerical choices of the paper, and of a user, as points of error against time beside ours.
+
+Error against time for a scene: of the whole chain, of each numerical setting, and the floor of uncertain inputs.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.chain import (
+    DETECTION,
+    ChainResult,
+    LightStore,
+    Reading,
+    Readings,
+    Settings,
+    Value,
+    differences,
+    evaluate,
+    readings,
+)
+from model.accuracy.effect_estimates import kind_of, readings_of
+from model.accuracy.errors import error_budget, light_errors
+from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
+from model.accuracy.predict import ESTIMATES, AccuratePrediction, predict
+from model.atmosphere.sky import Fidelity
+from model.prediction import predict_with_errors
+from model.processing.dolp_studies import rx_draws
+from model.scene.field import TileRule
+from model.scene.scene import LitScene
+from rigctl.errors import ConfigError
+from rigctl.predict.predict import ScenePredictor
+from rigctl.scene.scene import Scene, rig_errors, with_value
+
+Clock = Callable[[], float]
+Truth = Mapping[Reading, Value]
+
+# [MK14] names these, or its text implies them.
+_TILES = {9: 3, 25: 5, 100: 10}
+_DRAWS = (1_000, 10_000, 100_000, 1_000_000)
+_SEED = 2014
+_LEAST_EXCEEDING = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedChoice:
+    """One choice of settings beside ours.
+
+    Attributes
+    ----------
+    name
+        In words.
+    seconds
+        Of the whole chain with it, nothing being kept from before [s].
+    error, reading
+        Largest true error of any number, and whose; 0 and None where no number differs.
+    by_user
+        Whether the user added it.
+    """
+
+    name: str
+    seconds: float
+    error: float
+    reading: Reading | None
+    by_user: bool = False
+
+
+def named_choices(
+    scene: LitScene, fine: Settings, truth: Truth, also: Sequence[str] = (), *, clock: Clock = time.perf_counter
+) -> Iterator[NamedChoice]:
+    """Yield the paper's choices and the user's, each in the place of one of some fine settings.
+
+    Parameters
+    ----------
+    scene : LitScene
+        To be predicted.
+    fine : Settings
+        Of all that a choice leaves open.
+    truth : mapping
+        Readings by the finest settings.
+    also : sequence of str
+        Choices of the user, such as "tiles_per_side=3,rule=midpoint".
+    clock
+        Seconds, rising.
+
+    Raises
+    ------
+    ConfigError
+        A choice cannot be read.
+
+    References
+    ----------
+    [MK14] eq. (3), (8), (24), (25), section V.
+    """
+    own = [(text, settings_by(text, fine)) for text in also]
+    for count, per_side in _TILES.items():
+        tiled = replace(fine, tiles_per_side=per_side, tile_rule="midpoint", negligible_spread=0.0)
+        yield _evaluated(f"K = {count} midpoint tiles", scene, tiled, truth, clock)
+    yield _evaluated("sky kept every 10 deg", scene, replace(fine, sky_zeniths=9, sky_azimuths=36), truth, clock)
+    yield _evaluated(
+        "one effective wavelength", scene, replace(fine, wavelengths=1, split_at_kinks=False), truth, clock
+    )
+    yield from _single_scattering(scene, fine, truth, clock)
+    result = evaluate(scene, fine, clock=clock)
+    yield _first_order(result, truth)
+    for draws in _DRAWS:
+        yield from _drawn(result, truth, draws, clock)
+    for text, settings in own:
+        yield replace(_evaluated(text, scene, settings, truth, clock), by_user=True)
+
+
+def settings_by(text: str, settings: Settings) -> Settings:
+    """Return settings with some replaced, as "tiles_per_side=3,rule=midpoint" states them.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read, there is no such setting, or a value is out of range.
+    """
+    for part in text.split(","):
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in _READ or not value:
+            raise ConfigError(f"--also: is {text!r}, must be KEY=VALUE,... with keys {', '.join(_READ)}")
+        try:
+            settings = _READ[key](settings, value)
+        except ValueError as error:
+            raise ConfigError(f"--also: {key} = {value!r}: {error}") from error
+    return settings
+
+
+def _whole(least: int, most: int, put: Callable[[Settings, int], Settings]) -> Callable[[Settings, str], Settings]:
+    def read(settings: Settings, text: str) -> Settings:
+        if not text.removeprefix("-").isdecimal():
+            raise ValueError(f"must be a whole number, {least} to {most}")
+        number = int(text)
+        if not least <= number <= most:
+            raise ValueError(f"allowed is {least} to {most}")
+        return put(settings, number)
+
+    return read
+
+
+def _part(least: float, most: float, put: Callable[[Settings, float], Settings]) -> Callable[[Settings, str], Settings]:
+    def read(settings: Settings, text: str) -> Settings:
+        try:
+            number = float(text)
+        except ValueError as error:
+            raise ValueError(f"must be a number, {least:g} to {most:g}") from error
+        if not least <= number <= most:
+            raise ValueError(f"allowed is {least:g} to {most:g}")
+        return put(settings, number)
+
+    return read
+
+
+def _rule(settings: Settings, text: str) -> Settings:
+    for rule in get_args(TileRule):
+        if text == rule:
+            return replace(settings, tile_rule=rule)
+    raise ValueError(f"allowed are {', '.join(get_args(TileRule))}")
+
+
+_READ: Mapping[str, Callable[[Settings, str], Settings]] = {
+    "tiles_per_side": _whole(1, 50, lambda one, n: replace(one, tiles_per_side=n, negligible_spread=0.0)),
+    "rule": _rule,
+    "wavelengths": _whole(1, 20, lambda one, n: replace(one, wavelengths=n)),
+    "streams": _whole(4, 64, lambda one, n: replace(one, solver=replace(one.solver, nodes=n))),
+    "sky_zeniths": _whole(4, 200, lambda one, n: replace(one, sky_zeniths=n)),
+    "sky_azimuths": _whole(4, 200, lambda one, n: replace(one, sky_azimuths=n)),
+    "hemisphere_tolerance": _part(1e-8, 0.1, lambda one, x: replace(one, hemisphere_tolerance=x)),
+    "dolp_tolerance": _part(1e-13, 0.1, lambda one, x: replace(one, dolp_tolerance=x)),
+    "roc_tolerance": _part(1e-12, 0.01, lambda one, x: replace(one, roc_tolerance=x)),
+}
+
+
+def _evaluated(name: str, scene: LitScene, settings: Settings, truth: Truth, clock: Clock) -> NamedChoice:
+    result = evaluate(scene, settings, clock=clock)
+    own = readings(result.scenario, result.predictions, result.detections)
+    return _choice(name, sum(result.stage_s.values()), differences(own, truth))
+
+
+def _choice(name: str, seconds: float, errors: Mapping[Reading, float]) -> NamedChoice:
+    finite = {key: error for key, error in errors.items() if np.isfinite(error)}
+    worst = max(finite, key=lambda key: finite[key], default=None)
+    error = 0.0 if worst is None else finite[worst]
+    return NamedChoice(name=name, seconds=seconds, error=error, reading=worst if error > 0.0 else None)
+
+
+def _single_scattering(scene: LitScene, fine: Settings, truth: Truth, clock: Clock) -> Iterator[NamedChoice]:
+    if scene.air is not None and scene.air.is_solved and scene.air.alternative is None:
+        alone = replace(scene, air=replace(scene.air, fidelity=Fidelity.SINGLE))
+        yield _evaluated("single scattering", alone, fine, truth, clock)
+
+
+def _first_order(result: ChainResult, truth: Truth) -> NamedChoice:
+    """Mean and deviation of DoLP by [MK14] eq. (24), (25), which a prediction has beside the exact ones."""
+    errors = {}
+    for region, prediction in result.predictions.items():
+        for statistic in ("mean", "std"):
+            key = Reading(region, "dolp_pixels", statistic)
+            first = prediction.quantities.get("dolp", {}).get(statistic)
+            if first is not None and key in truth:
+                errors[key] = abs(first - truth[key].number) / (truth[key].scale or 1.0)
+    return _choice("first-order DoLP", sum(result.stage_s.values()), errors)
+
+
+def _drawn(result: ChainResult, truth: Truth, draws: int, clock: Clock) -> Iterator[NamedChoice]:
+    """ROC by random vectors in the place of its integral."""
+    generator, errors, start = np.random.default_rng(_SEED), {}, clock()
+    for pair in result.detections:
+        target, background = (result.predictions[name].stokes_dn for name in (pair.target, pair.background))
+        # A threshold that fewer draws than this exceed cannot be drawn at all.
+        rates = [rate for rate in pair.p_false_alarm if rate * draws >= _LEAST_EXCEEDING]
+        try:
+            drawn = rx_draws(
+                rates,
+                target.mean,
+                target.cov,
+                background.mean,
+                background.cov,
+                draws=draws,
+                generator=generator,
+                draw_threshold=True,
+            )
+        except ValueError:
+            continue
+        for rate, found in zip(rates, np.atleast_1d(drawn.p_detection), strict=True):
+            key = Reading(f"{pair.target} on {pair.background}", "p_detection", f"{rate:g}")
+            if key in truth:
+                errors[key] = abs(float(found) - truth[key].number)
+    if errors:
+        chain = sum(seconds for stage, seconds in result.stage_s.items() if stage != DETECTION)
+        yield _choice(f"ROC of {draws:.0e} draws".replace("e+0", "e"), chain + clock() - start, errors)
+
+
+FloatArray = NDArray[np.float64]
+
+# The reference is of a tenth of the smallest tolerance shown.
+_FINER = 0.1
+# Levels of a setting that are shown below that of the plan.
+_BELOW = 2
+WHOLE_CHAIN = "whole chain"
+# Kinds of numbers, by what a tolerance means for them.
+KINDS = {
+    "radiance": "radiance and counts",
+    "ratios": "DoLP, s1, s2",
+    "deviations": "deviations and SNR",
+    "detection": "probability of detection",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """One evaluation.
+
+    Attributes
+    ----------
+    varied
+        Which numerical setting was varied; `WHOLE_CHAIN` for a prediction to a tolerance.
+    level
+        To what.
+    seconds
+        That it took, without anything kept from another.
+    true, estimated
+        Largest error of any reading that is guaranteed: true and as estimated. Of one setting its own, against finer
+        levels of it alone.
+    whole
+        Largest true error of all settings together, against finer settings of all.
+    """
+
+    varied: str
+    level: str
+    seconds: float
+    true: float
+    estimated: float
+    whole: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DigitPoint:
+    """What one kind of number costs: its largest true error, and the time that it took with all others [s]."""
+
+    quantity: str
+    error: float
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curves:
+    """Curves of error against time for a scene.
+
+    Attributes
+    ----------
+    points
+        Of the whole chain and of each setting.
+    stages
+        For each tolerance its prediction.
+    floor
+        Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
+    reference_s
+        Time of the finest settings [s].
+    named
+        The paper's choices and the user's.
+    digits
+        True errors of each kind of number at each tolerance.
+    """
+
+    points: tuple[CurvePoint, ...]
+    predictions: tuple[AccuratePrediction, ...]
+    floor: dict[Reading, float]
+    reference_s: float
+    named: tuple[NamedChoice, ...] = ()
+    digits: tuple[DigitPoint, ...] = ()
+
+    @property
+    def front(self) -> tuple[CurvePoint, ...]:
+        """Points than which none is both faster and better, from fast to good."""
+        found: list[CurvePoint] = []
+        for point in sorted(self.points, key=lambda one: (one.seconds, one.whole)):
+            if not found or point.whole < found[-1].whole:
+                found.append(point)
+        return tuple(found)
+
+
+def accuracy_curves(
+    predictor: ScenePredictor,
+    tolerances: Sequence[float],
+    *,
+    also: Sequence[str] = (),
+    clock: Clock = time.process_time,
+) -> Iterator[str | Curves]:
+    """Yield what is being done, in words, and last the curves.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        The scene.
+    tolerances : sequence of float
+        To be shown, 1e-5 to 0.1.
+    also : sequence of str
+        Choices of the user, such as "tiles_per_side=3,rule=midpoint".
+    clock
+        Seconds, rising.
+    """
+    scene = predictor.lit_scene()
+    coarsest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), max(tolerances))
+    for text in also:
+        settings_by(text, coarsest)
+    yield "floor of the inputs"
+    floor = input_floor(predictor)
+    predictions = []
+    for tolerance in sorted(tolerances, reverse=True):
+        yield f"tolerance {tolerance:g}"
+        predictions.append(_fastest(scene, tolerance, clock))
+    yield "finest settings"
+    finest = _finer_settings(scene, predictions[-1], _FINER * min(tolerances))
+    reference = evaluate(scene, finest, clock=clock)
+    truth = readings_of(reference)
+    points = [_of_chain(found, truth) for found in predictions]
+    middle = predictions[(len(predictions) - 1) // 2]
+    for name in NUMERICAL_SETTINGS:
+        yield name
+        points += _of_setting(scene, name, middle, truth, clock)
+    yield "the paper's choices"
+    fine = _finer_settings(scene, middle, middle.tolerance)
+    named = tuple(named_choices(scene, fine, truth, also, clock=clock))
+    yield Curves(
+        points=tuple(points),
+        predictions=tuple(predictions),
+        floor=floor,
+        reference_s=sum(reference.stage_s.values()),
+        named=named,
+        digits=tuple(one for found in predictions for one in _digits(found, truth)),
+    )
+
+
+def faster_and_better(choice: NamedChoice, curves: Curves) -> bool:
+    """Return whether a fixed choice is faster than a tolerance, and its error no larger than the true one of that."""
+    chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
+    return choice.error > 0.0 and any(choice.seconds <= point.seconds and choice.error <= point.true for point in chain)
+
+
+def estimates_share(found: AccuratePrediction) -> float:
+    """Return the share of a prediction's time that its error estimates take."""
+    total = sum(found.stage_s.values())
+    return found.stage_s[ESTIMATES] / total if total > 0.0 else 0.0
+
+
+def _fastest(scene: LitScene, tolerance: float, clock: Clock) -> AccuratePrediction:
+    """Return the faster of two predictions: a time is what it takes, not what else the machine does."""
+    found = [predict(scene, tolerance=tolerance, clock=clock) for _ in range(2)]
+    return min(found, key=lambda one: sum(one.stage_s.values()))
+
+
+def steps(tolerances: Sequence[float]) -> int:
+    """Return how many steps `accuracy_curves` takes."""
+    return len(tolerances) + len(NUMERICAL_SETTINGS) + 3
+
+
+def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
+    """Return the deviation that the uncertain inputs give each reading, in the units of a tolerance.
+
+    Parameters
+    ----------
+    predictor : ScenePredictor
+        Its inputs have a covariance.
+
+    References
+    ----------
+    Definition: central differences of one standard deviation, and the covariance of the inputs.
+    """
+    inputs, store = predictor.inputs, LightStore()
+    deviations = np.sqrt(np.diag(inputs.cov))
+    used = np.flatnonzero(deviations > 0.0)
+    coarse = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), 1e-2)
+
+    def at(scene: Scene) -> Readings:
+        result, errors = evaluate(predictor.lit_scene(scene), coarse, store=store), rig_errors(scene)
+        if errors is None:
+            return readings_of(result)
+        # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
+        return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
+
+    def tried(name: str, value: float) -> Readings | None:
+        try:
+            return at(with_value(predictor.scene, name, value))
+        except (ConfigError, ValueError):
+            return None
+
+    base = at(predictor.scene)
+    slopes = np.zeros((len(base), inputs.values.size))
+    for place in used.tolist():
+        name, value, step = inputs.names[place], float(inputs.values[place]), float(deviations[place])
+        low = max(value - step, float(inputs.least[place]))
+        sides = [(moved, found) for moved in (value + step, low) if (found := tried(name, moved)) is not None]
+        # Where one side is not possible, such as an albedo above 1, the other tells alone.
+        (high, above), (low, below) = (*sides, (value, base))[:2]
+        slopes[:, place] = [_slope(base[key], above.get(key), below.get(key), high - low) for key in base]
+    variances = np.einsum("qi,ij,qj->q", slopes, inputs.cov, slopes)
+    return dict(zip(base, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True))
+
+
+def _slope(value: Value, above: Value | None, below: Value | None, step: float) -> float:
+    if above is None or below is None or value.scale == 0.0 or step == 0.0:
+        return 0.0
+    return (above.number - below.number) / (step * value.scale)
+
+
+def _of_chain(found: AccuratePrediction, truth: Readings) -> CurvePoint:
+    true = differences(readings_of(found.result), truth)
+    guaranteed = [key for key in true if key not in found.not_guaranteed]
+    largest = max((true[key] for key in guaranteed), default=np.nan)
+    return CurvePoint(
+        varied=WHOLE_CHAIN,
+        level=f"tolerance {found.tolerance:g}",
+        seconds=sum(found.stage_s.values()),
+        true=largest,
+        whole=largest,
+        estimated=max((found.budget.total[key] for key in guaranteed), default=np.nan),
+    )
+
+
+def _digits(found: AccuratePrediction, truth: Readings) -> Iterator[DigitPoint]:
+    """Yield the largest true error of each kind of number that is guaranteed."""
+    seconds, worst = sum(found.stage_s.values()), dict.fromkeys(KINDS, 0.0)
+    for key, error in differences(readings_of(found.result), truth).items():
+        if key not in found.not_guaranteed and np.isfinite(error):
+            kind = kind_of(key)
+            worst[kind] = max(worst[kind], error)
+    for kind, error in worst.items():
+        yield DigitPoint(quantity=KINDS[kind], error=error, seconds=seconds)
+
+
+def _of_setting(
+    scene: LitScene, varied: str, middle: AccuratePrediction, whole: Readings, clock: Clock
+) -> list[CurvePoint]:
+    """One setting over its levels about that of a plan; the finest is the truth.
+
+    The others are finer than the plan has them, so that what they leave does not show in the curve.
+    """
+    top = min(middle.plan[varied] + 2, len(NUMERICAL_SETTINGS[varied].levels) - 1)
+    levels = range(max(middle.plan[varied] - _BELOW, 0), top + 1)
+    others = _finer(middle.plan)
+    found = [_at_level(scene, {**others, varied: level}, middle.tolerance, clock) for level in levels]
+    truth = readings_of(found[-1][0])
+    points = []
+    for level, (result, errors) in zip(levels, found[:-1], strict=False):
+        own = readings_of(result)
+        points.append(
+            CurvePoint(
+                varied=varied,
+                level=NUMERICAL_SETTINGS[varied].levels[level].label,
+                seconds=sum(result.stage_s.values()),
+                true=_largest(own, truth),
+                whole=_largest(own, whole),
+                estimated=max(errors[varied].values(), default=0.0),
+            )
+        )
+    return points
+
+
+def _largest(own: Readings, truth: Readings) -> float:
+    """Largest difference of the readings that both have."""
+    return max((error for error in differences(own, truth).values() if np.isfinite(error)), default=0.0)
+
+
+def _at_level(
+    scene: LitScene, plan: Plan, tolerance: float, clock: Clock
+) -> tuple[ChainResult, dict[str, dict[Reading, float]]]:
+    store = LightStore()
+    result = evaluate(scene, settings_at(plan, tolerance, face_m=scene.sensor_height_m), store=store, clock=clock)
+    lights = light_errors(scene, plan, result, store, tolerance=tolerance)
+    budget = error_budget(scene, result, lights, tolerance=tolerance)
+    return result, {name: dict(errors) for name, errors in budget.by_setting.items()}
+
+
+def _finer(plan: Plan) -> dict[str, int]:
+    """Return a plan one level finer in each setting, the wavelengths two: about a tenth of the errors that count."""
+    more = dict.fromkeys(NUMERICAL_SETTINGS, 1) | {WAVELENGTHS: 2}
+    return {name: min(plan[name] + more[name], len(one.levels) - 1) for name, one in NUMERICAL_SETTINGS.items()}
+
+
+def _finer_settings(scene: LitScene, found: AccuratePrediction, tolerance: float) -> Settings:
+    return settings_at(_finer(found.plan), tolerance, face_m=scene.sensor_height_m)

@@ -1,0 +1,1220 @@
+"""Calibrations as tables: numbers of the noise and of the polarizer, and the EMVA 1288 summary sheet.
+
+Curves of a noise calibration: photon transfer, signal-to-noise ratio, linearity, dark signal.
+
+Gain, read noise, dark current and axis through the years, with control limits.
+
+Pictures of a sensor's fixed pattern: maps, histograms, spectrograms, defects.
+
+Figures of the rig: scans of the polarizer, and how a stage turns.
+
+The page of a noise calibration: numbers, flags, curves, maps and the EMVA 1288 summary sheet.
+
+The page of a polarizer calibration: numbers, scans, harmonics, channels and maps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.polarimeter.analyzer import SEEN_SIGMAS, half_turn
+from calibration.sensor.emva1288 import EMVA_SYMBOLS
+from calibration.sensor.noise import first_lines, not_known, temporal_noise_e, total_noise_e
+from calibration.sensor.pattern import Defect
+from rigctl.base.numbers import to_digits, utc_moment
+from rigctl.calibrations.polarizer import HARMONIC_MEANING, rig_lines
+from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section, Terms, Verbatim
+from rigctl.report.drawing import (
+    MEASURED,
+    PREDICTED,
+    few_log_labels,
+    finish_picture,
+    legend_below,
+    legend_beside,
+    legend_of_all,
+    mark_beyond,
+    png,
+    subplots,
+)
+from rigctl.report.table import Column, Shown, Table, text_columns
+from rigctl.rig.characterise import SIDES
+from rigctl.version import VERSION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from calibration.estimate import Estimate
+    from calibration.polarimeter.analyzer import AxisFit, DataReduction, Harmonic
+    from calibration.results import Flag
+    from calibration.sensor.emva1288 import EmvaFigure
+    from calibration.sensor.levels import LevelStatistics, Spectrogram
+    from calibration.sensor.noise import NoiseCalibration, Performance
+    from calibration.sensor.pattern import FixedPattern, PatternHistogram
+    from rigctl.calibrations.noise_calibration import FrameCalibration
+    from rigctl.calibrations.noise_frames import FrameSource
+    from rigctl.calibrations.polarizer import PolarizerNumbers
+    from rigctl.calibrations.polarizer_scan import PolarimeterMaps, PolarizerCalibration, ScanCurve
+    from rigctl.calibrations.record import CalibrationFile
+    from rigctl.calibrations.store import History
+    from rigctl.report.document import Block
+    from rigctl.rig.characterise import Characterisation, Side
+
+
+_BEST, _STANDARD = "best", "EMVA 1288"
+_NOT_KNOWN = "not known"
+# Digits of a number without an error, and from where on powers of ten are written.
+_MOST_DIGITS, _LARGE, _THOUSAND = 6, 1e6, 1e3
+# Title, unit, factor from the file's unit to this one, key of the best number, key of the standard's.
+_ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
+    ("gain", "DN/e-", 1.0, "gain_dn_per_e", "gain_dn_per_e"),
+    ("quantum efficiency", "%", 100.0, "quantum_efficiency", "quantum_efficiency"),
+    ("responsivity", "DN/photon", 1.0, None, "responsivity_dn_per_photon"),
+    ("read noise", "e-", 1.0, "read_noise_e", "temporal_dark_noise_e"),
+    ("dark noise, 1/12 DN^2 in it", "DN", 1.0, None, "temporal_dark_noise_dn"),
+    ("black level", "DN", 1.0, "black_level_dn", None),
+    ("absolute sensitivity threshold", "e-", 1.0, "threshold_e", "threshold_e"),
+    ("absolute sensitivity threshold", "photons", 1.0, None, "threshold_photons"),
+    ("saturation", "e-", 1.0, "saturation_e", "saturation_e"),
+    ("saturation", "photons", 1.0, None, "saturation_photons"),
+    ("dynamic range", "", 1.0, "dynamic_range", "dynamic_range"),
+    ("largest SNR", "", 1.0, "snr_max", "snr_max"),
+    ("linearity error, lowest", "%", 100.0, None, "linearity_error_min"),
+    ("linearity error, highest", "%", 100.0, None, "linearity_error_max"),
+    ("dark current by mean", "e-/s", 1.0, "dark_current_e_per_s", "dark_current_mean_e_per_s"),
+    ("dark current by variance", "e-/s", 1.0, "dark_current_variance_e_per_s", "dark_current_variance_e_per_s"),
+    ("DSNU", "e-", 1.0, "dsnu_e", "dsnu_e"),
+    ("DSNU of rows", "e-", 1.0, None, "dsnu_row_e"),
+    ("DSNU of columns", "e-", 1.0, None, "dsnu_column_e"),
+    ("DSNU of pixels", "e-", 1.0, None, "dsnu_pixel_e"),
+    ("PRNU", "%", 100.0, "prnu", "prnu"),
+    ("PRNU of rows", "%", 100.0, None, "prnu_row"),
+    ("PRNU of columns", "%", 100.0, None, "prnu_column"),
+    ("PRNU of pixels", "%", 100.0, None, "prnu_pixel"),
+)
+_TextRow = tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRow:
+    """A quantity with its numbers as text, each to the digits that its error allows.
+
+    Attributes
+    ----------
+    title, unit : str
+        What it is called, and its unit.
+    value, error, frames : str
+        What the model uses, its standard error, and from how many frames; empty where only the standard has it.
+    emva_value, emva_error, emva_frames, symbol : str
+        The same of EMVA 1288, and its symbol; empty where the standard has none.
+    """
+
+    title: str
+    unit: str
+    value: str
+    error: str
+    frames: str
+    emva_value: str
+    emva_error: str
+    emva_frames: str
+    symbol: str
+
+
+_COLUMNS: tuple[Column[CalibrationRow], ...] = (
+    Column(title="quantity", text=lambda row: row.title, left=True),
+    Column(title="value", text=lambda row: row.value, group=_BEST),
+    Column(title="std error", text=lambda row: row.error, group=_BEST),
+    Column(title="frames", text=lambda row: row.frames, group=_BEST, shown=Shown.PAGE),
+    Column(title="symbol", text=lambda row: row.symbol, group=_STANDARD, shown=Shown.PAGE),
+    Column(title="value", text=lambda row: row.emva_value, group=_STANDARD, shown=Shown.PAGE),
+    Column(title=_STANDARD, text=lambda row: row.emva_value, shown=Shown.TERMINAL),
+    Column(title="std error", text=lambda row: row.emva_error, group=_STANDARD),
+    Column(title="frames", text=lambda row: row.emva_frames, group=_STANDARD, shown=Shown.PAGE),
+    Column(title="unit", text=lambda row: row.unit, left=True),
+    Column(title="frames", text=lambda row: row.frames or row.emva_frames, shown=Shown.TERMINAL),
+)
+_SHEET_COLUMNS: tuple[Column[CalibrationRow], ...] = (
+    Column(title="quantity", text=lambda row: row.title, left=True),
+    Column(title="symbol", text=lambda row: row.symbol, left=True),
+    Column(title="value", text=lambda row: row.emva_value),
+    Column(title="std error", text=lambda row: row.emva_error),
+    Column(title="unit", text=lambda row: row.unit, left=True),
+)
+
+
+def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
+    """Return the numbers of a calibration, the standard's beside the best ones."""
+    return Table(columns=_COLUMNS, rows=tuple(rows))
+
+
+def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
+    """Return the numbers that the standard's summary sheet has."""
+    return Table(columns=_SHEET_COLUMNS, rows=tuple(row for row in rows if row.symbol))
+
+
+def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:
+    """Return the numbers of a calibration."""
+    return [_row(noise, *row) for row in _ROWS]
+
+
+def unknown_lines(noise: NoiseCalibration) -> list[str]:
+    """Return a line for each number that is not known: why, and what would tell."""
+    reasons = not_known(noise)
+    titles: dict[str, list[str]] = {}
+    for title, _, _, key, emva_key in _ROWS:
+        for name in (key, emva_key):
+            if name is not None and name in reasons and title not in titles.setdefault(reasons[name], []):
+                titles[reasons[name]].append(title)
+    return [f"not known: {', '.join(words)}: {reason}" for reason, words in titles.items() if words]
+
+
+def _row(
+    noise: NoiseCalibration, title: str, unit: str, factor: float, key: str | None, emva_key: str | None
+) -> CalibrationRow:
+    best = None if key is None else _best(noise, key)
+    value, error, frames = ("", "", "") if key is None else _cells(best, factor)
+    if key is not None and best is None and (bound := noise.bounds.get(key)) is not None:
+        value = f"{bound.bound} {_brief(factor * bound.value)}"
+    standard = None if emva_key is None else noise.emva1288[emva_key]
+    emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(standard, factor)
+    if standard is not None and standard.bound is not None:
+        emva_value, emva_error = f"{standard.bound} {_brief(factor * standard.value)}", ""
+    return CalibrationRow(
+        title=title,
+        unit=unit,
+        value=value,
+        error=error,
+        frames=frames,
+        emva_value=emva_value,
+        emva_error=emva_error,
+        emva_frames=emva_frames,
+        symbol="" if emva_key is None or standard is None else EMVA_SYMBOLS[emva_key],
+    )
+
+
+def _best(noise: NoiseCalibration, key: str) -> Estimate | None:
+    found: Estimate | None = getattr(noise if hasattr(noise, key) else noise.performance, key)
+    return found
+
+
+def _cells(found: Estimate | EmvaFigure | None, factor: float) -> tuple[str, str, str]:
+    """Return value and standard error to two digits of the error, and the number of frames."""
+    if found is None:
+        return _NOT_KNOWN, "", ""
+    value = factor * found.value
+    if not found.std_error:
+        return f"{value:.4g}", "", str(found.n)
+    error = factor * found.std_error
+    digits = min(1 - _exponent(error), _MOST_DIGITS - 1 - _exponent(value) if value else _MOST_DIGITS)
+    return _rounded(value, digits), _rounded(error, digits), str(found.n)
+
+
+def _rounded(number: float, digits: int) -> str:
+    """Return a number to so many digits after the point; below 0, to so many before it."""
+    rounded = round(number, digits)
+    return _brief(rounded) if abs(rounded) >= _LARGE else f"{rounded:.{max(digits, 0)}f}"
+
+
+def _brief(number: float) -> str:
+    return f"{number:.3g}" if not _LARGE > abs(number) >= _THOUSAND else f"{float(f'{number:.3g}'):.0f}"
+
+
+def _exponent(number: float) -> int:
+    return int(f"{number:.1e}".partition("e")[2])
+
+
+def number_table(found: PolarizerCalibration) -> Table[_TextRow]:
+    """Return sense, axis offset, diattenuation and extinction."""
+    columns = text_columns("quantity", "value", "std error", "unit", left=(0, 3))
+    return Table(columns=columns, rows=tuple(_numbers(found)))
+
+
+def harmonic_table(found: PolarizerCalibration) -> Table[Harmonic]:
+    """Return what Malus' law leaves, by cycles a turn."""
+    columns: tuple[Column[Harmonic], ...] = (
+        Column(title="cycles a turn", text=lambda one: str(one.order), left=True),
+        Column(title="amplitude [%]", text=lambda one: f"{100 * one.amplitude:.3f}"),
+        Column(title="std error [%]", text=lambda one: f"{100 * one.std_error:.3f}"),
+        Column(title="seen", text=lambda one: HARMONIC_MEANING[one.order] if one.is_seen else "no", left=True),
+    )
+    return Table(columns=columns, rows=found.harmonics)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Channel:
+    stage_deg: float
+    axis_deg: tuple[float, float]
+    throughput: tuple[float, float]
+    diattenuation: tuple[float, float]
+
+
+def channel_table(found: PolarizerCalibration) -> Table[_Channel]:
+    """Return axis, throughput and diattenuation of each stage angle, each with its standard error."""
+    columns: tuple[Column[_Channel], ...] = (
+        Column(title="stage [deg]", text=lambda one: f"{one.stage_deg:.3f}", left=True),
+        Column(title="axis [deg]", text=lambda one: f"{one.axis_deg[0]:.4f}"),
+        Column(title="std error", text=lambda one: f"{one.axis_deg[1]:.4f}"),
+        Column(title="throughput", text=lambda one: f"{one.throughput[0]:.5f}"),
+        Column(title="std error", text=lambda one: f"{one.throughput[1]:.5f}"),
+        Column(title="diattenuation", text=lambda one: f"{one.diattenuation[0]:.5f}"),
+        Column(title="std error", text=lambda one: f"{one.diattenuation[1]:.5f}"),
+    )
+    return Table(columns=columns, rows=tuple(_channels(found)))
+
+
+def region_table(regions: Mapping[str, PolarizerCalibration]) -> Table[tuple[str, PolarizerCalibration]]:
+    """Return offset and diattenuation of each region by itself."""
+    columns: tuple[Column[tuple[str, PolarizerCalibration]], ...] = (
+        Column(title="region", text=lambda row: row[0], left=True),
+        Column(title="offset [deg]", text=lambda row: _offset(row[1])[0]),
+        Column(title="std error", text=lambda row: _offset(row[1])[1]),
+        Column(title="diattenuation", text=lambda row: _diattenuation(row[1])[0]),
+        Column(title="std error", text=lambda row: _diattenuation(row[1])[1]),
+    )
+    return Table(columns=columns, rows=tuple(regions.items()))
+
+
+def matrix_table(reduction: DataReduction) -> Table[_TextRow]:
+    """Return the data reduction matrix, its values with their errors."""
+    rows = tuple(
+        (name, *(f"{value:+.5f} ± {error:.5f}" for value, error in zip(values, errors, strict=True)))
+        for name, values, errors in zip(("S0", "S1", "S2"), reduction.matrix, reduction.std_error, strict=True)
+    )
+    return Table(columns=text_columns(*[""] * len(rows[0])), rows=rows)
+
+
+def _numbers(found: PolarizerCalibration) -> Iterable[_TextRow]:
+    yield "sense of rotation", f"{found.axis.best.sense:+d}", "", ""
+    yield "axis offset", *_offset(found), "deg"
+    if found.diattenuation is not None and found.diattenuation_error is not None:
+        yield "diattenuation", *_diattenuation(found), ""
+    if found.extinction is not None:
+        extinction = found.extinction
+        upper = "no upper limit" if extinction.upper is None else f"{extinction.upper:.4g}"
+        ratio = "not measured" if extinction.ratio is None else f"{extinction.ratio:.4g}"
+        yield "extinction ratio", ratio, f"95 %: {extinction.lower:.4g} to {upper}", ""
+
+
+def _offset(found: PolarizerCalibration) -> tuple[str, str]:
+    best = found.axis.best
+    return f"{np.degrees(best.offset_rad):.4f}", f"{np.degrees(best.std_error_rad):.4f}"
+
+
+def _diattenuation(found: PolarizerCalibration) -> tuple[str, str]:
+    if found.diattenuation is None or found.diattenuation_error is None:
+        return "not measured", ""
+    return f"{found.diattenuation:.5f}", f"{found.diattenuation_error:.5f}"
+
+
+def _channels(found: PolarizerCalibration) -> Iterable[_Channel]:
+    channels, stage_rad = found.channels, found.stage_rad
+    if channels is None or stage_rad is None:
+        return
+    for k, angle_rad in enumerate(stage_rad):
+        yield _Channel(
+            stage_deg=float(np.degrees(angle_rad)),
+            axis_deg=(float(np.degrees(channels.axis_rad[k]) % 180.0), float(np.degrees(channels.axis_error_rad[k]))),
+            throughput=(float(channels.throughput[k]), float(channels.throughput_error[k])),
+            diattenuation=(float(channels.diattenuation[k]), float(channels.diattenuation_error[k])),
+        )
+
+
+FloatArray = NDArray[np.float64]
+
+_GREY = "0.45"
+_MS_PER_S = 1e3
+_LONG_BAR = 10.0
+# A level fainter than this share of the brightest says nothing of a line.
+_FAINT = 0.01
+_WRONG_LIGHT = ("wrong_light", "another_gain", "wrong_level")
+_LIGHT_GREY = "0.62"
+# Times the median error, and relative, that a point may have to count for the axes.
+_KNOWN, _LEAST_KNOWN = 10.0, 0.3
+
+
+def linearity_png(calibration: NoiseCalibration) -> bytes | None:
+    """Return mean against light, and how far it is from a straight line; None where no light is known."""
+    light, label = _light(calibration.flats)
+    if light is None:
+        return None
+    signal_dn, used = calibration.transfer.points.signal_dn, calibration.transfer.used
+    named = np.array([level.cause in _WRONG_LIGHT for level in calibration.influence])
+    figure, (above, below) = subplots(2, 1, size=(9.6, 6.0))
+    for chosen, marker, colour, name in (
+        (used & ~named, "o", MEASURED, "flats used"),
+        (~used & ~named, "x", _GREY, "flats left out"),
+        (named, "s", "black", "flats named as wrong"),
+    ):
+        if chosen.any():
+            above.plot(light[chosen], signal_dn[chosen], marker, ms=5, color=colour, label=name)
+    sound = used & ~named if np.count_nonzero(used & ~named) > 1 else used
+    line = (
+        np.polyfit(
+            light[sound], signal_dn[sound], 1, w=1.0 / np.maximum(signal_dn[sound], _FAINT * signal_dn[sound].max())
+        )
+        if sound.sum() > 1
+        else np.zeros(2)
+    )
+    shown = np.linspace(0.0, light.max(), 200)
+    above.plot(shown, np.polyval(line, shown), color=PREDICTED, label="straight line, weights 1 / signal")
+    above.set(xlabel=label, ylabel="signal above dark [DN]", title="Linearity")
+    off = 100.0 * (signal_dn[used] / np.polyval(line, light[used]) - 1.0)
+    errors = _relative_errors(calibration)
+    # A bar that is longer than the axes would be a line across them.
+    shown_errors = np.where(errors <= _LONG_BAR * np.median(errors), errors, np.nan)
+    below.errorbar(signal_dn[used], off, shown_errors, fmt="o", ms=4, color=MEASURED, label="flats used")
+    mark_beyond(below, signal_dn[used], off, errors, trusted=sound[used])
+    _draw_response(below, calibration)
+    below.axhline(0.0, color="black", lw=0.8)
+    below.set(xlabel="signal above dark [DN]", ylabel="off the straight line [%]")
+    for axes in (above, below):
+        _finish(axes)
+    return png(figure)
+
+
+def _relative_errors(calibration: NoiseCalibration) -> FloatArray:
+    """Return the sampling error of the mean of each level that is used [%]."""
+    points, used = calibration.transfer.points, calibration.transfer.used
+    n = np.array([level.n_frames * level.n_pixels for level in calibration.flats])[used]
+    errors: FloatArray = 100.0 * np.sqrt(points.flat_variance_dn2[used] / n) / points.signal_dn[used]
+    return errors
+
+
+def _draw_response(axes: Axes, calibration: NoiseCalibration) -> None:
+    curve, signal_dn = calibration.transfer.linearity, calibration.transfer.points.signal_dn[calibration.transfer.used]
+    if curve is None:
+        return
+    response = np.polynomial.Polynomial([0.0, 1.0, curve.quadratic_per_dn, curve.cubic_per_dn2])
+    # By the same weights, at the levels, as the line above.
+    line = np.polyfit(signal_dn, response(signal_dn), 1, w=1.0 / signal_dn)
+    x = np.linspace(max(signal_dn.min(), 0.05 * signal_dn.max()), signal_dn.max(), 200)
+    off = 100.0 * (response(x) / np.polyval(line, x) - 1.0)
+    axes.plot(response(x), off, color=PREDICTED, label="fitted response (cubic), off its own line")
+
+
+def _light(flats: tuple[LevelStatistics, ...]) -> tuple[FloatArray | None, str]:
+    photons = [flat.photons for flat in flats if flat.photons is not None]
+    exposures = [flat.exposure_s for flat in flats if flat.exposure_s is not None]
+    if len(photons) == len(flats):
+        return np.array(photons), "photons per pixel"
+    if len(exposures) == len(flats) and len(set(exposures)) > 2:
+        return _MS_PER_S * np.array(exposures), "exposure time [ms]"
+    return None, ""
+
+
+def dark_png(calibration: NoiseCalibration) -> bytes | None:
+    """Return mean and variance of the dark frames against exposure; None where exposures are not known."""
+    exposures = [level.exposure_s for level in calibration.darks if level.exposure_s is not None]
+    if len(exposures) < len(calibration.darks):
+        return None
+    time_s = np.array(exposures)
+    figure, (left, right) = subplots(1, 2, size=(9.6, 4.4))
+    dark, shown_s = calibration.dark, np.linspace(0.0, time_s.max(), 50)
+    left.plot(_MS_PER_S * time_s, dark.means_dn, "o", ms=5, color=MEASURED, label="dark levels")
+    left.plot(_MS_PER_S * shown_s, dark.mean_at(shown_s), color=PREDICTED, label=_mean_label(calibration))
+    left.set(ylabel="mean [DN]", title="Dark signal")
+    errors = np.array([level.temporal_std_error_dn2 for level in calibration.darks])
+    right.errorbar(
+        _MS_PER_S * time_s,
+        [level.temporal_variance_dn2 for level in calibration.darks],
+        errors,
+        fmt="o",
+        ms=5,
+        color=MEASURED,
+        label="dark levels",
+    )
+    fitted = dark.variance_at(shown_s)
+    if fitted is not None:
+        right.plot(_MS_PER_S * shown_s, fitted, color=PREDICTED, label=_variance_label(calibration))
+    right.set(ylabel="variance in time [DN$^2$]", title="Dark noise")
+    for axes in (left, right):
+        axes.set_xlabel("exposure time [ms]")
+        axes.locator_params(axis="x", nbins=6)
+        axes.ticklabel_format(axis="y", useOffset=False)
+        axes.grid(alpha=0.3, which="both", lw=0.4)
+        legend_below(axes)
+    return png(figure)
+
+
+def _mean_label(calibration: NoiseCalibration) -> str:
+    return _line_label(calibration, calibration.dark_current_e_per_s)
+
+
+def _variance_label(calibration: NoiseCalibration) -> str:
+    return _line_label(calibration, calibration.performance.dark_current_variance_e_per_s)
+
+
+def _line_label(calibration: NoiseCalibration, dark_current_e_per_s: Estimate | None) -> str:
+    if dark_current_e_per_s is None:
+        return "straight line" if calibration.dark.has_slope else "mean"
+    value, error = dark_current_e_per_s.value, dark_current_e_per_s.std_error
+    return f"dark current {to_digits(value, error)} ± {error:.2g} e-/s"
+
+
+def snr_png(calibration: NoiseCalibration) -> bytes:
+    """Return the signal-to-noise ratio of a pixel against its signal; of a read noise that is a bound its curve."""
+    gain, points = calibration.gain_dn_per_e.value, calibration.transfer.points
+    shown = (points.signal_dn > 0.0) & (points.flat_variance_dn2 > 0.0) & ~points.saturated
+    signal_e = points.signal_dn[shown] / gain
+    figure, (axes,) = subplots(1, 1, size=(9.6, 4.8))
+    ratio = points.signal_dn[shown] / np.sqrt(points.flat_variance_dn2[shown])
+    axes.plot(signal_e, ratio, "o", ms=5, color=MEASURED, label="flats, noise in time")
+    x = np.geomspace(1.0, signal_e.max(), 300)
+    _draw_expected_ratio(axes, calibration, x)
+    axes.plot(x, np.sqrt(x), color=_GREY, ls=":", label="photons alone")
+    _mark_limits(axes, calibration)
+    axes.set(xscale="log", yscale="log", xlabel="signal [e-]", ylabel="signal over noise of a pixel")
+    few_log_labels(axes.yaxis)
+    axes.set_title("Signal-to-noise ratio")
+    axes.set_ylim(bottom=0.05)
+    # A level of less than an electron is a dark one.
+    axes.set_xlim(left=0.7)
+    _finish(axes)
+    return png(figure)
+
+
+def _draw_expected_ratio(axes: Axes, calibration: NoiseCalibration, signal_e: FloatArray) -> None:
+    found, bound = calibration.read_noise_e, calibration.bounds.get("read_noise_e")
+    if found is None and bound is None:
+        return
+    read_noise_e = found.value if found is not None else bound.value if bound is not None else 0.0
+    temporal_e = temporal_noise_e(signal_e, read_noise_e=read_noise_e, gain_dn_per_e=calibration.gain_dn_per_e.value)
+    label = "by gain and read noise" if found is not None else f"at least: read noise below {read_noise_e:.3g} e-"
+    axes.plot(signal_e, signal_e / temporal_e, color=PREDICTED, label=label)
+    if calibration.prnu is not None and calibration.dsnu_e is not None:
+        total_e = total_noise_e(temporal_e, signal_e, prnu=calibration.prnu.value, dsnu_e=calibration.dsnu_e.value)
+        axes.plot(signal_e, signal_e / total_e, color=PREDICTED, ls="--", label="with DSNU and PRNU")
+
+
+def _mark_limits(axes: Axes, calibration: NoiseCalibration) -> None:
+    threshold, highest = calibration.performance.threshold_e, calibration.performance.snr_max
+    if threshold is not None:
+        axes.axhline(1.0, color="black", lw=0.6)
+        axes.plot(threshold.value, 1.0, "k^", ms=7, label=f"threshold {threshold.value:.3g} e-")
+    if highest is not None:
+        label = f"largest {highest.value:.0f} ({20.0 * np.log10(highest.value):.1f} dB)"
+        axes.plot(highest.value**2, highest.value, "ks", ms=6, label=label)
+
+
+def _finish(axes: Axes) -> None:
+    axes.grid(alpha=0.3, which="both", lw=0.4)
+    legend_beside(axes)
+
+
+def photon_transfer_png(calibration: NoiseCalibration) -> bytes:
+    """Return the photon-transfer plot as a PNG file: noise against signal, and residuals of the fit.
+
+    Notes
+    -----
+    Above, on log axes: standard deviation in time of a pixel, the fit, and the regimes that it is made of: dark noise
+    (slope 0), noise of photons (slope 1/2), and the fixed pattern (slope 1), which is no noise in time. Below: how far
+    the points of the variance are from the fit, with their sampling errors, and where the standard's line goes.
+    """
+    figure, _ = subplots(1, 1, size=(9.6, 7.0))
+    figure.clear()
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.25))
+    _draw_noise(above, calibration)
+    _draw_residuals(below, calibration)
+    return png(figure)
+
+
+def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
+    transfer = calibration.transfer
+    points, seen = transfer.points, transfer.points.signal_dn > 0.0
+    total_dn2 = points.flat_variance_dn2
+    dark_dn2 = float(np.median(total_dn2 - points.variance_dn2))
+    signal_dn = np.geomspace(min(points.signal_dn[seen].min() / 2.0, 2.0), points.signal_dn.max(), 300)
+    fit_dn2 = dark_dn2 + transfer.variance_at(signal_dn)
+    noisy = total_dn2 > 0.0
+    named = np.array([level.cause is not None for level in calibration.influence])
+    for chosen, marker, colour, label in (
+        (transfer.used & noisy, "o", MEASURED, "flats used"),
+        (~transfer.used & seen & noisy, "x", _GREY, "flats left out"),
+        (named & seen & noisy, "s", "black", "flats named as wrong"),
+    ):
+        if not chosen.any():
+            continue
+        axes.plot(
+            points.signal_dn[chosen],
+            np.sqrt(total_dn2[chosen]),
+            marker,
+            ms=5,
+            mfc="none" if marker == "s" else None,
+            color=colour,
+            label=label,
+        )
+    rising = (fit_dn2 > 0.0) & (signal_dn <= 1.3 * transfer.top_dn)
+    axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=_fit_label(calibration))
+    _draw_regimes(axes, calibration, signal_dn, dark_dn=float(np.sqrt(dark_dn2)))
+    axes.set(xscale="log", yscale="log", ylabel="noise of a pixel in time [DN]", title="Photon transfer")
+    few_log_labels(axes.yaxis)
+    axes.set_xlim(_left_dn(calibration), 1.3 * float(points.signal_dn.max()))
+    axes.set_ylim(bottom=0.3 * np.sqrt(max(dark_dn2, 1.0 / 12.0)))
+    axes.grid(alpha=0.3, which="both", lw=0.4)
+    legend_beside(axes)
+
+
+def _left_dn(calibration: NoiseCalibration) -> float:
+    """Return where the axis begins: below the faintest point whose photon noise is known, not of one that is dark."""
+    points, used = calibration.transfer.points, calibration.transfer.used
+    relative = points.std_error_dn2[used] / calibration.transfer.variance_at(points.signal_dn[used])
+    known = np.abs(relative) < max(_KNOWN * float(np.median(np.abs(relative))), _LEAST_KNOWN)
+    return float(points.signal_dn[used][known].min()) / 5.0
+
+
+def _draw_regimes(axes: Axes, calibration: NoiseCalibration, signal_dn: FloatArray, *, dark_dn: float) -> None:
+    gain = calibration.gain_dn_per_e.value
+    axes.plot(signal_dn, np.full_like(signal_dn, dark_dn), color=_GREY, ls=":", lw=1.2, label=_dark_label(dark_dn))
+    axes.plot(
+        signal_dn,
+        np.sqrt(gain * signal_dn),
+        color=_GREY,
+        ls="--",
+        lw=1.2,
+        label="photons, slope 1/2: root(gain x signal)",
+    )
+    if calibration.prnu is not None:
+        label = f"fixed pattern, slope 1: PRNU {calibration.prnu.value:.2%} (not in the points)"
+        axes.plot(signal_dn, calibration.prnu.value * signal_dn, color=_GREY, ls="-.", lw=1.2, label=label)
+    saturation = calibration.transfer.saturation
+    if saturation is not None:
+        low, high = (saturation.signal_dn + sign * 3.0**0.5 * saturation.std_error_dn for sign in (-1.0, 1.0))
+        axes.axvspan(low, high, color=_LIGHT_GREY, alpha=0.5, lw=0, label="saturation lies here")
+
+
+def _dark_label(dark_dn: float) -> str:
+    return f"dark noise, slope 0: {dark_dn:.3g} DN"
+
+
+def _fit_label(calibration: NoiseCalibration) -> str:
+    gain = calibration.gain_dn_per_e
+    return f"fit: gain {gain.value:.4g} ± {gain.std_error:.2g} DN/e- at no signal"
+
+
+def _draw_residuals(axes: Axes, calibration: NoiseCalibration) -> None:
+    transfer = calibration.transfer
+    used = transfer.used
+    signal_dn, variance_dn2 = transfer.points.signal_dn[used], transfer.points.variance_dn2[used]
+    fit_dn2 = transfer.variance_at(signal_dn)
+    off = 100.0 * (variance_dn2 / fit_dn2 - 1.0)
+    errors = 100.0 * transfer.points.std_error_dn2[used] / fit_dn2
+    axes.errorbar(signal_dn, off, errors, fmt="o", ms=4, color=MEASURED, label="flats used, with sampling errors")
+    mark_beyond(axes, signal_dn, off, errors)
+    axes.axhline(0.0, color=PREDICTED, lw=1)
+    emva = calibration.emva1288["gain_dn_per_e"]
+    if emva is not None:
+        shown = np.geomspace(signal_dn.min(), signal_dn.max(), 100)
+        off = 100.0 * (emva.value * shown / transfer.variance_at(shown) - 1.0)
+        axes.plot(shown, off, color=_GREY, ls="--", lw=1.2, label="straight line of EMVA 1288")
+    axes.set(xlabel="signal above dark [DN]", ylabel="variance off the fit [%]")
+    few_log_labels(axes.xaxis)
+    axes.grid(alpha=0.3, which="both", lw=0.4)
+    legend_beside(axes)
+
+
+_TITLES = {
+    "gain_dn_per_e": "gain [DN per electron]",
+    "read_noise_e": "read noise [electrons]",
+    "dark_current_e_per_s": "dark current [electrons/s]",
+    "offset_deg": "axis: offset of the polarizer [deg]",
+}
+_COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple", "tab:brown", "tab:cyan")
+
+
+def history_png(histories: Sequence[History]) -> bytes:
+    """Return the picture: one panel a quantity, one colour a device, points outside the limits ringed in red."""
+    from matplotlib.figure import Figure
+
+    quantities = [name for name in _TITLES if any(one.quantity == name for one in histories)]
+    figure = Figure(figsize=(9.0, 2.6 * len(quantities) + 0.6), layout="constrained")
+    panels = figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, quantity in zip(panels, quantities, strict=True):
+        of_quantity = [one for one in histories if one.quantity == quantity]
+        for place, one in enumerate(of_quantity):
+            _draw(axes, one, _COLOURS[place % len(_COLOURS)])
+        axes.set_ylabel(_TITLES[quantity], fontsize=8)
+        axes.grid(visible=True, alpha=0.3)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
+    panels[0].set_title("dashed: control limits by the stated errors; ringed: outside them", fontsize=8, loc="left")
+    panels[-1].set_xlabel("when the frames were taken (UTC)")
+    for label in panels[-1].get_xticklabels():
+        label.set_rotation(20)
+    return png(figure)
+
+
+def _draw(axes: Axes, one: History, colour: str) -> None:
+    times = np.array([utc_moment(point.utc).replace(tzinfo=None) for point in one.points], dtype="datetime64[s]")
+    values = [point.value for point in one.points]
+    drift = "" if one.drift_per_year is None else f"\n{one.drift_per_year:+.2g} +- {one.drift_error:.1g} a year"
+    axes.errorbar(
+        times, values, [point.std_error for point in one.points], fmt="o-", ms=4, lw=0.8, color=colour, capsize=2,
+        label=one.device + drift,
+    )  # fmt: skip
+    lower, upper = zip(*(point.limits for point in one.points), strict=True)
+    axes.plot(times, lower, "--", lw=0.7, color=colour)
+    axes.plot(times, upper, "--", lw=0.7, color=colour)
+    outside = np.array([not point.is_inside for point in one.points])
+    axes.plot(times[outside], np.array(values)[outside], "o", ms=10, mfc="none", mec="tab:red")
+
+
+SingleArray = NDArray[np.float32]
+
+_SHOWN_PERCENTILES = (0.5, 99.5)
+_PERCENT = 100.0
+# More pixels than this are averaged for a picture on a page.
+_WIDEST = 900
+_LEAST_COUNT = 0.5
+_DEFECT_COLOURS = {
+    "hot": "#d55e00",
+    "cold": "#0072b2",
+    "bright": "#e69f00",
+    "weak": "#009e73",
+    "noisy": "#cc79a7",
+    "jumping": "#000000",
+}
+_MARKERS = dict(zip(_DEFECT_COLOURS, "ov^sDx", strict=True))
+
+
+def maps_png(pattern: FixedPattern) -> bytes:
+    """Return the dark mean, the response and the temporal noise of each pixel as pictures, and where defects are."""
+    response = _PERCENT * (pattern.flat.mean_dn - pattern.dark.mean_dn) / pattern.signal_dn
+    height, width = response.shape
+    figure, axes = subplots(2, 2, size=(10.8, min(max(8.4 * height / width + 1.4, 4.0), 18.0)))
+    _map(figure, axes[0], pattern.dark.mean_dn, title="Dark mean", label="mean [DN]")
+    _map(figure, axes[1], response, title="Response", label="signal over its mean [%]")
+    _map(figure, axes[2], np.sqrt(pattern.dark.temporal_variance_dn2), title="Dark noise in time", label="noise [DN]")
+    _defects(axes[3], pattern)
+    return png(figure)
+
+
+def _map(figure: Figure, axes: Axes, picture: SingleArray, *, title: str, label: str) -> None:
+    import cv2
+
+    height, width = picture.shape
+    scale = min(1.0, _WIDEST / width)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else picture
+    low, high = np.percentile(small, _SHOWN_PERCENTILES)
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    shown = axes.imshow(small, cmap="cividis", vmin=low, vmax=high, interpolation="nearest", extent=extent)
+    finish_picture(figure, axes, shown, title=f"{title} (0.5 to 99.5 %)", label=label)
+
+
+def _defects(axes: Axes, pattern: FixedPattern) -> None:
+    mask = pattern.defects.mask
+    axes.set(xlim=(-0.5, mask.shape[1] - 0.5), ylim=(mask.shape[0] - 0.5, -0.5), aspect="equal")
+    for name, count in pattern.defects.counts.items():
+        y, x = np.nonzero(mask & Defect[name.upper()].value)
+        (shown,) = axes.plot(x, y, _MARKERS[name], ms=4, color=_DEFECT_COLOURS[name], label=f"{name}: {count}")
+        shown.set_markerfacecolor("none")
+    axes.set(xlabel="x [pixel]", ylabel="y [pixel]", title=f"{pattern.defects.n_defect} pixels unlike the others")
+    if not pattern.defects.n_defect:
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center")
+        return
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.08, 1.0), borderaxespad=0.0)
+
+
+def histograms_png(pattern: FixedPattern) -> bytes:
+    """Return logarithmic histograms of the pixels' deviations from their neighbours, and the accumulated ones."""
+    figure, axes = subplots(2, 2, size=(10.4, 6.6))
+    for column, (found, factor, what) in enumerate(
+        (
+            (pattern.dark_histogram, 1.0, "dark mean off that of 5 x 5 pixels [DN]"),
+            (pattern.response_histogram, _PERCENT, "response off that of 5 x 5 pixels [%]"),
+        )
+    ):
+        _histogram(axes[column], found, factor, what)
+        _accumulated(axes[2 + column], found, factor, what)
+    return png(figure)
+
+
+def _histogram(axes: Axes, found: PatternHistogram, factor: float, what: str) -> None:
+    centres = factor * found.centres
+    axes.step(centres, np.maximum(found.counts, _LEAST_COUNT), where="mid", color=MEASURED, lw=1.2, label="pixels")
+    label = f"normal law, {factor * found.sigma:.3g} from quartiles"
+    axes.plot(centres, np.maximum(found.normal_counts, 1e-3), color=PREDICTED, ls="--", label=label)
+    axes.set(yscale="log", xlabel=what, ylabel="pixels in a bin", ylim=(_LEAST_COUNT, None))
+    axes.grid(alpha=0.3, lw=0.4)
+    legend_below(axes)
+
+
+def _accumulated(axes: Axes, found: PatternHistogram, factor: float, what: str) -> None:
+    share = _PERCENT * found.at_least / found.counts.sum()
+    axes.step(factor * found.reach, share, where="post", color=MEASURED, lw=1.2, label="pixels")
+    axes.set(
+        yscale="log",
+        xlabel=f"|{what.partition(' [')[0]}| [{what.partition('[')[2]}",
+        ylabel="pixels at least so far off [%]",
+    )
+    axes.set_ylim(0.5 * _PERCENT / found.counts.sum(), 200.0)
+    axes.grid(alpha=0.3, lw=0.4)
+
+
+def spectrograms_png(pattern: FixedPattern) -> bytes:
+    """Return the fixed pattern by spatial frequency, along rows and along columns, in the dark and with light."""
+    figure, axes = subplots(2, 2, size=(10.4, 6.4))
+    dark_noise_dn = float(np.sqrt(pattern.dark.temporal_variance_dn2.mean() / pattern.n_dark_frames))
+    flat_noise = float(np.sqrt(pattern.flat.temporal_variance_dn2.mean() / pattern.n_flat_frames)) / pattern.signal_dn
+    response_noise = float(np.hypot(flat_noise, dark_noise_dn / pattern.signal_dn))
+    for place, found, factor, noise, title, unit in (
+        (0, pattern.dark_rows, 1.0, dark_noise_dn, "Dark, along rows", "DN"),
+        (1, pattern.dark_columns, 1.0, dark_noise_dn, "Dark, along columns", "DN"),
+        (2, pattern.response_rows, _PERCENT, response_noise, "Response, along rows", "%"),
+        (3, pattern.response_columns, _PERCENT, response_noise, "Response, along columns", "%"),
+    ):
+        _spectrogram(axes[place], found, factor, noise)
+        axes[place].set(title=title, xlabel="frequency [cycles per pixel]", ylabel=f"amplitude [{unit}]")
+    legend_of_all(figure, axes[0])
+    return png(figure)
+
+
+def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) -> None:
+    if not found.amplitude.size:
+        return
+    axes.semilogy(
+        found.frequency_per_pixel, factor * found.amplitude, color=MEASURED, lw=0.9, label="fixed pattern and noise"
+    )
+    axes.axhline(factor * noise, color=PREDICTED, ls="--", lw=1.2, label="what is left of noise in time")
+    axes.axhline(factor * found.median, color="0.45", ls=":", lw=1.2, label="median: independent pixels")
+    axes.grid(alpha=0.3, which="both", lw=0.4)
+    few_log_labels(axes.yaxis)
+    axes.tick_params(axis="y", which="both", labelsize=8)
+
+
+# Colours that a colour-blind reader tells apart (Okabe and Ito), and markers that differ too.
+_STYLES = (
+    ("#0072b2", "o"),
+    ("#d55e00", "s"),
+    ("#009e73", "^"),
+    ("#cc79a7", "D"),
+    ("#000000", "v"),
+    ("#e69f00", "P"),
+)
+# Share of the blocks that a map's colours leave out at either end.
+_BEYOND = 1.0
+# Two colours that a colour-blind reader tells apart, and that differ in grey.
+_STAGE_COLOURS: dict[Side, str] = {"forward": "#0b3c6f", "backward": "#d1701a"}
+_DOTS_PER_INCH = 150
+
+
+def curves_png(found: PolarizerCalibration) -> bytes:
+    """Return the scans with their fits, and what the fits leave."""
+    figure, (above, below) = subplots(2, 1, size=(7.4, 6.2))
+    turned = "stage" if found.channels is None else "generator"
+    for (color, marker), curve in zip(_styles(len(found.curves)), found.curves, strict=True):
+        _draw_curve(above, below, curve, color=color, marker=marker)
+    above.set(xlabel=f"{turned} angle [deg]", ylabel="signal above dark [DN]", title="Light against angle")
+    below.axhline(0.0, color="black", lw=0.8)
+    below.set(xlabel=f"{turned} angle [deg]", ylabel="off the fit [% of mean]")
+    figure.legend(loc="outside lower center", fontsize=8, ncols=4)
+    for axes in (above, below):
+        axes.grid(color="0.9")
+    return png(figure)
+
+
+def _styles(count: int) -> list[tuple[str, str]]:
+    return [_STYLES[k % len(_STYLES)] for k in range(count)]
+
+
+def _draw_curve(above: Axes, below: Axes, curve: ScanCurve, *, color: str, marker: str) -> None:
+    degrees = np.degrees(curve.angle_rad)
+    shown = np.linspace(curve.angle_rad.min(), curve.angle_rad.max(), 361)
+    above.plot(np.degrees(shown), curve.fit.at(shown), color=color, lw=1.0)
+    above.plot(degrees, curve.signal_dn, ls="", marker=marker, ms=4, color=color, label=curve.label)
+    off = _PERCENT * (curve.signal_dn - curve.fit.at(curve.angle_rad)) / float(curve.fit.terms[0])
+    below.plot(degrees, off, ls=":", lw=0.7, marker=marker, ms=3.5, color=color)
+
+
+def harmonics_png(found: PolarizerCalibration) -> bytes | None:
+    """Return the harmonics beside Malus' law; None where the angles tell none."""
+    if not found.harmonics:
+        return None
+    figure, (axes,) = subplots(1, 1, size=(7.4, 3.0))
+    places = np.arange(len(found.harmonics))
+    amplitudes = _PERCENT * np.array([one.amplitude for one in found.harmonics])
+    errors = _PERCENT * np.array([one.std_error for one in found.harmonics])
+    colors = [MEASURED if one.is_seen else "0.7" for one in found.harmonics]
+    axes.bar(places, amplitudes, yerr=errors, width=0.5, color=colors, capsize=4)
+    limits = SEEN_SIGMAS * errors
+    axes.hlines(limits, places - 0.32, places + 0.32, color="black", ls="--", lw=1.5, label="seen above this")
+    axes.set_xticks(places, [f"{one.order} a turn" for one in found.harmonics])
+    axes.set(ylabel="amplitude [% of mean]", title="Harmonics of the residual (orange: seen)")
+    legend_beside(axes)
+    axes.margins(x=0.25)
+    axes.grid(axis="y", color="0.9")
+    axes.set_axisbelow(True)
+    return png(figure)
+
+
+def channels_png(found: PolarizerCalibration) -> bytes | None:
+    """Return throughput, diattenuation and axis of each stage angle; None without a generator."""
+    channels, stage_rad = found.channels, found.stage_rad
+    if channels is None or stage_rad is None:
+        return None
+    figure, plots = subplots(1, 3, size=(10.5, 3.2))
+    drawn = (
+        ("throughput over mean", channels.throughput, channels.throughput_error),
+        ("diattenuation", channels.diattenuation, channels.diattenuation_error),
+        (
+            "axis off the common line [deg]",
+            np.degrees(_off_line(channels.axis_rad, stage_rad, found.axis)),
+            np.degrees(channels.axis_error_rad),
+        ),
+    )
+    for axes, (label, values, errors) in zip(plots, drawn, strict=True):
+        axes.errorbar(np.degrees(stage_rad), values, errors, fmt="o", ms=5, capsize=3, color=MEASURED)
+        axes.set(xlabel="stage angle [deg]", ylabel=label)
+        axes.grid(color="0.9")
+    plots[2].axhline(0.0, color="black", lw=0.8)
+    return png(figure)
+
+
+def _off_line(axis_rad: FloatArray, stage_rad: FloatArray, axis: AxisFit) -> FloatArray:
+    return half_turn(axis_rad - axis.best.sense * stage_rad - axis.best.offset_rad)
+
+
+def polarimeter_maps_png(maps: PolarimeterMaps) -> bytes:
+    """Return throughput, diattenuation and axis over the picture, a row for each stage angle."""
+    channels = maps.channels
+    columns = (
+        ("throughput", maps.picture(channels.throughput), "over its mean"),
+        ("diattenuation", maps.picture(channels.diattenuation), ""),
+        ("axis off its mean", maps.picture(np.degrees(maps.axis_off_mean_rad())), "deg"),
+    )
+    count = len(maps.stage_rad)
+    height, width = maps.lit.shape
+    figure, plots = subplots(count, 3, size=(10.5, count * min(3.4, 0.7 + 2.4 * height / width)))
+    for row, stage_deg in enumerate(np.degrees(maps.stage_rad)):
+        for axes, (name, pictures, unit) in zip(plots[3 * row : 3 * row + 3], columns, strict=True):
+            _draw_map(axes, pictures[row], maps.side_pixels, title=f"{stage_deg:.1f} deg: {name}", unit=unit)
+    return png(figure)
+
+
+def _draw_map(axes: Axes, picture: FloatArray, side: int, *, title: str, unit: str) -> None:
+    height, width = picture.shape
+    low, high = _range(picture)
+    edge = -0.5
+    extent = (edge, edge + width * side, edge + height * side, edge)
+    shown = axes.imshow(picture, cmap="cividis", vmin=low, vmax=high, extent=extent, interpolation="nearest")
+    axes.set(xlabel="x [pixel]", ylabel="y [pixel]")
+    axes.set_title(title, fontsize=9)
+    bar = axes.figure.colorbar(shown, ax=axes, shrink=0.75)
+    bar.set_label(unit)
+    bar.ax.ticklabel_format(axis="y", useOffset=False)
+
+
+def _range(picture: FloatArray) -> Sequence[float]:
+    """Return the limits of a map's colours: a few odd blocks do not decide them."""
+    return [float(limit) for limit in np.nanpercentile(picture, [_BEYOND, 100.0 - _BEYOND])]
+
+
+def characterisation_png(result: Characterisation) -> bytes:
+    """Return a plot as a PNG file: above, readback errors by angle and side; below, how each visit came to rest."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 6.5), layout="constrained")
+    above, below = figure.subplots(2, 1)
+    for side in SIDES:
+        _draw_errors(above, result, side)
+        _draw_settling(below, result, side)
+    title = f"{result.identity.model} {result.identity.serial_number}: backlash {result.backlash_deg:.4f} deg"
+    above.set(xlabel="angle [deg]", ylabel="readback - target [deg]", title=title)
+    below.axhspan(-result.band_deg, result.band_deg, color="0.9")
+    below.axvline(result.settle_s, color="0.5", lw=1, label=f"at rest after {result.settle_s:.2f} s")
+    below.set(xlabel="time since the end of the move [s]", ylabel="reading - rest [deg]")
+    for axes in (above, below):
+        axes.grid(alpha=0.3, lw=0.4)
+        legend_beside(axes)
+    return png(figure, dpi=_DOTS_PER_INCH)
+
+
+def _draw_errors(axes: Axes, result: Characterisation, side: Side) -> None:
+    chosen = [visit for visit in result.visits if visit.side == side]
+    angles, errors = [visit.angle_deg for visit in chosen], [visit.error_deg for visit in chosen]
+    marker = ">" if side == "forward" else "<"
+    axes.plot(angles, errors, marker, ms=5, color=_STAGE_COLOURS[side], label=side, alpha=0.7)
+
+
+def _draw_settling(axes: Axes, result: Characterisation, side: Side) -> None:
+    for visit in result.visits:
+        if visit.side == side:
+            times, offs = zip(*visit.watched, strict=True)
+            axes.plot(times, offs, lw=0.8, color=_STAGE_COLOURS[side], alpha=0.6)
+
+
+_DECIBEL = 20.0
+_MADE_FOR = ("camera_model", "camera_serial", "gain_db", "pixel_format", "binning")
+_NUMBERS = (
+    "Left what the model uses (best: weighted fits, response of the sensor taken into account); right the fits of EMVA "
+    "Standard 1288, Release 4.0 Linear, to set beside data sheets. Errors are standard errors; those of the standard's "
+    "numbers are by leaving out one level after the other."
+)
+_TRANSFER = (
+    "Noise in time against signal: dark noise, noise of photons and fixed pattern as lines; below, how far the "
+    "variances are from the fit."
+)
+_LINEARITY = (
+    "Mean against light; below, how far it is from a straight line. Error bars are the sampling of the means, often "
+    "smaller than a point."
+)
+_DARK = "Mean and variance of dark frames against exposure{}."
+_DARK_CURRENT = "; slopes of both are dark current, in electrons"
+_SNR = "Signal over noise of one pixel in one frame."
+_MAPS = (
+    "Each pixel: mean in the dark, response to light, noise in the dark, and pixels that are further from the others "
+    "than 6 standard deviations."
+)
+_HISTOGRAMS = (
+    "How far pixels are from the mean of the 5 x 5 pixels around them, on logarithmic axes; below, how many are at "
+    "least so far."
+)
+_SHEET = (
+    "Not measured here, and therefore not stated: spectral responsivity, microlens angle, non-whiteness by section. "
+    "Numbers without photons per pixel are left out."
+)
+
+
+def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Report:
+    """Return the report of a noise calibration.
+
+    Parameters
+    ----------
+    calibration : FrameCalibration
+        The calibration.
+    created_utc : str
+        When it was made, as its file says it.
+    """
+    noise, remarks = calibration.noise, _remarks(calibration.noise.performance)
+    rows = calibration_rows(noise)
+    unknown = tuple(unknown_lines(noise))
+    numbers: tuple[Block, ...] = (
+        Bullets(items=first_lines(noise)),
+        Paragraph(text=_NUMBERS),
+        calibration_table(rows),
+        *((Bullets(items=unknown),) if unknown else ()),
+    )
+    return Report(
+        title=f"Sensor noise: {Path(calibration.frames.source.path).name}",
+        source=_facts(calibration.frames.source, created_utc),
+        sections=[
+            Section(title="Numbers", blocks=(*numbers, Bullets(items=tuple(remarks))) if remarks else numbers),
+            Section(title="What is to be known of the frames", blocks=(_flags(noise.flags),)),
+            *_curves(noise),
+            *_pattern(calibration.pattern),
+            Section(
+                title="EMVA 1288 summary sheet",
+                blocks=(
+                    Table(
+                        columns=text_columns("operation point", "", left=(0, 1)),
+                        rows=tuple(_sheet_facts(calibration)),
+                    ),
+                    sheet_table(rows),
+                    Paragraph(text=_SHEET),
+                ),
+            ),
+        ],
+    )
+
+
+def _flags(flags: tuple[Flag, ...]) -> Block:
+    if not flags:
+        return Paragraph(text="Nothing odd was found.")
+    return Terms(items=tuple((flag.name, flag.message) for flag in flags))
+
+
+def _curves(noise: NoiseCalibration) -> Iterable[Section]:
+    yield _pictured("Photon transfer", photon_transfer_png(noise), _TRANSFER)
+    no_curve = f" Its curve is a bound, or there is none: {not_known(noise).get('read_noise_e', 'it is not known')}."
+    yield _pictured("Signal-to-noise ratio", snr_png(noise), _SNR + (no_curve if noise.read_noise_e is None else ""))
+    yield _pictured("Linearity", linearity_png(noise), _LINEARITY, otherwise="The light of the levels is not known.")
+    caption = _DARK.format("" if noise.dark_current_e_per_s is None else _DARK_CURRENT)
+    yield _pictured("Dark signal", dark_png(noise), caption, otherwise="Exposures of the dark frames are not known.")
+
+
+def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "There is nothing to draw.") -> Section:
+    """Return a section with a figure; with words where there is nothing to draw."""
+    if png is not None:
+        return Section(title=title, blocks=(Picture(png=png, caption=caption),))
+    return Section(title=title, blocks=(Paragraph(text=otherwise),))
+
+
+def _pattern(pattern: FixedPattern | None) -> Iterable[Section]:
+    blocks: tuple[Block, ...] = (Paragraph(text="No flat is brighter than its dark: there are no maps."),)
+    if pattern is not None:
+        by_frequency = "The fixed pattern by spatial frequency; independent pixels make a level line."
+        blocks = (
+            Picture(png=maps_png(pattern), caption=_MAPS),
+            Picture(png=histograms_png(pattern), caption=_HISTOGRAMS),
+            Picture(png=spectrograms_png(pattern), caption=by_frequency),
+        )
+    yield Section(title="Fixed pattern", blocks=blocks)
+
+
+def _facts(source: FrameSource, created_utc: str) -> str:
+    facts = [
+        f"from {source.path}",
+        f"SHA-256 over all frames {source.frames_sha256[:16]}",
+        f"made {created_utc[:19]}Z by rigctl {VERSION}",
+    ]
+    return f"{'; '.join(facts)}."
+
+
+def _remarks(best: Performance) -> list[str]:
+    """Return numbers in other units, and what two ways to one number say of each other."""
+    found = []
+    if best.dynamic_range is not None:
+        found.append(f"dynamic range {_decibels_and_bits(best.dynamic_range.value)}")
+    if best.snr_max is not None:
+        found.append(f"largest SNR {_decibels_and_bits(best.snr_max.value)}")
+    if best.dark_current_disagreement is not None:
+        score = best.dark_current_disagreement
+        word = (
+            "consistent" if abs(score) < 3.0 else "in disagreement: the camera clamps its black level, or light got in"
+        )
+        found.append(f"dark current by mean and by variance are {score:+.1f} standard errors apart, {word}")
+    if best.quantum_efficiency is not None:
+        found.append("the error of the quantum efficiency does not hold that of the photons as stated")
+    return found
+
+
+def _decibels_and_bits(ratio: float) -> str:
+    return f"{_DECIBEL * np.log10(ratio):.1f} dB, {np.log2(ratio):.1f} bits"
+
+
+def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
+    noise, made_for = calibration.noise, calibration.frames.made_for
+    frames = [level.n_frames for level in (*noise.flats, *noise.darks)]
+    exposures = [level.exposure_s for level in (*noise.flats, *noise.darks) if level.exposure_s is not None]
+    flat, dark = noise.flats[noise.spatial.flat], noise.darks[noise.spatial.dark]
+    rows, columns = flat.shape
+    return [
+        *((name.replace("_", " "), _known(getattr(made_for, name))) for name in _MADE_FOR),
+        ("temperature", "not known" if made_for.temperature_c is None else f"{made_for.temperature_c:.1f} °C"),
+        ("picture", f"{columns} x {rows} pixels, {calibration.frames.camera.bit_depth} bits"),
+        ("levels", f"{len(noise.flats)} with light, {len(noise.darks)} dark, {sum(frames)} frames"),
+        ("exposures", f"{_ms(min(exposures))} to {_ms(max(exposures))}" if exposures else "not known"),
+        ("light varied by", "exposure time" if len(set(exposures)) > len(noise.darks) // 2 > 0 else "lamp"),
+        ("fixed pattern from", f"{flat.n_frames} flats at {flat.mean_dn:.0f} DN and {dark.n_frames} darks"),
+    ]
+
+
+def _known(value: str | float | None) -> str:
+    return "not known" if value is None else str(value)
+
+
+def _ms(time_s: float) -> str:
+    return f"{_MS_PER_S * time_s:.4g} ms"
+
+
+_CONVENTION = (
+    "polarizer angle = sense · stage angle + offset, counter-clockwise as the camera sees the scene. For the rig file:"
+)
+_SCANS = (
+    "Light against the angle of what turned, with Malus' law fitted to it; below, what the law leaves, in per cent of "
+    "the mean."
+)
+_HARMONICS = (
+    "Amplitude at one, three and four cycles a turn, each over the mean: of noise alone it is above the mark once in a "
+    "thousand. One and three cycles are a wedge or a tilted element, four a detector that is not linear."
+)
+_HALF_TURN = "A scan of half a turn does not tell these apart: take it over a whole turn to see which it is."
+_CHANNELS = (
+    "Each stage angle by itself: response to unpolarized light over the mean, diattenuation, and how far the axis is "
+    "from the common line. Bars are standard errors."
+)
+
+
+def polarizer_report(
+    found: PolarizerCalibration,
+    file: CalibrationFile[PolarizerNumbers],
+    *,
+    regions: Mapping[str, PolarizerCalibration],
+    maps: PolarimeterMaps | None,
+) -> Report:
+    """Return the report of a polarizer calibration.
+
+    Parameters
+    ----------
+    found : PolarizerCalibration
+        The calibration, its sense decided.
+    file : CalibrationFile
+        What ``polarizer.json`` holds of it: whence, and when.
+    regions : mapping
+        Name to the calibration of a region by itself; may be empty.
+    maps : PolarimeterMaps or None
+        The same over the picture.
+    """
+    axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(found)))
+    return Report(
+        title=f"Polarizer: {', '.join(source.path for source in file.header.sources())}",
+        source=_polarizer_facts(file),
+        sections=[
+            Section(title="Axis and extinction", blocks=axis),
+            Section(title="Scans", blocks=(Picture(png=curves_png(found), caption=_SCANS),)),
+            Section(title="What Malus' law leaves", blocks=tuple(_left(found))),
+            *_channels_section(found),
+            *_reduction(found.reduction),
+            *([Section(title="Regions", blocks=(region_table(regions),))] if regions else []),
+            *_maps(maps),
+        ],
+    )
+
+
+def _left(found: PolarizerCalibration) -> Iterable[Block]:
+    if (drawn := harmonics_png(found)) is not None:
+        yield Picture(png=drawn, caption=_HARMONICS)
+    yield harmonic_table(found)
+    if found.harmonics and not found.harmonics_told_apart:
+        yield Paragraph(text=_HALF_TURN)
+
+
+def _channels_section(found: PolarizerCalibration) -> Iterable[Section]:
+    if (drawn := channels_png(found)) is not None:
+        blocks = (Picture(png=drawn, caption=_CHANNELS), channel_table(found))
+        yield Section(title="Each stage angle", blocks=blocks)
+
+
+def _reduction(reduction: DataReduction | None) -> Iterable[Section]:
+    if reduction is not None:
+        singular = ", ".join(f"{value:.4g}" for value in reduction.singular_values)
+        text = (
+            f"Stokes parameters = W · (counts over twice their mean), measured with known states; singular values "
+            f"{singular}, of which three are kept; condition {reduction.condition:.3f}."
+        )
+        yield Section(title="Data reduction matrix", blocks=(Paragraph(text=text), matrix_table(reduction)))
+
+
+def _maps(maps: PolarimeterMaps | None) -> Iterable[Section]:
+    if maps is not None:
+        picture = Picture(png=polarimeter_maps_png(maps), caption=_maps_caption(maps))
+        yield Section(title="Over the picture", blocks=(picture,))
+
+
+def _polarizer_facts(file: CalibrationFile[PolarizerNumbers]) -> str:
+    header, made = file.header, file.header.made_for
+    known = (("camera", made.camera_model, made.camera_serial), ("stage", made.stage_model, made.stage_serial))
+    devices = [
+        f"{what} {model or ''} {serial}".replace("  ", " ") for what, model, serial in known if serial is not None
+    ]
+    facts = [
+        *devices,
+        f"{file.body.frames} frames",
+        f"manifest {', '.join(source.sha256[:16] for source in header.sources())}",
+        f"made {header.created_utc[:19]}Z by {header.created_by}",
+    ]
+    return f"{'; '.join(facts)}."
+
+
+def _maps_caption(maps: PolarimeterMaps) -> str:
+    side, left_out = maps.side_pixels, int((~maps.lit).sum())
+    beside = f" {left_out} blocks are left out: dark or saturated." if left_out else ""
+    return (
+        f"Blocks of {side} x {side} pixels, each fitted by itself. Throughput is over its mean over the angles, so "
+        f"that uneven light drops out; the axis is shown less its mean over the picture.{beside}"
+    )

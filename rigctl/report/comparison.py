@@ -1,0 +1,1329 @@
+"""The rows of a comparison, wherever they are shown: report, terminal, CSV and JSON take their columns from here.
+
+The tables of a comparison beside its rows: regions in short, trends, checks, faults, budget, inputs, noise.
+
+A comparison as JSON holds it: where a prediction has a number, ``regions.NAME.QUANTITY.STATISTIC``, it has a row.
+
+Many runs beside one scene, as tables and as JSON.
+
+Figures of a comparison: counts, laws, standard scores, uncertainty budget, and many runs.
+
+Pictures of what was measured: S0 and DoLP with the regions, angle of polarization, residual of the fit.
+
+The report of a comparison, section by section.
+
+The report of many runs beside one scene.
+
+The files of a comparison, and of a series of them: reports and numbers.
+
+The files of what a run measured: Stokes parameters, and detection on them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.processing import dolp
+from model.processing import dolp_studies as normalized_stokes
+from model.quantities import FOLLOWED, QUANTITIES, angle_of
+from model.stokes import dolp as degree_of_polarization
+from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digits
+from rigctl.calibrations.made_for import MeasuredOverFrames
+from rigctl.compare.checks import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
+from rigctl.compare.compare import ALLOWED_SHARE, hours_of, mean_row
+from rigctl.compare.rows import FAULTS
+from rigctl.files.scene_file import NoiseSection
+from rigctl.measure.faults import UNSEEN
+from rigctl.predict.predict import NO_NOISE
+from rigctl.report.data_files import csv_rows, fits_image, json_file, json_rows, provenance_json, source_table
+from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
+from rigctl.report.drawing import (
+    MEASURED,
+    PREDICTED,
+    DrawnPicture,
+    legend_beside,
+    legend_of_all,
+    pictures_png,
+    placed_axes,
+    png,
+    subplots,
+)
+from rigctl.report.effects import taken_table
+from rigctl.report.light import share_table
+from rigctl.report.numbers import (
+    SCHEMA_VERSION,
+    STATISTICS,
+    annotation_sections,
+    annotations_of,
+    diagnosis_json,
+    measurement_json,
+    pixels_json,
+    prediction_json,
+)
+from rigctl.report.output import html, report_file, write_folder
+from rigctl.report.prediction import detection_table, light_figure, strength_table
+from rigctl.report.table import Column, Shown, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from model.moments import Moments
+    from model.prediction import RegionPrediction
+    from model.scene.field import FieldLight
+    from rigctl.calibrations.noise import NoiseParameters
+    from rigctl.compare.checks import Check, RegionVerdict, Trend
+    from rigctl.compare.compare import (
+        ComparedSeries,
+        Comparison,
+        EffectsTaken,
+        NumericalAccuracy,
+        SeriesDrift,
+        SeriesPoint,
+    )
+    from rigctl.compare.detect import RxOnRun
+    from rigctl.compare.explain import FittedInput, InputAttribution, InputMove
+    from rigctl.compare.rows import RegionBudget, Row
+    from rigctl.console.json_text import Json
+    from rigctl.files.regions import Region
+    from rigctl.measure.faults import FaultTerm
+    from rigctl.measure.measure import Measurement, PolarizationImages
+    from rigctl.report.document import Block
+
+
+# No error of a report is so small but by rounding.
+_ROUNDING = 1e-12
+_VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
+
+
+def error_of(row: Row) -> float:
+    """Return the standard error of both sides together."""
+    from rigctl.compare.rows import error_of_both
+
+    return error_of_both(row)
+
+
+def predicted_text(row: Row) -> str:
+    """Return the prediction to the digits that the errors allow."""
+    return to_digits(row.predicted, error_of(row))
+
+
+def measured_text(row: Row) -> str:
+    """Return the measured number to the digits that the errors allow."""
+    return to_digits(row.measured, error_of(row))
+
+
+def _with_region(row: Row) -> str:
+    return f"{row.region}: {row.quantity}"
+
+
+def _two_digits(number: float | None) -> str:
+    if number is None:
+        return NOTHING
+    return f"{number:.2g}" if abs(number) > _ROUNDING else "0"
+
+
+# A report has a table for each region, and both scores; the terminal is narrow. Keys are those of `Row`.
+ROW_COLUMNS: tuple[Column[Row], ...] = (
+    Column(title="region", key="region", left=True, shown=Shown.TERMINAL | Shown.PROGRAMS),
+    Column(title="quantity", key="quantity", left=True),
+    Column(title="statistic", key="statistic", left=True),
+    Column(title="predicted", key="predicted", text=predicted_text, brief=lambda row: f"{row.predicted:.6g}"),
+    Column(title="measured", key="measured", text=measured_text, brief=lambda row: f"{row.measured:.6g}"),
+    Column(
+        title="error, measured",
+        key="std_error",
+        text=lambda row: _two_digits(row.std_error),
+        shown=Shown.PAGE | Shown.PROGRAMS,
+    ),
+    Column(
+        title="error, inputs",
+        key="std_error_inputs",
+        text=lambda row: _two_digits(row.std_error_inputs),
+        shown=Shown.PAGE | Shown.PROGRAMS,
+    ),
+    Column(
+        title="z, measured",
+        key="z_measurement",
+        text=lambda row: signed(row.z_measurement),
+        shown=Shown.PAGE | Shown.PROGRAMS,
+    ),
+    Column(title="z, both", key="z", text=lambda row: signed(row.z), shown=Shown.PAGE | Shown.PROGRAMS),
+    Column(title="z", text=lambda row: "" if row.z is None else f"{row.z:+.1f}", shown=Shown.TERMINAL),
+    Column(
+        title="verdict",
+        key="agrees",
+        text=lambda row: _VERDICTS[row.agrees],
+        left=True,
+        shown=Shown.PAGE | Shown.PROGRAMS,
+    ),
+    Column(
+        title="seen at 90 %",
+        key="smallest_difference_90",
+        text=lambda row: _two_digits(row.smallest_difference_90),
+        shown=Shown.PAGE | Shown.PROGRAMS,
+    ),
+)
+
+
+def row_table(rows: Iterable[Row]) -> Table[Row]:
+    """Return rows with both errors, both scores and the verdict."""
+    return Table(columns=ROW_COLUMNS, rows=tuple(rows), is_off=_disagrees)
+
+
+def mixed_row_table(rows: Iterable[Row]) -> Table[Row]:
+    """Return rows of several regions for a page, each with its region."""
+    columns = tuple(
+        replace(column, text=_with_region) if column.key == "quantity" else column for column in ROW_COLUMNS
+    )
+    return Table(columns=columns, rows=tuple(rows), is_off=_disagrees)
+
+
+def numbers_columns() -> tuple[Column[Row], ...]:
+    """Return the columns beside those that name the number."""
+    return tuple(column for column in ROW_COLUMNS if column.key not in ("region", "quantity", "statistic"))
+
+
+def _disagrees(row: Row) -> bool:
+    return row.agrees is False
+
+
+# Heading, quantity and unit of the means that stand first.
+_SUMMARY = (("DoLP", "dolp", ""), ("AoLP", "aolp_deg", " [deg]"), ("DoLP SNR", "dolp_snr", ""))
+# More names than this say no more than that an input is hardly seen.
+_NAMED = 4
+_SHOWN_MOVES = 12
+_Known = tuple[str, MeasuredOverFrames[float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Region:
+    name: str
+    pixels: int
+    rows: tuple[Row, ...]
+
+    @property
+    def wrong(self) -> int:
+        return sum(row.agrees is False for row in self.rows)
+
+    @property
+    def tests(self) -> int:
+        return sum(row.agrees is not None for row in self.rows)
+
+    def mean(self, quantity: str) -> Row | None:
+        return next((row for row in self.rows if (row.quantity, row.statistic) == (quantity, "mean")), None)
+
+
+def summary_table(comparison: Comparison, measurement: Measurement) -> Table[_Region]:
+    """Return a line a region: DoLP, AoLP and SNR of DoLP on both sides, and how many numbers disagree."""
+    columns: tuple[Column[_Region], ...] = (
+        Column(title="region", text=lambda region: region.name, left=True),
+        Column(title="pixels", text=lambda region: str(region.pixels)),
+        *(column for title, quantity, unit in _SUMMARY for column in _both_sides(title, quantity, unit)),
+        Column(title="disagree", text=lambda region: f"{region.wrong} of {region.tests}"),
+    )
+    rows = tuple(
+        _Region(name=name, pixels=region.pixels, rows=tuple(row for row in comparison.rows if row.region == name))
+        for name, region in measurement.regions.items()
+    )
+    return Table(columns=columns, rows=rows, is_off=lambda region: region.wrong > 0)
+
+
+def _both_sides(title: str, quantity: str, unit: str) -> Iterable[Column[_Region]]:
+    yield Column(title=f"{title} predicted{unit}", text=partial(_mean, quantity=quantity, text=predicted_text))
+    yield Column(title=f"measured{unit}", text=partial(_mean, quantity=quantity, text=measured_text))
+
+
+def _mean(region: _Region, quantity: str, text: Callable[[Row], str]) -> str:
+    row = region.mean(quantity)
+    return NOTHING if row is None else text(row)
+
+
+def trend_table(trends: Sequence[Trend]) -> Table[Trend]:
+    """Return whether the order of numbers is as predicted."""
+    columns: tuple[Column[Trend], ...] = (
+        Column(title="quantity", text=lambda found: found.quantity, left=True),
+        Column(title="over", text=lambda found: found.over, left=True),
+        Column(title="numbers", text=lambda found: str(found.order.numbers)),
+        Column(title="pairs known", text=lambda found: f"{found.order.known_pairs} of {found.order.pairs}"),
+        Column(title="in order", text=lambda found: str(found.order.concordant)),
+        Column(title="Kendall's tau", text=lambda found: f"{found.order.tau:+.2f}"),
+        Column(title="chance", text=lambda found: chance(found.order.p_value)),
+        Column(title="trend", text=_trend, left=True),
+    )
+    return Table(columns=columns, rows=tuple(trends), is_off=lambda found: found.predicted is False)
+
+
+def check_table(checks: Sequence[Check]) -> Table[Check]:
+    """Return what the run says of itself."""
+    columns: tuple[Column[Check], ...] = (
+        Column(title="check", text=lambda check: check.name, left=True),
+        Column(title="verdict", text=lambda check: check.verdict, left=True),
+        Column(title="found", text=lambda check: check.text, left=True, wide=True),
+    )
+    return Table(columns=columns, rows=tuple(checks), is_off=lambda check: check.verdict in ("flagged", "refused"))
+
+
+def budget_table(budgets: Sequence[RegionBudget], quantity: str) -> Table[RegionBudget]:
+    """Return the standard uncertainty of a quantity by region and cause."""
+    causes = list(dict.fromkeys(cause for found in budgets for cause in found.parts.get(quantity, {})))
+    columns: tuple[Column[RegionBudget], ...] = (
+        Column(title="region", text=lambda found: found.region, left=True),
+        *(Column(title=cause, text=partial(_share, quantity=quantity, cause=cause)) for cause in causes),
+        Column(title="all", text=lambda found: size(float(np.linalg.norm(list(found.parts[quantity].values()))))),
+    )
+    return Table(columns=columns, rows=tuple(found for found in budgets if quantity in found.parts))
+
+
+def _trend(found: Trend) -> str:
+    return {True: "predicted", False: "NOT predicted", None: "not known"}[found.predicted]
+
+
+def _share(found: RegionBudget, quantity: str, cause: str) -> str:
+    """Return a part of a budget; what is left of rounding is nothing."""
+    return size(found.parts[quantity].get(cause, 0.0))
+
+
+def disagreeing(comparison: Comparison, most: int) -> list[Row]:
+    """Return the rows that disagree, the farthest first."""
+    return sorted(comparison.disagreements, key=lambda row: -abs(row.z or 0.0))[:most]
+
+
+def move_table(attribution: InputAttribution) -> Table[InputMove]:
+    """Return the inputs as attributions, the likeliest first."""
+    columns: tuple[Column[InputMove], ...] = (
+        Column(title="input", text=lambda move: move.name, left=True),
+        Column(title="stated", text=lambda move: f"{to_digits(move.value, move.std)} ± {move.std:.2g}"),
+        Column(title="would move by [its std]", text=lambda move: f"{move.move_std:+.1f}"),
+        Column(title="to", text=lambda move: to_digits(move.moved_value, move.std)),
+        Column(title="score", text=lambda move: f"{move.score:+.1f}"),
+        Column(title="chance of the rest", text=_chance),
+        Column(title="seen by the data", text=lambda move: f"{move.seen:.0%}"),
+        Column(title="cannot be told from", text=_confused, left=True, wide=True),
+    )
+    return Table(columns=columns, rows=attribution.moves[:_SHOWN_MOVES])
+
+
+def fitted_table(attribution: InputAttribution) -> Table[FittedInput]:
+    """Return all inputs after the joint update."""
+    columns: tuple[Column[FittedInput], ...] = (
+        Column(title="input", text=lambda found: found.name, left=True),
+        Column(title="fitted value", text=lambda found: to_digits(found.value, found.std)),
+        Column(title="its std", text=lambda found: f"{found.std:.2g}"),
+        Column(title="moved by [stated std]", text=lambda found: f"{found.moved_std:+.2f}"),
+    )
+    return Table(columns=columns, rows=attribution.fitted)
+
+
+def _chance(move: InputMove) -> str:
+    return chance(move.p_value_left) + (" (removed)" if move.removes else "")
+
+
+def _confused(move: InputMove) -> str:
+    names = move.indistinguishable_from
+    if not names:
+        return NOTHING
+    return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} others: hardly seen"
+
+
+def fault_table(terms: Sequence[FaultTerm]) -> Table[FaultTerm]:
+    """Return faults with their size, what they move, and what they cannot be told from."""
+    columns: tuple[Column[FaultTerm], ...] = (
+        Column(title="fault", text=lambda term: term.title, left=True),
+        Column(title="size", text=lambda term: _number(term.value)),
+        Column(title="error", text=lambda term: _number(term.std_error)),
+        Column(title="unit", text=lambda term: term.unit, left=True),
+        Column(title="moves DoLP by", text=lambda term: _number(term.dolp_shift)),
+        Column(title="AoLP by [deg]", text=lambda term: _number(term.aolp_shift_deg)),
+        Column(title="said", text=_said, left=True, wide=True),
+    )
+    return Table(columns=columns, rows=tuple(terms), is_off=lambda term: term.named)
+
+
+def _number(value: float | None) -> str:
+    return NOTHING if value is None else f"{value:.3g}"
+
+
+def _said(term: FaultTerm) -> str:
+    if not term.testable:
+        return f"not testable: {term.reason}"
+    found = "found" if term.named else f"not found ({signed(_score(term))} errors)"
+    return found + (f"; not to be told from {', '.join(term.confused_with)}" if term.confused_with else "")
+
+
+def _score(term: FaultTerm) -> float | None:
+    return None if term.value is None or not term.std_error else term.value / term.std_error
+
+
+def parameter_table(noise: NoiseParameters) -> Table[_Known]:
+    """Return the numbers of a noise calibration that a comparison used, with their errors."""
+    columns: tuple[Column[_Known], ...] = (
+        Column(title="noise calibration", text=lambda row: row[0], left=True),
+        Column(title="value", text=lambda row: to_digits(row[1].value, row[1].std_error)),
+        Column(title="its standard error", text=lambda row: f"{row[1].std_error:.2g}"),
+    )
+    rows = tuple((name, found) for name in NoiseSection.model_fields if (found := noise.known.get(name)) is not None)
+    return Table(columns=columns, rows=rows)
+
+
+def compared_json(comparison: Comparison) -> dict[str, Json]:
+    """Return the content of comparison.json."""
+    measurement = comparison.measurement
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "kind": comparison.kind,
+        "agrees": comparison.agrees,
+        "verdict": comparison.verdict,
+        "flags": [check.name for check in comparison.flags],
+        "alpha": comparison.alpha,
+        "scale": None if comparison.scale is None else asdict(comparison.scale),
+        "disagreements": json_rows(row_table(comparison.disagreements)),
+        "diagnosis": asdict(comparison.diagnosis) | diagnosis_json(comparison.run_diagnosis),
+        "statistics": STATISTICS,
+        "unit": measurement.grid.unit,
+        "regions": _with_verdicts(_rows_by_name(comparison.rows), comparison.regions),
+        "rows": json_rows(row_table(comparison.rows)),
+        "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
+        "explanation": None if comparison.attribution is None else asdict(comparison.attribution),
+        "trends": [_trend_json(found) for found in comparison.trends],
+        "budget": {found.region: found.parts for found in comparison.budgets},
+        "checks": [asdict(check) for check in comparison.checks],
+        "remarks": list(comparison.remarks),
+        "not_tested": list(comparison.not_tested),
+        "accuracy": None if comparison.accuracy is None else _accuracy(comparison.accuracy),
+        "provenance": provenance_json(comparison),
+        **({} if comparison.picked is None else comparison.picked.as_json()),
+        **annotations_of(measurement.run, measurement.grid.left_out),
+    }
+
+
+def _accuracy(found: NumericalAccuracy) -> Json:
+    """Return the numerical settings that a comparison chose, and their errors beside those of its rows."""
+    return {
+        "tolerance": found.tolerance,
+        "settings": found.settings,
+        "share_of_standard_error": found.share,
+        "row": None if found.row is None else "/".join(found.row),
+        "allowed_share": ALLOWED_SHARE,
+        "is_kept": found.is_kept,
+        "is_promised": not found.found.estimated_only,
+        "left_out": sorted(found.left_out),
+    }
+
+
+def _with_verdicts(regions: Mapping[str, Mapping[str, Json]], verdicts: Mapping[str, RegionVerdict]) -> Json:
+    """Return regions with their verdict and its reason beside their quantities."""
+    return {name: {**asdict(verdict), **regions.get(name, {})} for name, verdict in verdicts.items()}
+
+
+def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Json]]]:
+    """Return rows by region, quantity and statistic."""
+    regions: dict[str, dict[str, dict[str, Json]]] = {}
+    for row in rows:
+        numbers = json_rows(Table(columns=numbers_columns(), rows=(row,)))[0]
+        regions.setdefault(row.region, {}).setdefault(row.quantity, {})[row.statistic] = numbers
+    return regions
+
+
+def _trend_json(found: Trend) -> dict[str, Json]:
+    share = found.order.share_concordant
+    return {"quantity": found.quantity, "over": found.over, "predicted": found.predicted, "share_concordant": share} | (
+        asdict(found.order)
+    )
+
+
+# Of a drift that is worth a word, in standard errors.
+DRIFTS = 4.0
+
+# What is to be known of a run before any of its rows.
+_POINT_COLUMNS: tuple[Column[SeriesPoint], ...] = (
+    Column(title="run", key="run", value=lambda point: point.name, left=True),
+    Column(
+        title="first frame",
+        key="first_frame_utc",
+        value=lambda point: None if point.start is None else point.start.isoformat(),
+        text=lambda point: NOTHING if point.start is None else point.start.strftime("%Y-%m-%d %H:%M"),
+        left=True,
+    ),
+    Column(
+        title="sun zenith",
+        key="sun_zenith_deg",
+        text=lambda point: NOTHING if point.sun_zenith_deg is None else f"{point.sun_zenith_deg:.1f}",
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RowOfRun:
+    """A row of a comparison, and the run that it is of."""
+
+    point: SeriesPoint
+    row: Row
+
+
+def series_rows(series: ComparedSeries) -> Table[RowOfRun]:
+    """Return the rows of all comparisons for programs, each after its run."""
+    columns = (
+        *(column.of(lambda one: one.point) for column in _POINT_COLUMNS),
+        *(column.of(lambda one: one.row) for column in ROW_COLUMNS),
+    )
+    rows = tuple(RowOfRun(point=point, row=row) for point in series.points for row in point.comparison.rows)
+    return Table(columns=columns, rows=rows)
+
+
+def mean_table(points: Sequence[SeriesPoint]) -> Table[RowOfRun]:
+    """Return both sides of the means that people read first, run by run."""
+    columns: tuple[Column[RowOfRun], ...] = (
+        *(column.of(lambda one: one.point) for column in _POINT_COLUMNS),
+        Column(title="region", text=lambda one: one.row.region, left=True),
+        Column(title="quantity", text=lambda one: one.row.quantity, left=True),
+        Column(title="predicted", text=lambda one: predicted_text(one.row)),
+        Column(title="measured", text=lambda one: measured_text(one.row)),
+        Column(title="error", text=lambda one: f"{error_of(one.row):.1e}"),
+        Column(title="z, both", text=lambda one: signed(one.row.z)),
+    )
+    rows = tuple(
+        RowOfRun(point=point, row=row)
+        for point in points
+        for region in point.comparison.measurement.regions
+        for quantity in FOLLOWED
+        if (row := mean_row(point, region, quantity)) is not None
+    )
+    return Table(columns=columns, rows=rows, is_off=lambda one: one.row.agrees is False)
+
+
+def drift_table(drifts: Iterable[SeriesDrift]) -> Table[SeriesDrift]:
+    """Return how residuals drift with time."""
+    columns: tuple[Column[SeriesDrift], ...] = (
+        Column(title="region", text=lambda drift: drift.region, left=True),
+        Column(title="quantity", text=lambda drift: drift.quantity, left=True),
+        Column(title="drift an hour", text=lambda drift: f"{drift.line.slope:+.3g}"),
+        Column(title="its error", text=lambda drift: f"{drift.line.std_error:.2g}"),
+        Column(title="z", text=lambda drift: signed(drift.z)),
+        Column(
+            title="chi-square left",
+            text=lambda drift: f"{drift.line.chi_square:.1f} / {drift.line.degrees_of_freedom}",
+        ),
+    )
+    return Table(columns=columns, rows=tuple(drifts), is_off=lambda drift: abs(drift.z) > DRIFTS)
+
+
+def series_json(series: ComparedSeries) -> dict[str, Json]:
+    """Return the content of series.json."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "agrees": series.agrees,
+        "alpha": series.alpha,
+        "scene": {"path": str(series.scene.path), "sha256": series.scene.sha256},
+        "runs": [_point_json(point) for point in series.points],
+        "drifts": [
+            {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in series.drifts
+        ],
+        "trends": [
+            {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order) for t in series.trends
+        ],
+        "provenance": [provenance_json(point.comparison) for point in series.points],
+    }
+
+
+def _point_json(point: SeriesPoint) -> dict[str, Json]:
+    comparison = point.comparison
+    facts = json_rows(Table(columns=_POINT_COLUMNS, rows=(point,)))[0]
+    return {
+        **facts,
+        "agrees": comparison.agrees,
+        "disagreements": len(comparison.disagreements),
+        "points_to": list(comparison.diagnosis.points_to),
+        "explanation": None if comparison.attribution is None else comparison.attribution.remark,
+        "means": {
+            region: {
+                quantity: json_rows(row_table([row]))[0]
+                for quantity in FOLLOWED
+                if (row := mean_row(point, region, quantity)) is not None
+            }
+            for region in point.comparison.measurement.regions
+        },
+    }
+
+
+FloatArray = NDArray[np.float64]
+Law = Callable[[FloatArray], FloatArray]
+
+_BINS = 60
+# Two pixels apart.
+_LAW_POINTS = 150
+# Of S0 the budget is a share of itself.
+_TITLES = {name: QUANTITIES[name].label for name in FOLLOWED} | {"s0": "S0 (share of itself)"}
+# Colours after Okabe and Ito, told apart by colour-blind readers; hatches tell them apart in grey. A cause has the same
+# in every report.
+_LOOKS = {
+    "shot": ("#0072b2", ""),
+    "read": ("#56b4e9", "//"),
+    "fixed pattern": ("#009e73", ""),
+    "texture": ("#f0e442", "xx"),
+    "texture and fixed pattern": ("#f0e442", "xx"),
+    "noise and texture": ("#0072b2", "\\\\"),
+    "dark level": ("#999999", ""),
+    "registration": ("#999999", ".."),
+    FAULTS: ("#000000", "//"),
+    "repeatability": ("#666666", "xx"),
+    "angle": ("#e69f00", "//"),
+    "drift": ("#cc79a7", ""),
+    "inputs": ("#d55e00", ""),
+}
+# A cause below this share of the largest of a panel is not drawn to scale but at the edge.
+_SHOWN_DECADES = 3.0
+# Of a letter, at most.
+_NAME_INCH = 0.1
+
+
+def channel_bars(rows: tuple[Row, ...], *, unit: str) -> bytes:
+    """Return mean and deviation of the counts by channel, predicted beside measured, as [MK14] Fig. 7."""
+    regions = list(dict.fromkeys(row.region for row in rows))
+    size = 3.6 * len(regions) + 0.2, 5.6
+    figure, axes = placed_axes(2, len(regions), size=size, margins=(0.85, 0.1, 0.85, 0.3), apart=(0.9, 0.8))
+    for column, region in enumerate(regions):
+        for line, (statistic, title) in enumerate((("mean", "mean"), ("std", "deviation over pixels, one frame"))):
+            ax = axes[line * len(regions) + column]
+            chosen = [r for r in rows if r.region == region and r.quantity[:3] == "dn_" and r.statistic == statistic]
+            _bars(ax, chosen)
+            ax.set_title(f"{region}: {title}", fontsize=9)
+            ax.set_xlabel("polarizer angle [deg]")
+            ax.set_ylabel(f"counts above dark [{unit}]")
+    legend_of_all(figure, axes[0])
+    return png(figure)
+
+
+def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction]) -> bytes:
+    """Return histograms of s1, s2 and DoLP of each region's pixels with their exact laws, as [MK14] Fig. 8."""
+    names = [name for name in predictions if name in measurement.regions]
+    size = 11.0, 2.9 * len(names) + 0.35
+    figure, axes = placed_axes(len(names), 3, size=size, margins=(0.7, 0.1, 0.85, 0.3), apart=(0.75, 0.8))
+    for line, name in enumerate(names):
+        pixels, stokes = measurement.regions[name].stokes_pixels, predictions[name].stokes_dn
+        lit = pixels[:, pixels[0] > 0.0]
+        if not lit.size:
+            continue
+        step = 1.0 / float(np.median(lit[0]))
+        for column, component in enumerate((1, 2)):
+            ax = axes[3 * line + column]
+            _histogram(ax, lit[component] / lit[0], _ratio_law(stokes, component), step=step, title=name)
+            ax.set_xlabel(f"s{component} = S{component}/S0")
+        _histogram(axes[3 * line + 2], degree_of_polarization(lit.T), _dolp_law(stokes), step=step, title=name)
+        axes[3 * line + 2].set_xlabel("DoLP")
+    legend_of_all(figure, axes[0])
+    return png(figure)
+
+
+def scores_png(comparison: Comparison) -> bytes:
+    """Return every row's standard score, and which of them disagree."""
+    tested = [row for row in comparison.rows if row.z is not None]
+    names = list(dict.fromkeys(row.region for row in tested))
+    figure, axes = subplots(1, 1, size=(11.0, 0.9 + 0.55 * len(names)))
+    axes[0].axvspan(-2, 2, color="0.92", label="two standard errors")
+    for agrees, colour, label in ((True, PREDICTED, "agrees"), (False, MEASURED, "disagrees")):
+        chosen = [row for row in tested if row.agrees is agrees]
+        heights = [names.index(row.region) for row in chosen]
+        values = [row.z or 0.0 for row in chosen]
+        if not chosen:
+            continue
+        axes[0].scatter(values, heights, s=18, c=colour, marker="o" if agrees else "x", label=label, zorder=3)
+    axes[0].set_yticks(range(len(names)), names)
+    axes[0].invert_yaxis()
+    farthest = max([5.0, *(1.3 * abs(row.z or 0.0) for row in tested)])
+    axes[0].set_xscale("symlog", linthresh=5.0)
+    axes[0].set_xlim(-farthest, farthest)
+    axes[0].xaxis.set_major_formatter("{x:g}")
+    axes[0].set_ylim(-0.6, len(names) - 0.4)
+    axes[0].set_xlabel("(measured - predicted) / standard error of both")
+    legend_beside(axes[0])
+    return png(figure)
+
+
+def _bars(ax: Axes, rows: list[Row]) -> None:
+    places = np.arange(len(rows))
+    ax.bar(places - 0.2, [row.predicted for row in rows], 0.38, color=PREDICTED, label="predicted")
+    ax.bar(places + 0.2, [row.measured for row in rows], 0.38, color=MEASURED, label="measured")
+    both = [np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0) for row in rows]
+    ax.errorbar(places + 0.2, [row.measured for row in rows], yerr=both, fmt="none", ecolor="black", capsize=3)
+    ax.set_xticks(places, [angle_of(row.quantity) for row in rows])
+
+
+def _histogram(ax: Axes, values: FloatArray, law: Law, *, step: float, title: str) -> None:
+    low, high = float(values.min()), float(values.max())
+    density, edges = np.histogram(values, bins=_edges(low, high, step), density=True)
+    # One artist; a bar each takes longer than all else of the figure.
+    ax.stairs(density, edges, fill=True, color=MEASURED, alpha=0.55, label="measured pixels")
+    x = np.linspace(low, high, _LAW_POINTS)
+    try:
+        ax.plot(x, law(x), color=PREDICTED, linewidth=1.8, label="predicted law")
+    except (ValueError, ArithmeticError) as error:
+        ax.annotate(f"no law: {error}", (0.02, 0.95), xycoords="axes fraction", fontsize=6, va="top", wrap=True)
+    ax.set_title(title, fontsize=9)
+    ax.set_ylabel("density")
+    ax.locator_params(axis="x", nbins=5)
+
+
+def _edges(low: float, high: float, step: float) -> FloatArray:
+    """Return edges of bins that are whole multiples of one count's step wide: others make spikes that are not there."""
+    width = step * max(1.0, np.ceil((high - low) / _BINS / step))
+    start = np.floor(low / width) - 0.5
+    return np.asarray((start + np.arange(int(np.ceil((high - low) / width)) + 3)) * width)
+
+
+def _ratio_law(stokes: Moments, component: int) -> Law:
+    return lambda x: normalized_stokes.distribution(x, stokes.mean, stokes.cov, component=component).density
+
+
+def _dolp_law(stokes: Moments) -> Law:
+    return lambda x: np.asarray(dolp.pdf(x, stokes.mean, stokes.cov))
+
+
+def budget_bars(budgets: Sequence[RegionBudget]) -> bytes:
+    """Return bars of the standard uncertainty by cause, a panel a quantity, a group a region.
+
+    Causes that are too small to be seen in any panel are left out; the tables have them.
+    """
+    quantities = [q for q in _TITLES if any(q in found.parts for found in budgets)]
+    all_causes = dict.fromkeys(cause for found in budgets for parts in found.parts.values() for cause in parts)
+    causes = [cause for cause in all_causes if any(_is_seen(budgets, quantity, cause) for quantity in quantities)]
+    height = 0.9 + 0.17 * len(budgets) * (len(causes) + 2)
+    names = _NAME_INCH * max(len(found.region) for found in budgets) + 0.25
+    lines = 0.2 * -(-(len(causes) + 1) // 5)
+    size = 2.6 * len(quantities) + names, max(height, 2.4) + lines + 0.6
+    margins = (names, 0.2, lines + 0.65, 0.1)
+    figure, axes = placed_axes(1, len(quantities), size=size, margins=margins, apart=(0.35, 0.0))
+    for ax, quantity in zip(axes, quantities, strict=True):
+        _panel(ax, budgets, quantity, causes)
+    axes[0].set_yticks(
+        [_place(k, len(causes) / 2, causes) for k in range(len(budgets))], [found.region for found in budgets]
+    )
+    legend_of_all(figure, axes[0])
+    return png(figure)
+
+
+def _is_seen(budgets: Sequence[RegionBudget], quantity: str, cause: str) -> bool:
+    return max(found.parts.get(quantity, {}).get(cause, 0.0) for found in budgets) > _limits(budgets, quantity)[0]
+
+
+def _limits(budgets: Sequence[RegionBudget], quantity: str) -> tuple[float, float]:
+    """Return the ends of a panel's axis."""
+    most = float(max(np.linalg.norm(list(found.parts.get(quantity, {}).values())) for found in budgets))
+    return (float(10.0 ** (np.floor(np.log10(most)) - _SHOWN_DECADES)), 3.0 * most) if most > 0.0 else (1e-12, 1e-9)
+
+
+def _panel(ax: Axes, budgets: Sequence[RegionBudget], quantity: str, causes: list[str]) -> None:
+    from matplotlib.ticker import NullLocator
+
+    low, high = _limits(budgets, quantity)
+
+    def draw(place: int, values: list[float], label: str, look: tuple[str, str]) -> None:
+        at = [_place(k, place, causes) for k in range(len(budgets))]
+        widths = [max(value, low) - low for value in values]
+        shape: dict[str, Any] = {"left": low, "color": look[0], "hatch": look[1], "edgecolor": "white"}
+        ax.barh(at, widths, 0.85, linewidth=0.0, label=label, **shape)
+
+    for place, cause in enumerate(causes, start=1):
+        draw(place, [found.parts.get(quantity, {}).get(cause, 0.0) for found in budgets], cause, _LOOKS[cause])
+    totals = [float(np.linalg.norm(list(found.parts.get(quantity, {}).values()))) for found in budgets]
+    draw(0, totals, "all", ("black", ""))
+    ax.set_xscale("log")
+    ax.xaxis.set_minor_locator(NullLocator())
+    # As text: powers are set as formulas, which takes longer than the rest of the panel.
+    ax.xaxis.set_major_formatter(lambda value, _: f"1e{round(np.log10(value))}")
+    ax.set_xlim(low, high)
+    ax.invert_yaxis()
+    ax.set_yticks([])
+    ax.set_xlabel(f"std of {_TITLES[quantity]}", fontsize=9)
+    ax.tick_params(axis="x", labelsize=8)
+
+
+def _place(group: int, place: float, causes: list[str]) -> float:
+    return group * (len(causes) + 2) + place
+
+
+def series_figure(
+    points: Sequence[SeriesPoint], at: Sequence[float], *, region: str, quantities: Sequence[str], label: str, unit: str
+) -> bytes:
+    """Return a figure of one region: above, both sides with their errors; below, measured less predicted."""
+    shown = [q for q in quantities if all(mean_row(point, region, q) is not None for point in points)]
+    figure, axes = subplots(2, max(len(shown), 1), size=(2.7 * max(len(shown), 1) + 0.4, 4.6))
+    for column, quantity in enumerate(shown):
+        rows = [row for row in (mean_row(point, region, quantity) for point in points) if row is not None]
+        upper, lower = axes[column], axes[len(shown) + column]
+        _both(upper, at, rows)
+        _residuals(lower, at, rows)
+        name = QUANTITIES[quantity].label + (f" [{unit}]" if quantity == "s0" else "")
+        upper.set_title(f"{region}: {name}", fontsize=9)
+        lower.set_xlabel(label, fontsize=9)
+    axes[0].set_ylabel("mean of the region")
+    axes[len(shown)].set_ylabel("measured - predicted")
+    legend_of_all(figure, axes[0])
+    return png(figure)
+
+
+def _both(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
+    from rigctl.compare.rows import off_prediction
+
+    order = np.argsort(at)
+    x = np.asarray(at)[order]
+    predicted = np.array([rows[k].predicted for k in order])
+    if rows[0].quantity == "aolp_deg":
+        # From 2 to 179 deg is a way of 3, not of 177.
+        predicted = np.unwrap(predicted, period=180.0)
+    measured = predicted + [off_prediction(rows[k], rows[k].measured) for k in order]
+    error = np.array([rows[k].std_error_inputs or 0.0 for k in order])
+    ax.fill_between(x, predicted - error, predicted + error, color=PREDICTED, alpha=0.2, label="its std by the inputs")
+    ax.plot(x, predicted, color=PREDICTED, marker="s", markersize=4, linewidth=1.2, label="predicted")
+    ax.errorbar(
+        x,
+        measured,
+        yerr=[rows[k].std_error or 0.0 for k in order],
+        fmt="o",
+        markersize=4,
+        color=MEASURED,
+        capsize=2,
+        label="measured",
+    )
+    ax.tick_params(labelsize=8)
+
+
+def _residuals(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
+    from rigctl.compare.rows import off_prediction
+
+    ax.axhline(0.0, color="0.5", linewidth=0.8)
+    ax.errorbar(
+        at,
+        [off_prediction(row, row.measured) for row in rows],
+        yerr=[float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0)) for row in rows],
+        fmt="o",
+        markersize=4,
+        color=MEASURED,
+        capsize=2,
+    )
+    ax.tick_params(labelsize=8)
+
+
+AnyFloatArray = NDArray[np.floating]
+
+# An angle that is known worse than this fades.
+_WELL_KNOWN_DEG = 10.0
+# Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
+_SHOWN_PERCENTILES = (1.0, 99.5)
+# A grey that the cyclic colours never pass: theirs at 0 degrees is a light one.
+_UNKNOWN_GREY = 153
+# Of a picture that is the same all over, the bar is so wide for its value.
+_LEAST_SPAN = 1e-3
+
+
+def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:
+    """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
+    s0 = images.stokes[0]
+    s0_low, s0_high = _shown(np.where(images.unusable, np.nan, s0))
+    low, high = _shown(images.dolp, most=1.0)
+    panchromatic = DrawnPicture(
+        values=s0, low=s0_low, high=s0_high, colours="gray", title="S0 (panchromatic)", label=f"S0 [{unit}]"
+    )
+    dolp = DrawnPicture(values=images.dolp, low=low, high=high, colours="viridis", title="DoLP", label="DoLP")
+    return pictures_png((panchromatic, dolp), regions=regions)
+
+
+def aolp_picture(images: PolarizationImages) -> bytes:
+    """Return the image of the angle of polarization; it fades where it is known to less than 10 degrees."""
+    picture = DrawnPicture(
+        values=np.where(images.unusable, np.nan, images.aolp_deg),
+        low=0.0,
+        high=180.0,
+        colours="twilight",
+        title=f"AoLP (grey: not known to {_WELL_KNOWN_DEG:g} deg)",
+        label="counter-clockwise from horizontal [deg]",
+        opacity=np.clip(_WELL_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2,
+        ground=_UNKNOWN_GREY,
+    )
+    return pictures_png((picture,))
+
+
+def residual_picture(residual: AnyFloatArray) -> bytes:
+    """Return the image of what no light gives, as a share of the light."""
+    found = 100.0 * residual
+    good = np.abs(found[np.isfinite(found)])
+    most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
+    picture = DrawnPicture(
+        values=found,
+        low=-most,
+        high=most,
+        colours="red-blue",
+        title="What no light gives",
+        label="twice the residual over the light [%]",
+    )
+    return pictures_png((picture,))
+
+
+def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]:
+    """Return the values between which a picture is shown."""
+    good = image[np.isfinite(image)]
+    low, high = np.percentile(good, _SHOWN_PERCENTILES) if good.size else (0.0, 1.0)
+    return float(low), float(max(min(high, most), low + _LEAST_SPAN * max(abs(low), _LEAST_SPAN)))
+
+
+# So many disagreements are shown at the head of the report; all stand in its tables.
+_SHOWN_DISAGREEMENTS = 12
+_SOURCE = (
+    "Model ([MK14]: Meng & Kerekes, IEEE TGRS 2014, doi:10.1109/TGRS.2014.2299272) beside measurement. {kind} "
+    "comparison. {origin}"
+)
+_SIMULATED = "The frames are simulated; the numbers of the simulated sensor and scene are assumed."
+
+
+def comparison_report(comparison: Comparison) -> Report:
+    """Return the report of a comparison."""
+    measurement = comparison.measurement
+    simulated = measurement.run.session.origin == "simulated"
+    return Report(
+        title=f"{measurement.run.path.name} beside the model",
+        source=_SOURCE.format(kind=comparison.kind.capitalize(), origin=_SIMULATED if simulated else ""),
+        verdict=Verdict(good=comparison.agrees is True, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
+        sections=[
+            *_first(comparison, measurement),
+            *annotation_sections(measurement.run.annotations),
+            *_attributed(comparison.attribution),
+            _pictures(measurement, comparison.outlines),
+            *_both_sides_section(comparison, measurement),
+            *_trends(comparison),
+            *([light_section(comparison.lights)] if comparison.lights else []),
+            *_uncertainty(comparison),
+            *_effects(comparison.effects),
+            *_by_itself(comparison),
+            *_strength(comparison),
+            *_numbers(comparison, measurement),
+            *_limits_section(comparison),
+            *_calibration(comparison.noise),
+            *_sources(comparison),
+        ],
+    )
+
+
+def verdict(comparison: Comparison) -> str:
+    """Return the verdict in a sentence, with what it is held with."""
+    found = comparison.verdict
+    held_with = reservations(comparison.checks, comparison.regions)
+    flagged = f" {held_with[:1].upper()}{held_with[1:]}." if held_with else ""
+    if found == "cannot_be_judged":
+        return f"{not_judged(comparison.checks).capitalize()}.{flagged}"
+    if not any(row.agrees is not None for row in comparison.rows):
+        return f"Nothing was tested.{flagged}"
+    return f"Model and measurement {VERDICT_WORDS[found].lower()}.{flagged}"
+
+
+def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
+    for refusal in refusals(comparison.checks):
+        yield "Refused:", refusal
+    for line in unjudged_lines(comparison.regions, comparison.checks):
+        yield "", line
+    for weak in comparison.weak:
+        yield "Hardly tested:", weak
+    tests = sum(row.agrees is not None for row in comparison.rows)
+    alpha = f"{comparison.alpha:g}"
+    rule = (
+        f"{tests} numbers were tested; {len(comparison.disagreements)} disagree. Holm's rule at alpha = {alpha}: if "
+        f"all agree in truth, the chance that any one is called a disagreement is at most {alpha}."
+    )
+    yield "", rule
+    for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
+        yield f"Points to {cause}:", advice
+    if comparison.attribution is not None and comparison.disagreements:
+        yield "What would explain it:", comparison.attribution.remark + "."
+    for title, text in said_of(comparison.checks, "flagged"):
+        yield f"{title[:1].upper()}{title[1:]}:", text
+
+
+def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
+    yield Section(title="In short", blocks=(summary_table(comparison, measurement),))
+    if comparison.disagreements:
+        worst = disagreeing(comparison, _SHOWN_DISAGREEMENTS)
+        text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
+        table = mixed_row_table(worst)
+        yield Section(title="What disagrees", blocks=(table, Paragraph(text=text)))
+
+
+def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
+    if attribution is None:
+        return
+    all_of_it = (
+        f"chi-square of the residuals {attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of "
+        f"freedom, {p_value(attribution.p_value)}, in the errors of measurement and inputs together"
+    )
+    method = Paragraph(
+        text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]} ({all_of_it}). For each input alone: how far "
+        "it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the score, "
+        "standard normal where nothing is wrong; the chance of what is left; the share of its stated variance that "
+        "these data resolve; and the inputs that they cannot tell from it were it off by five standard uncertainties."
+    )
+    blocks: tuple[Block, ...] = (method,)
+    if attribution.moves:
+        blocks += (move_table(attribution),)
+    if attribution.unseen:
+        blocks += (Paragraph(text="The data say nothing of: " + ", ".join(attribution.unseen) + "."),)
+    yield Section(title="What would explain the residuals", blocks=blocks)
+    fitted = Paragraph(
+        text="FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
+        "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
+    )
+    yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(attribution)), folded=True)
+
+
+def _pictures(measurement: Measurement, regions: Sequence[Region]) -> Section:
+    pictures = Picture(
+        png=scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
+        caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
+    )
+    if measurement.images.residual is None:
+        return Section(title="Pictures", blocks=(pictures,))
+    residual = Picture(
+        png=residual_picture(measurement.images.residual),
+        caption="What no light gives: twice the residual of the fit over the light, at 0, 45, 90, 135 deg what the "
+        "sums of orthogonal pairs differ by. Structure in it is a fault of the run.",
+    )
+    return Section(title="Pictures", blocks=(pictures, residual))
+
+
+def _both_sides_section(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
+    if not comparison.predictions:
+        return
+    if any(row.z is not None for row in comparison.rows):
+        scores = Picture(
+            png=scores_png(comparison),
+            caption="Each tested number of a region: difference over the standard error of both sides. Numbers of one "
+            "region share pixels and inputs and are not independent.",
+        )
+        yield Section(title="Standard scores", blocks=(scores,))
+    bars = Picture(
+        png=channel_bars(comparison.rows, unit=measurement.grid.unit),
+        caption="Mean and deviation of the counts behind each polarizer angle (compare [MK14] Fig. 7). Error bars: one "
+        "standard error of both sides.",
+    )
+    yield Section(title="Counts by channel", blocks=(bars,))
+    laws = Picture(
+        png=histograms(measurement, comparison.predictions),
+        caption="Pixels of one cycle, and the exact laws that the model predicts (compare [MK14] Fig. 8).",
+    )
+    yield Section(title="Histograms", blocks=(laws,))
+
+
+def _trends(comparison: Comparison) -> Iterable[Section]:
+    if comparison.trends:
+        note = Paragraph(
+            text="Order of numbers, whatever their scale. A pair is known where it differs by more than two standard "
+            "errors on both sides; the trend is predicted where every known pair is in order. The chance is that of so "
+            "good an order by accident: few numbers make weak evidence."
+        )
+        yield Section(title="Trends", blocks=(trend_table(comparison.trends), note))
+
+
+def _uncertainty(comparison: Comparison) -> Iterable[Section]:
+    known = [found for found in comparison.budgets if found.parts]
+    if not known:
+        return
+    picture = Picture(
+        png=budget_bars(known),
+        caption="Standard uncertainty of each region's mean by cause, to first order; the bar on top is all of them "
+        "together. S0 as a share of itself.",
+    )
+    yield Section(
+        title="Uncertainty budget",
+        blocks=(picture, Paragraph(text="Of DoLP, in numbers:"), budget_table(known, "dolp")),
+    )
+
+
+def _effects(effects: EffectsTaken | None) -> Iterable[Section]:
+    if effects is None:
+        return
+    note = Paragraph(
+        text="The most that leaving an effect out can change: of DoLP, s1 and s2 absolute, of the counts relative. "
+        "Called for: whether leaving it out could cost more than half of the numerical tolerance. A comparison takes "
+        "every effect behind the lens, and those of the light that are called for, but for what somebody left out by "
+        "request (rigctl effects, --without)."
+    )
+    yield Section(title="Effects taken and skipped", blocks=(taken_table(effects), note))
+
+
+def _by_itself(comparison: Comparison) -> Iterable[Section]:
+    blocks: tuple[Block, ...] = (check_table(comparison.checks),)
+    found = comparison.run_diagnosis
+    if found is not None and found.terms:
+        blocks += (
+            Paragraph(
+                text="What more than three angles leave over, fitted by every fault at once; those that explain it "
+                f"best stand first. {UNSEEN[:1].upper()}{UNSEEN[1:]}."
+            ),
+            fault_table(found.terms),
+        )
+    yield Section(title="The run by itself", blocks=blocks)
+
+
+def _strength(comparison: Comparison) -> Iterable[Section]:
+    performance = comparison.performance
+    strength = Paragraph(
+        text="By the model, for single pixels of one cycle: quantiles of DoLP by its exact law; how mean and deviation "
+        "of DoLP were found and the error of that by its own estimate; NEDoLP, the deviation of DoLP that unpolarised "
+        "light of this intensity would show by temporal noise."
+    )
+    blocks: tuple[Block, ...] = (strength, strength_table(comparison.predictions, performance))
+    if any(found is not None and found.nedolp is None for found in performance.strengths.values()):
+        blocks += (Paragraph(text=f"NEDoLP is not known: {NO_NOISE}."),)
+    detection = detection_table(performance)
+    if detection.rows:
+        text = (
+            "Probability of detection by RX on Stokes parameters ([MK14] eq. 30), exact law, at a probability of false "
+            "alarm of:"
+        )
+        blocks += (Paragraph(text=text), detection)
+    yield Section(title="Strength of polarization, and detection", blocks=blocks)
+
+
+def _numbers(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
+    meanings = "; ".join(f"{name}: {text}" for name, text in STATISTICS.items())
+    yield Section(
+        title="All numbers",
+        blocks=(
+            Paragraph(
+                text=f"Counts and Stokes parameters in {measurement.grid.unit}, dark level taken off. ratio_ANGLE: "
+                f"counts behind an angle over the mean of all. Deviations: {meanings}. Rows without a verdict are no "
+                "tests: their prediction was made from this very number."
+            ),
+        ),
+    )
+    for name in measurement.regions:
+        rows = [row for row in comparison.rows if row.region == name]
+        yield Section(title=f"Numbers of {name}", blocks=(row_table(rows),), folded=True)
+
+
+def _limits_section(comparison: Comparison) -> Iterable[Section]:
+    yield Section(title="What this does not test", blocks=(Bullets(items=comparison.not_tested),))
+    if comparison.remarks:
+        yield Section(title="Assumed, overruled, left out", blocks=(Bullets(items=comparison.remarks),))
+
+
+def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
+    if noise is not None:
+        yield Section(title="Calibration used", blocks=(parameter_table(noise),))
+
+
+def _sources(comparison: Comparison) -> Iterable[Section]:
+    yield Section(title="Where it comes from", blocks=(source_table(comparison),))
+    provenance = Verbatim(text=json.dumps(provenance_json(comparison), indent=2))
+    yield Section(title="Provenance in full", blocks=(provenance,), folded=True, printed=False)
+
+
+def light_section(lights: Mapping[str, FieldLight]) -> Section:
+    """Return the section on what the light of regions is made of.
+
+    Parameters
+    ----------
+    lights : mapping
+        Region to its light, as `rigctl.scene.light.SceneLight.region` gives it; one or more.
+    """
+    text = (
+        "Radiance at the aperture in W m-2 sr-1 in band, as the model has it: S1 = horizontal - vertical, S2 = (+45) - "
+        "(-45). Reflected light is what is left of it at the camera; path is light that the air before the target adds."
+    )
+    picture = Picture(
+        png=light_figure(lights), caption="What the light at the aperture is made of; the stroke is the total."
+    )
+    return Section(title="What the light is made of", blocks=(Paragraph(text=text), share_table(lights), picture))
+
+
+_SERIES_VERDICTS = {
+    True: "Model and measurement agree.",
+    False: "Model and measurement disagree.",
+    None: "Not every run can be judged; the others agree.",
+}
+
+
+def series_report(series: ComparedSeries) -> Report:
+    """Return what the report of many runs says."""
+    points = series.points
+    return Report(
+        title=f"{len(points)} runs beside the model",
+        source="Each run with its own sun, time and exposure, and one scene file for all.",
+        verdict=Verdict(
+            good=series.agrees is True,
+            text=_SERIES_VERDICTS[series.agrees],
+            reasons=tuple(_series_reasons(series)),
+        ),
+        sections=[
+            *_figures(points),
+            Section(title="All runs", blocks=(mean_table(points),)),
+            *_drift_sections(series),
+            Section(title="What this does not test", blocks=(Bullets(items=_not_tested(points)),)),
+            Section(
+                title="Provenance in full",
+                blocks=(
+                    Verbatim(
+                        text=json.dumps(
+                            [provenance_json(point.comparison)["files"] for point in series.points], indent=2
+                        )
+                    ),
+                ),
+                folded=True,
+                printed=False,
+            ),
+        ],
+    )
+
+
+def _series_reasons(series: ComparedSeries) -> Iterable[tuple[str, str]]:
+    points = series.points
+    off = [point for point in points if point.comparison.agrees is False]
+    yield "", f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together."
+    for point in points:
+        if point.comparison.agrees is None:
+            yield "Cannot be judged:", f"{point.name}: {'; '.join(refusals(point.comparison.checks))}"
+    for point in off:
+        yield "Disagrees:", f"{point.name}: {_why(point)}"
+    for d in series.drifts:
+        if abs(d.z) > DRIFTS:
+            drift = f"by {d.line.slope:+.3g} an hour ({d.z:+.1f})"
+            yield "Drifts:", f"{d.quantity} of {d.region} against its prediction, {drift}"
+
+
+def _why(point: SeriesPoint) -> str:
+    comparison = point.comparison
+    text = (
+        f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.diagnosis.points_to) or 'no cause'}"
+    )
+    return text if comparison.attribution is None else f"{text}; {comparison.attribution.remark}"
+
+
+def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
+    hours = hours_of(points)
+    zeniths = [point.sun_zenith_deg for point in points if point.sun_zenith_deg is not None]
+    axes: list[tuple[str, list[float], str]] = []
+    if hours is None:
+        axes.append(("order", [float(k) for k in range(1, len(points) + 1)], "run, as given"))
+    else:
+        axes.append(("time", hours, "time from the first run [h]"))
+    if len(zeniths) == len(points) and len(set(zeniths)) > 1:
+        axes.append(("sun", zeniths, "sun from the zenith [deg]"))
+    for name, at, label in axes:
+        pictures = tuple(
+            Picture(
+                png=series_figure(
+                    points,
+                    at,
+                    region=region,
+                    quantities=FOLLOWED,
+                    label=label,
+                    unit=points[0].comparison.measurement.grid.unit,
+                ),
+                caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",
+            )
+            for region in points[0].comparison.measurement.regions
+        )
+        yield Section(title=f"Against the {name}", blocks=pictures)
+
+
+def _drift_sections(series: ComparedSeries) -> Iterable[Section]:
+    if series.drifts:
+        note = Paragraph(
+            text="Straight line through measured less predicted, weighted by the errors of the measurement. Errors of "
+            "the inputs are common to all runs and no reason for a drift, unless they change with the sun."
+        )
+        yield Section(title="Drift of the residuals", blocks=(drift_table(series.drifts), note))
+    if series.trends:
+        yield Section(title="Trends", blocks=(trend_table(series.trends),))
+
+
+def _not_tested(points: Sequence[SeriesPoint]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(text for point in points for text in point.comparison.not_tested))
+
+
+def write_comparison(comparison: Comparison, out: Path) -> None:
+    """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
+    report = comparison_report(comparison)
+    contents = {
+        "prediction.json": json_file(
+            prediction_json(comparison.predictions, comparison.performance, remarks=comparison.remarks)
+        ),
+        "measurement.json": json_file(measurement_json(comparison.measurement)),
+        "comparison.json": json_file(compared_json(comparison)),
+        "comparison.csv": csv_rows(row_table(comparison.rows)),
+        "report.html": html(report).encode(),
+        "report.pdf": report_file(report, Path("report.pdf")),
+    }
+    write_folder(out, contents)
+
+
+def write_comparison_numbers(comparison: Comparison, out: Path) -> None:
+    """Write comparison.json alone."""
+    write_folder(out, {"comparison.json": json_file(compared_json(comparison))})
+
+
+def write_series(series: ComparedSeries, out: Path) -> None:
+    """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
+    for point in series.points:
+        write_comparison(point.comparison, out / point.name)
+    report = series_report(series)
+    contents = {
+        "series.json": json_file(series_json(series)),
+        "series.csv": csv_rows(series_rows(series)),
+        "series.html": html(report).encode(),
+        "series.pdf": report_file(report, Path("series.pdf")),
+    }
+    write_folder(out, contents)
+
+
+def write_stokes(
+    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
+) -> tuple[str, ...]:
+    """Write all that a measurement gives into a folder; return the names of the files.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        What to write.
+    regions : list of Region
+        Drawn on the pictures.
+    out : Path
+        Folder; made where it is not there. Files of the same name are replaced.
+    numbers : mapping
+        What stokes.json is to hold.
+    """
+    images, unit = measurement.images, measurement.grid.unit
+    contents = {
+        "stokes.fits": fits_image(
+            images.stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"
+        ),
+        "dolp.fits": fits_image(images.dolp, unit="", what="DoLP; NaN where it has no meaning"),
+        "aolp.fits": fits_image(images.aolp_deg, unit="deg", what="AoLP, counter-clockwise, in [0, 180)"),
+        "saturated.fits": fits_image(measurement.saturated.astype(np.uint8), unit="", what="1: saturated in a frame"),
+        "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
+        "pictures.png": scene_pictures(images, regions, unit=unit),
+        "aolp.png": aolp_picture(images),
+        **({} if images.residual is None else {"residual.png": residual_picture(images.residual)}),
+        "stokes.json": json_file(numbers),
+    }
+    return write_folder(out, contents)
+
+
+def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) -> tuple[str, ...]:
+    """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
+    from rigctl.report.data_files import csv_rows
+    from rigctl.report.prediction import detection_json, measured_roc_table, roc_plot, statistic_picture
+
+    contents = {
+        "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
+        "rx.png": statistic_picture(found, background=background),
+        # Lines end here as RFC 4180 has it.
+        "roc.csv": csv_rows(measured_roc_table(found), line_end="\r\n"),
+        "roc.png": roc_plot(found, background=background, target=target),
+        "detection.json": json_file(detection_json(found, background=background, target=target)),
+    }
+    return write_folder(out, contents)

@@ -1,0 +1,99 @@
+"""Parts of a report, whatever it is written as: sections of text, tables, lists and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rigctl.report.table import AnyTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paragraph:
+    """Plain text."""
+
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bullets:
+    """A list of plain texts."""
+
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """Names, each with what there is to say of it."""
+
+    items: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A figure as PNG, drawn once for all writers, with its caption."""
+
+    png: bytes
+    caption: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verbatim:
+    """Text that keeps its lines."""
+
+    text: str
+
+
+Block = Paragraph | Bullets | Terms | AnyTable | Picture | Verbatim
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A heading and what stands under it.
+
+    `folded` ones are closed at first where a page can be; those that are not `printed` stand on no paper.
+    """
+
+    title: str
+    blocks: tuple[Block, ...]
+    folded: bool = False
+    printed: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Judgement of a report, which one reads first.
+
+    Attributes
+    ----------
+    good : bool
+        Its colour.
+    text : str
+        In a sentence.
+    reasons : tuple of (str, str)
+        What it says beside: a word in bold (or nothing) and a text.
+    """
+
+    good: bool
+    text: str
+    reasons: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """A whole report.
+
+    Attributes
+    ----------
+    title, source : str
+        Heading, and what it is a report of.
+    sections : tuple of Section
+        What it says.
+    verdict : Verdict or None
+        What it comes to, where it judges.
+    """
+
+    title: str
+    source: str
+    sections: Sequence[Section]
+    verdict: Verdict | None = None

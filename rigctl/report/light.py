@@ -1,0 +1,216 @@
+"""Light of a scene as tables and as JSON: where it comes from by region, and the sky."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.stokes import aolp_rad, dolp
+from rigctl.base.numbers import size
+from rigctl.report.table import Column, Shown, Table
+from rigctl.scene.sky_map import sky_difference
+
+if TYPE_CHECKING:
+    from model.scene.field import FieldLight, Source
+    from rigctl.console.json_text import Json
+    from rigctl.predict.predict import ScenePrediction
+    from rigctl.scene.sky_map import SkyMap, SkyOfKind
+
+
+FloatArray = NDArray[np.float64]
+
+# What the light is made of, in the order in which it is shown.
+PARTS: dict[Source, str] = {
+    "reflected_sun": "reflected sun",
+    "reflected_sky": "reflected sky",
+    "path": "path",
+    "reflected": "reflected (sun + sky)",
+    "total": "total at the aperture",
+}
+SCHEMA_VERSION = 1
+
+
+def light_json(found: ScenePrediction) -> dict[str, Json]:
+    """Return geometry and light of a scene as JSON holds them; nothing for a scene that is given by its radiance."""
+    if found.geometry is None:
+        return {}
+    return {"geometry": asdict(found.geometry), "light": {name: _light(light) for name, light in found.lights.items()}}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    region: str
+    name: str
+    stokes: FloatArray
+    total_s0: float
+
+
+def _parts(region: str, light: FieldLight) -> tuple[_Part, ...]:
+    total_s0 = light.mean("total")[0]
+    return tuple(
+        _Part(region=region, name=label, stokes=light.mean(part), total_s0=total_s0) for part, label in PARTS.items()
+    )
+
+
+def _stokes_cell(part: _Part, k: int) -> str:
+    return stokes_cells(part.stokes)[k]
+
+
+_PART_COLUMNS: tuple[Column[_Part], ...] = (
+    Column(title="region", text=lambda part: part.region, left=True, shown=Shown.PAGE),
+    Column(title="from", text=lambda part: part.name, left=True),
+    *(
+        Column(title=title, text=partial(_stokes_cell, k=k))
+        for k, title in enumerate(("S0", "S1", "S2", "DoLP", "AoLP deg"))
+    ),
+    Column(title="share of S0", text=lambda part: f"{part.stokes[0] / part.total_s0:.1%}", shown=Shown.PAGE),
+)
+
+
+def light_tables(found: ScenePrediction) -> Iterable[Table[_Part]]:
+    """Return a table for each region: what its light is made of."""
+    for name, light in found.lights.items():
+        title = (
+            f"{name}: radiance at the aperture in W m-2 sr-1 in band, transmittance {light.transmittance:.4f}, "
+            f"error of the hemisphere integral {size(light.error)}"
+        )
+        yield Table(title=title, columns=_PART_COLUMNS, rows=_parts(name, light))
+
+
+def share_table(lights: Mapping[str, FieldLight]) -> Table[_Part]:
+    """Return what the light of regions is made of, with the share of each part."""
+    rows = tuple(part for name, light in lights.items() for part in _parts(name, light))
+    return Table(columns=_PART_COLUMNS, rows=rows)
+
+
+def phi_text(phi_deg: float) -> str:
+    """Return phi as a number above -180, to which an azimuth that is off in its last digits would be rounded."""
+    text = f"{phi_deg:.2f}"
+    return "180.00" if text == "-180.00" else text
+
+
+def geometry_lines(found: ScenePrediction) -> Iterable[str]:
+    """Return where sun and camera stand, in words."""
+    at = found.geometry
+    if at is None:
+        return
+    yield (
+        f"sun: zenith {at.sun_zenith_deg:.2f} deg, azimuth {at.sun_azimuth_deg:.2f} deg; camera: zenith "
+        f"{at.camera_zenith_deg:.2f} deg, azimuth {at.camera_azimuth_deg:.2f} deg; phi {phi_text(at.phi_deg)} deg"
+    )
+    yield (
+        f"irradiance in band: beam {at.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
+        f"{at.sky_irradiance:.4g} W m-2 on level ground"
+    )
+    for name, light in found.lights.items():
+        if len(light.lights) > 1:
+            yield f"{name}: {len(light.lights)} tiles of the field of view; light varies by {light.spread:.2%}"
+        elif light.spread > 0.0:
+            yield f"{name}: taken as a point, light varies over its part of the field by {light.spread:.2%} of S0 only"
+
+
+def _light(light: FieldLight) -> dict[str, Json]:
+    parts = {part: light.mean(part).tolist() for part in PARTS}
+    return parts | {
+        "transmittance": light.transmittance,
+        "error": light.error,
+        "tiles": len(light.lights),
+        "spread": light.spread,
+    }
+
+
+def stokes_cells(stokes: FloatArray) -> tuple[str, ...]:
+    """Return S0, S1, S2, DoLP and AoLP in degrees as they are shown."""
+    # Rounding leaves a part that is unpolarized by symmetry some 1e-17 of polarization.
+    numbers = tuple(f"{0.0 if abs(value) < 1e-12 * stokes[0] else value:.4g}" for value in stokes)
+    if not stokes[0] > 0.0:
+        return (*numbers, "-", "-")
+    degree = float(dolp(stokes))
+    # What rounds to 180 is 0.
+    angle_deg = round(float(np.degrees(aolp_rad(stokes))), 1) % 180.0
+    return (*numbers, f"{degree:.4f}", f"{angle_deg:.1f}" if degree > 1e-6 else "-")
+
+
+def sky_lines(sky: SkyMap) -> tuple[str, ...]:
+    """Return what is to be known of a sky, in words."""
+    degree, zenith_deg, azimuth_deg = sky.largest_dolp
+    return (
+        f"sun: zenith {sky.sun_zenith_deg:.2f} deg, azimuth {sky.sun_azimuth_deg:.2f} deg",
+        (
+            f"irradiance in band: beam {sky.direct_irradiance:.4g} W m-2 on a plane normal to it, sky "
+            f"{sky.sky_irradiance:.4g} W m-2 on level ground"
+        ),
+        f"largest DoLP {degree:.3f} at zenith {zenith_deg:.0f} deg, azimuth {azimuth_deg:.0f} deg",
+        *sky.remarks,
+    )
+
+
+def title_lines(sky: SkyMap) -> tuple[str, ...]:
+    """Return the heading of a figure."""
+    return (f"{sky.name}: north at the top, azimuth clockwise, horizon outside", sky_lines(sky)[0], *sky.remarks[:1])
+
+
+def sky_json(sky: SkyMap) -> dict[str, Json]:
+    """Return a sky as JSON holds it."""
+    degree, zenith_deg, azimuth_deg = sky.largest_dolp
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scene": sky.name,
+        "sun": {"zenith_deg": sky.sun_zenith_deg, "azimuth_deg": sky.sun_azimuth_deg},
+        "direct_irradiance": sky.direct_irradiance,
+        "sky_irradiance": sky.sky_irradiance,
+        "largest_dolp": {"dolp": degree, "zenith_deg": zenith_deg, "azimuth_deg": azimuth_deg},
+        "relative_error": sky.relative_error,
+        "zenith_deg": sky.zenith_deg.tolist(),
+        "azimuth_deg": sky.azimuth_deg.tolist(),
+        "stokes": sky.stokes.tolist(),
+        "remarks": list(sky.remarks),
+    }
+
+
+def kinds_table(found: tuple[SkyOfKind, ...]) -> Table[SkyOfKind]:
+    """Return the kinds, a row each: irradiances, largest DoLP, and how far the sky is from that of the file."""
+    chosen = found[0]
+    columns: tuple[Column[SkyOfKind], ...] = (
+        Column(title="aerosol", text=lambda one: f"{one.label}{' *' if one.is_chosen else ''}", left=True),
+        Column(title="beam W m-2", text=lambda one: f"{one.sky.direct_irradiance:.1f}"),
+        Column(title="sky W m-2", text=lambda one: f"{one.sky.sky_irradiance:.1f}"),
+        Column(title="largest DoLP", text=lambda one: f"{one.sky.largest_dolp[0]:.3f}"),
+        Column(title="zenith, azimuth deg", text=_place),
+        Column(
+            title="S0 differs, rms",
+            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky).s0_rms:.1%}",
+        ),
+        Column(
+            title="DoLP differs, max",
+            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky).largest_dolp:.3f}",
+        ),
+    )
+    return Table(title=f"{chosen.sky.name}; *: as the file has it", columns=columns, rows=found)
+
+
+def _place(one: SkyOfKind) -> str:
+    _, zenith_deg, azimuth_deg = one.sky.largest_dolp
+    return f"{zenith_deg:.0f}, {azimuth_deg:.0f}"
+
+
+def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
+    """Return the kinds as JSON holds them."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scene": found[0].sky.name,
+        "kinds": [
+            {
+                "aerosol": one.label,
+                "is_chosen": one.is_chosen,
+                "difference": asdict(sky_difference(one.sky, found[0].sky)),
+                **sky_json(one.sky),
+            }
+            for one in found
+        ],
+    }

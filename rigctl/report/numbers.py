@@ -1,0 +1,203 @@
+"""Numbers of a prediction and of a measurement as JSON holds them, of one shape.
+
+``regions.NAME.QUANTITY.STATISTIC`` is a number in a prediction; in a measurement there is ``STATISTIC_std_error``
+beside it.
+
+What people noted of a run, as a section of reports and as JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from rigctl.measure.faults import UNSEEN
+from rigctl.predict.predict import NO_NOISE
+from rigctl.report.data_files import finite
+from rigctl.report.document import Section
+from rigctl.report.table import Column, Table
+from rigctl.runs.records import frames_text
+
+if TYPE_CHECKING:
+    from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
+    from model.processing.samples import Texture
+    from rigctl.console.json_text import Json
+    from rigctl.measure.diagnose import RunDiagnosis
+    from rigctl.measure.faults import FaultTerm
+    from rigctl.measure.measure import MeasuredRegion, Measurement
+    from rigctl.predict.predict import Performance
+    from rigctl.runs.folder import Run
+    from rigctl.runs.records import Annotation
+
+
+SCHEMA_VERSION = 1
+
+STATISTICS = {
+    "mean": "mean over the region's pixels (of dolp, s1n, s2n and aolp_deg: of the region's mean Stokes vector)",
+    "std": "standard deviation over pixels, spatial, of one frame or cycle (s1n, s2n, dolp, aolp_deg: first order)",
+    "std_temporal": "standard deviation of a pixel from repeat to repeat",
+    "std_spatial_mean": "standard deviation over pixels, spatial, of the mean of all repeats",
+    "first_order": "the same to first order, as [MK14] has it; shown, not compared",
+}
+
+
+def prediction_json(
+    predictions: Mapping[str, RegionPrediction], performance: Performance, *, remarks: Iterable[str]
+) -> dict[str, Json]:
+    """Return predictions, and what they are worth, as JSON holds them."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "statistics": STATISTICS,
+        "regions": {name: prediction.quantities for name, prediction in predictions.items()},
+        "methods": {
+            name: {"dolp": prediction.dolp_method, "dolp_error": finite(prediction.dolp_error)}
+            for name, prediction in predictions.items()
+        },
+        "dolp_law": {name: _strength(strength) for name, strength in performance.strengths.items()},
+        "detection": [_pair(pair) for pair in performance.detections],
+        "warnings": {name: list(prediction.warnings) for name, prediction in predictions.items()},
+        "remarks": list(remarks),
+    }
+
+
+def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
+    """Return the law of a region's DoLP in a few numbers; nothing where there is no light."""
+    if found is None:
+        return None
+    quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
+    numbers: dict[str, Json] = {"quantiles": quantiles, "nedolp": found.nedolp}
+    if found.nedolp is None:
+        numbers["nedolp_reason"] = NO_NOISE
+    return numbers | {"unpolarised_mean": finite(found.unpolarised_mean)}
+
+
+def _pair(pair: PairDetection) -> dict[str, Json]:
+    rates = zip(pair.p_false_alarm, pair.p_detection, strict=True)
+    return {
+        "target": pair.target,
+        "background": pair.background,
+        "p_detection": {f"{rate:g}": finite(float(found)) for rate, found in rates},
+        "auc": finite(pair.auc),
+        "warnings": list(pair.warnings),
+    }
+
+
+def measurement_json(measurement: Measurement, textures: dict[str, Texture] | None = None) -> dict[str, Json]:
+    """Return what a run measured as JSON holds it, with the textures of its regions where they are known."""
+    grid = measurement.grid
+    content: dict[str, Json] = {
+        "schema_version": SCHEMA_VERSION,
+        "unit": grid.unit,
+        "statistics": STATISTICS,
+        "cycles": grid.cycles,
+        "polarizer_angles_rad": dict(zip(grid.channel_names, grid.polarizer_angles_rad.tolist(), strict=True)),
+        "extinction_ratio": finite(measurement.extinction_ratio),
+        "dark_level_dn": dict(zip(grid.channel_names, measurement.dark_level.level_dn.tolist(), strict=True)),
+        "dark_level_source": measurement.dark_level.source,
+        "saturated_pixels": int(measurement.saturated.sum()),
+        "missing_pixels": int(measurement.missing.sum()),
+        "left_out": list(grid.left_out),
+        "warnings": list(measurement.plan.warnings),
+        "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
+        "regions": {name: region_statistics(region) for name, region in measurement.regions.items()},
+    }
+    if textures is not None:
+        content["texture"] = {name: texture_json(texture) for name, texture in textures.items()}
+
+    return content | annotations_of(measurement.run, grid.left_out)
+
+
+def texture_json(texture: Texture) -> dict[str, Json]:
+    """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
+    return {
+        "cov": texture.cov.tolist(),
+        "std_error": texture.std_error.tolist(),
+        "rank_one_share": finite(texture.rank_one_share),
+        "common_factor_rms": texture.common_factor_rms,
+        "remark": texture.remark,
+    }
+
+
+def diagnosis_json(found: RunDiagnosis | None) -> dict[str, Json]:
+    """Return what a run says of its own faults as JSON holds it."""
+    if found is None:
+        return {"terms": [], "first": None, "named": [], "reason": "not asked"}
+    first = found.first
+    return {
+        "terms": [_fault(term) for term in found.terms],
+        "first": None if first is None else first.name,
+        "named": [term.title for term in found.named],
+        "reason": found.reason,
+        "unseen": UNSEEN,
+    }
+
+
+def _fault(term: FaultTerm) -> dict[str, Json]:
+    return {
+        "name": term.name,
+        "angle_deg": term.angle_deg,
+        "value": term.value,
+        "std_error": term.std_error,
+        "unit": term.unit,
+        "testable": term.testable,
+        "reason": term.reason,
+        "confused_with": list(term.confused_with),
+        "dolp_shift": term.dolp_shift,
+        "aolp_shift_deg": term.aolp_shift_deg,
+        "named": term.named,
+    }
+
+
+def pixels_json(region: MeasuredRegion) -> dict[str, float]:
+    """Return how many pixels of a region were used, and how many not."""
+    return {
+        "used": region.pixels,
+        "excluded": region.excluded,
+        "edge": region.edge,
+        "worth_independent": region.independent_pixels,
+    }
+
+
+def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
+    """Return every measured number of a region, its standard error beside it, by quantity and statistic."""
+    from rigctl.compare.rows import measured_with_ratios
+
+    found: dict[str, dict[str, float]] = {}
+    for quantity, statistics in measured_with_ratios(region).items():
+        found[quantity] = {}
+        for statistic, sample in statistics.items():
+            found[quantity][statistic] = sample.value
+            found[quantity][f"{statistic}_std_error"] = sample.std_error
+    return found
+
+
+_TITLE = "Notes and exclusions"
+
+
+def annotation_table(annotations: Sequence[Annotation]) -> Table[Annotation]:
+    """Return what is noted of a run, line by line."""
+    columns: tuple[Column[Annotation], ...] = (
+        Column(title="when", text=lambda one: f"{one.utc[:19]}Z", left=True),
+        Column(title="by", text=lambda one: one.by, left=True),
+        Column(title="what", text=lambda one: one.kind, left=True),
+        Column(title="frames", text=lambda one: frames_text(one.frames), left=True),
+        Column(title="text", text=lambda one: one.text, left=True, wide=True),
+    )
+    return Table(columns=columns, rows=tuple(annotations))
+
+
+def annotation_sections(annotations: Sequence[Annotation]) -> Iterable[Section]:
+    """Give the section of a report on what is noted of a run; none where nothing is."""
+    if annotations:
+        yield Section(title=_TITLE, blocks=(annotation_table(annotations),))
+
+
+def annotations_json(annotations: Sequence[Annotation]) -> list[Json]:
+    """Return what is noted of a run as JSON holds it."""
+    return [asdict(one) for one in annotations]
+
+
+def annotations_of(run: Run, left_out: Sequence[str]) -> dict[str, Json]:
+    """Return what a result in JSON says of an annotated run: all that is noted, and which frames are not used."""
+    return {"annotations": annotations_json(run.annotations), "left_out": list(left_out)} if run.annotations else {}

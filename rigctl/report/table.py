@@ -1,0 +1,210 @@
+"""A table of typed rows: each column says once what it shows to people and gives to programs.
+
+A table as the terminal shows it: upright where it fits, turned where its numbers would break.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Flag, auto
+from itertools import groupby
+from typing import Any, Generic, Literal, TypeVar
+
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.table import Table as TerminalTable
+
+Value = str | float | int | bool | None
+RowT = TypeVar("RowT")
+
+
+class Shown(Flag):
+    """Places where a column stands."""
+
+    PAGE = auto()
+    TERMINAL = auto()
+    CSV = auto()
+    JSON = auto()
+    PEOPLE = PAGE | TERMINAL
+    PROGRAMS = CSV | JSON
+    EVERYWHERE = PEOPLE | PROGRAMS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column(Generic[RowT]):
+    """A column of a table, wherever it is written.
+
+    Attributes
+    ----------
+    title : str
+        Heading for people.
+    key : str
+        Name for programs, in CSV and JSON; a column without one is for people only.
+    value : callable or None
+        A row to what programs read; the row's attribute `key` where none is given.
+    text : callable or None
+        A row to what people read; the value as it is, nothing where there is none.
+    brief : callable or None
+        The same for a terminal, where that differs.
+    csv : callable or None
+        The value as CSV has it, where that differs.
+    left : bool
+        Set to the left, as text is; numbers are set to the right.
+    wide : bool
+        Takes the width that is left on a page, and breaks its lines.
+    unbroken : bool
+        Keeps each cell in one line of a terminal.
+    group : str
+        Heading over this column and its neighbours of the same group.
+    shown : Shown
+        Where it stands.
+    """
+
+    title: str = ""
+    key: str = ""
+    value: Callable[[RowT], Value] | None = None
+    text: Callable[[RowT], str] | None = None
+    brief: Callable[[RowT], str] | None = None
+    csv: Callable[[RowT], str] | None = None
+    left: bool = False
+    wide: bool = False
+    unbroken: bool = False
+    group: str = ""
+    shown: Shown = Shown.EVERYWHERE
+
+    def is_shown(self, where: Shown) -> bool:
+        """Return whether the column stands there."""
+        return where in self.shown and (bool(self.key) or where not in Shown.PROGRAMS)
+
+    def value_of(self, row: RowT) -> Value:
+        """Return what programs read of a row."""
+        found: Value = getattr(row, self.key) if self.value is None else self.value(row)
+        return found
+
+    def text_of(self, row: RowT, where: Shown = Shown.PAGE) -> str:
+        """Return what people read of a row."""
+        if where is Shown.TERMINAL and self.brief is not None:
+            return self.brief(row)
+        if self.text is not None:
+            return self.text(row)
+        found = self.value_of(row)
+        return "" if found is None else str(found)
+
+    def of(self, part: Callable[[Any], RowT]) -> Column[Any]:
+        """Return the column for rows that hold what this one is of."""
+        return replace(
+            self,
+            value=lambda row: self.value_of(part(row)),
+            text=lambda row: self.text_of(part(row)),
+            brief=lambda row: self.text_of(part(row), Shown.TERMINAL),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table(Generic[RowT]):
+    """Rows under columns; the writers say how they look.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+        In their order, wherever they are written.
+    rows : tuple
+        What the columns are taken from.
+    title : str
+        Over it in a terminal; on a page a section has the heading.
+    is_off : callable
+        Whether a row is to be seen at once.
+    """
+
+    columns: tuple[Column[RowT], ...]
+    rows: tuple[RowT, ...]
+    title: str = ""
+    is_off: Callable[[RowT], bool] = lambda _: False
+
+    def shown(self, where: Shown) -> tuple[Column[RowT], ...]:
+        """Return the columns that stand somewhere."""
+        return tuple(column for column in self.columns if column.is_shown(where))
+
+    def texts(self, where: Shown = Shown.PAGE) -> list[tuple[str, ...]]:
+        """Return the rows as people read them."""
+        columns = self.shown(where)
+        return [tuple(column.text_of(row, where) for column in columns) for row in self.rows]
+
+    def groups(self) -> list[tuple[str, int]]:
+        """Return the headings over columns of a page and how many columns each spans; nothing where there are none."""
+        names = [column.group for column in self.shown(Shown.PAGE)]
+        return [(name, len(list(same))) for name, same in groupby(names)] if any(names) else []
+
+
+AnyTable = Table[Any]
+
+
+def text_columns(*titles: str, left: tuple[int, ...] = (0,), wide: int | None = None) -> tuple[Column[Any], ...]:
+    """Return columns, for people only, of rows that are tuples of text."""
+    return tuple(
+        Column[Any](title=title, text=_item(k), left=k in left, wide=k == wide) for k, title in enumerate(titles)
+    )
+
+
+def _item(k: int) -> Callable[[tuple[str, ...]], str]:
+    return lambda row: row[k]
+
+
+# A number that does not exist, in words.
+_NO_NUMBERS = {"nan": "does not exist", "inf": "no limit", "-inf": "no limit"}
+_BETWEEN_COLUMNS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittingTable:
+    """A table that a console shows by the room that it has."""
+
+    table: AnyTable
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Show the table, or each row as a list of its columns where numbers would have to break."""
+        columns = self.table.shown(Shown.TERMINAL)
+        rows = [[_NO_NUMBERS.get(text, text) for text in row] for row in self.table.texts(Shown.TERMINAL)]
+        needed = sum(_narrowest(column, [row[k] for row in rows]) for k, column in enumerate(columns))
+        if needed + _BETWEEN_COLUMNS * (len(columns) - 1) <= options.max_width:
+            yield self._upright(columns, rows)
+        else:
+            yield self._turned(columns, rows)
+
+    def _upright(self, columns: tuple[Column[Any], ...], rows: list[list[str]]) -> TerminalTable:
+        shown = self._empty()
+        for k, column in enumerate(columns):
+            least = _narrowest(column, [row[k] for row in rows])
+            justify: Literal["left", "right"] = "left" if column.left else "right"
+            shown.add_column(column.title, justify=justify, no_wrap=column.unbroken, min_width=least)
+        for row in rows:
+            shown.add_row(*row)
+        return shown
+
+    def _turned(self, columns: tuple[Column[Any], ...], rows: list[list[str]]) -> TerminalTable:
+        shown = self._empty()
+        shown.show_header = False
+        shown.add_column()
+        shown.add_column()
+        for row in rows:
+            for column, text in zip(columns, row, strict=True):
+                if text:
+                    shown.add_row(column.title, text)
+            shown.add_row()
+        return shown
+
+    def _empty(self) -> TerminalTable:
+        return TerminalTable(title=self.table.title or None, title_justify="left", box=None, pad_edge=False)
+
+
+def terminal_table(table: AnyTable) -> FittingTable:
+    """Return a table for a console."""
+    return FittingTable(table=table)
+
+
+def _narrowest(column: Column[Any], texts: list[str]) -> int:
+    """Return the least width of a column: headings and texts break between words, a number is never torn."""
+    words = column.title.split()
+    for text in texts:
+        words += [text] if column.unbroken else text.split()
+    return max(map(len, words), default=0)

@@ -1,0 +1,943 @@
+"""Accuracy against time as tables, CSV and JSON: what a tolerance costs, knob by knob and for the whole chain.
+
+Errors of sessions beside their time, as tables, as CSV and as JSON.
+
+Names beside points of a plot: none on another, on a point, or beyond the axes, as far as there is room.
+
+Tradeoffs as plots: error against time of the computation, and against time of the session.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from model.accuracy.plan import NUMERICAL_SETTINGS, STATISTICS
+from model.acquisition import Reached, Session, degrees_text
+from rigctl.base.numbers import size
+from rigctl.predict.sessions import SessionPoint
+from rigctl.predict.tradeoff import WHOLE_CHAIN, estimates_share, faster_and_better
+from rigctl.report.data_files import csv_rows, json_rows
+from rigctl.report.drawing import COLOURS, few_log_labels, legend_below, legend_beside, placed_axes, png, subplots
+from rigctl.report.table import Column, Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
+
+    from model.accuracy.chain import Reading
+    from model.accuracy.predict import AccuratePrediction
+    from model.accuracy.series import SeriesCase, SeriesPrediction
+    from model.acquisition import DolpBudget
+    from rigctl.console.json_text import Json
+    from rigctl.predict.sessions import AcquisitionTradeoff
+    from rigctl.predict.tradeoff import CurvePoint, Curves, DigitPoint, NamedChoice
+    from rigctl.predict.tradeoff import CurvePoint as CostPoint
+
+
+_PERCENT = 100.0
+_MOST_LISTED = 6
+_SHOWN_FLOORS = ("radiance", "s1n", "s2n", "dolp_pixels", "p_detection")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ErrorOf:
+    name: str
+    setting: str
+    error: float
+    rule: str
+
+
+def accuracy_table(found: AccuratePrediction) -> Table[_ErrorOf]:
+    """Return each knob with its setting, the largest error that is left by it, and how that was estimated."""
+    columns: tuple[Column[_ErrorOf], ...] = (
+        Column(title="knob", text=lambda one: one.name, left=True),
+        Column(title="setting", text=lambda one: one.setting, left=True),
+        Column(title="largest error", text=lambda one: size(one.error), left=True),
+        Column(title="estimated by", text=lambda one: one.rule, left=True),
+    )
+    rows = (*_errors_of_knobs(found), *_errors_of_statistics(found))
+    return Table(title=f"numerical error, tolerance {found.tolerance:g}", columns=columns, rows=rows)
+
+
+def _errors_of_knobs(found: AccuratePrediction) -> Iterable[_ErrorOf]:
+    for name, knob in NUMERICAL_SETTINGS.items():
+        label = knob.levels[found.plan[name]].label
+        yield _ErrorOf(name=name, setting=label, error=found.budget.worst(name), rule=knob.estimate)
+
+
+def _errors_of_statistics(found: AccuratePrediction) -> Iterable[_ErrorOf]:
+    for name in STATISTICS:
+        yield _ErrorOf(name=name, setting="as the tolerance asks", error=found.budget.worst(name), rule="its own rule")
+
+
+def accuracy_lines(found: AccuratePrediction) -> list[str]:
+    """Return the sum of the errors, the time of each stage, and what is not promised and why."""
+    promised = {key: error for key, error in found.budget.total.items() if key not in found.not_guaranteed}
+    lines = []
+    if promised:
+        worst = max(promised, key=lambda key: promised[key])
+        kind = (
+            "numbers, of which errors are estimated and none is promised,"
+            if found.estimated_only
+            else ("promised numbers")
+        )
+        lines.append(
+            f"all {len(promised)} {kind} keep {found.tolerance:g}; the largest estimated error is "
+            f"{promised[worst]:.1e} ({', '.join(worst)})"
+        )
+    total = sum(found.stage_s.values())
+    parts = ", ".join(f"{stage} {_share(seconds, total)}" for stage, seconds in found.stage_s.items())
+    lines.append(f"{total:.2g} s in {found.rounds} rounds: {parts}")
+    missed = [f"{', '.join(key)}: {reason}" for key, reason in found.not_guaranteed.items()]
+    lines += [f"not promised: {line}" for line in missed[:_MOST_LISTED]]
+    if len(missed) > _MOST_LISTED:
+        lines.append(f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all")
+    return lines
+
+
+def accuracy_json(found: AccuratePrediction) -> dict[str, Json]:
+    """Return the same as JSON holds it; errors that are not known are null."""
+    return {
+        "tolerance": found.tolerance,
+        "settings": {name: knob.levels[found.plan[name]].label for name, knob in NUMERICAL_SETTINGS.items()},
+        "largest_error": {name: _number(found.budget.worst(name)) for name in found.budget.by_setting},
+        "estimated_errors": [
+            {"place": key.place, "quantity": key.quantity, "statistic": key.statistic, "error": _number(error)}
+            for key, error in found.budget.total.items()
+        ],
+        "not_promised": {"/".join(key): reason for key, reason in found.not_guaranteed.items()},
+        "stage_s": dict(found.stage_s),
+        "rounds": found.rounds,
+        **({"estimated_only": True} if found.estimated_only else {}),
+    }
+
+
+def series_lines(found: SeriesPrediction) -> list[str]:
+    """Return how many cases of a series were judged, the largest error of any, and what is not promised."""
+    errors = [error for case in found.cases for key, error in case.errors.items() if key not in case.not_guaranteed]
+    total = sum(found.stage_s.values())
+    judged = (
+        f"tolerance {found.tolerance:g}: {found.judged} of {len(found.cases)} cases were judged, the others take the "
+        f"plans and errors of their neighbours; {total:.2g} s, of it {_PERCENT * found.share_of_estimates:.0f} % for "
+        "error estimates"
+    )
+    lines = [judged]
+    if found.spot_checks:
+        lines.append(
+            f"{found.spot_checks} judged to see whether errors between others are as these tell: "
+            f"{found.spot_checks_held} were"
+        )
+    lines += [f"left out: {text}" for text in _left_out(found)]
+    if errors:
+        kind = "estimated errors of numbers, none of them promised," if found.estimated_only else "promised numbers"
+        lines.append(f"all {len(errors)} {kind} keep it; the largest error is {max(errors):.1e}")
+    missed = [
+        f"case {place + 1}: {', '.join(key)}: {reason}"
+        for place, case in enumerate(found.cases)
+        for key, reason in case.not_guaranteed.items()
+    ]
+    lines += [f"not promised: {line}" for line in missed[:_MOST_LISTED]]
+    if len(missed) > _MOST_LISTED:
+        lines.append(f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all")
+    return lines
+
+
+def series_json(found: SeriesPrediction) -> dict[str, Json]:
+    """Return the same as JSON holds it, a list entry a case."""
+    return {
+        "tolerance": found.tolerance,
+        "judged": [case.is_judged for case in found.cases],
+        "largest_error": [_number(_largest(case)) for case in found.cases],
+        "not_promised": [{"/".join(key): why for key, why in case.not_guaranteed.items()} for case in found.cases],
+        "left_out": [sorted(case.effects.left_out) for case in found.cases],
+        "spot_checks": found.spot_checks,
+        "spot_checks_held": found.spot_checks_held,
+        "share_of_estimates": found.share_of_estimates,
+        "stage_s": dict(found.stage_s),
+        **({"estimated_only": True} if found.estimated_only else {}),
+    }
+
+
+def _left_out(found: SeriesPrediction) -> Iterable[str]:
+    """Yield the effects that cases leave out, and of how many."""
+    several = Counter(effect for case in found.cases for effect in case.effects.left_out)
+    for effect, times in several.items():
+        most = max(case.effects.spent for case in found.cases if effect in case.effects.left_out)
+        yield f"{effect}, in {times} of {len(found.cases)} cases; all that is left out changes {most:.1e} at the most"
+
+
+def _largest(case: SeriesCase) -> float:
+    return max((error for key, error in case.errors.items() if key not in case.not_guaranteed), default=0.0)
+
+
+def _share(seconds: float, total: float) -> str:
+    return f"{_PERCENT * seconds / total:.0f} %" if total > 0.0 else "0 %"
+
+
+def _number(error: float) -> float | None:
+    return error if error < float("inf") else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Point:
+    point: CurvePoint
+    on_front: bool
+
+
+def _error(one: _Point, name: str) -> float:
+    found: float = getattr(one.point, name)
+    return found
+
+
+def _digits(one: _Point, name: str) -> str:
+    error = _error(one, name)
+    return "-" if math.isnan(error) else f"{error:.1e}"
+
+
+def _six_digits(one: _Point, name: str) -> str:
+    return f"{_error(one, name):.6g}"
+
+
+# CSV has six figures: times are measured, errors estimated.
+_COLUMNS: tuple[Column[_Point], ...] = (
+    Column(title="knob", key="knob", value=lambda one: one.point.varied, left=True),
+    Column(title="setting", key="setting", value=lambda one: one.point.level, left=True),
+    Column(
+        title="seconds",
+        key="seconds",
+        value=lambda one: one.point.seconds,
+        text=lambda one: f"{one.point.seconds:.3g}",
+        csv=lambda one: f"{one.point.seconds:.6g}",
+    ),
+    *(
+        Column(
+            title=title,
+            key=key,
+            value=partial(_error, name=name),
+            text=partial(_digits, name=name),
+            csv=partial(_six_digits, name=name),
+        )
+        for title, key, name in (
+            ("true error", "true_error", "true"),
+            ("estimated error", "estimated_error", "estimated"),
+            ("error of all", "error_of_all", "whole"),
+        )
+    ),
+    Column(
+        title="front",
+        key="on_front",
+        value=lambda one: one.on_front,
+        text=lambda one: "*" if one.on_front else "",
+        csv=lambda one: str(int(one.on_front)),
+        left=True,
+    ),
+)
+
+
+def curve_table(curves: Curves) -> Table[_Point]:
+    """Return every point; a star marks the front."""
+    front = set(curves.front)
+    rows = tuple(_Point(point=point, on_front=point in front) for point in curves.points)
+    return Table(title="error against time", columns=_COLUMNS, rows=rows)
+
+
+def curve_json(curves: Curves) -> dict[str, Json]:
+    """Return points, choices and the floor as JSON holds them."""
+    return {
+        "points": json_rows(curve_table(curves)),
+        "choices": [accuracy_json(found) for found in curves.predictions],
+        "input_floor": {"/".join(key): floor for key, floor in curves.floor.items()},
+        "reference_s": curves.reference_s,
+        "named_points": json_rows(named_table(curves)),
+        "digits": [
+            {"quantity": one.quantity, "seconds": one.seconds, "true_error": one.error} for one in curves.digits
+        ],
+    }
+
+
+def named_table(curves: Curves) -> Table[NamedChoice]:
+    """Return the paper's choices, and the user's: all other settings are fine."""
+    columns: tuple[Column[NamedChoice], ...] = (
+        Column(title="choice", key="choice", value=lambda one: one.name, left=True),
+        Column(title="seconds", key="seconds", value=lambda one: one.seconds, text=lambda one: f"{one.seconds:.3g}"),
+        Column(title="true error", key="true_error", value=lambda one: one.error, text=lambda one: f"{one.error:.1e}"),
+        Column(title="of", key="of", value=lambda one: "/".join(one.reading or ("nothing",)), left=True),
+        Column(title="by", key="by", value=lambda one: "you" if one.by_user else "[MK14]", left=True),
+    )
+    return Table(title="choices of the paper, and yours: error against time", columns=columns, rows=curves.named)
+
+
+def choice_table(curves: Curves) -> Table[AccuratePrediction]:
+    """Return what each tolerance chooses, and where its time goes."""
+    names = list(curves.predictions[0].plan)
+    columns: tuple[Column[AccuratePrediction], ...] = (
+        Column(title="tolerance", text=lambda found: f"{found.tolerance:g}", left=True),
+        *(Column(title=name, text=partial(_setting, name=name), left=True) for name in names),
+        Column(title="most of the error", text=lambda found: max(names, key=found.budget.worst), left=True),
+        Column(title="time in", text=_slowest, left=True),
+    )
+    return Table(title="what --tolerance chooses", columns=columns, rows=tuple(curves.predictions))
+
+
+def _setting(found: AccuratePrediction, name: str) -> str:
+    return NUMERICAL_SETTINGS[name].levels[found.plan[name]].label
+
+
+def _slowest(found: AccuratePrediction) -> str:
+    total = sum(found.stage_s.values())
+    slow = sorted(found.stage_s.items(), key=lambda item: -item[1])[:2]
+    return ", ".join(f"{stage} {100.0 * seconds / total:.0f} %" for stage, seconds in slow if total > 0.0)
+
+
+def floor_lines(curves: Curves) -> list[str]:
+    """Return what the uncertain inputs make of a tolerance, in words."""
+    if not any(floor > 0.0 for floor in curves.floor.values()):
+        return ["the scene's numbers are stated without uncertainty: no floor; give std of what is not certain"]
+    lines = ["floor by the uncertain inputs (one standard deviation):"]
+    for quantity in _SHOWN_FLOORS:
+        keys = [key for key in curves.floor if key.quantity == quantity and is_mean(key)]
+        if keys:
+            lines.append("  " + "; ".join(f"{key.place} {quantity} {curves.floor[key]:.1e}" for key in keys[:4]))
+    least = dolp_floor(curves)
+    if least is not None:
+        lines.append(
+            f"a tolerance below {least:.1e} buys nothing for DoLP: the inputs are not known better (absolute error)"
+        )
+    return lines
+
+
+def dolp_floor(curves: Curves) -> float | None:
+    """Return the least uncertainty that the inputs leave of a region's DoLP; None where they are all exact."""
+    known = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
+    return min((floor for floor in known if floor > 0.0), default=None)
+
+
+def is_mean(key: Reading) -> bool:
+    """Return whether a number is one that people read first."""
+    return key.statistic in ("mean", "s0", "0.001")
+
+
+ACQUISITION_SCHEMA = 1
+# The second is that at which detection is shown.
+_SHOWN_CYCLES = (1, 8, 64, 512)
+_ERRORS = ("sigma", "drift_error", "settling_error", "total")
+
+
+# Of a session; the file has all digits.
+_SESSION_COLUMNS: tuple[Column[Session], ...] = (
+    Column(title="angles deg", key="angles_deg", value=lambda session: degrees_text(session.angles_rad), left=True),
+    Column(title="order", key="order", value=lambda session: session.pattern, left=True),
+    Column(
+        title="exposure ms",
+        key="exposure_ms",
+        value=lambda session: session.exposure_s * 1000,
+        text=lambda session: f"{session.exposure_s * 1000:.4g}",
+    ),
+    Column(
+        title="settle ms",
+        key="settle_ms",
+        value=lambda session: session.settle_s * 1000,
+        text=lambda session: f"{session.settle_s * 1000:.4g}",
+    ),
+    Column(title="cycles", key="cycles"),
+    Column(title="frames", key="frames"),
+    Column(title="time s", key="duration_s", text=lambda session: f"{session.duration_s:.4g}"),
+)
+_OF_A_WAY = ("angles_deg", "order", "exposure_ms", "settle_ms")
+_BRIEFLY = ("angles_deg", "order")
+_Way = dict[int, SessionPoint]
+_Reached = tuple[Session, Reached]
+
+
+def assumptions(found: AcquisitionTradeoff) -> Iterable[str]:
+    """Return in words what the numbers rest on."""
+    request, disturbances = found.request, found.request.disturbances
+    pixels = "a pixel" if request.pixels == 1 else f"the mean of {request.pixels} pixels"
+    yield (
+        f"DoLP of {pixels} from the mean of all cycles, of {', '.join(found.regions)}"
+        f"{'' if len(found.regions) == 1 else ' (the worst is shown)'}; {request.overhead_s * 1000:.0f} ms a frame to "
+        f"turn and store; light that drifts by {disturbances.drift_per_s * 6000:.3g} % a minute; polarizer settles in "
+        f"{disturbances.settling_time_s * 1000:.3g} ms"
+    )
+    yield "texture and fixed pattern are the same in all cycles: no number of frames averages them out"
+
+
+def ways_table(found: AcquisitionTradeoff, *, wide: bool = True) -> Table[_Way]:
+    """Return for each way, at its best exposure and settling, the total error of DoLP after so many cycles."""
+    last, of_a_way = _SHOWN_CYCLES[-1], _OF_A_WAY if wide else _BRIEFLY
+    columns: list[Column[_Way]] = [
+        *(column.of(lambda after: after[1].session) for column in _SESSION_COLUMNS if column.key in of_a_way),
+        Column(title="s a cycle", text=lambda after: f"{after[1].session.duration_s:.3g}"),
+        *(Column(title=f"n = {cycles}", text=partial(_total_after, cycles=cycles)) for cycles in _SHOWN_CYCLES),
+    ]
+    if wide:
+        columns.append(
+            Column(title=f"of it drift, n = {last}", text=lambda after: _error_text(after[last].worst.drift_error))
+        )
+    if found.request.pair is not None:
+        cycles = _SHOWN_CYCLES[1]
+        columns.append(Column(title=f"P_D, n = {cycles}", text=lambda after: _probability(after[cycles].p_detection)))
+    rows = tuple({point.session.cycles: point for point in points} for points in _by_way(found.points))
+    return Table(title="total error of DoLP after n cycles", columns=tuple(columns), rows=rows)
+
+
+def _total_after(after: _Way, cycles: int) -> str:
+    return _error_text(after[cycles].worst.total)
+
+
+def reached_table(found: AcquisitionTradeoff, *, wide: bool = True) -> Table[_Reached]:
+    """Return the shortest session of each way that reaches what is wanted."""
+    columns: list[Column[_Reached]] = [
+        Column(title="angles deg", text=lambda row: degrees_text(row[0].angles_rad), left=True),
+        Column(title="order", text=lambda row: row[0].pattern, left=True),
+        *(
+            Column(title=column.title, text=partial(_of_session, column=column))
+            for column in _SESSION_COLUMNS
+            if column.key not in (_BRIEFLY if wide else _OF_A_WAY)
+        ),
+        Column(title="total", text=_total),
+    ]
+    if found.request.pair is not None:
+        columns.append(Column(title="P_D", text=lambda row: _probability(row[1].p_detection)))
+    in_time = tuple(sorted(found.reached, key=lambda pair: _duration_s(pair[1])))
+    return Table(title=_wanted_text(found), columns=tuple(columns), rows=in_time)
+
+
+def _of_session(row: _Reached, column: Column[Session]) -> str:
+    return "-" if row[1].session is None else column.text_of(row[1].session)
+
+
+def _total(row: _Reached) -> str:
+    budgets = row[1].budgets.values()
+    return "-" if row[1].session is None else _error_text(max(budget.total for budget in budgets))
+
+
+def _probability(found: float | None) -> str:
+    return "" if found is None else f"{found:.4f}"
+
+
+def reasons(found: AcquisitionTradeoff) -> Iterable[str]:
+    """Return why some ways do not reach what is wanted."""
+    for way, reached in found.reached:
+        if reached.session is None:
+            yield f"{degrees_text(way.angles_rad)}, {way.pattern}: {reached.why_not}"
+
+
+def proposal(found: AcquisitionTradeoff) -> str | None:
+    """Return the shortest session as lines for a session file; None where nothing is wanted or nothing reaches it."""
+    session = None if found.best is None else found.best.session
+    if session is None:
+        return None
+    angles = ", ".join(degrees_text([angle]) for angle in session.angles_rad)
+    settle = f", each {session.settle_s * 1000:.3g} ms after the stage stands" if session.settle_s > 0.0 else ""
+    return (
+        f"shortest: {session.frames} frames in {session.duration_s:.1f} s{settle}. In a session file:\n"
+        f'[[take]]\nkind = "scene"\nexposure_ms = {session.exposure_s * 1000:.4g}\nangles_deg = [{angles}]\n'
+        f'order = "{session.pattern}"\ncycles = {session.cycles}'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _RegionPoint:
+    point: SessionPoint
+    region: str
+
+    @property
+    def budget(self) -> DolpBudget:
+        return self.point.budgets[self.region]
+
+
+def tradeoff_csv(found: AcquisitionTradeoff) -> bytes:
+    """Return every point of every curve as CSV, a row a region; empty where a number does not exist."""
+    columns: tuple[Column[_RegionPoint], ...] = (
+        *(column.of(lambda row: row.point.session) for column in _SESSION_COLUMNS),
+        Column(key="region"),
+        Column(key="dolp", value=lambda row: row.budget.dolp),
+        *(Column(key=error, value=partial(_error_cell, error=error)) for error in _ERRORS),
+        Column(key="p_detection", value=lambda row: row.point.p_detection),
+    )
+    rows = tuple(_RegionPoint(point=point, region=name) for point in found.points for name in point.budgets)
+    return csv_rows(Table(columns=columns, rows=rows))
+
+
+def _error_cell(row: _RegionPoint, error: str) -> float:
+    found: float = getattr(row.budget, error)
+    return found
+
+
+def tradeoff_json(found: AcquisitionTradeoff) -> dict[str, Json]:
+    """Return all of it as JSON holds it; null where a number does not exist."""
+    return {
+        "schema_version": ACQUISITION_SCHEMA,
+        "scene": found.scene,
+        "regions": list(found.regions),
+        "pair": None if found.request.pair is None else list(found.request.pair),
+        "assumed": list(assumptions(found)),
+        "points": [
+            _session_json(point.session) | _results_json(point.budgets, point.p_detection) for point in found.points
+        ],
+        "reached": [_reached_json(way, reached) for way, reached in found.reached],
+        "shortest": None if found.best is None or found.best.session is None else _session_json(found.best.session),
+        "remarks": list(found.remarks),
+    }
+
+
+def _wanted_text(found: AcquisitionTradeoff) -> str:
+    wanted = found.request.wanted
+    parts = [] if wanted.dolp_total is None else [f"error of DoLP at most {wanted.dolp_total:g}"]
+    if wanted.p_detection is not None and found.request.pair is not None:
+        target, background = found.request.pair
+        parts.append(
+            f"P_D of {target} on {background} at least {wanted.p_detection:g} at P_FA {wanted.p_false_alarm:g}"
+        )
+    return f"shortest session of each way with {' and '.join(parts)}"
+
+
+def _by_way(points: Iterable[SessionPoint]) -> Iterable[list[SessionPoint]]:
+    """Return the points of each angle set and order together."""
+    ways: dict[tuple[tuple[float, ...], str], list[SessionPoint]] = {}
+    for point in points:
+        ways.setdefault((point.session.angles_rad, point.session.pattern), []).append(point)
+    return ways.values()
+
+
+def _session_json(session: Session) -> dict[str, Json]:
+    return {
+        "angles_deg": [float(math.degrees(angle)) for angle in session.angles_rad],
+        "order": session.pattern,
+        "exposure_ms": session.exposure_s * 1000,
+        "settle_ms": session.settle_s * 1000,
+        "cycles": session.cycles,
+        "frames": session.frames,
+        "duration_s": session.duration_s,
+    }
+
+
+def _reached_json(way: Session, reached: Reached) -> dict[str, Json]:
+    named = {"angles_deg": [float(math.degrees(angle)) for angle in way.angles_rad], "order": way.pattern}
+    if reached.session is None:
+        return named | {"why_not": reached.why_not}
+    return _session_json(reached.session) | _results_json(reached.budgets, reached.p_detection)
+
+
+def _results_json(budgets: dict[str, DolpBudget], p_detection: float | None) -> dict[str, Json]:
+    return {"errors": {name: _errors_json(budget) for name, budget in budgets.items()}, "p_detection": p_detection}
+
+
+def _errors_json(budget: DolpBudget) -> dict[str, float | None]:
+    return {name: _or_none(getattr(budget, name)) for name in ("dolp", *_ERRORS)}
+
+
+def _duration_s(reached: Reached) -> float:
+    return math.inf if reached.session is None else reached.session.duration_s
+
+
+def _error_text(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2g}"
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+# From a point to its name, and the sides, in the order in which they are tried [points].
+_RINGS = (6.0, 16.0, 28.0, 42.0, 58.0, 76.0, 96.0)
+_SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1), (0, -1))
+# A name that is farther has a line to its point.
+_NEAR = 10.0
+_MARKER_PX = 5.0
+# Text that lies on lines stays readable.
+_ON_LINES = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointName:
+    """A name, the place of its point in the units of the axes, and whether it is bold."""
+
+    text: str
+    x: float
+    y: float
+    is_bold: bool = False
+
+
+def name_points(figure: Figure, axis: Axes, names: Sequence[PointName], *, fontsize: float = 8.0) -> None:
+    """Write names beside their points, each as near as there is room for it.
+
+    Lines, limits and scales of the axes and their place in the figure must be as they are drawn.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    axis.set_xlim(axis.get_xlim())
+    axis.set_ylim(axis.get_ylim())
+    canvas: Any = FigureCanvasAgg(figure)
+    renderer = canvas.get_renderer()
+    taken = [_marker(point) for line in axis.lines for point in axis.transData.transform(line.get_xydata())]
+    pixels = figure.dpi / 72.0
+    for name in names:
+        weight = "bold" if name.is_bold else "normal"
+        text = axis.text(name.x, name.y, name.text, fontsize=fontsize, fontweight=weight)
+        size = text.get_window_extent(renderer)
+        text.remove()
+        place = axis.transData.transform((name.x, name.y))
+        ring, box = _free(place, (size.width, size.height), taken, axis.bbox, pixels)
+        taken.append(box)
+        axis.annotate(
+            name.text,
+            (name.x, name.y),
+            xytext=tuple((box.p0 - place) / pixels),
+            textcoords="offset points",
+            fontsize=fontsize,
+            fontweight=weight,
+            bbox=_ON_LINES,
+            zorder=5,
+            arrowprops={"arrowstyle": "-", "color": "0.4", "linewidth": 0.6} if ring > _NEAR else None,
+        )
+
+
+def _free(
+    place: np.ndarray, size: tuple[float, float], taken: Sequence[Bbox], inside: Bbox, pixels: float
+) -> tuple[float, Bbox]:
+    """Nearest place for a box of some size that hides nothing; where there is none, the one that hides least."""
+    from matplotlib.transforms import Bbox
+
+    tried = []
+    for ring, side in product(_RINGS, _SIDES):
+        left, bottom = (_start(way, ring * pixels, length) for way, length in zip(side, size, strict=True))
+        box = Bbox.from_bounds(place[0] + left, place[1] + bottom, *size)
+        hidden = sum(_common(box, other) for other in taken) + size[0] * size[1] - _common(box, inside)
+        tried.append((round(hidden), ring, box))
+        if tried[-1][0] <= 0:
+            break
+    _, ring, box = min(tried, key=lambda one: one[0])
+    return ring, box
+
+
+def _start(way: int, ring: float, length: float) -> float:
+    """Where a name begins along one axis, from its point: after it, before it, or centred on it."""
+    return (-0.5 * length, ring, -ring - length)[way]
+
+
+def _common(one: Bbox, other: Bbox) -> float:
+    """Area that two boxes have in common."""
+    from matplotlib.transforms import Bbox
+
+    found = Bbox.intersection(one, other)
+    return 0.0 if found is None else float(found.width * found.height)
+
+
+def _marker(point: np.ndarray) -> Bbox:
+    from matplotlib.transforms import Bbox
+
+    return Bbox.from_bounds(point[0] - _MARKER_PX, point[1] - _MARKER_PX, 2.0 * _MARKER_PX, 2.0 * _MARKER_PX)
+
+
+# Told apart in black and white too.
+_MARKERS = "osD^vP*X"
+_HATCHES = ("", "//", "..", "xx", "\\\\")
+_COLOURS = [str(style["color"]) for style in COLOURS]
+_LINES = {"cycles": "-", "palindrome": "--", "grouped": ":"}
+_BETTER = "the lower and the further left, the better"
+# Times span this factor at the least, so that some of them are labelled.
+_WIDTH = 6.0
+# Tolerances whose times lie nearer than this share of the largest are named together.
+_APART = 0.04
+
+
+def curve_png(curves: Curves, *, worth: AccuratePrediction) -> bytes:
+    """Return error against time of tolerances and of the paper's choices, with the tolerance that is worth having."""
+    figure, axes = placed_axes(1, 1, size=(8.5, 6.8), margins=(0.9, 0.2, 1.6, 0.5))
+    chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]
+    _draw_chain(axes[0], chain)
+    _draw_named(axes[0], curves.named)
+    _draw_floor(axes[0], curves)
+    best = next(point for point in chain if point.level == f"tolerance {worth.tolerance:g}")
+    if math.isfinite(_shown(best.true)):
+        axes[0].plot(best.seconds, best.true, "o", ms=18, mfc="none", mec=_COLOURS[1], mew=2.0, label="worth having")
+    _finish_errors_of(axes[0], f"what accuracy costs: {_BETTER}")
+    name_points(figure, axes[0], [*_tolerance_names(chain), *_choice_names(curves)])
+    _say_without_error(figure, curves.named, chain)
+    _say_if_empty(axes[0])
+    legend_below(axes[0], columns=2)
+    return png(figure)
+
+
+def settings_png(curves: Curves) -> bytes:
+    """Return error against time of each setting by itself."""
+    figure, axes = placed_axes(1, 1, size=(8.5, 6.8), margins=(0.9, 0.2, 1.8, 0.5))
+    _draw_settings(axes[0], curves)
+    _finish_errors_of(axes[0], f"each setting alone: {_BETTER}")
+    _say_if_empty(axes[0])
+    legend_below(axes[0], columns=2)
+    return png(figure)
+
+
+def stages_png(curves: Curves) -> bytes:
+    """Return where the time of each tolerance goes."""
+    figure, axes = placed_axes(1, 1, size=(6.5, 6.0), margins=(0.9, 0.2, 1.8, 0.5))
+    _draw_stages(axes[0], curves)
+    return png(figure)
+
+
+def digits_png(curves: Curves) -> bytes:
+    """Return the time that each correct digit takes, a line for each kind of number: 2 digits are an error of 0.01."""
+    figure, axes = subplots(1, 1, size=(8.0, 5.0))
+    axis = axes[0]
+    for place, quantity in enumerate(dict.fromkeys(point.quantity for point in curves.digits)):
+        points = _paying([point for point in curves.digits if point.quantity == quantity and point.error > 0.0])
+        if not points:
+            continue
+        axis.plot(
+            [-math.log10(point.error) for point in points],
+            [point.seconds for point in points],
+            marker=_MARKERS[place % len(_MARKERS)],
+            label=f"{quantity}{_price(points)}",
+            color=_COLOURS[place],
+        )
+    axis.set(
+        xlabel="correct digits (2: true error 0.01, 3: 0.001)",
+        ylabel="processor time of the whole prediction [s]",
+        title="What you pay for a digit (grey: --tolerance)",
+    )
+    axis.set_ylim(0.0, 1.1 * max(point.seconds for point in curves.digits))
+    least, most = axis.get_xlim()
+    axis.set_xticks(range(math.floor(least), math.ceil(most) + 1))
+    _name_times(axis, curves)
+    axis.grid(visible=True, alpha=0.3)
+    _say_if_empty(axis)
+    legend_beside(axis)
+    return png(figure)
+
+
+def _paying(points: Sequence[DigitPoint]) -> list[DigitPoint]:
+    """Return the points that are had for no less time, from few digits to many."""
+    found: list[DigitPoint] = []
+    for point in sorted(points, key=lambda one: (one.seconds, one.error)):
+        if not found or point.error < found[-1].error:
+            found.append(point)
+    return found
+
+
+def _price(points: Sequence[DigitPoint]) -> str:
+    """Say by what the time grows with a digit, from the fewest to the most; nothing where one digit is not spanned."""
+    digits = math.log10(points[0].error / points[-1].error)
+    if digits < 1.0:
+        return ""
+    return f":\none more digit takes {(points[-1].seconds / points[0].seconds) ** (1.0 / digits):.2g} x the time"
+
+
+def _name_times(axis: Axes, curves: Curves) -> None:
+    """Write each tolerance at its time, those at one time together."""
+    times = sorted((sum(found.stage_s.values()), found.tolerance) for found in curves.predictions)
+    groups: list[list[tuple[float, float]]] = []
+    for time in times:
+        if groups and time[0] - groups[-1][-1][0] < _APART * times[-1][0]:
+            groups[-1].append(time)
+        else:
+            groups.append([time])
+    for group in groups:
+        text = ", ".join(f"{tolerance:g}" for tolerance in sorted((one for _, one in group), reverse=True))
+        axis.axhline(group[-1][0], color="0.8", linewidth=0.8, zorder=0)
+        axis.annotate(
+            text,
+            (0.01, group[-1][0]),
+            xycoords=("axes fraction", "data"),
+            xytext=(0.0, 2.0),
+            textcoords="offset points",
+            fontsize=8,
+        )
+
+
+def _draw_chain(axis: Axes, chain: Sequence[CostPoint]) -> None:
+    """Draw the true errors of tolerances, and those that a prediction estimates for itself."""
+    seconds, blue = [point.seconds for point in chain], _COLOURS[0]
+    true, estimated = ([_shown(getattr(point, kind)) for point in chain] for kind in ("true", "estimated"))
+    axis.plot(seconds, true, marker="o", color=blue, linewidth=2.6, label="--tolerance: true error")
+    label = "--tolerance: error that it states"
+    axis.plot(seconds, estimated, "o--", markerfacecolor="white", color=blue, linewidth=1.0, label=label)
+
+
+def _draw_named(axis: Axes, named: Sequence[NamedChoice]) -> None:
+    """Draw the paper's choices as crosses, the user's as pluses; those without error in a line."""
+    for by_user, marker, label in ((False, "X", "choices of the paper"), (True, "P", "your own choices")):
+        places = [(one.seconds, one.error) for one in named if one.by_user is by_user and one.error > 0.0]
+        if places:
+            seconds, errors = zip(*places, strict=True)
+            axis.plot(seconds, errors, linestyle="none", marker=marker, color="black", markersize=7, label=label)
+
+
+def _say_without_error(figure: Figure, named: Sequence[NamedChoice], chain: Sequence[CostPoint]) -> None:
+    """Write below all what has no error that a logarithm could show."""
+    without = [*(one.level for one in chain if one.true == 0.0), *(one.name for one in named if not one.error > 0.0)]
+    if without:
+        figure.text(0.02, 0.02, f"no error here: {', '.join(without)}", fontsize=8)
+
+
+def _say_if_empty(axis: Axes) -> None:
+    named = [line for line in axis.lines if not str(line.get_label()).startswith("_")]
+    if not any(np.any(np.isfinite(np.asarray(line.get_ydata(), dtype=np.float64))) for line in named):
+        axis.text(0.5, 0.5, "no error of these settings in this scene", transform=axis.transAxes, ha="center")
+
+
+def _draw_floor(axis: Axes, curves: Curves) -> None:
+    floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
+    least = min((floor for floor in floors if floor > 0.0), default=None)
+    if least is not None:
+        label = "DoLP is known no better: uncertain inputs"
+        axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label=label)
+
+
+def _draw_settings(axis: Axes, curves: Curves) -> None:
+    """Draw the true errors of each setting's levels, the others being fine, and which points are the best of all."""
+    for place, name in enumerate(dict.fromkeys(point.varied for point in curves.points)):
+        points = [point for point in curves.points if point.varied == name and math.isfinite(_shown(point.true))]
+        if not points:
+            continue
+        is_chain = name == WHOLE_CHAIN
+        axis.plot(
+            [point.seconds for point in points],
+            [point.true for point in points],
+            marker=_MARKERS[place % len(_MARKERS)],
+            markersize=5,
+            label="--tolerance: all settings" if is_chain else name,
+            color=_COLOURS[place % len(_COLOURS)],
+            linewidth=2.6 if is_chain else 1.2,
+        )
+    best = [point for point in curves.front if math.isfinite(_shown(point.true))]
+    if best:
+        seconds, errors = [point.seconds for point in best], [point.true for point in best]
+        label = "none is faster and better"
+        axis.plot(seconds, errors, "*", markersize=14, markerfacecolor="none", markeredgecolor="0.3", label=label)
+
+
+def _finish_errors_of(axis: Axes, title: str) -> None:
+    axis.set(xscale="log", xlabel="processor time [s]", ylabel="largest error of any number")
+    axis.set_title(title, fontsize=11)
+    axis.margins(x=0.15, y=0.08)
+    least, most = axis.get_xlim()
+    if most < _WIDTH * least:
+        middle = math.sqrt(least * most)
+        axis.set_xlim(middle / math.sqrt(_WIDTH), middle * math.sqrt(_WIDTH))
+    few_log_labels(axis.xaxis)
+    # A scene of stated radiances has no error that a logarithm could show.
+    if any(np.any(np.asarray(line.get_ydata(), dtype=np.float64) > 0.0) for line in axis.lines):
+        axis.set_yscale("log")
+    axis.grid(visible=True, which="major", alpha=0.3)
+
+
+def _tolerance_names(chain: Sequence[CostPoint]) -> list[PointName]:
+    """Return each tolerance at its point, several that come to the same error at the last of them."""
+    by_error: dict[float, list[CostPoint]] = {}
+    for point in chain:
+        if math.isfinite(_shown(point.true)):
+            by_error.setdefault(float(f"{point.true:.2g}"), []).append(point)
+    names = []
+    for points in by_error.values():
+        text = ", ".join(point.level.removeprefix("tolerance ") for point in points)
+        names.append(PointName(text=text, x=points[-1].seconds, y=points[-1].true, is_bold=True))
+    return [replace(one, text=f"{'' if k else '--tolerance '}{one.text}") for k, one in enumerate(names)]
+
+
+def _choice_names(curves: Curves) -> list[PointName]:
+    """Return each choice at its point, with the reason where it seems better than a tolerance."""
+    return [
+        PointName(
+            text=f"{one.name}\n(states no error)" if faster_and_better(one, curves) else one.name,
+            x=one.seconds,
+            y=one.error,
+        )
+        for one in curves.named
+        if one.error > 0.0
+    ]
+
+
+def _draw_stages(axis: Axes, curves: Curves) -> None:
+    """Bars of the whole chain's time, a tolerance each, by stage."""
+    stages = list(dict.fromkeys(stage for found in curves.predictions for stage in found.stage_s))
+    low = np.zeros(len(curves.predictions))
+    for place, stage in enumerate(stages):
+        seconds = np.array([found.stage_s[stage] for found in curves.predictions])
+        axis.bar(range(low.size), seconds, bottom=low, label=stage, color=_COLOURS[place], hatch=_HATCHES[place])
+        low += seconds
+    for place, found in enumerate(curves.predictions):
+        axis.annotate(
+            f"estimates\n{100.0 * estimates_share(found):.0f} %",
+            (place, low[place]),
+            ha="center",
+            va="bottom",
+            fontsize=8,
+        )
+    axis.margins(y=0.12)
+    axis.set_xticks(range(low.size), [f"{found.tolerance:g}" for found in curves.predictions])
+    axis.set(xlabel="--tolerance", ylabel="processor time [s]")
+    axis.set_title("where the time goes", fontsize=11)
+    legend_below(axis, columns=2)
+
+
+def _shown(error: float) -> float:
+    return error if error > 0.0 and math.isfinite(error) else math.nan
+
+
+def tradeoff_picture(found: AcquisitionTradeoff) -> bytes:
+    """Return the total error over the duration of each way, with what is wanted; and P_D where a pair was named."""
+    panels = 1 if found.request.pair is None else 2
+    figure, axes = subplots(1, panels, size=(7.6 * panels, 5.4))
+    for colour, (angles, ways) in enumerate(_ways(found.points).items()):
+        for pattern, points in ways.items():
+            style = {
+                "color": _COLOURS[colour % len(_COLOURS)],
+                "linestyle": _LINES[pattern],
+                "marker": ".",
+                "markersize": 4,
+            }
+            label = angles if pattern == "cycles" else None
+            time_s = [point.session.duration_s for point in points]
+            axes[0].loglog(time_s, [point.worst.total for point in points], label=label, **style)
+            if panels == 2:
+                axes[1].semilogx(time_s, [point.p_detection for point in points], **style)
+    _finish_errors(axes[0], found)
+    if panels == 2 and found.request.pair is not None:
+        target, background = found.request.pair
+        axes[1].set_ylabel(f"P_D of {target} on {background} at P_FA {found.request.wanted.p_false_alarm:g}")
+        axes[1].set_xlabel("time of the session [s]")
+        axes[1].set_ylim(0.0, 1.02)
+        if found.request.wanted.p_detection is not None:
+            axes[1].axhline(found.request.wanted.p_detection, color="0.4", linewidth=0.8)
+    return png(figure)
+
+
+def _finish_errors(ax: Axes, found: AcquisitionTradeoff) -> None:
+    wanted = found.request.wanted.dolp_total
+    if wanted is not None:
+        ax.axhline(wanted, color="0.4", linewidth=0.8)
+    best = None if found.best is None else found.best.session
+    if best is not None and found.best is not None:
+        total = max(budget.total for budget in found.best.budgets.values())
+        ax.plot(best.duration_s, total, marker="*", markersize=14, color="#d55e00", linestyle="none", label="shortest")
+    ax.set_xlabel("time of the session [s]")
+    ax.set_ylabel("error of DoLP: noise, drift and settling")
+    ax.legend(
+        fontsize=8,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.12),
+        ncols=2,
+        title="angles [deg]; solid: cycles, dashed: back and forth,\ndotted: grouped by angle",
+    )
+
+
+def _ways(points: tuple[SessionPoint, ...]) -> dict[str, dict[str, list[SessionPoint]]]:
+    """Points by angles and pattern, in the order in which they come."""
+    ways: dict[str, dict[str, list[SessionPoint]]] = {}
+    for point in points:
+        if np.isfinite(point.worst.total):
+            angles = degrees_text(point.session.angles_rad)
+            ways.setdefault(angles, {}).setdefault(point.session.pattern, []).append(point)
+    return ways

@@ -1,0 +1,381 @@
+"""Check-up of this machine: network buffers, disk, clock.
+
+Check-up of the devices of a rig: how fast they answer, and what is lost on the way.
+"""
+
+import ctypes
+import os
+import shutil
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from drivers.errors import LimitError
+from drivers.interfaces import Camera, CameraWithFacts, Frame, ReportingCamera, RotationStage
+from drivers.network_path import interface_of, path_mtu
+from drivers.serial_port import resolve_port
+from rigctl.console.terminal import warn
+from rigctl.errors import DataError
+from rigctl.files.rig_file import REPLAY, RigFile
+from rigctl.rig.rig import SIMULATED, cell_problem, find_driver, open_rig
+from rigctl.rig.simulated_parts import ON_NETWORK, THIS_MACHINE
+from rigctl.runs.records import START_SOURCES, start_error_text
+
+_RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
+_WRITES = 20
+_UNSYNCHRONISED = 0x40  # STA_UNSYNC
+_MAX_ERROR_PLACE, _STATUS_PLACE, _TIMEX_BYTES = 24, 40, 208  # in struct timex of 64-bit Linux
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One line of a check-up: what was looked at, what was found, and what to change.
+
+    Attributes
+    ----------
+    what : str
+        What was looked at.
+    found : str
+        What was found, with its unit.
+    advice : str or None
+        What to change; None where all is well.
+    hint : str or None
+        What may be changed, or left as it is.
+    """
+
+    what: str
+    found: str
+    advice: str | None = None
+    hint: str | None = None
+
+
+def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Finding:
+    """Return whether the system lets a socket hold two pictures.
+
+    Parameters
+    ----------
+    frame_bytes : int
+        Bytes of a picture.
+    largest_bytes : int or None
+        What the system allows; None: as it says.
+    """
+    allowed = int(_RMEM_MAX.read_text()) if largest_bytes is None else largest_bytes
+    wanted = 2 * frame_bytes
+    advice = None
+    if allowed < wanted:
+        advice = f"packets will be lost: sysctl -w net.core.rmem_max={wanted}, and the same in /etc/sysctl.d/"
+    return Finding(what="receive buffer", found=f"{allowed} bytes at most, {wanted} wanted", advice=advice)
+
+
+def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
+    """Return whether a folder takes a durable file of this size as often as the session makes one.
+
+    Parameters
+    ----------
+    folder : Path
+        Where runs will be.
+    frame_bytes : int
+        Of a file.
+    period_s : float
+        From one file to the next, in the fastest stretch of a session [s].
+
+    Raises
+    ------
+    DataError
+        The folder cannot be written.
+    """
+    content = os.urandom(frame_bytes)
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".rigctl-doctor-") as scratch:
+            times_s = [_durable_write_s(Path(scratch) / str(index), content) for index in range(_WRITES)]
+    except OSError as error:
+        raise DataError(f"{folder}: cannot be written: {error.strerror}") from error
+    typical_s, longest_s = statistics.median(times_s), max(times_s)
+    advice = None
+    if typical_s > period_s:
+        advice = (
+            f"slower than a frame every {period_s * 1e3:.3g} ms: the session will wait for the disk. Use a local one, "
+            "best an SSD, or longer exposures"
+        )
+    rate = frame_bytes / typical_s / 1e6
+    found = (
+        f"{typical_s * 1e3:.1f} ms a durable frame of {frame_bytes / 1e6:.2g} MB ({rate:.0f} MB/s with fsync), longest "
+        f"{longest_s * 1e3:.1f} ms; a frame comes every {period_s * 1e3:.3g} ms where they come fastest"
+    )
+    return Finding(what=f"disk of {folder}", found=found, advice=advice)
+
+
+def room(folder: Path, *, total_bytes: int, free_bytes: int | None = None) -> Finding:
+    """Return whether all frames of a session fit a folder's disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Where runs will be.
+    total_bytes : int
+        Of all frames.
+    free_bytes : int or None
+        Room that there is; None: as the system says.
+    """
+    free = shutil.disk_usage(folder).free if free_bytes is None else free_bytes
+    advice = None
+    if free < total_bytes:
+        advice = "it ends before the session does: make room, name another folder, or take fewer cycles"
+    found = f"{free / 1e9:.3g} GB are free, the session takes {total_bytes / 1e9:.3g} GB"
+    return Finding(what=f"room in {folder}", found=found, advice=advice)
+
+
+def utc_error_s() -> float | None:
+    """Return how far the system's clock may be off UTC, as its time service says [s]; None: nothing synchronises it."""
+    content = ctypes.create_string_buffer(_TIMEX_BYTES)
+    ctypes.CDLL(None).ntp_adjtime(content)
+    status = int.from_bytes(content.raw[_STATUS_PLACE : _STATUS_PLACE + 4], "little")
+    error_us = int.from_bytes(content.raw[_MAX_ERROR_PLACE : _MAX_ERROR_PLACE + 8], "little")
+    return None if status & _UNSYNCHRONISED else error_us / 1e6
+
+
+def clock() -> Finding:
+    """Return whether the system's clock follows a time server, and how far off it may be."""
+    error_s = utc_error_s()
+    if error_s is None:
+        return Finding(
+            what="clock",
+            found="not synchronised",
+            advice="the sun's place comes from it, 15 arc seconds a second: apt install chrony, or set it by hand",
+        )
+    return Finding(what="clock", found=f"synchronised, off by {error_s * 1e3:.0f} ms at most")
+
+
+def _durable_write_s(path: Path, content: bytes) -> float:
+    start_s = time.perf_counter()
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return time.perf_counter() - start_s
+
+
+_EXPOSURE_S = 0.01
+# For a look at the cell of a mosaic: share of saturated pixels that does no harm, and where to end.
+_SATURATED, _SHORTEST_S = 0.1, 1e-5
+_READINGS = 20
+_SLOW_ANSWER_S = 0.05
+_SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
+_ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
+_USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
+
+
+class RigCheckup:
+    """Opens a rig and looks at it.
+
+    Parameters
+    ----------
+    rig : RigFile
+        Which.
+    frames : int
+        How many pictures are taken.
+
+    Attributes
+    ----------
+    pixels : int or None
+        Of a picture, once the camera was opened.
+    camera_s : float or None
+        What a picture takes beside its exposure, once some were taken [s].
+    """
+
+    def __init__(self, rig: RigFile, *, frames: int) -> None:
+        self._rig, self._frames = rig, frames
+        self.pixels: int | None = None
+        self.camera_s: float | None = None
+
+    def findings(self) -> Iterator[Finding]:
+        """Give what is found, line by line.
+
+        Raises
+        ------
+        DeviceError
+            A device cannot be opened, or fails.
+        """
+        yield from self._ways()
+        with open_rig(self._rig, session_name="doctor") as rig:
+            if rig.stage is not None and rig.stage_identity is not None:
+                model, serial = rig.stage_identity.model, rig.stage_identity.serial_number
+                yield Finding(what="stage", found=f"{model}, serial {serial}")
+                yield stage_latency(rig.stage)
+            identity = rig.camera_identity
+            yield Finding(what="camera", found=f"{identity.model}, serial {identity.serial_number}")
+            settings = rig.camera.configure(exposure_s=_EXPOSURE_S, gain_db=self._rig.camera.gain_db)
+            self.pixels = settings.width * settings.height
+            timeout_s = self._rig.camera.timeout_s + _EXPOSURE_S
+            timed = timed_frames(rig.camera, frames=self._frames, timeout_s=timeout_s)
+            self.camera_s = max(0.0, statistics.median(one.duration_s for one in timed) - settings.exposure_s)
+            yield from camera_frames(rig.camera, timed)
+            if self._rig.camera.mosaic_deg is not None:
+                yield cell_finding(rig.camera, self._rig, timeout_s=timeout_s)
+
+    def _ways(self) -> Iterator[Finding]:
+        """Give what there is to say of the ways to the devices."""
+        stage = self._rig.stage
+        if stage is not None and not stage.port.startswith((SIMULATED, REPLAY)):
+            adapter = adapter_wait(resolve_port(stage.port, warn=warn))
+            if adapter is not None:
+                yield adapter
+        network_address = _network_address(self._rig.camera.address)
+        if network_address is not None:
+            yield interface_mtu(network_address)
+
+
+def cell_finding(camera: Camera, rig: RigFile, *, timeout_s: float) -> Finding:
+    """Return what is known of the cell of a camera with polarizers on its pixels: by itself, and by the light."""
+    stated = tuple(rig.camera.mosaic_deg or ())
+    frame = _unsaturated(camera, gain_db=rig.camera.gain_db, timeout_s=timeout_s)
+    text = ", ".join(f"{angle:g}" for angle in stated)
+    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    source = "as the camera says" if told is not None else "as the rig file says; the camera does not tell"
+    advice = cell_problem(frame.counts, stated, bit_depth=frame.settings.bit_depth)
+    return Finding(what="cell", found=f"{text} deg row by row, {source}", advice=advice)
+
+
+def _unsaturated(camera: Camera, *, gain_db: float, timeout_s: float) -> Frame:
+    """Return a picture, exposed shorter until little of it is saturated, as far as the camera allows."""
+    frame, exposure_s = camera.take_frame(timeout_s=timeout_s), _EXPOSURE_S
+    while np.mean(frame.counts >= 2**frame.settings.bit_depth - 1) > _SATURATED and exposure_s > _SHORTEST_S:
+        exposure_s /= 4.0
+        try:
+            camera.configure(exposure_s=exposure_s, gain_db=gain_db)
+        except LimitError:
+            break
+        frame = camera.take_frame(timeout_s=timeout_s)
+    return frame
+
+
+def stage_latency(stage: RotationStage) -> Finding:
+    """Return how long the stage takes to tell its position."""
+    times_s = [_timed(stage.position) for _ in range(_READINGS)]
+    typical_s, longest_s = statistics.median(times_s), max(times_s)
+    advice = None
+    if typical_s > _SLOW_ANSWER_S:
+        advice = "it answers slowly: is its adapter behind a hub, or does another program use it?"
+    found = f"{typical_s * 1e3:.1f} ms a reading, longest {longest_s * 1e3:.1f} ms"
+    return Finding(what="stage", found=found, advice=advice)
+
+
+def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | None:
+    """Return how long a USB adapter waits before it passes bytes on; None for a port whose adapter does not tell.
+
+    Parameters
+    ----------
+    port : str
+        The path of the port.
+    devices : Path
+        Where the system tells of adapters.
+    """
+    file = devices / Path(port).resolve().name / "latency_timer"
+    try:
+        wait_ms = int(file.read_text())
+    except (OSError, ValueError):
+        return None
+    advice = None
+    if wait_ms > 1:
+        advice = f"each answer takes so much longer: echo 1 > {file} (docs/plug-ins.md has a rule that lasts)"
+    return Finding(what="serial adapter", found=f"waits {wait_ms} ms before it passes bytes on", advice=advice)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimedFrame:
+    """What a picture took, exposure included, and by how much its start may be off, found by what [s]."""
+
+    duration_s: float
+    start_uncertainty_s: float | None = None
+    start_source: str | None = None
+
+
+def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> list[TimedFrame]:
+    """Return how so many pictures came."""
+    timed = []
+    for _ in range(frames):
+        start_s = time.perf_counter()
+        frame = camera.take_frame(timeout_s=timeout_s)
+        timed.append(
+            TimedFrame(
+                duration_s=time.perf_counter() - start_s,
+                start_uncertainty_s=frame.start_uncertainty_s,
+                start_source=frame.start_source,
+            )
+        )
+    return timed
+
+
+def camera_frames(camera: Camera, timed: Sequence[TimedFrame]) -> Iterator[Finding]:
+    """Return how fast pictures came, when, and what was lost of them, where the camera counts that."""
+    times_s = [one.duration_s for one in timed]
+    found = (
+        f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
+    )
+    yield Finding(what="camera", found=found)
+    yield from _time_stamps(timed[-1])  # by then the camera's clock is known, where it has one that can be read
+    if not isinstance(camera, ReportingCamera):
+        return
+    facts, tally = camera.facts(), camera.tally()
+    bent = {True: "linear: what bends counts is off", None: "linear: it does not tell", False: "its counts are bent"}
+    yield Finding(what="samples", found=f"{facts.sample_format}, {facts.justified}-justified; {bent[facts.linear]}")
+    lost = tally.damaged + tally.never_came
+    share = tally.packets_lost / tally.packets if tally.packets else 0.0
+    advice = None
+    # The first one after a start is often damaged.
+    if lost > 1 or share > _USUAL_LOSS:
+        advice = (
+            "packets are lost: raise the receive buffer, connect the camera without a switch or with jumbo packets, "
+            "use a shorter or better cable, and let nothing else use this interface"
+        )
+    found = f"{tally.damaged} damaged, {tally.never_came} never came"
+    if tally.packets:
+        again = f"{tally.packets_resent} of them came when asked for again"
+        found += f"; {100 * share:.2g} % of {tally.packets} packets lost, {again}"
+    yield Finding(what="loss", found=found, advice=advice)
+    for name, value in camera.features().items():
+        yield Finding(what=f"  {name}", found=value)
+
+
+def _time_stamps(frame: TimedFrame) -> Iterator[Finding]:
+    """Give how well the start of an exposure is known, where the camera tells."""
+    source = frame.start_source
+    if source is not None:
+        told = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
+        hint = "docs/cameras.md has what makes it known better" if source in ("trigger", "arrival") else None
+        yield Finding(what="time stamps", found=f"start of an exposure {told}", hint=hint)
+
+
+def interface_mtu(address: str) -> Finding:
+    """Return how large packets may be on the way to a camera."""
+    mtu = path_mtu(address)
+    advice = hint = None
+    if mtu < _ETHERNET_MTU:
+        advice = f"smaller than Ethernet's {_ETHERNET_MTU}: ip link set IFACE mtu {_ETHERNET_MTU}"
+    elif mtu < _JUMBO_MTU:
+        hint = (
+            f"if camera and switch can: ip link set IFACE mtu {_JUMBO_MTU}, and packet_size={_JUMBO_MTU}, load it less"
+        )
+    return Finding(what="MTU", found=f"{mtu} bytes on interface {interface_of(address)}", advice=advice, hint=hint)
+
+
+def _timed(ask: Callable[[], object]) -> float:
+    start_s = time.perf_counter()
+    ask()
+    return time.perf_counter() - start_s
+
+
+def _network_address(address: str) -> str | None:
+    """Return where a camera is on the network, before it is opened; None where its driver's module does not tell."""
+    scheme, _, place = address.partition(":")
+    if address.startswith(SIMULATED):
+        return THIS_MACHINE if address.partition("?")[0] == ON_NETWORK else None
+    driver = find_driver("rigctl.cameras", scheme, key="camera.address")
+    tell: Callable[[str], str] | None = getattr(import_module(driver.module), "network_address", None)
+    return None if tell is None else tell(place)

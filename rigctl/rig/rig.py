@@ -1,0 +1,446 @@
+"""Cell of a camera with polarizers on its pixels: held against the light that it sees.
+
+Opens rotation stages: through the entry points of their drivers, on real ports and on simulated ones.
+
+Opens the devices of a rig file: the one place where a rig is put together.
+"""
+
+import inspect
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import NotConnectedError
+from drivers.interfaces import (
+    Camera,
+    CameraWithFacts,
+    DeviceIdentity,
+    Move,
+    RotationStage,
+    StagePosition,
+    StageStatus,
+    Way,
+)
+from drivers.recording import read_recording
+from drivers.serial_port import resolve_port
+from model.processing.mosaic import pair_by_light
+from rigctl.base.numbers import wrapped
+from rigctl.console.terminal import warn
+from rigctl.errors import ConfigError
+from rigctl.files.choices import FrameKind
+from rigctl.files.rig_file import REPLAY, RigFile, StageSection
+from rigctl.rig.characterise import load_settle_s
+from rigctl.rig.simulated_parts import SimulatedClock, require_known_camera
+from rigctl.rig.simulation import Simulation, simulate
+from rigctl.runs.records import SimulatedLight
+from sim_devices.clock import SimClock
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
+from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
+from sim_devices.stages.stage import serve_on_pty
+
+_PLACES = ("upper left", "upper right", "lower left", "lower right")
+
+
+def cell_problem(counts: NDArray[np.uint16], mosaic_deg: Sequence[float], *, bit_depth: int) -> str | None:
+    """Return in words that the light contradicts a cell, or None: it agrees, or tells nothing.
+
+    Parameters
+    ----------
+    counts : (H, W) array of uint16
+        A picture as the camera sent it.
+    mosaic_deg : sequence of four floats
+        Angles of the cell, row by row [deg].
+    bit_depth : int
+        Bits of a count.
+    """
+    found = pair_by_light(counts, tuple(mosaic_deg), saturation_dn=float(2**bit_depth - 1))
+    if found is None:
+        return None
+    stated = ", ".join(f"{angle:g}" for angle in mosaic_deg)
+    one, other = (_PLACES[place] for place in found)
+    return (
+        f"mosaic_deg = [{stated}] does not fit the light: by its sums the {one} and the {other} pixel of a cell stand "
+        "across one another, and the two that are left. Look up the cell of the sensor, and whether the picture is "
+        "mirrored or begins at an odd row or column"
+    )
+
+
+SIMULATED = "sim:"
+# What is printed on a device, and the driver for it.
+_DRIVERS_OF_MODELS = (
+    (("ell", "elliptec"), "ellx"),
+    (("kdc", "k10cr", "prm", "thorlabs", "kinesis", "tdc"), "apt"),
+    (("x-r", "rst", "zaber"), "zaber"),
+    (("aravis", "genicam", "gc", "prosilica", "allied", "basler", "flir"), "gige"),
+    (("usb", "uvc", "/dev/video", "webcam"), "v4l2"),
+)
+
+
+@contextmanager
+def open_stage(section: StageSection, *, warn: Callable[[str], None]) -> Iterator[RotationStage]:
+    """Give the open stage of a rig file, a simulated one with nothing around it, until the context is left.
+
+    Raises
+    ------
+    DeviceError
+        It cannot be opened, or is not the one that the rig file names.
+    ConfigError
+        There is no such driver, its options are wrong, or there is no such simulated stage.
+    """
+    if not section.port.startswith(SIMULATED):
+        with connect_stage(section, resolve_port(section.port, warn=warn)) as stage:
+            yield stage
+        return
+    try:
+        options = parse_stage_address(section.port)
+    except ValueError as error:
+        raise ConfigError(f"stage.port: {error}") from error
+    clock = SimClock(speed=options.speed)
+    with serve_on_pty(make_stage(options, clock=clock), clock=clock) as port, connect_stage(section, port) as stage:
+        yield stage
+
+
+@contextmanager
+def connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
+    """Give the stage that answers on a port, once it is known to be the one that the rig file names."""
+    factory = find_driver("rigctl.stages", section.driver, key="stage.driver").load()
+    given: dict[str, Any] = {"tolerance_deg": section.tolerance_deg, **section.options}
+    if section.address is not None:
+        given["address"] = section.address
+    _require_arguments(factory, section.driver, port, given)
+    opened: RotationStage = factory(port, **given)
+    with opened as stage:
+        identity = stage.identify()
+        require_serial("stage", section.serial_number, identity)
+        if section.characterisation is None:
+            yield stage
+        else:
+            yield SettlingStage(stage, settle_s=load_settle_s(section.characterisation, identity=identity))
+
+
+def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
+    """Return an installed driver.
+
+    Parameters
+    ----------
+    group : str
+        ``rigctl.stages`` or ``rigctl.cameras``.
+    name : str
+        Of the driver.
+    key : str
+        Of the rig file that names it.
+
+    Raises
+    ------
+    ConfigError
+        There is none of this name.
+    """
+    installed = {entry.name: entry for entry in entry_points(group=group)}
+    if name not in installed:
+        known = ", ".join(sorted(installed)) or "none"
+        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}{_driver_meant(name, installed)}")
+    return installed[name]
+
+
+def _driver_meant(name: str, installed: Collection[str]) -> str:
+    """Return which driver a name of a model leads to, in words."""
+    word = name.strip().lower()
+    by_model = next((driver for models, driver in _DRIVERS_OF_MODELS if word.startswith(models)), None)
+    known = by_model is not None and by_model in installed
+    close = [by_model] if known else get_close_matches(word, list(installed), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+def require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:
+    """Raise NotConnectedError unless a device has the serial number that the rig file asks for, if it asks."""
+    if configured is not None and configured != found.serial_number:
+        raise NotConnectedError(
+            f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
+            f"{configured}: another device is on this port. Mend the port or the serial number"
+        )
+
+
+def _require_arguments(factory: Callable[..., RotationStage], driver: str, port: str, given: dict[str, Any]) -> None:
+    signature = inspect.signature(factory)
+    try:
+        signature.bind(port, **given)
+    except TypeError as error:
+        allowed = ", ".join(list(signature.parameters)[1:])
+        raise ConfigError(f"stage: driver {driver!r}: {error}; it takes {allowed}") from error
+
+
+class SettlingStage:
+    """Another stage, with a pause and a fresh readback after each move.
+
+    Parameters
+    ----------
+    stage : RotationStage
+        What turns.
+    settle_s : float
+        Pause after a move [s].
+    sleep : callable
+        Makes the pause.
+    """
+
+    def __init__(self, stage: RotationStage, *, settle_s: float, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._stage = stage
+        self._settle_s = settle_s
+        self._sleep = sleep
+
+    def __enter__(self) -> "SettlingStage":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the device says of itself."""
+        return self._stage.identify()
+
+    def home(self) -> StagePosition:
+        """Search the reference mark; return the readback after the pause."""
+        self._stage.home()
+        self._sleep(self._settle_s)
+        return self._stage.position()
+
+    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
+        """Go to an angle; return once it is there and rests. Raises what the stage raises."""
+        move = self._stage.move_to(angle_deg, way=way)
+        self._sleep(self._settle_s)
+        return Move(
+            target_deg=move.target_deg,
+            position=self._stage.position(),
+            tries=move.tries,
+            duration_s=move.duration_s + self._settle_s,
+            remarks=move.remarks,
+        )
+
+    def position(self) -> StagePosition:
+        """Read the encoder."""
+        return self._stage.position()
+
+    def status(self) -> StageStatus:
+        """Ask the device what it is doing."""
+        return self._stage.status()
+
+    def stop(self) -> None:
+        """Stop any motion that the device is able to stop."""
+        self._stage.stop()
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._stage.close()
+
+
+# How often each recording's stage was opened in this program.
+_REPLAYED: Counter[Path] = Counter()
+# A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
+_CELL_TOLERANCE_DEG = 22.5
+REQUESTS: dict[FrameKind, str] = {
+    "scene": "Point the camera at the scene, nothing before the lens",
+    "dark": "Cover the lens, so that no light comes in",
+    "flat": "Put the flat field (integrating sphere) before the lens",
+}
+
+
+def _do_nothing(_sequence: int) -> bool:
+    """Return that no numbers jump: a real camera's noise is its own."""
+    return False
+
+
+def _ask_nobody(_kind: FrameKind) -> None:
+    """Return: nobody's hands are needed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rig:
+    """Devices that are open, and what they say they are.
+
+    Attributes
+    ----------
+    stage, camera
+        The devices; no stage where the camera has polarizers on its pixels.
+    stage_identity, camera_identity : DeviceIdentity
+        What they are.
+    present : callable
+        Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
+    ask : callable
+        Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
+    origin : {"simulated", "device", "replay"}
+        Where the frames come from; "replay" of a recording.
+    begin_step : callable
+        To be told of each step, by its sequence number, before its first frame; says whether the numbers of the
+        camera's frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
+    light : SimulatedLight or None
+        What lights a simulated roof.
+    """
+
+    stage: RotationStage | None
+    camera: Camera
+    stage_identity: DeviceIdentity | None
+    camera_identity: DeviceIdentity
+    present: Callable[[FrameKind], None]
+    ask: Callable[[FrameKind], None] = _ask_nobody
+    origin: Literal["simulated", "device", "replay"]
+    begin_step: Callable[[int], bool] = _do_nothing
+    light: SimulatedLight | None = None
+
+
+@contextmanager
+def open_rig(
+    rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
+) -> Iterator[Rig]:
+    """Give the open devices of a rig until the context is left; then they are closed.
+
+    Parameters
+    ----------
+    rig : RigFile
+        Which devices, and where. A port or address that begins with "sim:" is a simulated device.
+    session_name : str
+        Decides the noise of a simulated camera.
+    run : Path or None
+        Run folder of the session, which may hold a part of it: simulated noise goes on from there.
+    clock : SimulatedClock or None
+        The time of a simulated rig with a clock of its own.
+
+    Raises
+    ------
+    DeviceError
+        A device cannot be opened, or is not the one that the rig file names.
+    ConfigError
+        The rig file names a driver that is not installed.
+    """
+    if not rig.is_simulated:
+        with _open_devices(rig, None) as opened:
+            yield opened
+        return
+    with (
+        simulate(rig, session_name=session_name, run=run, clock=clock) as simulation,
+        _open_devices(rig, simulation) as opened,
+    ):
+        yield opened
+
+
+def require_drivers(rig: RigFile) -> None:
+    """Raise ConfigError where a driver is not installed or a simulated camera is none; no device is touched."""
+    if rig.stage is not None:
+        find_driver("rigctl.stages", rig.stage.driver, key="stage.driver")
+    for monitor in rig.monitors:
+        find_driver("rigctl.monitors", monitor.driver, key=f"monitors.{monitor.name}.driver")
+    require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
+    if not rig.camera.address.startswith(SIMULATED):
+        find_driver("rigctl.cameras", rig.camera.address.partition(":")[0], key="camera.address")
+
+
+@contextmanager
+def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
+    with _stage(rig, simulation) as stage, _camera(rig, simulation) as camera:
+        camera_identity = camera.identify()
+        require_serial("camera", rig.camera.serial_number, camera_identity)
+        require_cell(rig, camera)
+        yield Rig(
+            stage=stage,
+            camera=camera,
+            stage_identity=None if stage is None else stage.identify(),
+            camera_identity=camera_identity,
+            present=_ask_nobody if simulation is None else simulation.world.present,
+            ask=_ask_operator if simulation is None and not rig.is_replayed else _ask_nobody,
+            origin="replay" if rig.is_replayed else "device" if simulation is None else "simulated",
+            begin_step=_do_nothing if simulation is None else simulation.begin_step,
+            light=None if simulation is None else simulation.light,
+        )
+
+
+@contextmanager
+def _stage(rig: RigFile, simulation: Simulation | None) -> Iterator[RotationStage | None]:
+    if rig.stage is None:
+        yield None
+        return
+    if rig.stage.port.startswith(REPLAY):
+        clock = SimClock(speed=1.0)
+        device = _replayed_line(rig.stage.port.removeprefix(REPLAY), clock)
+        with serve_on_pty(device, clock=clock) as port, connect_stage(rig.stage, port) as stage:
+            yield stage
+        return
+    simulated_port = None if simulation is None else simulation.stage_port
+    is_real = simulated_port is None or not rig.stage.port.startswith(SIMULATED)
+    port = resolve_port(rig.stage.port, warn=warn) if is_real or simulated_port is None else simulated_port
+    with connect_stage(rig.stage, port) as stage:
+        yield stage
+
+
+def _replayed_line(place: str, clock: SimClock) -> ReplayedDevice:
+    """Return what answers as a recorded stage did; each opening is the next one that was recorded."""
+    path = Path(place)
+    opened = read_recording(path).opened
+    number = _REPLAYED[path.resolve()]
+    _REPLAYED[path.resolve()] += 1
+    line = opened[number % len(opened)].line if opened else ()
+    return ReplayedDevice(exchanges_of((one.time_s, one.heard, one.data) for one in line), clock=clock)
+
+
+def require_cell(rig: RigFile, camera: Camera) -> None:
+    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells.
+
+    Raises
+    ------
+    ConfigError
+        It is another one, or the rig file has none.
+    """
+    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    stated = rig.camera.mosaic_deg
+    if told is None:
+        return
+    cell = ", ".join(f"{angle:g}" for angle in told)
+    if stated is None:
+        raise ConfigError(
+            "camera.mosaic_deg: the camera says that it has polarizers on its pixels: state "
+            f"mosaic_deg = [{cell}], and leave [stage] out"
+        )
+    if any(
+        abs(wrapped(one - other, turn=180.0)) > _CELL_TOLERANCE_DEG for one, other in zip(stated, told, strict=True)
+    ):
+        found = ", ".join(f"{angle:g}" for angle in stated)
+        raise ConfigError(f"camera.mosaic_deg: is [{found}], and the camera says that its cell is [{cell}]")
+
+
+def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
+    address = rig.camera.address
+    if address.startswith(SIMULATED) and simulation is not None:
+        if simulation.network_address is None:
+            return simulation.camera
+        address = simulation.network_address
+    scheme, _, place = address.partition(":")
+    factory = find_driver("rigctl.cameras", scheme, key="camera.address").load()
+    camera: Camera = factory(place)
+    return camera
+
+
+def _ask_operator(kind: FrameKind) -> None:
+    """Return once the person at the terminal says that it is done.
+
+    Raises
+    ------
+    ConfigError
+        There is nobody at a terminal: a lens cap does not put itself on. A scene needs nobody.
+    """
+    if not sys.stdin.isatty():
+        if kind == "scene":
+            return  # what a camera sees when nobody has put anything before it
+        raise ConfigError(
+            f"a take of kind {kind!r} needs somebody at the rig, and there is no terminal to ask at: "
+            "run it by hand, or keep to takes of one kind"
+        )
+    sys.stderr.write(f"{REQUESTS[kind]}, then press Enter: ")
+    sys.stderr.flush()
+    sys.stdin.readline()

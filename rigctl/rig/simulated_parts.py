@@ -1,0 +1,700 @@
+"""The time of a simulated rig: it passes by what the session does, and by waiting, which takes no time.
+
+The options of a simulated camera's address: where the truth is noted, and what goes wrong on its network.
+
+Where the lens of a simulated camera is turned to: kept in its rig file, read at each frame, turned from outside.
+
+The numbers on which a simulated camera's noise hangs: a session goes on as if it had not been interrupted.
+
+Parts of a simulated rig, as its rig file states them: stage, scene, polarizer, camera and its flaws.
+"""
+
+import hashlib
+import re
+import threading
+import time
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
+from rigctl.base.numbers import NS_PER_S
+from rigctl.errors import ConfigError
+from rigctl.files.regions import Region, masks
+from rigctl.files.rig_file import (
+    MOST_DEFOCUS_MM,
+    BeamWanderSection,
+    CosmicHitsSection,
+    DriftSection,
+    FixedPatternSection,
+    PointSpreadSection,
+    RenderingSection,
+    RigFile,
+    SimulatedCamera,
+    SimulatedPolarizer,
+    SimulationSection,
+    SmearSection,
+    VignettingSection,
+    load_rig,
+)
+from rigctl.files.scene_file import SceneFile, SceneRegion
+from rigctl.runs.folder import read_run
+from rigctl.runs.records import EXPOSURE_PARTS, FrameRecord, RunEvent, metered_exposures, read_events
+from sim_devices.camera import SimCamera
+from sim_devices.cameras.gige_server import ClockTruth, GigeFaults
+from sim_devices.exposure import (
+    Detector,
+    Lens,
+    RenderingEffect,
+    beam_wander,
+    cosmic_hits,
+    defocus,
+    drift,
+    fixed_pattern,
+    point_spread,
+    smear,
+    vignetting,
+)
+from sim_devices.micro_polarizers import MicroPolarizers, crosstalk
+from sim_devices.random_streams import Stream, generator
+from sim_devices.stages.catalogue import StageOptions, parse_stage_address
+from sim_devices.stages.stage import SimulatedStage
+from sim_devices.truth_log import TruthLog
+from sim_devices.world import Polarizer, Surface, World, paint_scene
+from sim_devices.world import Region as PaintedRegion
+
+
+class SimulatedClock:
+    """A clock that is moved on, never waited for.
+
+    Parameters
+    ----------
+    start_ns : int
+        What it says first [ns since 1970 UTC].
+    """
+
+    def __init__(self, start_ns: int) -> None:
+        self._now_ns = start_ns
+        self._lock = threading.Lock()
+
+    def utc_ns(self) -> int:
+        """Return the time since 1970 UTC [ns]."""
+        with self._lock:
+            return self._now_ns
+
+    def monotonic_ns(self) -> int:
+        """Return the same: nobody sets this clock [ns]."""
+        return self.utc_ns()
+
+    def sleep(self, duration_s: float) -> None:
+        """Move the time on by so much [s]; return at once."""
+        with self._lock:
+            self._now_ns += max(0, round(duration_s * NS_PER_S))
+
+    def reach(self, time_ns: int) -> None:
+        """Move the time on to this point [ns], unless it has gone by."""
+        with self._lock:
+            self._now_ns = max(self._now_ns, time_ns)
+
+
+# A camera at this address is on the network, at that of this machine: ``sim:gige?lost=0.001&hang=20``.
+ON_NETWORK = "sim:gige"
+THIS_MACHINE = "127.0.0.1"
+# A camera with polarizers on its pixels: ``sim:mosaic?cell=90,45,135,0&crosstalk=0.02&angle_error_deg=0.5``.
+MOSAIC = "sim:mosaic"
+# The camera behind one that is served to other programs; nobody writes it into a rig file.
+SERVED = "sim:served"
+_SIMULATED = ("sim:gc780", ON_NETWORK, MOSAIC)
+_TRUTH = "truth="
+
+
+def split_truth(address: str) -> tuple[str, TruthLog | None]:
+    """Return an address without its truth option, and the log that the option asks for.
+
+    Parameters
+    ----------
+    address : str
+        A simulated camera's, such as ``sim:gc780?truth=/tmp/truth.jsonl``. A relative file lies where the program
+        runs: give an absolute one if the session is to be resumed from elsewhere.
+
+    Raises
+    ------
+    ConfigError
+        There are several files, an empty name, or the file cannot be written.
+    """
+    scheme, _, tail = address.partition("?")
+    options = [option for option in tail.split("&") if option]
+    files = [option.removeprefix(_TRUTH) for option in options if option.startswith(_TRUTH)]
+    rest = "&".join(option for option in options if not option.startswith(_TRUTH))
+    plain = f"{scheme}?{rest}" if rest else scheme
+    if not files:
+        return plain, None
+    if len(files) > 1 or not files[0]:
+        raise ConfigError(f"camera.address: truth={','.join(files)}: must be one file, such as truth=/tmp/truth.jsonl")
+    try:
+        return plain, TruthLog(Path(files[0]))
+    except OSError as error:
+        raise ConfigError(f"camera.address: truth={files[0]}: cannot be written: {error.strerror}") from error
+
+
+def require_known_camera(address: str, *, is_mosaic: bool = False) -> None:
+    """Raise ConfigError for the address of a simulated camera that there is not, or that is no mosaic as it should."""
+    name, _, options = address.partition("?")
+    if is_mosaic and name.startswith("sim:") and name not in (MOSAIC, ON_NETWORK, SERVED):
+        raise ConfigError(f"camera.address: {name} has no polarizers on its pixels; {MOSAIC} and {ON_NETWORK} may have")
+    if name == MOSAIC and not is_mosaic:
+        raise ConfigError(f"camera.address: {name} has polarizers on its pixels: state mosaic_deg = [90, 45, 135, 0]")
+    if name.startswith("sim:") and name not in (*_SIMULATED, SERVED):
+        raise ConfigError(f"camera.address: there is no simulated camera {name!r}; there are {', '.join(_SIMULATED)}")
+    unknown = [option for option in options.split("&") if option and not option.startswith(_TRUTH)]
+    if name == _SIMULATED[0] and unknown:
+        raise ConfigError(f"camera.address: {unknown[0]!r} is no key of {name}: allowed is {_TRUTH}FILE")
+    if name == MOSAIC:
+        _, rest = split_polarizers("&".join(unknown))
+        if rest:
+            raise ConfigError(
+                f"camera.address: {rest!r}: of {name} allowed are {_TRUTH}FILE, {', '.join(sorted(_POLARIZERS))}"
+            )
+
+
+def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
+    """Return the polarizers on the pixels that options of an address ask for, and the options that are none.
+
+    Parameters
+    ----------
+    options : str
+        ``cell`` are the true axes, row by row; ``angle_error_deg`` and ``pixel_error_deg`` the deviations of those of a
+        place and of a pixel; ``crosstalk`` the share of light that leaks into each neighbour.
+
+    Raises
+    ------
+    ConfigError
+        A value is not allowed.
+    """
+    values: dict[str, Any] = {}
+    rest = []
+    for option in filter(None, options.split("&")):
+        key, _, text = option.partition("=")
+        if key not in _POLARIZERS:
+            rest.append(option)
+            continue
+        field, read = _POLARIZERS[key]
+        try:
+            values[field] = read(text)
+        except ValueError as error:
+            raise ConfigError(f"camera.address: {option}: is no number") from error
+    try:
+        return MicroPolarizers(**values), "&".join(rest)
+    except ValueError as error:
+        raise ConfigError(f"camera.address: {error}") from error
+
+
+def split_faults(options: str) -> tuple[GigeFaults, str]:
+    """Return the faults that options of an address ask for, and the options that are none.
+
+    Parameters
+    ----------
+    options : str
+        ``key=value&key=value``. ``lost`` is the share of packets that are lost, ``resend`` 0 for a camera that sends
+        none of them again; ``die``, ``restart``, ``hang`` and
+        ``forget`` are the picture, counted from the camera's power-up, at which its power goes for good, goes and
+        comes back, at which it answers nobody for a while, and after which its exposure is not what was set;
+        ``off_s`` and ``hang_s`` say for how long. ``clock_ppm`` gives it a clock that can be read and is so much too
+        fast; ``ptp_offset_ns`` one that follows a PTP master, where the driver's ``ptp=1`` asks for it, so far off.
+
+    Raises
+    ------
+    ConfigError
+        Values are not allowed, or given twice: all are named.
+    """
+    values: dict[str, Any] = {}
+    rest, problems = [], []
+    for option in filter(None, options.split("&")):
+        key, _, text = option.partition("=")
+        if key not in _FAULTS:
+            rest.append(option)
+            continue
+        field, read, allowed = _FAULTS[key]
+        value = _read_or_none(text, read)
+        if value is None or field in values:
+            problems.append(f"{option}: must be one {allowed}")
+        values[field] = value
+    if problems:
+        raise ConfigError(f"camera.address: {'; '.join(problems)}")
+    clock = {name: values.pop(name) for name in ("drift_ppm", "ptp_offset_ns") if name in values}
+    if clock:
+        values["clock"] = ClockTruth(**clock, has_ptp="ptp_offset_ns" in clock)
+    return GigeFaults(**values), "&".join(rest)
+
+
+def _share(text: str) -> float | None:
+    share = float(text)
+    return share if 0.0 <= share < 1.0 else None
+
+
+def _picture(text: str) -> int | None:
+    number = int(text)
+    return number if number >= 2 else None
+
+
+def _seconds(text: str) -> float | None:
+    seconds = float(text)
+    return seconds if 0.0 <= seconds <= 3600.0 else None
+
+
+def _ppm(text: str) -> float | None:
+    ppm = float(text)
+    return ppm if abs(ppm) <= 1000.0 else None
+
+
+def _nanoseconds(text: str) -> int | None:
+    number = int(text)
+    return number if abs(number) <= 10**9 else None
+
+
+def _switch(text: str) -> bool | None:
+    return {"0": False, "1": True}.get(text)
+
+
+def _angles(text: str) -> tuple[float, ...]:
+    return tuple(map(float, text.split(",")))
+
+
+_POLARIZERS: dict[str, tuple[str, Callable[[str], float | tuple[float, ...]]]] = {
+    "cell": ("cell_deg", _angles),
+    "angle_error_deg": ("place_error_deg", float),
+    "pixel_error_deg": ("pixel_error_deg", float),
+    "crosstalk": ("crosstalk", float),
+}
+_Reader = Callable[[str], float | int | None]
+_PICTURE = "whole number from 2 on: the driver takes the first picture when it opens the camera"
+_FAULTS: dict[str, tuple[str, _Reader, str]] = {
+    "lost": ("lost_share", _share, "number from 0 to below 1"),
+    "resend": ("resends", _switch, "of 0 and 1"),
+    "die": ("die", _picture, _PICTURE),
+    "restart": ("restart", _picture, _PICTURE),
+    "off_s": ("off_s", _seconds, "number of seconds, 0 to 3600"),
+    "hang": ("hang", _picture, _PICTURE),
+    "hang_s": ("hang_s", _seconds, "number of seconds, 0 to 3600"),
+    "forget": ("forget", _picture, _PICTURE),
+    "clock_ppm": ("drift_ppm", _ppm, "number from -1000 to 1000"),
+    "ptp_offset_ns": ("ptp_offset_ns", _nanoseconds, "whole number of nanoseconds, a second at most"),
+}
+
+
+def _read_or_none(text: str, read: _Reader) -> float | int | None:
+    try:
+        return read(text)
+    except ValueError:
+        return None
+
+
+_TABLE = re.compile(r"^\[simulation\.camera\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
+_LINE = re.compile(r"^(defocus_mm\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
+_UM_PER_MM = 1e3
+_MM_PER_M = 1e3
+
+
+class LensPosition:
+    """Where a lens is turned to now.
+
+    Parameters
+    ----------
+    simulation : SimulationSection
+        Of the rig. Where it was read from a file, what that file says at each frame holds.
+    """
+
+    def __init__(self, simulation: SimulationSection) -> None:
+        self._file = simulation.file
+        self._defocus_mm = simulation.camera.defocus_mm
+        self._seen = self._state()
+
+    def defocus_m(self) -> float:
+        """Return how far the detector is behind the focus [m]; of a file that cannot be read, what it said before."""
+        state = self._state()
+        if state != self._seen and self._file is not None:
+            self._seen = state
+            self._defocus_mm = _stated_mm(self._file, self._defocus_mm)
+        return self._defocus_mm / _MM_PER_M
+
+    def _state(self) -> tuple[int, int] | None:
+        """Return by what a file that was written anew is told from what it was."""
+        try:
+            found = None if self._file is None else self._file.stat()
+        except OSError:
+            return None
+        return None if found is None else (found.st_mtime_ns, found.st_ino)
+
+
+def _stated_mm(file: Path, before_mm: float) -> float:
+    try:
+        content = tomllib.loads(read_bounded(file, MOST_TEXT_BYTES).decode("utf-8"))
+        stated_mm = float(content["simulation"]["camera"].get("defocus_mm", 0.0))
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return before_mm
+    return stated_mm if abs(stated_mm) <= MOST_DEFOCUS_MM else before_mm
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnedLens:
+    """A lens that was turned.
+
+    Attributes
+    ----------
+    defocus_mm : float
+        How far the detector is behind the focus now [mm].
+    was_mm : float
+        And before [mm].
+    blur_px : float
+        Diameter of the disk that a point becomes [pixels].
+    """
+
+    defocus_mm: float
+    was_mm: float
+    blur_px: float
+
+
+def turn_lens(rig: Path, *, defocus_mm: float) -> TurnedLens:
+    """Turn the lens of a simulated camera, also while it runs: the key in its rig file changes, the rest stays.
+
+    Parameters
+    ----------
+    rig : Path
+        Rig file with a table [simulation.camera].
+    defocus_mm : float
+        How far the detector shall be behind the focus, -5 to 5 [mm].
+
+    Raises
+    ------
+    ConfigError
+        The number is beyond that, or the file describes no simulated camera in a table of its own.
+    """
+    if not abs(defocus_mm) <= MOST_DEFOCUS_MM:
+        raise ConfigError(f"--defocus-mm: is {defocus_mm:g}; must be from {-MOST_DEFOCUS_MM:g} to {MOST_DEFOCUS_MM:g}")
+    camera = _simulated_camera(rig)
+    # As bytes: the ends of lines stay what they are.
+    text = rig.read_bytes().decode("utf-8")
+    table = _TABLE.search(text)
+    if table is None:
+        raise ConfigError(f"{rig}: has no table [simulation.camera] of its own to write into")
+    inside = _with_line(table[0], f"{defocus_mm:g}")
+    try:
+        write_durably(rig, (text[: table.start()] + inside + text[table.end() :]).encode("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{rig}: cannot be written: {error.strerror}") from error
+    return TurnedLens(defocus_mm=defocus_mm, was_mm=camera.defocus_mm, blur_px=_blur_px(camera, defocus_mm))
+
+
+def _simulated_camera(rig: Path) -> SimulatedCamera:
+    simulation = load_rig(rig).simulation
+    if simulation is None:
+        raise ConfigError(f"{rig}: has no [simulation]: the lens of a real camera is turned by hand")
+    return simulation.camera
+
+
+def _with_line(table: str, number: str) -> str:
+    was = _LINE.search(table)
+    if was is None:
+        end = "\r\n" if table.partition("\n")[0].endswith("\r") else "\n"
+        return table.replace("\n", f"\ndefocus_mm = {number}{end}", 1)
+    return f"{table[: was.start()]}{was[1]}{number}{was[2] or ''}{was[3]}{table[was.end() :]}"
+
+
+def _blur_px(camera: SimulatedCamera, defocus_mm: float) -> float:
+    cone = camera.aperture_diameter_mm / camera.focal_length_mm
+    return cone * abs(defocus_mm) * _UM_PER_MM / camera.pixel_pitch_um
+
+
+_BEGINNINGS = ("resumed", "devices opened again")
+# More pictures than are taken between two beginnings, damaged ones and those of a camera that runs by itself included.
+_NUMBERS_EACH = 10_000_000
+
+
+class NoiseNumbers:
+    """Gives the frame of each step the number that it had, were the session taken without an interruption.
+
+    Parameters
+    ----------
+    camera : SimCamera
+        Within this program.
+    run : Path or None
+        The run folder of the session, which need not exist yet; None goes on with nothing.
+    """
+
+    def __init__(self, camera: SimCamera, run: Path | None) -> None:
+        self._camera, self._run = camera, run
+        self._last: int | None = None
+
+    def begin_step(self, sequence: int) -> bool:
+        """Bring the camera to the number of a step; return whether its numbers jump."""
+        number = self._first_number(sequence) if self._last is None else self._after(sequence, self._last)
+        self._last = sequence
+        if number <= self._camera.next_sequence:
+            return False
+        self._camera.go_on_from(number)
+        return True
+
+    def _after(self, sequence: int, last: int) -> int:
+        """Return the number of a step: those that were left out before it use up theirs."""
+        return self._camera.next_sequence + sequence - last - 1
+
+    def _first_number(self, sequence: int) -> int:
+        if self._run is None or not self._run.is_dir():
+            return 0
+        return number_after(read_run(self._run).frames, read_events(self._run), sequence)
+
+
+class FreshNoise:
+    """Draws the noise anew wherever a session is gone on with, for a camera that is simulated on the network.
+
+    Parameters
+    ----------
+    camera : SimCamera
+        What makes the pictures; the network gives them other numbers.
+    run : Path or None
+        The run folder of the session, which need not exist yet; None goes on with nothing.
+
+    Notes
+    -----
+    Over the network pictures are lost and taken again, so that noise cannot go on where it was.
+    """
+
+    def __init__(self, camera: SimCamera, run: Path | None) -> None:
+        self._camera, self._run = camera, run
+        self._has_begun = False
+
+    def begin_step(self, sequence: int) -> bool:
+        """Leave the numbers of earlier parts behind, before the first step; the camera's own numbers never jump."""
+        if not self._has_begun and self._run is not None and self._run.is_dir():
+            beginnings = sum(event.event in _BEGINNINGS for event in read_events(self._run))
+            if beginnings > 0:
+                self._camera.go_on_from(beginnings * _NUMBERS_EACH)
+        self._has_begun = True
+        return False
+
+
+def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequence: int) -> int:
+    """Return which number the camera gave or would have given to a step, had the session not been interrupted.
+
+    Parameters
+    ----------
+    frames : iterable of FrameRecord
+        What was taken.
+    events : iterable of RunEvent
+        Of the run: metering uses up numbers and notes the next one.
+    sequence : int
+        The step.
+    """
+    used = max((one.next_camera_frame or 0 for one in metered_exposures(events)), default=0)
+    before = [frame for frame in frames if _place(frame) < sequence and frame.camera_frame is not None]
+    if not before:
+        return used
+    last = max(before, key=_place)
+    return max((last.camera_frame or 0) + sequence - _place(last), used)
+
+
+def _place(frame: FrameRecord) -> int:
+    """Return which exposure of the session a frame is of, from 0."""
+    return frame.sequence if frame.exposure_id is None else frame.exposure_id // EXPOSURE_PARTS
+
+
+FloatArray = NDArray[np.float64]
+
+# Effects that move or blur light before it meets polarizers on the pixels.
+_BEFORE_POLARIZERS = ("point-spread", "beam-wander")
+# Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
+TEXTURE_STREAM = 1
+
+
+def stage_options(port: str, seed: int) -> StageOptions:
+    """Return what an address says of a simulated stage; its errors hang on the rig's seed where it states none."""
+    options = parse_stage_address(port)
+    return options if "seed=" in port else replace(options, seed=seed)
+
+
+def on_sensor(regions: Sequence[Region], rig: RigFile, camera: SimulatedCamera) -> dict[str, NDArray[np.bool_]]:
+    """Return where regions lie on the sensor: they are drawn on frames, whose pixels may be whole cells of it."""
+    width, height = frame_size(rig, camera)
+    inside = masks(list(regions), width=width, height=height)
+    if (width, height) == (camera.width, camera.height):
+        return inside
+    return {name: mask.repeat(2, axis=0).repeat(2, axis=1) for name, mask in inside.items()}
+
+
+def frame_size(rig: RigFile, camera: SimulatedCamera) -> tuple[int, int]:
+    """Return width and height of the frames of a simulated rig.
+
+    Raises
+    ------
+    ValueError
+        A sensor of cells has an odd side.
+    """
+    if rig.camera.mosaic_deg is None:
+        return camera.width, camera.height
+    if camera.width % 2 or camera.height % 2:
+        raise ValueError(f"the sensor has {camera.width} x {camera.height} pixels; cells of 2 x 2 need even sides")
+    halved = 2 if rig.camera.interpolation == "none" else 1
+    return camera.width // halved, camera.height // halved
+
+
+def stated_radiance(scene: SceneFile, rig: RigFile, camera: SimulatedCamera, seed: int) -> FloatArray:
+    """Return the radiance that a scene file states, with its texture: a (3, H, W) array [W m-2 sr-1]."""
+    inside = on_sensor(scene.regions, rig, camera)
+    return paint_scene(
+        width=camera.width,
+        height=camera.height,
+        background=Surface(mean_stokes=(scene.background_radiance, 0.0, 0.0)),
+        regions=[PaintedRegion(surface=_surface(region), where=inside[region.name]) for region in scene.regions],
+        generator=np.random.default_rng([seed, TEXTURE_STREAM]),
+    )
+
+
+def _surface(region: SceneRegion) -> Surface:
+    s0, s1, s2 = (component.value for component in region.given_radiance())
+    covariance = region.texture_covariance
+    return Surface(
+        mean_stokes=(s0, s1, s2),
+        texture_rms=region.texture_rms.value,
+        extra_covariance=None if covariance is None else np.array([[one.value for one in row] for row in covariance]),
+    )
+
+
+def stated_world(
+    simulation: SimulationSection,
+    radiance: FloatArray,
+    stage: SimulatedStage | None,
+    polarizers: MicroPolarizers | None = None,
+) -> World:
+    """Return what stands before the camera: a scene behind the polarizer that a stage turns, or those on its pixels."""
+    pixel_axes_deg = None
+    if polarizers is not None:
+        height, width = radiance.shape[1:]
+        made_with = generator(simulation.seed, Stream.MICRO_POLARIZERS)
+        pixel_axes_deg = polarizers.axes_deg((height, width), generator=made_with)
+    return World(
+        radiance=radiance,
+        polarizer=stated_polarizer(simulation.polarizer),
+        stage_angle_deg=_nothing_turns if stage is None else stage.true_angle_deg,
+        flat_radiance=simulation.flat_radiance,
+        pixel_axes_deg=pixel_axes_deg,
+    )
+
+
+def _nothing_turns() -> float:
+    return 0.0
+
+
+def stated_polarizer(truth: SimulatedPolarizer) -> Polarizer:
+    """Return the polarizer of a simulated rig."""
+    return Polarizer(
+        transmittance_along=truth.transmittance_along,
+        transmittance_across=truth.transmittance_along / truth.extinction_ratio,
+        offset_deg=truth.offset_deg,
+        sense=truth.sense,
+    )
+
+
+def _as_it_is(effect: RenderingEffect) -> RenderingEffect:
+    return effect
+
+
+def stated_camera(
+    simulation: SimulationSection,
+    world: World,
+    session_name: str,
+    log: TruthLog | None,
+    clock: SimulatedClock | None,
+    *,
+    wrapped: Callable[[RenderingEffect], RenderingEffect] = _as_it_is,
+    polarizers: MicroPolarizers | None = None,
+) -> SimCamera:
+    """Return the camera before a world; `log` notes what is true of its frames, `clock` None is the host's.
+
+    `wrapped` makes another of each effect of its pictures, such as one that is timed.
+    """
+    lens, detector = _lens(simulation.camera), _detector(simulation.camera)
+    # A lens blurs light before it meets polarizers on the pixels, which is not simulated.
+    lens_blur = [defocus(lens, detector, defocus_m=LensPosition(simulation).defocus_m)] if polarizers is None else []
+    leaks = [crosstalk(polarizers.crosstalk)] if polarizers is not None and polarizers.crosstalk else []
+    blurred = [section.effect for section in simulation.effects if section.effect in _BEFORE_POLARIZERS]
+    if polarizers is not None and blurred:
+        raise ValueError(f"{', '.join(blurred)}: acts before the polarizers on the pixels, which is not simulated")
+    return SimCamera(
+        world=world,
+        lens=lens,
+        detector=detector,
+        pattern_seed=simulation.seed,
+        noise_seed=_noise_seed(simulation.seed, session_name),
+        truth=log,
+        utc_ns=time.time_ns if clock is None else clock.utc_ns,
+        monotonic_ns=time.monotonic_ns if clock is None else clock.monotonic_ns,
+        rendering=[
+            *lens_blur,
+            *(
+                wrapped(rendering_effect(section, lens=lens, detector=detector, pattern_seed=simulation.seed))
+                for section in simulation.effects
+            ),
+            *leaks,
+        ],
+    )
+
+
+def _lens(truth: SimulatedCamera) -> Lens:
+    return Lens(
+        focal_length_m=truth.focal_length_mm / 1e3,
+        aperture_diameter_m=truth.aperture_diameter_mm / 1e3,
+        transmittance=truth.optics_transmittance,
+    )
+
+
+def _detector(truth: SimulatedCamera) -> Detector:
+    return Detector(
+        width=truth.width,
+        height=truth.height,
+        pixel_pitch_m=truth.pixel_pitch_um / 1e6,
+        effective_wavelength_m=truth.wavelength_nm / 1e9,
+        quantum_efficiency=truth.quantum_efficiency,
+        gain_dn_per_e=truth.gain_dn_per_e,
+        read_noise_e=truth.read_noise_e,
+        dark_current_e_per_s=truth.dark_current_e_per_s,
+        black_level_dn=truth.black_level_dn,
+        prnu=truth.prnu,
+        dsnu_e=truth.dsnu_e,
+        full_well_e=truth.full_well_e,
+        bit_depth=truth.bit_depth,
+    )
+
+
+def _noise_seed(seed: int, session_name: str) -> int:
+    digest = hashlib.sha256(f"{seed}/{session_name}".encode()).digest()
+    return int.from_bytes(digest[:8], "big")
+
+
+def rendering_effect(
+    section: RenderingSection, *, lens: Lens, detector: Detector, pattern_seed: int
+) -> RenderingEffect:
+    """Return the effect that a table of a rig file names."""
+    match section:
+        case PointSpreadSection():
+            return point_spread(sigma_px=section.sigma_px)
+        case VignettingSection():
+            return vignetting(lens, detector)
+        case FixedPatternSection():
+            return fixed_pattern(
+                column_offset_e=section.column_offset_e, width=detector.width, pattern_seed=pattern_seed
+            )
+        case DriftSection():
+            return drift(rate_per_frame=section.rate_per_frame, flicker_std=section.flicker_std)
+        case BeamWanderSection():
+            return beam_wander(radius_px=section.radius_px, phase_deg=section.phase_deg)
+        case SmearSection():
+            return smear(row_transfer_us=section.row_transfer_us)
+        case CosmicHitsSection():
+            return cosmic_hits(rate_per_s=section.rate_per_s, mean_e=section.mean_e)
+        case _:
+            assert_never(section)

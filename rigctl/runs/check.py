@@ -1,0 +1,497 @@
+"""Wholeness of a run: held against what its session has noted of itself, it is whole, unfinished or damaged.
+
+Verification of a run folder: every checksum again, and manifest against headers.
+
+Makes a run folder whole after a kill or a power cut: adopts whole frames, sets damaged ones aside, loses nothing.
+"""
+
+import hashlib
+import logging
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from rigctl.base.durable import (
+    MOST_OWN_FRAME_BYTES,
+    MOST_RECORD_BYTES,
+    PART_SUFFIX,
+    flush_folder,
+    read_bounded,
+    write_durably,
+)
+from rigctl.errors import DataError, RunFolderError
+from rigctl.runs.fits import decode_frame, record_from_header
+from rigctl.runs.folder import (
+    ANNOTATIONS_FILE,
+    FRAMES_FOLDER,
+    INPUTS_FOLDER,
+    MANIFEST_FILE,
+    Contents,
+    Run,
+    RunLock,
+    annotated,
+    annotation_problems,
+    exclusion_remark,
+    file_checksum,
+    read_annotation_lines,
+    read_contents,
+    read_frame,
+    read_run,
+)
+from rigctl.runs.records import (
+    EVENTS_FILE,
+    EXPOSURE_PARTS,
+    SESSION_FILE,
+    FrameRecord,
+    RunDescription,
+    RunEvent,
+    closed_with,
+    first_link,
+    journal_problems,
+    read_journal,
+    sealed_all,
+    sound_events,
+)
+from rigctl.runs.writer import json_line
+
+State = Literal["whole", "unfinished", "damaged"]
+_CLOSING_OF_OLD = ("finished", "imported")
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wholeness:
+    """Wholeness of a run, its frames apart.
+
+    Attributes
+    ----------
+    state : {"whole", "unfinished", "damaged"}
+        Whole is: every check holds, and the session has noted its end over these very frames.
+    problems : tuple of (file, problem)
+        What is damaged.
+    unchecked : tuple of str
+        What cannot be checked, since an older program made the run.
+    """
+
+    state: State
+    problems: tuple[tuple[str, str], ...]
+    unchecked: tuple[str, ...] = ()
+
+
+def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
+    """Return a run whose frames are to become numbers, without those that people have excluded.
+
+    What is not whole about it, and which frames are left out, is said in the log. `ignore_exclusions` keeps the
+    excluded frames.
+
+    Raises
+    ------
+    RunFolderError
+        As `read_run`: a line, a frame or the session file is damaged or gone; or the annotations are damaged.
+    """
+    run = read_run(path)
+    used = annotated(run, ignore_exclusions=ignore_exclusions)
+    for remark in (wholeness_remark(run), exclusion_remark(used)):
+        if remark is not None:
+            _LOG.warning("%s", remark)
+    return used
+
+
+def wholeness_remark(run: Run) -> str | None:
+    """Return in words what is not whole about a run; None where nothing is. Its frames are not looked into."""
+    found = wholeness(run.path, read_contents(run.path))
+    if found.state == "unfinished":
+        return f"{run.path} is unfinished: {len(run.frames)} frames so far; `rigctl resume` goes on"
+    if found.state == "damaged":
+        text = "; ".join(f"{file}: {problem}" for file, problem in found.problems)
+        return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
+    return None
+
+
+def wholeness(path: Path, contents: Contents) -> Wholeness:
+    """Return how whole a run is, its frames apart: session file, manifest, events and inputs.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder.
+    contents : Contents
+        What it holds.
+    """
+    problems = list(contents.problems)
+    events: list[RunEvent] = []
+    try:
+        journal = read_journal(path)
+        problems += [(EVENTS_FILE, text) for text in journal_problems(journal)]
+        events = [event for _, event in sound_events(journal)]
+        is_torn = journal.is_torn
+    except RunFolderError as error:
+        problems.append((EVENTS_FILE, str(error)))
+        is_torn = False
+    problems += [(ANNOTATIONS_FILE, text) for text in annotation_problems(read_annotation_lines(path))]
+    description = contents.description
+    if description is None:
+        return Wholeness(state="damaged", problems=tuple(problems))
+    keeps_none = not description.is_sealed and not (path / INPUTS_FOLDER).exists()
+    if not keeps_none:
+        problems += _input_problems(path, description, any_frames=bool(contents.frames))
+    if description.is_sealed:
+        is_closed, contradictions = _closing(events, contents)
+        unchecked: tuple[str, ...] = ()
+    else:
+        is_closed, contradictions = _closing_of_old(events, description), []
+        unchecked = (f"{MANIFEST_FILE}, {EVENTS_FILE} and {SESSION_FILE} carry no checksums: {description.created_by}",)
+        if keeps_none and _stated_inputs(description):
+            # The first programs kept none; a folder that was taken away later looks the same.
+            unchecked += (f"{INPUTS_FOLDER}/ is not there: the program that made the run kept no copy of its files",)
+    problems += contradictions
+    if is_closed and (contents.torn_manifest_line or is_torn):
+        problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "goes on after the session had finished"))
+    if problems:
+        return Wholeness(state="damaged", problems=tuple(problems), unchecked=unchecked)
+    return Wholeness(state="whole" if is_closed else "unfinished", problems=(), unchecked=unchecked)
+
+
+def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
+    """Return whether the last word of the events closes these very frames, and what contradicts that."""
+    closings = [(place, closed) for place, event in enumerate(events) if (closed := closed_with(event)) is not None]
+    if not closings:
+        return False, []
+    place, (frames, link) = closings[-1]
+    links = contents.links
+    if links and links[-1] == link:
+        return True, []
+    # A kill after the next frames were named, before they were closed, or while a session that had finished goes on.
+    is_later = len(links) > frames and links[frames] == link
+    if is_later or any(event.event == "resumed" for event in events[place + 1 :]):
+        return False, []
+    text = f"the session closed with {frames} frames, and these are others: {len(contents.frames)} are named"
+    return False, [(MANIFEST_FILE, text)]
+
+
+def _closing_of_old(events: list[RunEvent], description: RunDescription) -> bool:
+    return not description.record.is_of_session or any(event.event in _CLOSING_OF_OLD for event in events)
+
+
+def _input_problems(path: Path, description: RunDescription, *, any_frames: bool) -> list[tuple[str, str]]:
+    """Return which of the files that the run was made from are not those that it was made from."""
+    problems = []
+    for what, stated in _stated_inputs(description).items():
+        name = f"{INPUTS_FOLDER}/{what}.toml"
+        try:
+            found = hashlib.sha256(read_bounded(path / name, MOST_RECORD_BYTES)).hexdigest()
+        except FileNotFoundError:
+            # Once they were written after the session file: a kill in between left a run without frames and them.
+            if any_frames:
+                problems.append((name, "missing"))
+            continue
+        except OSError as error:
+            problems.append((name, f"cannot be read: {error.strerror}"))
+            continue
+        if found != stated.removeprefix("sha256:"):
+            problems.append((name, "damaged or edited: its checksum is not the one of the session file"))
+    return problems
+
+
+def _stated_inputs(description: RunDescription) -> dict[str, str]:
+    """Return the checksums of the inputs by what they are, as the session file has them."""
+    files = description.session.get("files")
+    if not isinstance(files, dict):
+        return {}
+    found = {what: entry.get("sha256") for what, entry in files.items() if isinstance(entry, dict)}
+    return {what: value for what, value in found.items() if isinstance(value, str)}
+
+
+_WHOLE = "a whole frame that the manifest does not name: not acknowledged"
+
+Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Something about one file of a run folder.
+
+    Attributes
+    ----------
+    file : str
+        Path relative to the run folder.
+    problem : str
+        What there is to say of it.
+    """
+
+    file: str
+    problem: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Findings of a verification.
+
+    Attributes
+    ----------
+    ok : bool
+        Nothing is bad.
+    frames : int
+        How many frames the manifest names.
+    bad : tuple of Finding
+        Damaged, missing, or contradicting files.
+    leftovers : tuple of Finding
+        What a killed writer leaves: never acknowledged, so no data are lost by it.
+    state : {"whole", "unfinished", "damaged"}
+        Whole: nothing is bad, and the session has noted its end over these very frames.
+    gaps : tuple of str
+        Steps of the session's plan that have no frame.
+    unchecked : tuple of str
+        What cannot be checked, since an older program made the run.
+    """
+
+    ok: bool
+    frames: int
+    bad: tuple[Finding, ...]
+    leftovers: tuple[Finding, ...]
+    state: State = "whole"
+    gaps: tuple[str, ...] = ()
+    unchecked: tuple[str, ...] = ()
+
+
+def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
+    """Return what is wrong with a run folder; what its session planned is not looked at.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder.
+    watch : callable, optional
+        Hands on the records one by one, for a progress bar.
+
+    Raises
+    ------
+    RunFolderError
+        There is no such folder, or it is no run folder at all.
+    """
+    contents = read_contents(path)
+    found = wholeness(path, contents)
+    bad = [Finding(file=file, problem=problem) for file, problem in found.problems]
+    for record in watch(contents.frames):
+        bad += [Finding(file=record.file, problem=text) for text in frame_problems(path, record)]
+    unnamed = _unnamed_files(path, contents.frames)
+    damaged = {file: problem for file in unnamed if (problem := _unnamed_problem(path, file))}
+    bad += [Finding(file=file, problem=problem) for file, problem in damaged.items()]
+    leftovers = [_leftover(file) for file in unnamed if file not in damaged]
+    if contents.torn_manifest_line:
+        leftovers.append(Finding(file=MANIFEST_FILE, problem="its last line has no end: not acknowledged"))
+    bad += _too_many(contents, found.state, [finding for finding in leftovers if finding.problem == _WHOLE])
+    return Verification(
+        ok=not bad,
+        frames=len(contents.frames),
+        bad=tuple(bad),
+        leftovers=tuple(leftovers),
+        state="damaged" if bad else found.state,
+        unchecked=found.unchecked,
+    )
+
+
+def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Finding]:
+    """Return what a kill cannot have left: whole frames without a line beyond the one that was in hand."""
+    description = contents.description
+    if description is None or not whole:
+        return []
+    if state == "whole" and description.is_sealed:
+        return [Finding(file=finding.file, problem="not of this run, which has finished") for finding in whole]
+    may_be_left = 1 if description.record.cell_deg is None else EXPOSURE_PARTS
+    if len(whole) > may_be_left and description.record.is_of_session:
+        text = f"{len(whole)} whole frames have no line, and a kill leaves {may_be_left} at most: lines were taken out"
+        return [Finding(file=MANIFEST_FILE, problem=text)]
+    return []
+
+
+def frame_problems(path: Path, record: FrameRecord) -> list[str]:
+    """Return what is wrong with the file of one frame that the manifest names."""
+    if not (path / record.file).is_file():
+        return ["missing"]
+    try:
+        read_frame(path, record)
+    except DataError as error:
+        return [str(error)]
+    return []
+
+
+def _unnamed_files(path: Path, frames: Iterable[FrameRecord]) -> list[str]:
+    named = {record.file for record in frames}
+    present = sorted((path / FRAMES_FOLDER).rglob("*")) + sorted(path.glob(f"*{PART_SUFFIX}"))
+    files = [file.relative_to(path).as_posix() for file in present if file.is_file()]
+    return [file for file in files if file not in named]
+
+
+def _unnamed_problem(path: Path, file: str) -> str | None:
+    if file.endswith(PART_SUFFIX):
+        return None
+    try:
+        data = read_bounded(path / file, MOST_OWN_FRAME_BYTES)
+        record_from_header(decode_frame(data), file=file, checksum=file_checksum(data))
+    except (DataError, OSError) as error:
+        text = error.strerror if isinstance(error, OSError) else error
+        return f"not in the manifest, and no whole frame: {text}"
+    return None
+
+
+def _leftover(file: str) -> Finding:
+    if file.endswith(PART_SUFFIX):
+        return Finding(file=file, problem="begun and not finished")
+    return Finding(file=file, problem=_WHOLE)
+
+
+DAMAGED_FOLDER = "damaged"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair:
+    """Changes that a repair made to a run folder.
+
+    Attributes
+    ----------
+    adopted : tuple of Finding
+        Whole frames that the manifest did not name, and now does.
+    set_aside : tuple of Finding
+        Files that are no whole frames of this run; they lie in ``damaged`` now.
+    frames : tuple of FrameRecord
+        What the manifest names now; every checksum holds.
+    """
+
+    adopted: tuple[Finding, ...]
+    set_aside: tuple[Finding, ...]
+    frames: tuple[FrameRecord, ...]
+
+
+def repair_run(path: Path) -> Repair:
+    """Return what had to be done until each frame of the manifest is whole, and each whole frame is in the manifest.
+
+    Parameters
+    ----------
+    path : Path
+        A run folder that nobody writes into.
+
+    Raises
+    ------
+    RunFolderError
+        It is no run folder, its session file is damaged, another process writes into it, or the disk cannot be
+        written.
+
+    Notes
+    -----
+    A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
+    Nothing is deleted: what is damaged is moved, so that a person can look at it.
+    """
+    contents = read_contents(path)
+    if contents.description is None:
+        problem = dict(contents.problems).get(SESSION_FILE, "is missing")
+        raise RunFolderError(f"{path / SESSION_FILE}: {problem}: what was to be taken is not known")
+    if contents.begins_elsewhere and _is_of_other_session(path):
+        raise RunFolderError(f"{path / SESSION_FILE}: is not the one of this run: manifest and events begin elsewhere")
+    try:
+        lock = RunLock(path)
+        try:
+            return _Repairer(path, first_link(contents.description)).repair(read_contents(path))
+        finally:
+            lock.release()
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be repaired: {error.strerror}") from error
+
+
+def _is_of_other_session(path: Path) -> bool:
+    journal = read_journal(path)
+    return journal.begins_elsewhere or not journal.lines
+
+
+class _Repairer:
+    def __init__(self, path: Path, link: str | None) -> None:
+        self._path, self._first_link = path, link
+        self._frames: dict[int, FrameRecord] = {}
+        self._adopted: list[Finding] = []
+        self._set_aside: list[Finding] = []
+
+    def repair(self, contents: Contents) -> Repair:
+        for record in contents.frames:
+            self._check(record)
+        for file in self._unnamed():
+            self._adopt(file)
+        self._set_parts_aside()
+        frames = tuple(self._frames[sequence] for sequence in sorted(self._frames))
+        if frames != contents.frames or contents.problems or contents.torn_manifest_line:
+            lines = sealed_all((json_line(record) for record in frames), self._first_link)
+            write_durably(self._path / MANIFEST_FILE, lines)
+        self._mend_events()
+        return Repair(adopted=tuple(self._adopted), set_aside=tuple(self._set_aside), frames=frames)
+
+    def _set_parts_aside(self) -> None:
+        """Set aside what is there of an exposure that is not whole: it is taken again as a whole."""
+        parts = Counter(record.exposure_id for record in self._frames.values())
+        for record in list(self._frames.values()):
+            if record.exposure_id is not None and parts[record.exposure_id] < EXPOSURE_PARTS:
+                del self._frames[record.sequence]
+                self._adopted = [finding for finding in self._adopted if finding.file != record.file]
+                self._move_aside(record.file, "other frames of the same exposure are missing")
+
+    def _mend_events(self) -> None:
+        """Keep the events that are sound by themselves; the damaged file is set aside, to be looked at."""
+        journal = read_journal(self._path)
+        if not journal_problems(journal):
+            return
+        text = "; ".join(journal_problems(journal))
+        contents = [content for content, _ in sound_events(journal)]
+        self._move_aside(EVENTS_FILE, text)
+        write_durably(self._path / EVENTS_FILE, sealed_all(contents, self._first_link))
+
+    def _check(self, record: FrameRecord) -> None:
+        problems = frame_problems(self._path, record)
+        if not problems and record.sequence not in self._frames:
+            self._frames[record.sequence] = record
+        elif (self._path / record.file).exists() and problems:
+            self._move_aside(record.file, "; ".join(problems))
+        elif problems:
+            self._set_aside.append(Finding(file=record.file, problem="missing"))
+
+    def _unnamed(self) -> Iterable[Path]:
+        named = {record.file for record in self._frames.values()}
+        files = sorted((self._path / FRAMES_FOLDER).iterdir()) + sorted(self._path.glob(f"*{PART_SUFFIX}"))
+        return [file for file in files if file.relative_to(self._path).as_posix() not in named]
+
+    def _adopt(self, file: Path) -> None:
+        name = file.relative_to(self._path).as_posix()
+        final = name.removesuffix(PART_SUFFIX)
+        try:
+            data = read_bounded(file, MOST_OWN_FRAME_BYTES)
+            record = record_from_header(decode_frame(data), file=final, checksum=file_checksum(data))
+        except (DataError, OSError) as error:
+            self._move_aside(name, str(error))
+            return
+        if record.sequence in self._frames:
+            self._move_aside(name, f"frame {record.sequence} is in this run already")
+            return
+        _make_final(file, self._path / final)
+        self._frames[record.sequence] = record
+        self._adopted.append(Finding(file=final, problem="whole, and the manifest did not name it"))
+
+    def _move_aside(self, name: str, problem: str) -> None:
+        folder = self._path / DAMAGED_FOLDER
+        folder.mkdir(exist_ok=True)
+        source = self._path / name
+        taken = sum(1 for file in folder.iterdir() if file.name.startswith(source.name))
+        source.replace(folder / (f"{source.name}.{taken}" if taken else source.name))
+        flush_folder(folder)
+        flush_folder(source.parent)
+        self._set_aside.append(Finding(file=name, problem=problem))
+
+
+def _make_final(file: Path, final: Path) -> None:
+    """Give a whole file its final name; a killed writer may not have flushed it."""
+    descriptor = os.open(file, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+    file.replace(final)
+    flush_folder(final.parent)

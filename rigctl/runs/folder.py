@@ -1,0 +1,774 @@
+"""A run folder as it is read: what was done, and the frames that came of it.
+
+::
+
+    RUN/session.json      the resolved session, versions, schema version
+    RUN/frames/*.fits     one whole frame each, with all that is known of it in its header
+    RUN/manifest.jsonl    one line a frame, appended once the frame is on the disk
+    RUN/events.jsonl      what happened, and when
+    RUN/annotations.jsonl what people note of it, and which frames they leave out (rigctl.runs.folder)
+
+The frames are the truth; the manifest is their table of contents and can be made again from them.
+
+A file of lines that only grows, each on the disk before the next begins.
+
+One writer a run folder: a lock that ends with its process, however that ends.
+
+The file ``annotations.jsonl`` of a run folder: what people note of it, and which frames they leave out, and why.
+
+It only grows, each line on the disk before the next, and is chained as the other journals are; frames never change.
+
+The files that a run was made from: kept in it, and read back out of it.
+
+The frames of a run that may be growing: each line of its manifest is read once.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import JsonValue, TypeAdapter, ValidationError
+
+from rigctl.base.durable import (
+    MOST_OWN_FRAME_BYTES,
+    MOST_RECORD_BYTES,
+    MOST_TEXT_BYTES,
+    flush_folder,
+    read_bounded,
+    read_for_now,
+    write_durably,
+)
+from rigctl.errors import ConfigError, DataError, RunFolderError
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import SessionFile
+from rigctl.files.toml import describe
+from rigctl.runs.fits import FitsFrame, decode_frame, record_from_header
+from rigctl.runs.records import (
+    FRAME_RECORD,
+    SESSION_FILE,
+    Annotation,
+    FrameRecord,
+    Lines,
+    RunDescription,
+    SessionRecord,
+    excluded_frames,
+    exclusions_text,
+    explain_invalid,
+    first_link,
+    first_link_of,
+    journal_bytes,
+    read_description,
+    read_lines,
+    sealed,
+    session_record,
+)
+
+# A card has 80 bytes; a header of thousands of cards is none of ours.
+_SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
+MANIFEST_FILE = "manifest.jsonl"
+FRAMES_FOLDER = "frames"
+INPUTS_FOLDER = "inputs"
+ANNOTATIONS_FILE = "annotations.jsonl"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A run folder's table of contents.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    session : SessionRecord
+        How it came about.
+    session_json : mapping
+        All that the writer was told of that: rig, session, versions, hashes.
+    frames : tuple of FrameRecord
+        In the order of their sequence numbers.
+    created_by : str
+        Program and version that made the folder.
+    created_utc : str
+        When it was made.
+    excluded : tuple of FrameRecord
+        Frames that people have left out; they are not among `frames`.
+    annotations : tuple of Annotation
+        What people have noted of it.
+    written_angles_deg : mapping
+        Sequence numbers of frames whose polarizer angle was recalibrated to the angle that their files state [deg].
+    """
+
+    path: Path
+    session: SessionRecord
+    session_json: dict[str, JsonValue]
+    frames: tuple[FrameRecord, ...]
+    created_by: str
+    created_utc: str
+    excluded: tuple[FrameRecord, ...] = ()
+    annotations: tuple[Annotation, ...] = ()
+    written_angles_deg: Mapping[int, float | None] = field(default_factory=dict)
+
+    def counts(self, record: FrameRecord) -> NDArray[np.uint16]:
+        """Return the samples of a frame, once its checksum has been found right.
+
+        Returns
+        -------
+        (H, W) array of uint16
+            Samples in DN; the first row is the top of the picture. The array is the caller's own.
+
+        Raises
+        ------
+        RunFolderError
+            The file is gone, or is not the one that was written.
+        """
+        if record.sequence in self.written_angles_deg:
+            record = replace(record, polarizer_angle_deg=self.written_angles_deg[record.sequence])
+        return read_frame(self.path, record).counts
+
+
+def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
+    """Return a frame, once its checksum and its header agree with its line in the manifest.
+
+    Raises
+    ------
+    DataError
+        The file is gone, is not the one that was written, or says something else of the frame than the manifest does.
+    """
+    frame = decode_frame(_checked(path, record))
+    stated = record_from_header(frame, file=record.file, checksum=record.checksum)
+    if stated != record:
+        other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
+        raise RunFolderError(f"{path / record.file}: manifest and header contradict each other: {', '.join(other)}")
+    return frame
+
+
+def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:
+    try:
+        data = read_for_now(path / record.file, _largest_bytes(record))
+    except OSError as error:
+        raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
+    found = file_checksum(data)
+    if found != record.checksum:
+        raise RunFolderError(
+            f"{path / record.file}: damaged or replaced: the manifest says {record.checksum}, the file has {found}"
+        )
+    return data
+
+
+def _largest_bytes(record: FrameRecord) -> int:
+    """Return what the file of a frame can have, by the size of the picture that its line in the manifest states."""
+    return min(_SAMPLE_BYTES * record.height * record.width + _MOST_HEADER_BYTES, MOST_OWN_FRAME_BYTES)
+
+
+def file_checksum(data: bytes | memoryview) -> str:
+    """Return the checksum that the manifest keeps for a file of this content."""
+    return "sha256:" + hashlib.sha256(data).hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest.
+
+    Attributes
+    ----------
+    description : RunDescription or None
+        What the session file says; ``None`` where it cannot be read.
+    frames : tuple of FrameRecord
+        Every record of the manifest that could be read, by sequence number.
+    problems : tuple of (file, problem)
+        What is wrong with the session file and the manifest.
+    torn_manifest_line : bool
+        The last line of the manifest has no end: the writer was killed in the middle of it.
+    links : tuple of str
+        The chain of the manifest after 0, 1, 2, ... lines; empty for old runs.
+    begins_elsewhere : bool
+        The manifest does not follow on the session file: either is of another run.
+    """
+
+    description: RunDescription | None
+    frames: tuple[FrameRecord, ...]
+    problems: tuple[tuple[str, str], ...]
+    torn_manifest_line: bool
+    links: tuple[str, ...] = ()
+    begins_elsewhere: bool = False
+
+
+def read_run(path: Path) -> Run:
+    """Return the table of contents of a run folder; the frames themselves are not opened.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder.
+
+    Raises
+    ------
+    RunFolderError
+        There is no such folder, or its session file or manifest is damaged, or frames are gone: every
+        problem at once.
+
+    Notes
+    -----
+    A last line of the manifest without an end is what a killed writer leaves; it is passed over, since its
+    frame was never acknowledged. ``rigctl verify`` reports it.
+    """
+    contents = read_contents(path)
+    problems = [f"{file}: {problem}" for file, problem in contents.problems]
+    problems += [f"{r.file}: missing" for r in contents.frames if not (path / r.file).is_file()]
+    description = contents.description
+    if problems or description is None:
+        raise RunFolderError(f"{path} cannot be used as a run folder:\n  " + "\n  ".join(problems))
+    return Run(
+        path=path,
+        session=description.record,
+        session_json=description.session,
+        frames=contents.frames,
+        created_by=description.created_by,
+        created_utc=description.created_utc,
+    )
+
+
+def read_contents(path: Path) -> Contents:
+    """Return what a run folder's session file and manifest say, whatever state they are in.
+
+    Raises
+    ------
+    RunFolderError
+        There is no such folder, or it is no run folder at all.
+    """
+    if path.is_file():
+        raise RunFolderError(f"{path}: is a file, a run folder is wanted")
+    if not path.is_dir():
+        raise RunFolderError(f"{path}: there is no such folder; a run folder is made by `rigctl acquire` or `import`")
+    if not any((path / name).exists() for name in (SESSION_FILE, MANIFEST_FILE)):
+        raise RunFolderError(f"{path}: not a run folder: it has neither {SESSION_FILE} nor {MANIFEST_FILE}")
+    problems: list[tuple[str, str]] = []
+    description: RunDescription | None = None
+    try:
+        description = read_description(path / SESSION_FILE)
+    except DataError as error:
+        problems.append((SESSION_FILE, str(error)))
+    lines = _read_manifest(path / MANIFEST_FILE, description, problems)
+    return Contents(
+        description=description,
+        frames=_records(lines, problems),
+        problems=tuple(problems),
+        torn_manifest_line=lines.is_torn,
+        links=lines.links,
+        begins_elsewhere=lines.begins_elsewhere,
+    )
+
+
+def _read_manifest(file: Path, description: RunDescription | None, problems: list[tuple[str, str]]) -> Lines:
+    try:
+        data = read_bounded(file, MOST_RECORD_BYTES)
+    except OSError as error:
+        problems.append((file.name, f"cannot be read: {error.strerror}"))
+        data = b""
+    return read_lines(data, first_link_of(data) if description is None else first_link(description))
+
+
+def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord, ...]:
+    frames: list[FrameRecord] = []
+    for number, line in enumerate(lines.lines, start=1):
+        if line.problem is not None and not (number == 1 and lines.begins_elsewhere and not lines.links[0]):
+            problems.append((MANIFEST_FILE, f"line {number}: {line.problem}"))
+        if line.content:
+            try:
+                frames.append(parse_record(line.content))
+            except DataError as error:
+                problems.append((MANIFEST_FILE, f"line {number}: {error}"))
+    problems += [(MANIFEST_FILE, text) for text in _duplicates(frames)]
+    return tuple(sorted(frames, key=lambda record: record.sequence))
+
+
+def parse_record(line: bytes) -> FrameRecord:
+    """Return the record that one line of a manifest stands for.
+
+    Raises
+    ------
+    DataError
+        The line is no JSON, lacks a key, has an unknown one or a value of the wrong kind: all at once.
+    """
+    try:
+        record = FRAME_RECORD.validate_json(line)
+    except ValidationError as error:
+        raise DataError(explain_invalid(error)) from error
+    inside = Path(record.file).parts[:1] == (FRAMES_FOLDER,) and ".." not in Path(record.file).parts
+    if not inside:
+        raise DataError(f"file {record.file!r} does not lie in {FRAMES_FOLDER}/")
+    return record
+
+
+def _duplicates(frames: list[FrameRecord]) -> list[str]:
+    sequences = Counter(record.sequence for record in frames)
+    files = Counter(record.file for record in frames)
+    return [f"sequence {value} stands {n} times" for value, n in sequences.items() if n > 1] + [
+        f"file {value} stands {n} times" for value, n in files.items() if n > 1
+    ]
+
+
+class Journal:
+    """A file of lines, opened for adding to it.
+
+    Parameters
+    ----------
+    path : Path
+        The file; made where it is not there. A last line without an end, as a killed writer leaves it, is cut
+        off.
+    first_link : str or None
+        What the chain of its lines begins with; None for a journal without seals, as old runs have them.
+
+    Attributes
+    ----------
+    lines : int
+        How many lines there are.
+    link : str or None
+        The chain after all of them.
+
+    Raises
+    ------
+    OSError
+        The file cannot be opened or written.
+    """
+
+    def __init__(self, path: Path, *, first_link: str | None) -> None:
+        present = read_bounded(path, MOST_RECORD_BYTES) if path.exists() else b""
+        whole = present[: present.rfind(b"\n") + 1]
+        self.lines = whole.count(b"\n")
+        self.link = first_link if first_link is None else read_lines(whole, first_link).links[-1]
+        self._length = len(whole)
+        self._file = path.open("ab", buffering=0)
+        self._file.truncate(self._length)
+
+    def append(self, contents: Sequence[bytes]) -> None:
+        """Return once the lines are on the disk.
+
+        Parameters
+        ----------
+        contents : sequence of bytes
+            JSON objects, one a line, without the ends of the lines.
+
+        Raises
+        ------
+        OSError
+            They could not be written; the file is as it was.
+        """
+        written, link = [], self.link
+        for content in contents:
+            line = content + b"\n"
+            if link is not None:
+                line, link = sealed(content, link)
+            written.append(line)
+        lines = b"".join(written)
+        try:
+            self._write_all(lines)
+            os.fsync(self._file.fileno())
+        except OSError:
+            self._file.truncate(self._length)
+            raise
+        self.link = link
+        self._length += len(lines)
+        self.lines += len(contents)
+
+    def _write_all(self, data: bytes) -> None:
+        # A file without a buffer may take less than it is given.
+        view = memoryview(data)
+        while view:
+            view = view[self._file.write(view) :]
+
+    def close(self) -> None:
+        """Close the file. May be called twice."""
+        self._file.close()
+
+
+LOCK_FILE = "writer.lock"
+_LOOKS, _LOOK_S = 10, 0.01
+
+
+class RunLock:
+    """The right to write into a run folder, held until it is released or its process is gone.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder; it must exist.
+
+    Raises
+    ------
+    RunFolderError
+        Another process holds it.
+    OSError
+        The folder cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
+        try:
+            _take(self._descriptor)
+        except BlockingIOError as error:
+            holder = _process_in(self._descriptor)
+            os.close(self._descriptor)
+            raise RunFolderError(
+                f"{path}: process {holder} is writing into this run; wait for it, or `rigctl stop` it"
+            ) from error
+        os.ftruncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
+
+    def release(self) -> None:
+        """Let others write. May be called twice."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+def _take(descriptor: int) -> None:
+    """Take the lock; whoever only asks for the writer holds it for a moment, which is waited for."""
+    for _ in range(_LOOKS):
+        with suppress(BlockingIOError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        time.sleep(_LOOK_S)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@contextmanager
+def released_on_error(lock: RunLock) -> Iterator[None]:
+    """Release the lock where the block fails; else it stays held."""
+    try:
+        yield
+    except BaseException:
+        lock.release()
+        raise
+
+
+@contextmanager
+def locked_file(file: Path) -> Iterator[None]:
+    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened.
+    """
+    descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def writing_process(path: Path) -> int | None:
+    """Return the number of the process that writes into a run folder, or None where there is none.
+
+    Raises
+    ------
+    RunFolderError
+        Whether there is one cannot be told.
+    """
+    try:
+        descriptor = os.open(path / LOCK_FILE, os.O_RDONLY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise RunFolderError(f"{path / LOCK_FILE}: cannot be read: {error.strerror}") from error
+    try:
+        # A shared lock, so that two who ask do not take each other for the writer.
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return _process_in(descriptor)
+    else:
+        return None
+    finally:
+        os.close(descriptor)
+
+
+def _process_in(descriptor: int) -> int:
+    text = os.pread(descriptor, 32, 0).decode("ascii", errors="replace").strip()
+    return int(text) if text.isdecimal() else 0
+
+
+# Of runs whose own journals have no seals; this file has them always.
+_LINK_OF_OLD = "annotations"
+
+
+_ANNOTATION = TypeAdapter(Annotation)
+
+
+def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
+    """Return a run with what is noted of it, and without the frames that are excluded.
+
+    Parameters
+    ----------
+    run : Run
+        As `read_run` returns it.
+    ignore_exclusions : bool
+        Keep excluded frames, also where the annotations are damaged.
+
+    Raises
+    ------
+    RunFolderError
+        The annotations are damaged, so that nobody knows which frames are excluded.
+    """
+    if not (run.path / ANNOTATIONS_FILE).exists():
+        return run
+    journal = read_annotation_lines(run.path)
+    problems = annotation_problems(journal)
+    if problems and not ignore_exclusions:
+        raise RunFolderError(
+            f"{run.path / ANNOTATIONS_FILE}: {'; '.join(problems)}: which frames are excluded is not known; "
+            "--ignore-exclusions reads the run with all of them"
+        )
+    annotations = sound_annotations(journal)
+    excluded = {} if ignore_exclusions else excluded_frames(annotations)
+    return replace(
+        run,
+        frames=tuple(record for record in run.frames if record.sequence not in excluded),
+        excluded=tuple(record for record in run.frames if record.sequence in excluded),
+        annotations=annotations,
+    )
+
+
+def exclusion_remark(run: Run) -> str | None:
+    """Return which frames of an annotated run people have excluded, and whether they are left out; None where none."""
+    stated = exclusions_text(excluded_frames(run.annotations))
+    said = "are left out" if run.excluded else "are taken all the same"
+    return f"{run.path}: excluded frames {said}: {stated}" if stated else None
+
+
+def read_annotations(path: Path) -> tuple[Annotation, ...]:
+    """Return what is noted of a run; empty where nothing is.
+
+    Raises
+    ------
+    RunFolderError
+        A line is damaged, or the file cannot be read.
+    """
+    journal = read_annotation_lines(path)
+    problems = annotation_problems(journal)
+    if problems:
+        raise RunFolderError(f"{path / ANNOTATIONS_FILE}: {'; '.join(problems)}")
+    return sound_annotations(journal)
+
+
+def read_annotation_lines(path: Path) -> Lines:
+    """Return the lines of a run's annotations, each held against its seal; none where there is no such file.
+
+    Raises
+    ------
+    RunFolderError
+        The file cannot be read.
+    """
+    return read_lines(journal_bytes(path / ANNOTATIONS_FILE), _link(path))
+
+
+def annotation_problems(journal: Lines) -> list[str]:
+    """Return what is wrong with annotations, line by line."""
+    found = []
+    for number, line in enumerate(journal.lines, start=1):
+        if line.problem:
+            found.append(f"line {number}: {line.problem}")
+        elif isinstance(read := _read_line(line.content), str):
+            found.append(f"line {number} is no annotation: {read}")
+    return found
+
+
+def sound_annotations(journal: Lines) -> tuple[Annotation, ...]:
+    """Return what the sound lines say."""
+    read = (_read_line(line.content) for line in journal.lines if line.content)
+    return tuple(one for one in read if isinstance(one, Annotation))
+
+
+def _read_line(content: bytes) -> Annotation | str:
+    """Return what a line says, or what is wrong with it."""
+    try:
+        return _ANNOTATION.validate_json(content)
+    except ValidationError as error:
+        return explain_invalid(error)
+
+
+def annotate(path: Path, annotation: Annotation) -> None:
+    """Return once an annotation is on the disk, at the end of the run's annotations.
+
+    Raises
+    ------
+    RunFolderError
+        The annotations that are there are damaged: nothing is put behind them.
+    OSError
+        It could not be written; the file is as it was.
+    """
+    is_new = not (path / ANNOTATIONS_FILE).exists()
+    with locked_file(path / ANNOTATIONS_FILE):
+        read_annotations(path)
+        journal = Journal(path / ANNOTATIONS_FILE, first_link=_link(path))
+        try:
+            journal.append([json.dumps(asdict(annotation), allow_nan=False).encode("ascii")])
+        finally:
+            journal.close()
+    if is_new:
+        flush_folder(path)
+
+
+def _link(path: Path) -> str:
+    """Return what the chain of a run's annotations begins with."""
+    try:
+        return first_link(read_description(path / SESSION_FILE)) or _LINK_OF_OLD
+    except DataError:
+        return _LINK_OF_OLD
+
+
+def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
+    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are.
+
+    Raises
+    ------
+    ConfigError
+        One cannot be read.
+    """
+    scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
+    try:
+        return {what: read_bounded(path, MOST_TEXT_BYTES) for what, path in (files | scene).items()}
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be read: {error.strerror}") from error
+
+
+def keep_inputs(inputs: Mapping[str, bytes], out: Path) -> None:
+    """Write the inputs into the run.
+
+    Raises
+    ------
+    RunFolderError
+        They cannot be written.
+    """
+    folder = out / INPUTS_FOLDER
+    if not inputs:
+        return
+    try:
+        folder.mkdir(exist_ok=True)
+        for what, content in inputs.items():
+            write_durably(folder / f"{what}.toml", content)
+        flush_folder(out)
+    except OSError as error:
+        raise RunFolderError(f"{folder}: cannot be written: {error.strerror}") from error
+
+
+def files_of(run: Run) -> tuple[RigFile, SessionFile]:
+    """Return rig and session file as a run holds them.
+
+    Raises
+    ------
+    RunFolderError, ConfigError
+        The run was not made by a session, or what it holds is no such file.
+    """
+    if not run.session.is_of_session:
+        raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: there is nothing to go on with")
+    try:
+        rig_file = RigFile.model_validate(run.session_json["rig"])
+        session = SessionFile.model_validate(run.session_json["session"])
+    except ValidationError as error:
+        raise ConfigError(describe(run.path / SESSION_FILE, error)) from error
+    kept = run.path / INPUTS_FOLDER / "scene.toml"
+    if rig_file.simulation is None or rig_file.simulation.scene.exists() or not kept.exists():
+        return rig_file, session
+    return rig_file.model_copy(
+        update={"simulation": rig_file.simulation.model_copy(update={"scene": kept.resolve()})}
+    ), session
+
+
+_MOST_BYTES_A_LOOK = 64_000_000
+
+
+class RunTail:
+    """Follows the manifest of a run.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder; it may come later.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._description: RunDescription | None = None
+        self._begin_again()
+
+    @property
+    def description(self) -> RunDescription | None:
+        """What the run says of itself; None until it is there and can be read."""
+        return self._description
+
+    def read(self) -> tuple[FrameRecord, ...]:
+        """Return all frames of the run so far.
+
+        Raises
+        ------
+        DataError
+            The run cannot be read.
+        """
+        if self._description is None and (self._path / SESSION_FILE).exists():
+            self._description = read_description(self._path / SESSION_FILE)
+        try:
+            size = (self._path / MANIFEST_FILE).stat().st_size
+        except FileNotFoundError:
+            self._begin_again()
+            return ()
+        if size < self._end:  # `resume` has repaired it
+            self._begin_again()
+        if size > self._end:
+            self._take_in(self._read_on())
+        return tuple(self._frames)
+
+    def run(self, frames: tuple[FrameRecord, ...]) -> Run | None:
+        """Return the run with some of its frames; None while it has not said what it is."""
+        if self._description is None:
+            return None
+        return Run(
+            path=self._path,
+            session=session_record(self._description.session),
+            session_json=self._description.session,
+            frames=frames,
+            created_by=self._description.created_by,
+            created_utc=self._description.created_utc,
+        )
+
+    def _begin_again(self) -> None:
+        self._end = 0
+        self._link: str | None = None
+        self._frames: list[FrameRecord] = []
+        self.problems: list[str] = []
+
+    def _read_on(self) -> bytes:
+        """Return the whole lines behind the place up to which the manifest has been read."""
+        with (self._path / MANIFEST_FILE).open("rb") as file:
+            file.seek(self._end)
+            data = file.read(_MOST_BYTES_A_LOOK)
+        whole, end, _ = data.rpartition(b"\n")
+        return whole + end
+
+    def _take_in(self, data: bytes) -> None:
+        if self._end == 0:
+            self._link = first_link_of(data) if self._description is None else first_link(self._description)
+        lines = read_lines(data, self._link)
+        self._end += len(data)
+        self._link = lines.links[-1] if lines.links else None
+        for line in lines.lines:
+            self._take_line(line.content, line.problem)
+
+    def _take_line(self, content: bytes, problem: str | None) -> None:
+        if problem is not None:
+            self.problems.append(f"{MANIFEST_FILE}: {problem}")
+        if not content:
+            return
+        try:
+            self._frames.append(parse_record(content))
+        except DataError as error:
+            self.problems.append(f"{MANIFEST_FILE}: {error}")

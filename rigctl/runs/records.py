@@ -1,0 +1,1063 @@
+"""Lines that carry their own checksum and the chain of all before them: a line changed, moved or taken out is found.
+
+The light of a simulated roof, as its run keeps it: what lit it, what was changed, and what that proves.
+
+Origin of a run by its session file, as far as the program asks.
+
+The file ``session.json`` of a run folder: what was to be done, and which program made the folder.
+
+Record of one frame: all that is known of it, as its line in the manifest and its own header hold it.
+
+The file ``events.jsonl`` of a run folder: what happened, and when.
+
+Readings of sensors beside the frames, as the events of a run hold them.
+
+What people note of a run, and which frames they leave out: the record of it, and what follows from many.
+"""
+
+import hashlib
+import json
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError, with_config
+
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
+from rigctl.base.numbers import is_utc_text
+from rigctl.errors import DataError, RunFolderError
+from rigctl.files.choices import FrameKind, Interpolation
+from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.rig_file import polarizer_axes_deg
+from rigctl.files.toml import newer_schema
+
+_SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a-f]{64})"\}$')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One line of a journal.
+
+    Attributes
+    ----------
+    content : bytes
+        What was written, without its seal; empty where the line is damaged.
+    problem : str or None
+        What is wrong with it or with its place.
+    """
+
+    content: bytes
+    problem: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lines:
+    """Lines of a journal, as they are read.
+
+    Attributes
+    ----------
+    lines : tuple of Line
+        In the order of the file.
+    links : tuple of str
+        The chain after 0, 1, 2, ... lines; empty for journals of old runs, which have none.
+    is_torn : bool
+        What follows the last line has no end: the writer was killed in the middle of it.
+    """
+
+    lines: tuple[Line, ...]
+    links: tuple[str, ...]
+    is_torn: bool
+
+    @property
+    def begins_elsewhere(self) -> bool:
+        """True where the first line does not follow on what the chain begins with."""
+        return bool(self.lines and self.links) and self.lines[0].problem == _NOT_FOLLOWING
+
+
+_NOT_FOLLOWING = "does not follow on what stands before it: lines were taken out, put in or moved"
+
+
+def sealed(content: bytes, link: str) -> tuple[bytes, str]:
+    """Return a line with its seal, and the chain after it.
+
+    Parameters
+    ----------
+    content : bytes
+        A JSON object on one line, without the end of the line.
+    link : str
+        The chain before it.
+    """
+    own = hashlib.sha256(content).hexdigest()
+    after = _link(link, own)
+    return content[:-1] + f', "line_sha256": "{own}", "chain_sha256": "{after}"}}\n'.encode("ascii"), after
+
+
+def sealed_all(contents: Iterable[bytes], link: str | None) -> bytes:
+    """Return the whole of a journal; without a chain to begin with, its lines as they are."""
+    lines = []
+    for content in contents:
+        line = content + b"\n"
+        if link is not None:
+            line, link = sealed(content, link)
+        lines.append(line)
+    return b"".join(lines)
+
+
+def journal_bytes(file: Path) -> bytes:
+    """Return the bytes of a journal; none where there is no such file.
+
+    Raises
+    ------
+    RunFolderError
+        The file cannot be read.
+    """
+    try:
+        return read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
+    except OSError as error:
+        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
+
+
+def read_lines(data: bytes, first_link: str | None) -> Lines:
+    """Return the lines of a journal, each held against its seal.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    first_link : str or None
+        What the chain begins with; None for journals of old runs, whose lines have no seal.
+    """
+    whole, end, rest = data.rpartition(b"\n")
+    raw = whole.split(b"\n") if end else []
+    if first_link is None:
+        return Lines(lines=tuple(Line(content=line) for line in raw), links=(), is_torn=bool(rest))
+    links = [first_link]
+    lines = []
+    for text in raw:
+        line, link = _read_line(text, links[-1])
+        lines.append(line)
+        links.append(link)
+    return Lines(lines=tuple(lines), links=tuple(links), is_torn=bool(rest))
+
+
+def first_link_of(data: bytes) -> str | None:
+    """Return what to read a journal from whose beginning of the chain is not known: None where it has no seals."""
+    return "" if _SEAL.search(data.partition(b"\n")[0]) else None
+
+
+def _read_line(text: bytes, link: str) -> tuple[Line, str]:
+    seal = _SEAL.search(text)
+    if seal is None:
+        return Line(content=b"", problem="has no seal, or a damaged one"), link
+    content = text[: seal.start()] + b"}"
+    own, after = seal[1].decode("ascii"), seal[2].decode("ascii")
+    if hashlib.sha256(content).hexdigest() != own:
+        return Line(content=b"", problem="damaged: its checksum is another"), after
+    return Line(content=content, problem=None if _link(link, own) == after else _NOT_FOLLOWING), after
+
+
+def _link(before: str, own: str) -> str:
+    return hashlib.sha256(f"{before} {own}".encode("ascii")).hexdigest()
+
+
+PROVES = (
+    "a simulated roof: the light of {scene} was computed by the same model that predicts it. What this run can show is "
+    "that processing, sensor and the chain of the program are right: stage, angles, darks, calibration, Stokes "
+    "parameters, statistics and verdict. It cannot show that the scene model (surfaces, sky, sun, air) is right of "
+    "nature: that needs real frames"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedLight:
+    """The light of a simulated roof.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the scene that it was computed from.
+    is_clocked : bool
+        The sun was that of the run's simulated clock at its site; otherwise that which the scene file states.
+    sun_zenith_deg, sun_azimuth_deg : float or None
+        That stated sun [deg]; None where the clock moves it, or the file states no azimuth.
+    distance_factor : float or None
+        Its irradiance over that at the mean distance.
+    perturbed : str or None
+        What was changed against the scene file, in words.
+    remarks : tuple of str
+        Where place and time of the scene file are not those of the run.
+    """
+
+    scene: str
+    is_clocked: bool
+    sun_zenith_deg: float | None = None
+    sun_azimuth_deg: float | None = None
+    distance_factor: float | None = None
+    perturbed: str | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def caution(self) -> tuple[str, ...]:
+        """What a report of such a run has to say, in words."""
+        proves = PROVES.format(scene=self.scene)
+        if self.perturbed is None:
+            return (proves,)
+        return (proves, f"the simulated roof was changed on purpose: {self.perturbed}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarizerAsTaken:
+    """The polarizer by the rig file of a run; None is not stated."""
+
+    sense: Literal[1, -1] | None = None
+    offset_deg: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    offset_std_deg: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    extinction_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] | None = None
+    placeholder: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraAsTaken:
+    """The camera by the rig file of a run."""
+
+    address: str = ""
+    mosaic_deg: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
+    interpolation: Interpolation = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationAsTaken:
+    """The simulation by the rig file of a run: the scene file that it showed."""
+
+    scene: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigAsTaken:
+    """The rig file of a run, as far as runs of older programs have it too."""
+
+    name: str | None = None
+    polarizer: PolarizerAsTaken | None = None
+    camera: CameraAsTaken | None = None
+    simulation: SimulationAsTaken | None = None
+    site: SiteSection | None = None
+    geometry: GeometrySection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionAsTaken:
+    """The session file of a run, likewise."""
+
+    name: str | None = None
+    site: SiteSection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceAsTaken:
+    """A device by its own word."""
+
+    model: str | None = None
+    serial_number: str | None = None
+
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionNoise:
+    """The numbers of a noise calibration that a session was watched with, in the order in which a run holds them."""
+
+    gain_dn_per_e: _Number
+    read_noise_e: _Number
+    black_level_dn: _Number
+    dark_current_e_per_s: _Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionRecord:
+    """Origin of a run.
+
+    Attributes
+    ----------
+    origin : str or None
+        "simulated", "device" or "import"; None where the run does not say.
+    rig, session : RigAsTaken, SessionAsTaken or None
+        By its files; None of imported images.
+    stage, camera : DeviceAsTaken
+        Which devices these were.
+    noise : SessionNoise or None
+        What it was watched with.
+    rounds_ns : tuple of int or None
+        When each round was to begin [ns since 1970 UTC]; None is at once.
+    until_ns : int or None
+        From when on no frame was to be taken [ns since 1970 UTC].
+    simulated_light : SimulatedLight or None
+        The light of a simulated roof.
+    """
+
+    origin: str | None = None
+    rig: RigAsTaken | None = None
+    session: SessionAsTaken | None = None
+    stage: DeviceAsTaken = DeviceAsTaken()
+    camera: DeviceAsTaken = DeviceAsTaken()
+    noise: SessionNoise | None = None
+    rounds_ns: tuple[int | None, ...] = (None,)
+    until_ns: int | None = None
+    simulated_light: SimulatedLight | None = None
+
+    @property
+    def polarizer(self) -> PolarizerAsTaken:
+        """The polarizer as the rig file has it; nothing is stated of imported images."""
+        return PolarizerAsTaken() if self.rig is None or self.rig.polarizer is None else self.rig.polarizer
+
+    @property
+    def camera_address(self) -> str:
+        """Address of the camera; empty where nobody says it."""
+        return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
+
+    @property
+    def cell_deg(self) -> tuple[float, ...] | None:
+        """Axes of the polarizers on the camera's pixels; None where it has none, or nobody says it."""
+        polarizer = self.polarizer
+        if self.rig is None or self.rig.camera is None or polarizer.sense is None or polarizer.offset_deg is None:
+            return None
+        return polarizer_axes_deg(self.rig.camera.mosaic_deg, sense=polarizer.sense, offset_deg=polarizer.offset_deg)
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """What its frames were made of a mosaic by; "none" too where there is no mosaic."""
+        return "none" if self.rig is None or self.rig.camera is None else self.rig.camera.interpolation
+
+    @property
+    def simulated_scene(self) -> Path | None:
+        """The scene file of a simulated run, where it stood."""
+        simulation = None if self.rig is None else self.rig.simulation
+        return None if simulation is None or simulation.scene is None else Path(simulation.scene)
+
+    @property
+    def site(self) -> SiteSection | None:
+        """Site of the rig, by its rig file or by its session file."""
+        places = (place.site for place in (self.rig, self.session) if place is not None)
+        return next((site for site in places if site is not None), None)
+
+    @property
+    def is_of_session(self) -> bool:
+        """The run was taken by a session, and not imported."""
+        return self.rig is not None and self.session is not None
+
+
+_SESSION = TypeAdapter(SessionRecord)
+
+
+def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
+    """Return what a session file says under ``session``.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        What it says is not of its kind.
+    """
+    return _SESSION.validate_python(content)
+
+
+SCHEMA_VERSION = 2
+"""Version of the layout: from 2 on every line and this file carry checksums."""
+_UNSEALED_VERSION = 1
+SESSION_FILE = "session.json"
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, kw_only=True)
+class RunDescription:
+    """A run folder by its own word.
+
+    Attributes
+    ----------
+    schema_version : int
+        Which layout the folder has.
+    created_by : str
+        Program and version that made it.
+    created_utc : str
+        When it was made.
+    session : mapping
+        The resolved session; ``origin`` is "simulated", "device" or "import".
+    checksum : str or None
+        ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
+    """
+
+    schema_version: Annotated[int, Field(le=SCHEMA_VERSION)]
+    created_by: str
+    created_utc: str
+    session: dict[str, JsonValue]
+    checksum: str | None = None
+
+    @property
+    def record(self) -> SessionRecord:
+        """The session as far as the program asks."""
+        return session_record(self.session)
+
+    @property
+    def is_sealed(self) -> bool:
+        """True where the lines of manifest and events carry their checksums and a chain."""
+        return self.schema_version > _UNSEALED_VERSION
+
+
+_DESCRIPTION = TypeAdapter(RunDescription)
+
+
+def encode_description(description: RunDescription) -> bytes:
+    """Return the content of the file."""
+    content = asdict(description) | {"checksum": _checksum(description)}
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii")
+
+
+def first_link(description: RunDescription) -> str | None:
+    """Return what the chains of a run begin with; None where its lines have no seal."""
+    return description.checksum if description.is_sealed else None
+
+
+def read_description(file: Path) -> RunDescription:
+    """Return what a run folder says of itself.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is no description, is not the one that was written, or comes from another version of
+        the layout.
+    """
+    try:
+        text = read_bounded(file, MOST_RECORD_BYTES)
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}") from error
+    try:
+        description = _DESCRIPTION.validate_json(text)
+    except ValidationError as error:
+        later = _later_layout(text)
+        raise DataError(later if later is not None else explain_invalid(error)) from error
+    if description.schema_version < _UNSEALED_VERSION:
+        raise DataError(f"schema_version is {description.schema_version}; it begins with {_UNSEALED_VERSION}")
+    if description.checksum != (_checksum(description) if description.is_sealed else None):
+        raise DataError("damaged or edited: its checksum is another")
+    try:
+        _ = description.record
+    except ValidationError as error:
+        raise DataError(explain_invalid(error, within="session")) from error
+    return description
+
+
+def _later_layout(text: bytes) -> str | None:
+    """Return in words that a session file is of a later layout than this program reads; None where it is not."""
+    try:
+        return newer_schema(json.loads(text), RunDescription)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _checksum(description: RunDescription) -> str:
+    content = asdict(description)
+    del content["checksum"]
+    return "sha256:" + hashlib.sha256(json.dumps(content, allow_nan=False).encode("ascii")).hexdigest()
+
+
+def explain_invalid(error: ValidationError, *, within: str = "") -> str:
+    """Return in one line what is wrong with a record: each field, inside the part that was read, and why."""
+    outer = (within,) if within else ()
+    return "; ".join(
+        f"{'.'.join(map(str, (*outer, *item['loc'])))}: {item['msg']}".removeprefix(": ") for item in error.errors()
+    )
+
+
+# Frames of one exposure of a camera with polarizers on its pixels, a cell of 2 x 2.
+EXPOSURE_PARTS = 4
+
+
+@with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
+@dataclass(frozen=True, kw_only=True)
+class FrameRecord:
+    """All that is known of one frame. ``None`` is "not known" or "does not apply", never a default.
+
+    Attributes
+    ----------
+    kind : {"scene", "dark", "flat"}
+        What the camera looked at.
+    sequence : int
+        Place in the order in which the frames of this run were taken, from 0; unique in the run.
+    cycle : int or None
+        Which repeat of the set of angles this is, from 0.
+    polarizer_angle_target_deg : float or None
+        Transmission axis that was asked for [deg], counter-clockwise from horizontal in the picture.
+    polarizer_angle_deg : float or None
+        Transmission axis by the stage's readback [deg], same sense. This one is for processing.
+    stage_angle_target_deg, stage_angle_deg : float or None
+        What the stage was told, and what its encoder said [deg].
+    stage_counts : int or None
+        The encoder's own counts.
+    exposure_s : float or None
+        Integration time [s].
+    gain_db : float or None
+        The camera's gain setting [dB].
+    egain_e_per_dn : float or None
+        Electrons per DN, where somebody states it [e-/DN].
+    bit_depth : int
+        Bits per sample, right-justified.
+    black_level_dn : float or None
+        Counts without light [DN], where known without dark frames.
+    saturation_dn : float
+        A pixel at or above this many counts is saturated [DN].
+    missing_dn : float or None
+        The value that marks pixels which were never received [DN].
+    start_utc, end_utc : str or None
+        Start and end of the exposure, as ``rigctl.base.numbers.utc_text`` writes them.
+    start_monotonic_ns : int or None
+        Start of the exposure on the host's monotonic clock [ns].
+    start_uncertainty_s : float or None
+        By how much `start_utc` may be off at most, the host's clock taken for right (that of the PTP master, where the
+        source is "ptp") [s].
+    start_source : str or None
+        What the start was found by: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
+        (`drivers.interfaces.StartSource`).
+    camera_model, camera_serial, stage_model, stage_serial : str or None
+        Which devices these were.
+    stage_tries : int or None
+        How many times the move was commanded until the readback was within tolerance.
+    settle_s : float or None
+        From the command of the move to the readback that was accepted [s].
+    camera_frame : int or None
+        The camera's own frame counter.
+    exposure_id : int or None
+        Frames that bear the same number are parts of one exposure, of a camera with polarizers on its pixels: the
+        sequence number of the first of them.
+    camera_temperature_c : float or None
+        What the camera said of its temperature, ten seconds before the exposure at most [deg C].
+    round : int or None
+        Which round of a schedule this frame belongs to, from 0.
+    sun_azimuth_deg, sun_elevation_deg : float or None
+        Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
+        refraction.
+    site_latitude_deg, site_longitude_deg : float or None
+        Where the rig stands [deg], north and east positive.
+    site_elevation_m : float or None
+        How high above the sea it stands [m].
+    source_file : str or None
+        The file this frame was imported from.
+    remarks : tuple of str
+        What else one has to know.
+    file : str
+        Path relative to the run folder, with ``/``. Filled in by the writer, as all that follow.
+    height, width : int
+        Rows and columns.
+    saturated_fraction : float
+        Share of pixels at or above ``saturation_dn``, 0 to 1.
+    checksum : str
+        ``sha256:`` and 64 hexadecimal digits, over the whole file.
+    """
+
+    kind: FrameKind
+    sequence: int
+    bit_depth: int
+    saturation_dn: float
+    cycle: int | None = None
+    polarizer_angle_target_deg: float | None = None
+    polarizer_angle_deg: float | None = None
+    stage_angle_target_deg: float | None = None
+    stage_angle_deg: float | None = None
+    stage_counts: int | None = None
+    exposure_s: float | None = None
+    gain_db: float | None = None
+    egain_e_per_dn: float | None = None
+    black_level_dn: float | None = None
+    missing_dn: float | None = None
+    start_utc: str | None = None
+    end_utc: str | None = None
+    start_monotonic_ns: int | None = None
+    start_uncertainty_s: float | None = None
+    start_source: str | None = None
+    camera_model: str | None = None
+    camera_serial: str | None = None
+    stage_model: str | None = None
+    stage_serial: str | None = None
+    stage_tries: int | None = None
+    settle_s: float | None = None
+    camera_frame: int | None = None
+    exposure_id: int | None = None
+    camera_temperature_c: float | None = None
+    round: int | None = None
+    sun_azimuth_deg: float | None = None
+    sun_elevation_deg: float | None = None
+    site_latitude_deg: float | None = None
+    site_longitude_deg: float | None = None
+    site_elevation_m: float | None = None
+    source_file: str | None = None
+    remarks: tuple[str, ...] = ()
+    file: str = ""
+    height: int = 0
+    width: int = 0
+    saturated_fraction: float = 0.0
+    checksum: str = ""
+
+
+FRAME_RECORD = TypeAdapter(FrameRecord)
+
+# How people are told what a start was found by.
+START_SOURCES = {
+    "ptp": "by the camera's clock, which follows a PTP master",
+    "camera clock": "by the camera's clock, held against this machine's",
+    "trigger": "between the trigger and the first packet",
+    "arrival": "before the first packet came in",
+    "driver": "by the time stamp of the video driver",
+    "file": "by the last change of the file",
+    "simulation": "as simulated",
+}
+
+
+def start_time_texts(frames: Iterable[FrameRecord]) -> tuple[str, ...]:
+    """Return how well the starts of exposures are known, one text a source; nothing of frames that do not tell."""
+    errors_s: dict[str, list[float | None]] = {}
+    for frame in frames:
+        if frame.start_source is not None:
+            errors_s.setdefault(frame.start_source, []).append(frame.start_uncertainty_s)
+    return tuple(
+        f"{START_SOURCES.get(source, source)}: {len(found)} frames, {_largest_text(found)}"
+        for source, found in errors_s.items()
+    )
+
+
+def start_error_text(error_s: float | None) -> str:
+    """Return by how much a start may be off, for people."""
+    if error_s is None:
+        return "by how much it may be off is not known"
+    if error_s >= 1e-3:
+        return f"off by {error_s * 1e3:.3g} ms at most"
+    return f"off by {error_s * 1e6:.3g} us at most"
+
+
+def _largest_text(errors_s: list[float | None]) -> str:
+    known = [error_s for error_s in errors_s if error_s is not None]
+    missing = len(errors_s) - len(known)
+    return start_error_text(max(known, default=None)) + (f" (not known of {missing})" if known and missing else "")
+
+
+EVENTS_FILE = "events.jsonl"
+METERED_EVENT = "metered"
+HOST_CLOCK_EVENT = "host clock"
+TALLY_EVENT = "camera tally"
+"""Counts of a camera's pictures, at the end of each part of a session."""
+_UTC_DIGITS = 19
+_FRAMES_FACT = "frames_in_run"
+_CHAIN_FACT = "manifest_chain_sha256"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunEvent:
+    """Something that happened.
+
+    Attributes
+    ----------
+    id : int or None
+        Its place in the file, from 0.
+    utc : str
+        When, as ``rigctl.base.numbers.utc_text`` writes it.
+    monotonic_ns : int or None
+        The same by the host's monotonic clock [ns].
+    event : str
+        Its name, a word or two.
+    facts : mapping
+        What else was noted, as JSON can hold it.
+    """
+
+    id: int | None = None
+    utc: str = ""
+    monotonic_ns: int | None = None
+    event: str
+    facts: dict[str, JsonValue] = field(default_factory=dict)
+
+
+_EVENT = TypeAdapter(RunEvent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metered:
+    """Facts of the event that notes a metered exposure.
+
+    Attributes
+    ----------
+    round : int
+        Of the schedule.
+    exposure_s : float
+        What was chosen for it [s].
+    next_camera_frame : int or None
+        Number that the camera gives to its next picture; None where it counts none.
+    """
+
+    round: int
+    exposure_s: float
+    next_camera_frame: int | None = None
+
+
+_METERED = TypeAdapter(Metered)
+
+
+def metered_exposures(events: Iterable[RunEvent]) -> tuple[Metered, ...]:
+    """Return the exposures that were metered in a session.
+
+    Raises
+    ------
+    RunFolderError
+        An event says so, and not what.
+    """
+    try:
+        return tuple(_METERED.validate_python(event.facts) for event in events if event.event == METERED_EVENT)
+    except ValidationError as error:
+        raise RunFolderError(f"{EVENTS_FILE}: a metered exposure: {explain_invalid(error)}") from error
+
+
+def host_clock_text(events: Iterable[RunEvent]) -> str | None:
+    """Return how well the machine's clock was synchronised when a session began; None where that was not noted."""
+    found = next((event for event in events if event.event == HOST_CLOCK_EVENT), None)
+    if found is None:
+        return None
+    error_s = found.facts.get("utc_error_s")
+    if not isinstance(error_s, float | int):
+        return "this machine's clock was not synchronised: how far from UTC it was is not known"
+    return f"this machine's clock was within {error_s * 1e3:.3g} ms of UTC, as its time service says"
+
+
+def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
+    """Return what became of pictures and their packets on the way from the camera; nothing where it counts none."""
+    sums: Counter[str] = Counter()
+    for event in events:
+        if event.event == TALLY_EVENT:
+            sums.update({name: int(count) for name, count in event.facts.items() if isinstance(count, int)})
+    if not sums:
+        return ()
+    pictures = (
+        f"Of the camera's pictures {sums['accepted']} were taken; {sums['damaged']} were damaged, {sums['too_old']} "
+        f"began too early, {sums['never_came']} never came. The connection was made anew {sums['reopened']} times."
+    )
+    if not sums["packets"]:
+        return (pictures,)
+    share = 100.0 * sums["packets_lost"] / sums["packets"]
+    packets = (
+        f"The network lost {share:.2g} % of their packets ({sums['packets_lost']} of {sums['packets']}); "
+        f"{sums['packets_resent']} of these came when they were asked for again."
+    )
+    return (pictures, packets)
+
+
+def read_events(path: Path) -> list[RunEvent]:
+    """Return the events of a run folder, without a last line that was never finished.
+
+    Raises
+    ------
+    RunFolderError
+        A line is no event, or is not the one that was written.
+    """
+    file = path / EVENTS_FILE
+    journal = read_journal(path)
+    problems = journal_problems(journal)
+    if problems:
+        raise RunFolderError(f"{file}: " + "; ".join(problems))
+    return [_EVENT.validate_json(line.content) for line in journal.lines]
+
+
+def read_journal(path: Path) -> Lines:
+    """Return the lines of a run folder's events, each held against its seal; none where there is no such file.
+
+    Raises
+    ------
+    RunFolderError
+        The file cannot be read.
+    """
+    data = journal_bytes(path / EVENTS_FILE)
+    try:
+        first = first_link(read_description(path / SESSION_FILE))
+    except DataError:
+        first = first_link_of(data)
+    return read_lines(data, first)
+
+
+def journal_problems(journal: Lines) -> list[str]:
+    """Return what is wrong with the events of a run, line by line."""
+    problems = [f"line {number}: {line.problem}" for number, line in enumerate(journal.lines, start=1) if line.problem]
+    for number, line in enumerate(journal.lines, start=1):
+        try:
+            if line.content:
+                _EVENT.validate_json(line.content)
+        except ValidationError as error:
+            problems.append(f"line {number} is no event: {explain_invalid(error)}")
+    return problems
+
+
+def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
+    """Return those lines that are sound by themselves, and what they say."""
+    found = []
+    for line in journal.lines:
+        try:
+            if line.content:
+                found.append((line.content, _EVENT.validate_json(line.content)))
+        except ValidationError:
+            continue
+    return found
+
+
+def closing_facts(*, frames: int, link: str | None) -> dict[str, JsonValue]:
+    """Return what the event that closes a run says of its manifest; nothing in an old run, which has no chain."""
+    return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
+
+
+def closed_with(event: RunEvent) -> tuple[int, str] | None:
+    """Return how many frames an event has closed a run with, and their chain; None where it is no such event."""
+    frames, link = event.facts.get(_FRAMES_FACT), event.facts.get(_CHAIN_FACT)
+    return (frames, link) if isinstance(frames, int) and isinstance(link, str) else None
+
+
+def event_line(event: RunEvent) -> str:
+    """Return an event as a line that a person reads: when, what, and what is known of it."""
+    return f"{event.utc[:_UTC_DIGITS]}Z  {event.event:<14}  {event_facts(event)}".rstrip()
+
+
+def event_facts(event: RunEvent) -> str:
+    """Return what is known of an event in words."""
+    told = {name: value for name, value in event.facts.items() if name not in (_FRAMES_FACT, _CHAIN_FACT)}
+    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in told.items())
+
+
+def _said(value: object) -> str:
+    if value is None:
+        return "not known"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_said(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    return str(value)
+
+
+MONITOR_EVENT = "monitor"
+READINGS_EVENT = "monitor readings"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorFacts:
+    """A sensor once it answers: its name in the rig file, its own name and unit, whether it follows the light."""
+
+    monitor: str
+    device: str
+    unit: str
+    follows_light: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorReadings:
+    """Readings beside one exposure.
+
+    Attributes
+    ----------
+    sequence : int
+        Of the exposure's first frame.
+    read_utc : str
+        When they were asked for.
+    readings : mapping
+        By the name in the rig file; None where there is none.
+    problems : mapping
+        Why there is none, where that has changed since the last exposure.
+    """
+
+    sequence: int
+    read_utc: str
+    readings: dict[str, float | None]
+    problems: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not is_utc_text(self.read_utc):
+            raise ValueError(f"read_utc is {self.read_utc!r}, which is no time in UTC")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorTrace:
+    """Readings of one sensor over a run.
+
+    Attributes
+    ----------
+    facts : MonitorFacts
+        Which; its unit is empty where it never answered.
+    times_s, values : tuple of float
+        Seconds since 1970 (UTC), and what was read.
+    missing : int
+        Exposures without a reading.
+    problems : tuple of str
+        Why, each once.
+    """
+
+    facts: MonitorFacts
+    times_s: tuple[float, ...]
+    values: tuple[float, ...]
+    missing: int
+    problems: tuple[str, ...]
+
+    @property
+    def change_per_hour(self) -> float | None:
+        """Slope of a straight line through the readings; None of fewer than two times."""
+        count = len(self.times_s)
+        if count < 2 or self.times_s[-1] <= self.times_s[0]:
+            return None
+        mean_s, mean = sum(self.times_s) / count, sum(self.values) / count
+        lever = sum((time - mean_s) ** 2 for time in self.times_s)
+        slope = sum((t - mean_s) * (v - mean) for t, v in zip(self.times_s, self.values, strict=True)) / lever
+        return slope * _S_PER_H
+
+    def at(self, time_s: float) -> float | None:
+        """Return the reading nearest to a time; None where there is none within five minutes."""
+        nearest = min(range(len(self.times_s)), key=lambda k: abs(self.times_s[k] - time_s), default=None)
+        if nearest is None or abs(self.times_s[nearest] - time_s) > _NEAR_S:
+            return None
+        return self.values[nearest]
+
+
+_S_PER_H, _NEAR_S = 3600.0, 300.0
+_FACTS, _READINGS = TypeAdapter(MonitorFacts), TypeAdapter(MonitorReadings)
+
+
+def monitor_traces(events: Iterable[RunEvent]) -> tuple[MonitorTrace, ...]:
+    """Return the readings of each sensor of a session, in the order of their rig file.
+
+    Raises
+    ------
+    RunFolderError
+        An event says that there are some, and not what.
+    """
+    facts: dict[str, MonitorFacts] = {}
+    readings: list[MonitorReadings] = []
+    try:
+        for event in events:
+            if event.event == MONITOR_EVENT:
+                one = _FACTS.validate_python(event.facts)
+                facts[one.monitor] = one
+            elif event.event == READINGS_EVENT:
+                readings.append(_READINGS.validate_python(event.facts))
+    except ValidationError as error:
+        raise RunFolderError(f"{EVENTS_FILE}: readings of a monitor: {explain_invalid(error)}") from error
+    names = dict.fromkeys(name for reading in readings for name in reading.readings)
+    return tuple(_trace(facts.get(name, MonitorFacts(monitor=name, device="", unit="")), readings) for name in names)
+
+
+def _trace(facts: MonitorFacts, readings: Iterable[MonitorReadings]) -> MonitorTrace:
+    mine = [reading for reading in readings if facts.monitor in reading.readings]
+    found = [(datetime.fromisoformat(one.read_utc).timestamp(), one.readings[facts.monitor]) for one in mine]
+    known = [(time_s, value) for time_s, value in found if value is not None]
+    problems = dict.fromkeys(one.problems[facts.monitor] for one in mine if facts.monitor in one.problems)
+    return MonitorTrace(
+        facts=facts,
+        times_s=tuple(time_s for time_s, _ in known),
+        values=tuple(value for _, value in known),
+        missing=len(found) - len(known),
+        problems=tuple(problems),
+    )
+
+
+def monitor_line(trace: MonitorTrace) -> str:
+    """Return the readings of a sensor in a line: range, mean, slope, and how many are missing."""
+    facts, count = trace.facts, len(trace.values)
+    missing = f"; {trace.missing} of {trace.missing + count} readings missing" if trace.missing else ""
+    why = f" ({'; '.join(trace.problems)})" if trace.problems else ""
+    if not count:
+        return f"{facts.monitor}: never answered{missing}{why}"
+    slope = trace.change_per_hour
+    steep = "" if slope is None else f", {slope:+.3g} an hour"
+    text = (
+        f"{min(trace.values):.6g} to {max(trace.values):.6g} {facts.unit}, mean {sum(trace.values) / count:.6g}{steep}"
+    )
+    return f"{facts.monitor} ({facts.device}): {text}{missing}{why}"
+
+
+MOST_TEXT = 2000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Annotation:
+    """Something that somebody says of a run.
+
+    Attributes
+    ----------
+    utc : str
+        When it was, as `rigctl.base.numbers.utc_text` writes it; of an exclusion, when it was made.
+    by : str
+        Who says it.
+    kind : {"note", "exclude", "include"}
+        An exclusion takes frames out of every number, an inclusion takes them in again.
+    frames : tuple of int
+        Their sequence numbers; a note may be of none.
+    text : str
+        What there is to say.
+    written_utc : str or None
+        When the line was written.
+    """
+
+    utc: str
+    by: str
+    kind: Literal["note", "exclude", "include"]
+    frames: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    text: str = ""
+    written_utc: str | None = None
+
+    def __post_init__(self) -> None:
+        if not is_utc_text(self.utc):
+            raise ValueError(f"utc is {self.utc!r}, which is no time")
+        if self.kind != "note" and not self.frames:
+            raise ValueError(f"kind is {self.kind}, and no frames are named")
+
+    @property
+    def facts(self) -> str:
+        """What it says, in words."""
+        frames = f"frames {frames_text(self.frames)}" if self.frames else ""
+        return f"{': '.join(filter(None, (frames, self.text)))} ({self.by})"
+
+    @property
+    def line(self) -> str:
+        """The whole of it as a line that a person reads."""
+        return f"{self.utc[:_UTC_DIGITS]}Z  {self.kind:<14}  {self.facts}"
+
+
+def left_out_texts(annotations: Sequence[Annotation], records: Iterable[FrameRecord]) -> tuple[str, ...]:
+    """Return which frames are excluded and why, each in words."""
+    excluded = excluded_frames(annotations)
+    return tuple(
+        f"frame {record.sequence}: excluded: {excluded[record.sequence].text} ({excluded[record.sequence].by})"
+        for record in records
+    )
+
+
+def excluded_frames(annotations: Iterable[Annotation]) -> dict[int, Annotation]:
+    """Return which frames are excluded in the end, by sequence number, and the line that says so."""
+    found: dict[int, Annotation] = {}
+    for one in annotations:
+        for frame in one.frames:
+            if one.kind == "exclude":
+                found[frame] = one
+            elif one.kind == "include":
+                found.pop(frame, None)
+    return dict(sorted(found.items()))
+
+
+def exclusions_text(excluded: Mapping[int, Annotation]) -> str:
+    """Return what is excluded in a line: frames by reason."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for frame, one in excluded.items():
+        groups.setdefault((one.text, one.by), []).append(frame)
+    return "; ".join(f"{frames_text(frames)}: {text} ({by})" for (text, by), frames in groups.items())
+
+
+def frames_text(frames: Sequence[int]) -> str:
+    """Return sequence numbers in short: ``12, 15-18``."""
+    spans: list[list[int]] = []
+    for frame in sorted(frames):
+        if spans and frame == spans[-1][1] + 1:
+            spans[-1][1] = frame
+        else:
+            spans.append([frame, frame])
+    return ", ".join(f"{first}" if first == last else f"{first}-{last}" for first, last in spans)

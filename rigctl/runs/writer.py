@@ -1,0 +1,430 @@
+"""The events of a run as they are written: each on the disk at once, the last ones even on a full disk.
+
+A run folder as it is written: each frame durable before the manifest names it.
+"""
+
+import errno
+import json
+import os
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import JsonValue
+
+from rigctl.base.durable import DiskCalls, flush_folder, write_durably
+from rigctl.base.numbers import utc_text
+from rigctl.errors import RunFolderError
+from rigctl.runs.fits import encode_frame, header_cards
+from rigctl.runs.folder import (
+    FRAMES_FOLDER,
+    MANIFEST_FILE,
+    Journal,
+    Run,
+    RunLock,
+    file_checksum,
+    keep_inputs,
+    read_run,
+    released_on_error,
+)
+from rigctl.runs.records import (
+    EVENTS_FILE,
+    SCHEMA_VERSION,
+    SESSION_FILE,
+    FrameRecord,
+    RunDescription,
+    RunEvent,
+    closing_facts,
+    encode_description,
+    first_link,
+    read_description,
+)
+from rigctl.version import VERSION
+
+Clock = Callable[[], int]
+
+# Errors of a disk that has no room.
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FILE = ".room-for-events"
+_BYTES = 65536
+
+
+class EventLog:
+    """Notes events, each a line with the time by two clocks.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder.
+    first_link : str or None
+        What the chain of its lines begins with; None in an old run, which has none.
+    utc_ns, monotonic_ns : callable
+        The clocks [ns].
+
+    Raises
+    ------
+    OSError
+        The file cannot be opened or written.
+    """
+
+    def __init__(self, path: Path, *, first_link: str | None, utc_ns: Clock, monotonic_ns: Clock) -> None:
+        self._utc_ns = utc_ns
+        self._monotonic_ns = monotonic_ns
+        self._journal = Journal(path / EVENTS_FILE, first_link=first_link)
+        self._reserve = DiskReserve(path)
+        self._lock = threading.Lock()
+
+    def note(self, name: str, facts: dict[str, JsonValue]) -> None:
+        """Return once an event is on the disk; on a full one the room that is kept for events is used.
+
+        Raises
+        ------
+        OSError
+            It could not be written.
+        """
+        with self._lock:  # the writer's thread notes events too
+            line = json_line(
+                RunEvent(
+                    id=self._journal.lines,
+                    utc=utc_text(self._utc_ns()),
+                    monotonic_ns=self._monotonic_ns(),
+                    event=name,
+                    facts=facts,
+                )
+            )
+            try:
+                self._journal.append([line])
+            except OSError as error:
+                if error.errno not in _DISK_FULL:
+                    raise
+                self._reserve.give_up()
+                self._journal.append([line])
+
+    def close(self) -> None:
+        """Close the file, and give the room back. May be called twice."""
+        self._journal.close()
+        self._reserve.give_up()
+
+
+class DiskReserve:
+    """A file that takes room, until the room is needed.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder. Where the room cannot be had there is none: a session does not fail by it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path / _FILE
+        with suppress(OSError):
+            descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                os.posix_fallocate(descriptor, 0, _BYTES)
+            finally:
+                os.close(descriptor)
+
+    def give_up(self) -> None:
+        """Give the room back. May be called twice."""
+        with suppress(OSError):
+            self._file.unlink(missing_ok=True)
+
+
+def json_line(record: FrameRecord | RunEvent) -> bytes:
+    """Return the content of one line of a manifest or of the events."""
+    return json.dumps(asdict(record), allow_nan=False).encode("ascii")
+
+
+class RunWriter:
+    """Writes frames and events into a run folder. A context manager: leaving it closes the files.
+
+    Parameters
+    ----------
+    path : Path
+        A run folder; use ``create`` or ``append`` to get a writer.
+    lock : RunLock
+        The right to write into it; released with the files.
+    sequences : iterable of int
+        Sequence numbers that are taken.
+    first_link : str or None
+        What the chains of manifest and events begin with; None in an old run, which has none.
+    utc_ns, monotonic_ns : callable
+        The clocks that stamp events [ns].
+    disk : DiskCalls or None
+        What makes all calls but those for frames, which come from a thread that may be held.
+
+    Attributes
+    ----------
+    listener : callable or None
+        Told each event, its name and its facts, even where the disk has no room for it; it must not wait.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        lock: RunLock,
+        sequences: Iterable[int],
+        first_link: str | None = None,
+        utc_ns: Clock = time.time_ns,
+        monotonic_ns: Clock = time.monotonic_ns,
+        disk: DiskCalls | None = None,
+    ) -> None:
+        self.path = path
+        self.disk = DiskCalls() if disk is None else disk
+        self.listener: Callable[[str, dict[str, JsonValue]], None] | None = None
+        self._lock, self._writing = lock, threading.Lock()
+        self._sequences = set(sequences)
+        self._manifest = Journal(path / MANIFEST_FILE, first_link=first_link)
+        self._events = EventLog(path, first_link=first_link, utc_ns=utc_ns, monotonic_ns=monotonic_ns)
+        flush_folder(path)
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        description: dict[str, JsonValue],
+        *,
+        inputs: Mapping[str, bytes] | None = None,
+        utc_ns: Clock = time.time_ns,
+        monotonic_ns: Clock = time.monotonic_ns,
+    ) -> "RunWriter":
+        """Return a writer for a new run folder.
+
+        Parameters
+        ----------
+        path : Path
+            The folder; made where it is not there, with its parents.
+        description : mapping
+            The resolved session, as JSON can hold it; ``origin`` is "simulated", "device" or "import".
+        inputs : mapping or None
+            Files that it is made from, by what they are: there before the description that states their hashes.
+        utc_ns, monotonic_ns : callable
+            The clocks that stamp events [ns].
+
+        Raises
+        ------
+        RunFolderError
+            The folder holds something already, or cannot be written.
+        """
+        content = RunDescription(
+            schema_version=SCHEMA_VERSION,
+            created_by=f"rigctl {VERSION}",
+            created_utc=utc_text(utc_ns()),
+            session=description,
+        )
+        disk = DiskCalls()
+        made: list[RunWriter] = []
+
+        def make() -> "RunWriter":
+            _make_folder(path)
+            lock = RunLock(path)
+            with released_on_error(lock):
+                keep_inputs(inputs or {}, path)
+                write_durably(path / SESSION_FILE, encode_description(content))
+                link = first_link(read_description(path / SESSION_FILE))
+                clocks = {"utc_ns": utc_ns, "monotonic_ns": monotonic_ns}
+                made.append(cls(path, lock=lock, sequences=(), first_link=link, disk=disk, **clocks))
+                return made[0]
+
+        try:
+            return disk.call(make)
+        except BaseException as error:
+            # One that a hanging disk has held is closed once it is made.
+            disk.end(lambda: _close_all(made))
+            if not isinstance(error, OSError):
+                raise
+            raise RunFolderError(f"{path}: cannot make a run folder here: {error.strerror}") from error
+
+    @classmethod
+    def append(
+        cls, path: Path, *, utc_ns: Clock = time.time_ns, monotonic_ns: Clock = time.monotonic_ns
+    ) -> "RunWriter":
+        """Return a writer that adds frames to a run folder that exists.
+
+        Parameters
+        ----------
+        path : Path
+            The folder.
+        utc_ns, monotonic_ns : callable
+            The clocks that stamp events [ns].
+
+        Raises
+        ------
+        RunFolderError
+            The folder is damaged, cannot be written, or another process writes into it.
+        """
+        read_run(path)
+        try:
+            lock = RunLock(path)
+            with released_on_error(lock):
+                sequences = _taken_sequences(read_run(path))
+                link = first_link(read_description(path / SESSION_FILE))
+                return cls(
+                    path, lock=lock, sequences=sequences, first_link=link, utc_ns=utc_ns, monotonic_ns=monotonic_ns
+                )
+        except OSError as error:
+            raise RunFolderError(f"{path}: cannot be added to: {error.strerror}") from error
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files. May be called twice."""
+        self.disk.end(self._close)
+
+    def _close(self) -> None:
+        with self._writing:  # by a thread that a hanging disk has held, and that comes to its end yet
+            self._manifest.close()
+        self._events.close()
+        self._lock.release()
+
+    @property
+    def next_sequence(self) -> int:
+        """The lowest sequence number above all that are taken."""
+        return max(self._sequences, default=-1) + 1
+
+    def write_frame(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
+        """Return the record as it stands in the manifest, once the frame is on the disk.
+
+        Parameters
+        ----------
+        record : FrameRecord
+            What is known of the frame. Path, size, saturated fraction and checksum are filled in here.
+        counts : (H, W) array of uint16
+            Samples in DN, first row on top.
+
+        Raises
+        ------
+        RunFolderError
+            The disk is full, or the folder cannot be written. Neither the frame nor its line is left.
+        ValueError
+            The samples are no (H, W) array of uint16, or the sequence number is taken.
+
+        Notes
+        -----
+        Order: ``.part``, flush, rename, flush of the folder, line of the manifest, flush. A frame that the
+        manifest names is therefore whole, whenever the power goes.
+        """
+        return self.write_frames([(record, counts)])[0]
+
+    def write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+        """Return the records of several frames, of which either all or none are in the run.
+
+        Raises
+        ------
+        RunFolderError, ValueError
+            As ``write_frame``; what had been written by then is taken back.
+        """
+        with self._writing:
+            return self._write_frames(frames)
+
+    def _write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+        written: list[FrameRecord] = []
+        try:
+            for record, counts in frames:
+                written.append(self._write_file(record, counts))
+            self._manifest.append([json_line(record) for record in written])
+        except Exception as error:
+            self._take_back(written)
+            if isinstance(error, OSError):
+                raise RunFolderError(f"{self.path}: a frame cannot be written: {error.strerror}") from error
+            raise
+        return tuple(written)
+
+    def _write_file(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
+        if counts.dtype != np.uint16 or counts.ndim != 2 or counts.size == 0:
+            raise ValueError(f"counts must be a (H, W) array of uint16, not {counts.shape} of {counts.dtype}")
+        if record.sequence in self._sequences:
+            raise ValueError(f"sequence {record.sequence} is in this run already; the next is {self.next_sequence}")
+        record = replace(
+            record,
+            file=f"{FRAMES_FOLDER}/{_file_name(record)}",
+            height=counts.shape[0],
+            width=counts.shape[1],
+            saturated_fraction=float(np.mean(counts >= record.saturation_dn)),
+        )
+        data = encode_frame(counts, header_cards(record))
+        write_durably(self.path / record.file, data)
+        self._sequences.add(record.sequence)
+        return replace(record, checksum=file_checksum(data))
+
+    def _take_back(self, records: Iterable[FrameRecord]) -> None:
+        for record in records:
+            (self.path / record.file).unlink(missing_ok=True)
+            self._sequences.discard(record.sequence)
+
+    def event(self, name: str, **facts: Any) -> None:
+        """Note that something happened, with the time by both clocks.
+
+        Parameters
+        ----------
+        name : str
+            What happened, a word or two.
+        **facts
+            What else is known, as JSON can hold it.
+
+        Raises
+        ------
+        RunFolderError
+            The disk is full or hangs, or the folder cannot be written.
+        """
+        try:
+            self.disk.call(lambda: self._events.note(name, facts))
+        except OSError as error:
+            raise RunFolderError(f"{self.path}: an event cannot be noted: {error.strerror}") from error
+        finally:
+            if self.listener is not None:
+                self.listener(name, facts)
+
+    def closing_event(self, name: str, **facts: Any) -> None:
+        """Note that what was to be done is done: the event holds how many frames there are, and their chain.
+
+        Raises
+        ------
+        RunFolderError
+            As `event`.
+        """
+        self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
+
+
+def _close_all(writers: Iterable[RunWriter]) -> None:
+    for writer in writers:
+        writer.close()
+
+
+def require_new_folder(path: Path) -> None:
+    """Raise RunFolderError where a run cannot be made, since something is there already."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise RunFolderError(f"{path}: not empty; a run needs a folder of its own. Name one that is not there yet")
+
+
+def _make_folder(path: Path) -> None:
+    require_new_folder(path)
+    (path / FRAMES_FOLDER).mkdir(parents=True)
+    flush_folder(path.parent)
+
+
+def _taken_sequences(run: Run) -> set[int]:
+    # A frame that a killed writer left without a line in the manifest is not to be overwritten.
+    numbers = (file.name.partition("_")[0] for file in (run.path / FRAMES_FOLDER).glob("*.fits"))
+    unnamed = {int(number) for number in numbers if number.isdecimal()}
+    return unnamed | {record.sequence for record in run.frames}
+
+
+def _file_name(record: FrameRecord) -> str:
+    angle_deg = record.polarizer_angle_target_deg
+    angle = "" if angle_deg is None else f"_a{round(angle_deg) % 180:03d}"
+    return f"{record.sequence:06d}_{record.kind}{angle}.fits"

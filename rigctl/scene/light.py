@@ -1,0 +1,915 @@
+"""The program that solves the light of the air: our own, or an independent one.
+
+Records of numbers and arrays as bytes and back: for results that are kept, never for what people write.
+
+A user's own sky, as a numpy archive: what another code computed, or an all-sky camera measured.
+
+Computed skies kept between runs in the user's cache folder, by the hash of what they were computed from.
+
+The air, camera and surfaces of a scene: from its record, in the units of the file, to the records of the model.
+
+The light of a scene's regions, computed from sun, atmosphere and materials.
+
+The model's scene and its scenario from the record of a scene.
+
+The sun of a scene in one line of words.
+"""
+
+import contextlib
+import hashlib
+import importlib.util
+import io
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from functools import cache, cached_property
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from itertools import permutations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.accuracy.chain import Settings, scenario_of, settings_of_fidelity
+from model.atmosphere.aerosols import angstrom_law
+from model.atmosphere.air import AtmosphereState
+from model.atmosphere.layers import AerosolKind, Layer, ScatteringMatrix
+from model.atmosphere.sky import FIDELITY_LEVELS, Fidelity, Solver, TableLighting
+from model.atmosphere.solver import ModeBlock, Solution, solve
+from model.quantities import counts_name
+from model.scene.field import FieldPart, part_of_picture, whole_field
+from model.scene.panel import View
+from model.scene.scene import Air, LitRegion, LitScene, Readout, Scenario
+from model.sensor import Imperfections, Sensor, SensorNoise
+from model.surface.materials import Material, properties
+from model.surface.pbrdf import Surface, Tilt
+from rigctl.base.arrays import read_arrays
+from rigctl.base.numbers import wrapped
+from rigctl.errors import ConfigError, DataError, as_config_error
+from rigctl.files.choices import Engine
+from rigctl.files.scene_file import COVARIANCE_PAIRS, NoiseSection, SceneRegion, error_numbers
+from rigctl.files.toml import Uncertain
+from rigctl.scene.reading import acting_effects, band_points
+from rigctl.scene.scene import Scene
+from rigctl.scene.sun import response_band
+
+if TYPE_CHECKING:
+    from model.accuracy.chain import LightStore
+    from model.atmosphere.aerosols import AerosolChoice
+    from model.atmosphere.sky import DiffuseLight, HowToSolve, Lighting, LightSolver
+    from model.scene.field import FieldLight, Source
+    from model.scene.scene import LightParts
+    from model.scene.sky_light import Illumination
+    from rigctl.files.scene_file import AtmosphereSection, FieldSection
+    from rigctl.scene.scene import SceneRegionRecord
+
+
+def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:
+    """Refuse a program that is not installed, or for which a tier has no work.
+
+    Raises
+    ------
+    ConfigError
+        It is so.
+    """
+    if engine == "own":
+        return
+    if tier is not None and FIDELITY_LEVELS[tier].settings is None:
+        raise ConfigError(f"--engine {engine}: solves the tiers fast and standard; tier '{tier}' calls no solver")
+    if importlib.util.find_spec("sasktran2") is None:
+        raise ConfigError(
+            "--engine sasktran2: is not installed; run pip install 'rigctl[check]', or leave --engine out"
+        )
+
+
+_CONTENT = "content"
+
+
+class NotStorableError(Exception):
+    """A record holds something that this codec does not know."""
+
+
+def fingerprint(value: object) -> str:
+    """Return a hash of a record: the same for records of the same numbers, put together the same way.
+
+    Raises
+    ------
+    NotStorableError
+        It holds something that this codec does not know.
+    """
+    writer = _Writer()
+    root = writer.tree(value)
+    digest = hashlib.sha256(json.dumps([root, writer.records]).encode())
+    for array in writer.arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def encode(value: object) -> bytes:
+    """Return a record as bytes; what is one object in it is written once.
+
+    Raises
+    ------
+    NotStorableError
+        It holds something that cannot be kept.
+    """
+    writer = _Writer()
+    content = json.dumps({"root": writer.tree(value), "records": writer.records}).encode()
+    buffer = io.BytesIO()
+    arrays = {f"a{k}": array for k, array in enumerate(writer.arrays)}
+    np.savez(buffer, allow_pickle=False, **{_CONTENT: np.frombuffer(content, dtype=np.uint8)}, **arrays)
+    return buffer.getvalue()
+
+
+def decode(data: bytes, kinds: Mapping[str, type]) -> Any:
+    """Return the record that the bytes hold.
+
+    Parameters
+    ----------
+    data : bytes
+        Of `encode`.
+    kinds : mapping
+        Name to class, for every class of record that may occur.
+
+    Raises
+    ------
+    KeyError, IndexError, TypeError, ValueError, OSError
+        The bytes hold no such record.
+    """
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        content = json.loads(archive[_CONTENT].tobytes())
+        arrays = {name: archive[name] for name in archive.files if name != _CONTENT}
+    made: list[Any] = []
+    for kind, parts in content["records"]:
+        made.append(kinds[kind](**{name: _decoded(part, made, arrays) for name, part in parts.items()}))
+    return _decoded(content["root"], made, arrays)
+
+
+class _Writer:
+    """Walks a record; a record or an array that is met again is referred to."""
+
+    def __init__(self) -> None:
+        self.records: list[Any] = []
+        self.arrays: list[NDArray[Any]] = []
+        self._known: dict[int, Any] = {}
+        self._alive: list[object] = []
+
+    def tree(self, value: object) -> Any:
+        """Return a value as JSON holds it."""
+        if isinstance(value, Enum):
+            return self.tree(value.value)
+        if isinstance(value, np.generic):
+            return self.tree(value.item())
+        if isinstance(value, bool | int | float | str) or value is None:
+            return value
+        if isinstance(value, tuple | list):
+            return {"tuple": [self.tree(item) for item in value]}
+        if isinstance(value, dict):
+            return {"mapping": {str(name): self.tree(item) for name, item in sorted(value.items())}}
+        if isinstance(value, range):
+            return {"range": [value.start, value.stop, value.step]}
+        return self._referred(value)
+
+    def _referred(self, value: object) -> Any:
+        if id(value) in self._known:
+            return self._known[id(value)]
+        if isinstance(value, np.ndarray):
+            reference: dict[str, Any] = {"array": f"a{len(self.arrays)}"}
+            self.arrays.append(value)
+        elif is_dataclass(value) and not isinstance(value, type):
+            parts = {field.name: self.tree(getattr(value, field.name)) for field in fields(value) if field.init}
+            reference = {"record": len(self.records)}
+            self.records.append([type(value).__name__, parts])
+        else:
+            raise NotStorableError(type(value).__name__)
+        self._alive.append(value)  # an id is good as long as its object lives
+        self._known[id(value)] = reference
+        return reference
+
+
+def _decoded(tree: Any, made: list[Any], arrays: Mapping[str, NDArray[Any]]) -> Any:
+    if not isinstance(tree, dict):
+        return tree
+    ((kind, content),) = tree.items()
+    if kind == "tuple":
+        return tuple(_decoded(item, made, arrays) for item in content)
+    if kind == "mapping":
+        return {name: _decoded(item, made, arrays) for name, item in content.items()}
+    if kind == "range":
+        return range(*content)
+    return arrays[content] if kind == "array" else made[content]
+
+
+# The sun of the scene may differ from the table's by this much.
+_SAME_SUN_DEG = 0.5
+# Arrays of the archive, with their shapes: Z zenith angles, P azimuths, H heights.
+ARRAYS = {
+    "sun_zenith_deg": "()",
+    "direct_irradiance": "() in W m-2, on a plane normal to the beam at the ground",
+    "zenith_deg": "(Z,)",
+    "phi_deg": "(P,): azimuth of the sun minus that of the point or sensor, 0 to 180 or 0 to 360",
+    "sky_stokes": "(Z, P, 3) in W m-2 sr-1",
+    "height_m": "(H,), from 0",
+    "path_transmittance": "(H, Z)",
+    "path_stokes": "(H, Z, P, 3) in W m-2 sr-1",
+}
+
+
+def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
+    """Return the light of a table.
+
+    Parameters
+    ----------
+    path : Path
+        Archive of `numpy.savez` with the arrays of `ARRAYS`.
+    sun_zenith_rad : float
+        Of the scene [rad]; the table must be of the same.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, lacks an array, or is of another sun.
+    """
+    try:
+        found = read_arrays(path)
+        arrays = {name: np.asarray(found[name], dtype=np.float64) for name in ARRAYS if name in found}
+    except DataError as error:
+        raise ConfigError(str(error)) from error
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}: holds what is no number: {error}") from error
+    missing = [f"{name} {shape}" for name, shape in ARRAYS.items() if name not in arrays]
+    if missing:
+        raise ConfigError("\n  ".join([f"{path}: a table of the sky also needs", *missing]))
+    _require_same_sun(path, arrays["sun_zenith_deg"], sun_zenith_rad)
+    try:
+        return TableLighting(
+            direct_irradiance=float(arrays["direct_irradiance"]),
+            zenith_rad=np.deg2rad(arrays["zenith_deg"]),
+            phi_rad=np.deg2rad(arrays["phi_deg"]),
+            sky_stokes=arrays["sky_stokes"],
+            height_m=arrays["height_m"],
+            path_transmittance=arrays["path_transmittance"],
+            path_stokes=arrays["path_stokes"],
+        )
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def _require_same_sun(path: Path, table_deg: NDArray[np.float64], sun_zenith_rad: float) -> None:
+    scene_deg = float(np.degrees(sun_zenith_rad))
+    if table_deg.shape != () or abs(float(table_deg) - scene_deg) > _SAME_SUN_DEG:
+        raise ConfigError(
+            f"{path}: is of a sun at {table_deg} deg from the zenith, the scene's stands at {scene_deg:.2f} deg; "
+            f"allowed is a difference of {_SAME_SUN_DEG} deg"
+        )
+
+
+_MAGIC = b"rigctl sky 1 sha256 "
+_KINDS: dict[str, type] = {kind.__name__: kind for kind in (Solution, ModeBlock, Layer, ScatteringMatrix)}
+# Of one wavelength some 1.5 MB: this holds the skies of eighty sun positions in four wavelengths.
+LIMIT_BYTES = 500_000_000
+
+
+def user_cache_folder() -> Path:
+    """Return where this user's computed skies are kept: below XDG_CACHE_HOME, or ~/.cache."""
+    stated = os.environ.get("XDG_CACHE_HOME", "")
+    base = Path(stated) if Path(stated).is_absolute() else Path.home() / ".cache"
+    return base / "rigctl" / "skies"
+
+
+class SkyStore:
+    """Solves an atmosphere, or takes the solution from the folder; stands in for `model.atmosphere.solver.solve`.
+
+    What is taken is checked against its own checksum first; what fails is computed anew. The name of an entry is the
+    hash of every input and of the solver's source code.
+    """
+
+    def __init__(self, folder: Path, *, solver: Solver = solve, limit_bytes: int = LIMIT_BYTES) -> None:
+        self._folder, self._solver, self._limit_bytes = folder, solver, limit_bytes
+        self.taken = 0
+        self.computed = 0
+        self.remarks: list[str] = []
+
+    def __call__(self, layers: tuple[Layer, ...], **settings: Any) -> Solution:
+        """Return the solution of an atmosphere; arguments as `model.atmosphere.solver.solve`."""
+        try:
+            path = self._folder / f"{_key(layers, settings)}.sky"
+        except NotStorableError:
+            return self._compute(layers, settings)
+        kept = self._read(path)
+        if kept is not None:
+            self.taken += 1
+            return kept
+        solution = self._compute(layers, settings)
+        self._write(path, solution)
+        return solution
+
+    def _compute(self, layers: tuple[Layer, ...], settings: dict[str, Any]) -> Solution:
+        self.computed += 1
+        return self._solver(layers, **settings)
+
+    def _read(self, path: Path) -> Solution | None:
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            self.remarks.append(f"computed skies: {path} cannot be read ({error.strerror}); computed anew")
+            return None
+        solution = _checked(data)
+        if solution is None:
+            self.remarks.append(f"computed skies: {path} is damaged; computed anew")
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)  # the oldest by use goes first when the folder is full
+        return solution
+
+    def _write(self, path: Path, solution: Solution) -> None:
+        try:
+            body = encode(solution)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            part = path.with_name(f"{path.name}.{os.getpid()}.part")
+            # Not flushed: an entry that a power cut spoils fails its checksum.
+            part.write_bytes(_MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+            part.replace(path)
+            self._make_room()
+        except NotStorableError as what:
+            self.remarks.append(f"computed skies: {what} in a solution cannot be kept")
+        except OSError as error:
+            self.remarks.append(f"computed skies: {self._folder} cannot be written ({error.strerror}); nothing is kept")
+
+    def _make_room(self) -> None:
+        """Remove the entries that were not used for longest until the rest fits."""
+        entries = sorted(
+            (path for path in self._folder.iterdir() if path.suffix == ".sky"), key=lambda path: path.stat().st_mtime_ns
+        )
+        size = sum(path.stat().st_size for path in entries)
+        for path in entries:
+            if size <= self._limit_bytes:
+                return
+            size -= path.stat().st_size
+            path.unlink()
+
+
+def _key(layers: tuple[Layer, ...], settings: dict[str, Any]) -> str:
+    """Hash of the inputs and of the code that turns them into a solution."""
+    return hashlib.sha256((_code_hash() + fingerprint((layers, settings))).encode()).hexdigest()
+
+
+@cache
+def _code_hash() -> str:
+    """Hash of the sources of the atmosphere: another version of the solver takes nothing from this one."""
+    digest = hashlib.sha256()
+    for name, source in sorted(solver_sources().items()):
+        digest.update(name.encode() + b"\0" + source.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def solver_sources() -> dict[str, Traversable]:
+    """Return every source file that a solution depends on, by its path in the package of the atmosphere."""
+    return sources_of(files("model.atmosphere"))
+
+
+def sources_of(folder: Traversable, prefix: str = "") -> dict[str, Traversable]:
+    """Return the sources of a package and of the packages in it, by their paths."""
+    found: dict[str, Traversable] = {}
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            found |= sources_of(entry, f"{prefix}{entry.name}/")
+        elif entry.name.endswith(".py"):
+            found[prefix + entry.name] = entry
+    return found
+
+
+def _checked(data: bytes) -> Solution | None:
+    """Solution of an entry, or None where the entry is not whole."""
+    head, _, body = data.partition(b"\n")
+    if head != _MAGIC + hashlib.sha256(body).hexdigest().encode():
+        return None
+    try:
+        found = decode(body, _KINDS)
+    except (KeyError, IndexError, TypeError, ValueError, OSError):
+        return None
+    return found if isinstance(found, Solution) else None
+
+
+# South: the sun's azimuth where the scene file states phi alone, and nothing depends on it.
+_ANY_AZIMUTH_DEG = 180.0
+_M_PER_DU, _PA_PER_HPA = 1e-5, 100.0
+
+
+def wavelength_m(scene: "Scene") -> float:
+    """Return the effective wavelength of a scene's sensor [m]."""
+    if scene.sensor.wavelength_nm is None:
+        raise ConfigError(f"scene {scene.name}: the sensor needs wavelength_nm or a band")
+    return scene.sensor.wavelength_nm.value * 1e-9
+
+
+def air_of(scene: "Scene") -> Air:
+    """Return what the light of sun and sky depends on.
+
+    Raises
+    ------
+    ConfigError
+        The scene file lacks [sun], [atmosphere], or the sensor's band; or the table of a sky cannot be read, or is of
+        another sun.
+    """
+    given, sun = scene.atmosphere, scene.sun
+    if given is None or sun is None or not scene.sensor.has_band:
+        raise ConfigError(f"scene {scene.name}: needs [sun], [atmosphere] and the sensor's band to compute a sky")
+    nm, response = np.array(band_points(scene.sensor, scene.name)).T
+    zenith_rad = radians(sun.zenith_deg)
+    air = Air(
+        sun_zenith_rad=zenith_rad,
+        band=response_band(wavelength_nm=nm, response=response, distance_factor=sun.distance_factor.value),
+        fidelity=given.tier,
+        aerosol=given.aerosol,
+        state=state_of(given),
+        ground_albedo=given.ground_albedo.value,
+        dolp_max=given.dolp_max.value,
+        table=_table(given, zenith_rad),
+    )
+    other = given.alternative
+    if other is None:
+        return air
+    state = _state(given, lower=other.lower or given.lower, upper=other.upper or given.upper)
+    alternative = replace(air, aerosol=other.aerosol or given.aerosol, state=state)
+    return replace(air, alternative=alternative, share=other.share.value)
+
+
+def state_of(air: "AtmosphereSection") -> AtmosphereState | None:
+    """Return the state of the air; None for a table of somebody's own."""
+    return None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper)
+
+
+def camera_view(scene: "Scene") -> View:
+    """Return where the camera stands.
+
+    Raises
+    ------
+    ConfigError
+        The scene file lacks [geometry].
+    ValueError
+        An angle is outside its range.
+    """
+    given = scene.geometry
+    if given is None:
+        raise ConfigError(f"scene {scene.name}: needs [geometry]")
+    if given.phi_deg is not None:
+        azimuth_rad = sun_azimuth_rad(scene) - radians(given.phi_deg)
+    else:
+        azimuth_rad = radians(given.camera_azimuth_deg)
+    return View(
+        zenith_rad=radians(given.camera_zenith_deg),
+        azimuth_rad=azimuth_rad,
+        roll_rad=radians(given.camera_roll_deg),
+        height_m=given.camera_height_m.value,
+    )
+
+
+def sun_azimuth_rad(scene: "Scene") -> float:
+    """Return the azimuth of the sun [rad]; south where the scene file states none."""
+    stated = None if scene.sun is None else scene.sun.azimuth_deg
+    return float(np.deg2rad(_ANY_AZIMUTH_DEG if stated is None else stated.value))
+
+
+def settings_of(scene: "Scene") -> Settings:
+    """Return the numerical settings that a scene file states, without a tolerance."""
+    air, field = scene.atmosphere, scene.field_of_view
+    settings = settings_of_fidelity(
+        Fidelity.STANDARD if air is None else air.tier, wavelengths=4 if air is None else air.wavelengths
+    )
+    if field is None:
+        return settings
+    return replace(settings, tiles_per_side=field.tiles_per_side, tile_rule=field.rule)
+
+
+def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
+    """Return one region of a scene.
+
+    Raises
+    ------
+    ConfigError
+        A number is outside its range.
+    """
+    given = region.given
+    covariance, texture_rms = _texture_covariance(region), given.texture_rms.value
+    if given.stokes_radiance is not None:
+        radiance = np.array([component.value for component in given.stokes_radiance])
+        return LitRegion(name=region.name, radiance=radiance, texture_rms=texture_rms, texture_cov=covariance)
+    if region.material is None:
+        raise ConfigError(f"scene {scene.name}, region {region.name}: needs stokes_radiance or a material")
+    r0, r1, r2 = (number.value for number in given.texture_diagonal or (Uncertain(value=0.0),) * 3)
+    try:
+        return LitRegion(
+            name=region.name,
+            surface=_surface(region.material, given),
+            tilt=Tilt(tilt_rad=radians(given.tilt_deg), azimuth_rad=radians(given.tilt_azimuth_deg)),
+            part=field_part(scene, region),
+            texture_rms=texture_rms,
+            texture_diagonal=(r0, r1, r2),
+            texture_cov=covariance,
+        )
+    except ValueError as error:
+        raise ConfigError(f"scene {scene.name}, region {region.name}: {error}") from error
+
+
+def field_part(scene: "Scene", region: "SceneRegionRecord") -> FieldPart | None:
+    """Return the part of the field of view that a region fills; None for a point on the axis.
+
+    Raises
+    ------
+    ConfigError
+        The scene file does not say where in the field the region is.
+    ValueError
+        An angle is outside its range.
+    """
+    field, extent = scene.field_of_view, region.given.extent
+    if extent == "point" or field is None:
+        return None
+    picture = (field.focal_length_mm, field.width_pixels, field.height_pixels)
+    if extent == "field" and None in picture:
+        return whole_field(width_rad=radians(field.width_deg), height_rad=radians(field.height_deg))
+    return _picture_part(scene, region, field)
+
+
+def _picture_part(scene: "Scene", region: "SceneRegionRecord", field: "FieldSection") -> FieldPart:
+    if field.focal_length_mm is None or field.width_pixels is None or field.height_pixels is None:
+        raise ConfigError(
+            f'scene {scene.name}, region {region.name}: extent = "rectangle" needs [field_of_view] by '
+            "focal_length_mm, width_pixels and height_pixels"
+        )
+    columns, rows = field.width_pixels, field.height_pixels
+    x, y = (-0.5, columns - 0.5), (-0.5, rows - 0.5)
+    if region.given.extent == "rectangle":
+        corners_x, corners_y = zip(*region.given.outline(), strict=True)
+        x, y = (min(corners_x), max(corners_x)), (min(corners_y), max(corners_y))
+    return part_of_picture(
+        left_pixel=x[0],
+        right_pixel=x[1],
+        top_pixel=y[0],
+        bottom_pixel=y[1],
+        picture=(columns, rows),
+        pixel_pitch_m=scene.sensor.pixel_pitch_um.value * 1e-6,
+        focal_length_m=field.focal_length_mm.value * 1e-3,
+    )
+
+
+def _surface(material: Material, given: SceneRegion) -> Surface:
+    """Return what a region is made of; its properties are those at the sensor's wavelength already."""
+    values: dict[str, Any] = {name: found.values[0] for name, found in properties(material).items()}
+    return Surface(**values, dhr_angle_rad=material.dhr_angle_rad, shadowing=given.shadowing, diffuse=given.diffuse)
+
+
+def _texture_covariance(region: "SceneRegionRecord") -> NDArray[np.float64]:
+    found = np.zeros((3, 3))
+    rows = region.given.texture_covariance
+    if rows is not None:
+        for i, j in COVARIANCE_PAIRS:
+            found[i, j] = found[j, i] = rows[i][j].value
+    return found
+
+
+def _table(air: "AtmosphereSection", sun_zenith_rad: float) -> "Lighting | None":
+    if air.tier is not Fidelity.TABLE:
+        return None
+    if air.table is None:
+        raise ConfigError("atmosphere: tier 'table' needs table = \"FILE.npz\"")
+    return read_sky_table(air.table, sun_zenith_rad=sun_zenith_rad)
+
+
+def _state(air: "AtmosphereSection", *, lower: "AerosolChoice", upper: "AerosolChoice") -> AtmosphereState:
+    exponent, depth = _spectrum(air)
+    return AtmosphereState(
+        visibility_m=None if air.visibility_km is None else air.visibility_km.value * 1e3,
+        aerosol_optical_depth=depth,
+        boundary_aerosol=lower,
+        upper_aerosol=upper,
+        angstrom_exponent=exponent,
+        relative_humidity=air.relative_humidity.value,
+        ozone_m=air.ozone_du.value * _M_PER_DU,
+        surface_pressure_pa=air.surface_pressure_hpa.value * _PA_PER_HPA,
+    )
+
+
+def _spectrum(air: "AtmosphereSection") -> tuple[float | None, float | None]:
+    """Angstrom's exponent and optical depth at 550 nm, as stated or as measured at two wavelengths."""
+    if air.measured_depths is None:
+        return _value(air.angstrom_exponent), _value(air.aerosol_optical_depth)
+    first, second = air.measured_depths
+    return angstrom_law(
+        first_m=first.wavelength_nm * 1e-9,
+        first_depth=first.optical_depth.value,
+        second_m=second.wavelength_nm * 1e-9,
+        second_depth=second.optical_depth.value,
+    )
+
+
+def _value(number: Uncertain | None) -> float | None:
+    return None if number is None else number.value
+
+
+def radians(number: Uncertain | None) -> float:
+    """Return an angle of a file in radians; 0 where there is none."""
+    return 0.0 if number is None else np.deg2rad(number.value).item()
+
+
+_REFERENCE_M = 550e-9
+_BY_SASKTRAN2 = (
+    "atmosphere: solved by sasktran2 as an independent check, not kept between runs; 2 to 10 deg from the zenith it is "
+    "off by up to 1.6 % in radiance, and nearer than 1 deg to the horizon it is not to be used"
+)
+
+
+class SceneLight:
+    """Computes the light of scenes, and keeps what it computed."""
+
+    def __init__(
+        self,
+        store: "SkyStore | None" = None,
+        *,
+        engine: Engine = "own",
+        is_kept_between_runs: bool = True,
+        tell: Callable[[float], None] | None = None,
+    ) -> None:
+        """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
+
+        Studies keep none: thousands of skies would be written to throw out those of others. `tell` is told the optical
+        depth of each wavelength before it is solved, which takes seconds where the air is deep.
+
+        Raises
+        ------
+        ConfigError
+            The program is not installed.
+        """
+        require_engine(engine)
+        self._engine = engine
+        self._given, self._is_kept, self._tell = store, is_kept_between_runs, tell
+
+    # What solves a sky takes a tenth of a second to import, and is not wanted where every radiance is stated.
+
+    @cached_property
+    def _solved(self) -> "SkyStore":
+
+        return SkyStore(user_cache_folder()) if self._given is None else self._given
+
+    @cached_property
+    def lights(self) -> "LightStore":
+        """The store in which the model keeps its lights."""
+        from model.accuracy.chain import LightStore
+        from model.atmosphere.sasktran2_engine import sasktran2_solution
+        from model.atmosphere.solver import solve
+
+        own = self._solved if self._is_kept else solve
+        solver: LightSolver = own if self._engine == "own" else sasktran2_solution
+        return LightStore(solver=solver if self._tell is None else _telling(solver, self._tell))
+
+    def illumination(self, scene: "Scene") -> "Illumination":
+        """Return sun, sky and air of a scene.
+
+        Raises
+        ------
+        ConfigError
+            A number is outside its range, such as a sun too low.
+        """
+        with as_config_error(f"scene {scene.name}"):
+            return self.lights.illumination(
+                air_of(scene),
+                settings_of(scene),
+                sun_azimuth_rad=sun_azimuth_rad(scene),
+                parts=_parts(scene),
+            )
+
+    def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
+        """Return the light of a region that is given by its material.
+
+        Parameters
+        ----------
+        scene, region
+            The region of a scene.
+        settings
+            Numerical settings in place of those of the file.
+
+        Raises
+        ------
+        ConfigError
+            A number is outside its range.
+        """
+        with as_config_error(f"scene {scene.name}"):
+            return self.lights.region(
+                lit_region(scene, region),
+                settings_of(scene) if settings is None else settings,
+                air=air_of(scene),
+                view=camera_view(scene),
+                sun_azimuth_rad=sun_azimuth_rad(scene),
+                parts=_parts(scene),
+            )
+
+    def remarks(self, scene: "Scene") -> tuple[str, ...]:
+        """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
+        if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
+            return ()
+        by_engine = () if self._engine == "own" else (_BY_SASKTRAN2,)
+        return (*_of_atmosphere(scene.atmosphere), *by_engine, *self._solved.remarks)
+
+
+def _parts(scene: "Scene") -> "LightParts":
+    from model.effects.planner import acting_parts
+
+    return acting_parts(acting_effects(scene))
+
+
+def _telling(solver: "LightSolver", tell: Callable[[float], None]) -> "LightSolver":
+    def told(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
+        tell(sum(layer.full_depth for layer in layers))
+        return solver(layers, **how)
+
+    return told
+
+
+def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
+    facts = FIDELITY_LEVELS[air.tier]
+    state = state_of(air)
+    if state is None:
+        yield f"atmosphere: tier table ({facts.accuracy}), from {air.table}; its optical depth is the table's own"
+        return
+    from model.atmosphere.air import column
+
+    at_550 = column(state, wavelength_m=_REFERENCE_M)
+    yield (
+        f"atmosphere: optical depth at 550 nm {at_550.depth:.3f}, of it aerosol {at_550.tau_aerosol:.3f} and molecules "
+        f"{at_550.tau_rayleigh:.3f}; tier {air.tier} ({facts.accuracy})"
+    )
+    yield (
+        f"atmosphere: aerosol taken as {air.aerosol} (of {', '.join(AerosolKind)}){_alternative(air)}. The kind of "
+        "aerosol is the largest uncertainty of the sky: at the same optical depth its largest degree of polarization "
+        "is 0.18 with a depolarizing aerosol, 0.23 with a polarizing one, 0.41 with spheres (rural, 23 km, 550 nm, "
+        "black ground, sun 25 deg from the zenith). For this scene: rigctl sky SCENE.toml --compare-aerosols"
+    )
+
+
+def _alternative(air: "AtmosphereSection") -> str:
+    if air.alternative is None:
+        return ""
+    other, share = air.alternative, air.alternative.share
+    changed = [other.aerosol or "", other.aerosol_type or "", other.upper_aerosol_type or ""]
+    own = [section.name for section in (other.own_aerosol, other.own_upper_aerosol) if section is not None]
+    named = " ".join(word for word in (*changed, *own) if word)
+    return f", with a share of {share.value:g} +- {share.std:g} of the light as if it were {named}"
+
+
+def build_scenario(
+    scene: "Scene",
+    *,
+    readout: Readout,
+    exposure_s: float,
+    light: SceneLight | None = None,
+    source: "Source" = "total",
+    settings: "Settings | None" = None,
+) -> Scenario:
+    """Return the scenario of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its regions, light and sensor.
+    readout : Readout
+        Angles and cycles, of a run or of the file.
+    exposure_s : float
+        Exposure of a frame [s].
+    light : SceneLight or None
+        Computes the light of materials; whoever asks more than once gives the same one.
+    source : str
+        Which light of the regions that are given by a material.
+    settings : Settings or None
+        Numerical settings in place of those of the file.
+
+    Raises
+    ------
+    ConfigError
+        The light of a material cannot be computed.
+    """
+    used = settings_of(scene) if settings is None else settings
+    sensor = sensor_of(scene, exposure_s)
+    lit = lit_scene(scene, sensor=sensor, readout=readout, source=source)
+    effects = acting_effects(scene)
+    if not scene.has_materials:
+        return scenario_of(lit, used, effects=effects)
+    computer = SceneLight() if light is None else light
+    with as_config_error(f"scene {scene.name}"):
+        return scenario_of(lit, used, effects=effects, store=computer.lights)
+
+
+def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Source" = "total") -> LitScene:
+    """Return all that a scene is, as one record of the model.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its regions and light.
+    sensor, readout
+        Of the scene, or of a run.
+    source : str
+        Which light of the regions that are given by a material.
+
+    Raises
+    ------
+    ConfigError
+        A number is outside its range, or a table of the sky cannot be read.
+    """
+    with as_config_error(f"scene {scene.name}"):
+        lit = scene.has_materials
+        return LitScene(
+            air=air_of(scene) if lit else None,
+            view=camera_view(scene) if lit else None,
+            sun_azimuth_rad=sun_azimuth_rad(scene),
+            regions=tuple(lit_region(scene, region) for region in scene.regions),
+            sensor=sensor,
+            readout=readout,
+            source=source,
+            pairs=tuple(permutations((region.name for region in scene.regions), 2)),
+            imperfections=imperfections_of(scene, frames=readout.angles_rad.size),
+        )
+
+
+def readout_of(scene: "Scene") -> Readout:
+    """Return angles and cycles as the scene file states them, for a prediction without a run."""
+    angles_deg = sorted(angle % 180.0 for angle in scene.acquisition.angles_deg)
+    return Readout(
+        angles_rad=np.deg2rad(angles_deg),
+        channel_names=tuple(counts_name(f"{angle:g}") for angle in angles_deg),
+        cycles=scene.acquisition.cycles,
+        extinction_ratio=scene.sensor.extinction_ratio.value,
+    )
+
+
+def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
+    """Return the sensor of a scene at an exposure [s].
+
+    Raises
+    ------
+    ValueError
+        A number is outside its range.
+    """
+    given = scene.sensor
+    along = given.polarizer_transmittance.value
+    noise = {name: getattr(scene.noise, name).value for name in NoiseSection.model_fields}
+    return Sensor(
+        pixel_pitch_m=given.pixel_pitch_um.value * 1e-6,
+        f_number=given.f_number.value,
+        optics_transmittance=given.optics_transmittance.value,
+        quantum_efficiency=given.quantum_efficiency.value,
+        wavelength_m=wavelength_m(scene),
+        exposure_s=exposure_s,
+        bit_depth=given.bit_depth,
+        tau_parallel=along,
+        tau_perpendicular=along / given.extinction_ratio.value,
+        noise=SensorNoise(**noise),
+    )
+
+
+def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
+    """Return what the session adds; angles of the file are in the order of time, those of the readout rise."""
+    errors = scene.errors
+    angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)
+    in_time = tuple(np.argsort(angles_deg, kind="stable").tolist()) if scene.rig is None else scene.rig.frame_order
+    given = {one.field: (getattr(errors, key), one) for key, one in error_numbers().items()}
+    return Imperfections(
+        drift=errors.illumination_drift.value,
+        drift_order=in_time if len(in_time) == frames else (),
+        off_axis_falloff=errors.off_axis_falloff,
+        **{
+            field: radians(number) if one.unit == "deg" else number.value
+            for field, (number, one) in given.items()
+            if number is not None
+        },
+    )
+
+
+def sun_text(scene: Scene, *, time: str | None = None) -> str:
+    """Return zenith angle and azimuth of the sun, phi (the sun's azimuth minus the camera's), and when that is.
+
+    Parameters
+    ----------
+    scene : Scene
+        With sun and camera.
+    time : str or None
+        When, in words.
+    """
+    if scene.sun is None or scene.geometry is None:
+        return "none"
+    azimuth = scene.sun.azimuth_deg
+    apart_deg = float(np.rad2deg(sun_azimuth_rad(scene) - camera_view(scene).azimuth_rad))
+    # In (-180, 180], to the digits that are shown: 180 is where the camera looks toward the sun's side.
+    phi_deg = -float(wrapped(-round(apart_deg, 2), turn=360.0))
+    parts = (
+        f"zenith {scene.sun.zenith_deg.value:.2f} deg",
+        "azimuth not stated" if azimuth is None else f"azimuth {azimuth.value:.2f} deg",
+        f"phi {phi_deg:.2f} deg",
+        *(() if time is None else (time,)),
+    )
+    return ", ".join(parts)

@@ -1,0 +1,698 @@
+"""The frozen record of a scene: what file, materials, sun and calibration say, in the units of the file.
+
+The one table of a scene's parameters: a row each, with unit, range, meaning, and where it stands in the record.
+
+A new parameter is a row here, a key of its file section, and what the model makes of it; those of [errors] state
+their row beside their key.
+
+Every number of a scene by its key: what there is, what it is, and the scene with another in its place.
+
+Errors of the rig that takes a cycle of frames, as part of a scene.
+
+The numbers that a prediction rests on, with their covariance.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from functools import cached_property
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from model.prediction import RigErrors
+from model.surface.materials import Material, Property
+from model.surface.pbrdf import SLOPE_RMS_MIN
+from rigctl.errors import ConfigError
+from rigctl.files.place import GeometrySection
+from rigctl.files.scene_file import (
+    COVARIANCE_PAIRS,
+    FIELD_MOST_DEG,
+    HUMIDITY_MOST,
+    AcquisitionSection,
+    AtmosphereSection,
+    EffectsSection,
+    ErrorsSection,
+    FieldSection,
+    NoiseSection,
+    SceneRegion,
+    SensorSection,
+    error_numbers,
+)
+from rigctl.files.toml import Uncertain
+
+if TYPE_CHECKING:
+    from rigctl.files.scene_file import RigSection, SceneFile
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sun:
+    """Position of the sun, and its irradiance outside the atmosphere over that at the mean distance.
+
+    `azimuth_deg` is None where the file states phi alone.
+    """
+
+    zenith_deg: Uncertain
+    azimuth_deg: Uncertain | None
+    distance_factor: Uncertain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig:
+    """Errors of the rig that takes a cycle of frames, against what is recorded of it.
+
+    Attributes
+    ----------
+    polarizer_offset_deg, exposure_ratio : Uncertain
+        As in the scene file's [rig], with what the run's own files say of their uncertainty.
+    angle_deg : tuple of Uncertain
+        What each angle of the cycle is off on its own.
+    angle_names : tuple of str
+        Of these angles, such as "45".
+    frame_order : tuple of int
+        Place of each angle's frame in the cycle, from 0.
+    """
+
+    polarizer_offset_deg: Uncertain
+    exposure_ratio: Uncertain
+    angle_deg: tuple[Uncertain, ...]
+    angle_names: tuple[str, ...]
+    frame_order: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneRegionRecord:
+    """A region as the file has it, and its material at the sensor's wavelength; None where its radiance is given."""
+
+    given: SceneRegion
+    material: Material | None
+
+    @property
+    def name(self) -> str:
+        """Name of the region."""
+        return self.given.name
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointErrors:
+    """Covariance of parameters that are off together, in the units of the file.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Of the parameters.
+    covariance : (k, k) array
+        Of their errors.
+    """
+
+    keys: tuple[str, ...]
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """A scene, its sensor and its rig; `rigctl.scene.scene` reads and sets every number of it by its key.
+
+    Attributes
+    ----------
+    sensor : SensorSection
+        With the effective wavelength.
+    noise : NoiseSection
+        A calibration's numbers in place of those of the file.
+    sun : Sun or None
+        By its angles, however the file states it.
+    rig : Rig or None
+        None where no cycle of frames is given yet.
+    joint_errors : tuple of JointErrors
+        Of what is off together; all other errors are independent.
+    remarks : tuple of str
+        What is assumed, and what was set aside, in words.
+    """
+
+    name: str
+    sensor: SensorSection
+    noise: NoiseSection
+    acquisition: AcquisitionSection
+    regions: tuple[SceneRegionRecord, ...]
+    errors: ErrorsSection
+    effects: EffectsSection
+    sun: Sun | None = None
+    geometry: GeometrySection | None = None
+    atmosphere: AtmosphereSection | None = None
+    field_of_view: FieldSection | None = None
+    rig: Rig | None = None
+    joint_errors: tuple[JointErrors, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def has_materials(self) -> bool:
+        """True if any region's light is to be computed."""
+        return any(region.material is not None for region in self.regions)
+
+    @property
+    def exposure_s(self) -> float:
+        """Exposure of a frame as the file has it [s]."""
+        return self.acquisition.exposure_ms / 1000.0
+
+
+EXPOSURE = "acquisition.exposure_ms"
+GAIN, NOISE_FACTOR = "noise.gain_dn_per_e", "noise.noise_factor"
+EFFICIENCY, TRANSMITTANCE = "sensor.quantum_efficiency", "sensor.optics_transmittance"
+SUN_ZENITH, SUN_AZIMUTH = "sun.zenith_deg", "sun.azimuth_deg"
+OFFSET, EXPOSURE_RATIO = "rig.polarizer_offset_deg", "rig.exposure_ratio"
+DRIFT = "errors.illumination_drift"
+# What a parameter was called before.
+OLD_KEYS = {"rig.light_drift": DRIFT}
+# Before the name of each angle.
+ANGLE = "rig.angle_deg."
+
+# Just above the horizon; an index of refraction is not 0.
+_LOWEST_DEG, _LEAST_INDEX = 89.0, 1e-3
+_RADIANCE = "W m-2 sr-1"
+_RADIANCE_2 = f"({_RADIANCE})^2"
+
+Place = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One parameter.
+
+    Attributes
+    ----------
+    key : str
+        As in files, in --sweep and in reports; of a region, within that region.
+    unit : str
+        Of the file; empty for a pure number.
+    meaning : str
+        One line.
+    least, most : float
+        Between which numbers it has to stay; infinite where there is no limit.
+    place : str
+        Where it stands in the record, where that is not its key.
+    """
+
+    key: str
+    unit: str
+    meaning: str
+    least: float = 0.0
+    most: float = inf
+    place: str = ""
+
+    @cached_property
+    def path(self) -> Place:
+        """Steps from the record to the parameter: attributes, and places in a tuple."""
+        return tuple(int(step) if step.isdigit() else step for step in (self.place or self.key).split("."))
+
+
+def _row(key: str, unit: str, meaning: str, least: float = 0.0, most: float = inf, place: str = "") -> Row:
+    return Row(key=key, unit=unit, meaning=meaning, least=least, most=most, place=place)
+
+
+SCENE_ROWS = (
+    _row("sensor.pixel_pitch_um", "um", "distance of the pixels' centres"),
+    _row("sensor.f_number", "", "focal length over the diameter of the entrance pupil"),
+    _row(TRANSMITTANCE, "", "transmittance of the optics", most=1.0),
+    _row(EFFICIENCY, "", "electrons per photon at the effective wavelength", most=1.0),
+    _row("sensor.wavelength_nm", "nm", "effective wavelength of the sensor's band"),
+    _row("sensor.polarizer_transmittance", "", "transmittance of the polarizer along its axis", most=1.0),
+    _row("sensor.extinction_ratio", "", "transmittance of the polarizer along its axis over that across", least=1.0),
+    _row(GAIN, "DN/e", "counts per electron"),
+    _row("noise.read_noise_e", "e", "deviation of the read noise"),
+    _row("noise.dark_current_e_per_s", "e/s", "dark current"),
+    _row("noise.black_level_dn", "DN", "counts without light at no exposure"),
+    _row("noise.prnu", "", "photo response non-uniformity, relative deviation of the pixels"),
+    _row("noise.dsnu_e", "e", "dark signal non-uniformity, deviation of the pixels"),
+    _row(NOISE_FACTOR, "", "factor on the deviation of all temporal noise, Kn of [MK14] eq. (32)"),
+    _row("sun.distance_factor", "", "sun's irradiance outside the atmosphere over that at the mean distance"),
+    _row(SUN_ZENITH, "deg", "angle of the sun from the zenith", most=_LOWEST_DEG),
+    _row(SUN_AZIMUTH, "deg", "azimuth of the sun, clockwise from north", least=-inf),
+    _row("geometry.camera_zenith_deg", "deg", "angle of the camera from the target's zenith", most=_LOWEST_DEG),
+    _row("geometry.camera_azimuth_deg", "deg", "azimuth of the camera as seen from the target", least=-inf),
+    _row("geometry.phi_deg", "deg", "azimuth of the sun minus that of the camera", least=-inf),
+    _row("geometry.camera_roll_deg", "deg", "roll of the camera, counter-clockwise as it sees the scene", least=-inf),
+    _row("geometry.camera_height_m", "m", "height of the camera over the ground"),
+    _row("atmosphere.visibility_km", "km", "visibility, which says how much aerosol there is"),
+    _row("atmosphere.aerosol_optical_depth", "", "optical depth of the aerosol at 550 nm"),
+    _row("atmosphere.angstrom_exponent", "", "Angstrom's exponent of the aerosol's optical depth", least=-inf),
+    _row("atmosphere.relative_humidity", "", "relative humidity of the air with the aerosol", most=HUMIDITY_MOST),
+    _row("atmosphere.ozone_du", "DU", "column of ozone"),
+    _row("atmosphere.surface_pressure_hpa", "hPa", "pressure at the ground"),
+    _row("atmosphere.ground_albedo", "", "albedo of the ground around", most=1.0),
+    _row("atmosphere.dolp_max", "", "largest DoLP of the sky, of tier analytic", most=1.0),
+    _row("atmosphere.measured_depths.0.optical_depth", "", "optical depth of the aerosol at the first wavelength"),
+    _row("atmosphere.measured_depths.1.optical_depth", "", "optical depth of the aerosol at the second wavelength"),
+    _row("atmosphere.alternative.share", "", "share of the light that is as of the other aerosol", most=1.0),
+    _row("field_of_view.width_deg", "deg", "width of the field of view", most=FIELD_MOST_DEG),
+    _row("field_of_view.height_deg", "deg", "height of the field of view", most=FIELD_MOST_DEG),
+    _row("field_of_view.focal_length_mm", "mm", "focal length of the lens"),
+    *(_row(f"errors.{key}", one.unit, one.meaning, most=one.most) for key, one in error_numbers().items()),
+)
+
+# Within "regions.NAME.".
+REGION_ROWS = (
+    *(
+        _row(
+            f"stokes_radiance.{k}",
+            _RADIANCE,
+            f"S{k} at the aperture, in band",
+            -inf,
+            place=f"given.stokes_radiance.{k}",
+        )
+        for k in range(3)
+    ),
+    _row("texture_rms", "", "relative deviation of the pixels' whole Stokes vector", place="given.texture_rms"),
+    *(
+        _row(
+            f"texture_covariance.{i}.{j}",
+            _RADIANCE_2,
+            f"further covariance of the pixels' S{i} and S{j}",
+            0.0 if i == j else -inf,
+            place=f"given.texture_covariance.{i}.{j}",
+        )
+        for i, j in COVARIANCE_PAIRS
+    ),
+)
+
+# Of a region that is given by its material.
+MATERIAL_ROWS = (
+    *(
+        _row(f"texture_diagonal.{k}", "", f"deviation of the pixels' S{k} over S0", place=f"given.texture_diagonal.{k}")
+        for k in range(3)
+    ),
+    _row("tilt_deg", "deg", "tilt of the surface from level", place="given.tilt_deg"),
+    _row("tilt_azimuth_deg", "deg", "azimuth to which it is tilted", -inf, place="given.tilt_azimuth_deg"),
+    _row("n", "", "index of refraction, real part", _LEAST_INDEX, place="material.n"),
+    _row("k", "", "index of refraction, imaginary part", place="material.k"),
+    _row("slope_rms", "", "deviation of the facets' slopes, per axis", SLOPE_RMS_MIN, place="material.slope_rms"),
+    _row("dhr", "", "directional-hemispherical reflectance", most=1.0, place="material.dhr"),
+    _row("specular_weight", "", "weight of the specular lobe", most=1.0, place="material.specular_weight"),
+    _row("dhr_angle_deg", "deg", "zenith angle at which the dhr was measured", place="material.dhr_angle_rad"),
+)
+
+RIG_ROWS = (
+    _row(OFFSET, "deg", "what would have to be added to every recorded angle of the polarizer", -inf),
+    _row(EXPOSURE_RATIO, "", "true exposure over the recorded one"),
+    _row(DRIFT, "", "change of the light through a cycle over its mean", least=-1.0, most=1.0),
+)
+_ANGLE_ROW = _row(ANGLE, "deg", "what one angle of the polarizer is off on its own", -inf)
+# Its uncertainty is that of rig.exposure_ratio.
+_EXPOSURE_ROW = _row(EXPOSURE, "ms", "exposure of a frame")
+
+
+def placed_rows(scene: Scene) -> Iterator[tuple[str, Row, Place]]:
+    """Yield key, row and place in the record of every parameter that a scene may have, in the order of the inputs."""
+    for row in SCENE_ROWS:
+        yield row.key, row, row.path
+    for k, region in enumerate(scene.regions):
+        rows = REGION_ROWS if region.material is None else (*REGION_ROWS, *MATERIAL_ROWS)
+        for row in rows:
+            yield f"regions.{region.name}.{row.key}", row, ("regions", k, *row.path)
+    for row in RIG_ROWS:
+        yield row.key, row, row.path
+    for k, name in enumerate(() if scene.rig is None else scene.rig.angle_names):
+        yield f"{ANGLE}{name}", _ANGLE_ROW, ("rig", "angle_deg", k)
+    yield EXPOSURE, _EXPOSURE_ROW, _EXPOSURE_ROW.path
+
+
+def all_rows() -> tuple[Row, ...]:
+    """Return every row as a page on the parameters shows it: NAME stands for a region, ANGLE for an angle."""
+    regions = tuple(_named(row, f"regions.NAME.{row.key}") for row in (*REGION_ROWS, *MATERIAL_ROWS))
+    return (*SCENE_ROWS, *regions, *RIG_ROWS, _named(_ANGLE_ROW, f"{ANGLE}ANGLE"), _EXPOSURE_ROW)
+
+
+def _named(row: Row, key: str) -> Row:
+    return Row(key=key, unit=row.unit, meaning=row.meaning, least=row.least, most=row.most, place=row.place)
+
+
+_SUGGESTED = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number of a scene.
+
+    Attributes
+    ----------
+    key : str
+        As in files, such as "regions.black_panel.stokes_radiance.0".
+    value, std : float
+        It, and its standard uncertainty, in `unit`.
+    unit : str
+        Of the file; empty for a pure number.
+    least, most : float
+        Between which numbers it has to stay.
+    meaning : str
+        One line.
+    """
+
+    key: str
+    value: float
+    std: float
+    unit: str
+    least: float
+    most: float
+    meaning: str
+
+
+def parameters(scene: Scene) -> tuple[Parameter, ...]:
+    """Return every number of a scene that may be changed, in the order of the file's tables."""
+    return tuple(_parameter(key, row, place, leaf) for key, row, place, leaf in _found(scene))
+
+
+def get(scene: Scene, key: str) -> Parameter:
+    """Return one number of a scene.
+
+    Raises
+    ------
+    ConfigError
+        The scene has no such number.
+    """
+    wanted = OLD_KEYS.get(key, key)
+    for found, row, place, leaf in _found(scene):
+        if found == wanted:
+            return _parameter(key, row, place, leaf)
+    raise ConfigError(unknown(scene, key))
+
+
+def with_value(scene: Scene, key: str, value: float) -> Scene:
+    """Return the scene with another number in the place of one; its standard uncertainty stays.
+
+    Raises
+    ------
+    ConfigError
+        The scene has no such number.
+    """
+    return with_values(scene, {key: value})
+
+
+def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return the scene with other numbers, by their keys; standard uncertainties stay.
+
+    Raises
+    ------
+    ConfigError
+        The scene has no such number.
+
+    Notes
+    -----
+    What the model cannot compute is refused there, by name and range.
+    """
+    found = {key: (place, leaf) for key, _, place, leaf in _found(scene)} if values else {}
+    changed = scene
+    for key, value in values.items():
+        place, leaf = found.get(OLD_KEYS.get(key, key), ((), None))
+        if leaf is None:
+            raise ConfigError(unknown(scene, key))
+        if _number(place, leaf)[0] != value:
+            changed = _with(changed, place, value)
+    return changed
+
+
+def require_within(scene: Scene, values: Mapping[str, float], *, option: str) -> None:
+    """Refuse numbers that are outside of their ranges.
+
+    Parameters
+    ----------
+    scene : Scene
+        Whose numbers they are.
+    values : mapping
+        Key to value, in the unit of the file.
+    option : str
+        Where they come from, for the message.
+
+    Raises
+    ------
+    ConfigError
+        One is outside, or the scene has no such number.
+    """
+    for key, value in values.items():
+        one = get(scene, key)
+        if not one.least <= value <= one.most:
+            limits = f"from {one.least:g}" if math.isinf(one.most) else f"{one.least:g} to {one.most:g}"
+            raise ConfigError(f"{option}: {key} = {value:g} {one.unit}".rstrip() + f", allowed is {limits}")
+
+
+def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str, float]:
+    """Return numbers by their keys from requests ``KEY=VALUE``.
+
+    Raises
+    ------
+    ConfigError
+        One cannot be read, or two are of one number.
+    """
+    found: dict[str, float] = {}
+    for request in requests:
+        key, _, text = request.partition("=")
+        name = OLD_KEYS.get(key.strip(), key.strip())
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not name or not math.isfinite(value):
+            raise ConfigError(f"{option}: is {request!r}, must be KEY=VALUE, for instance sun.zenith_deg=35")
+        if name in found:
+            raise ConfigError(f"{option}: {name} is given twice; a number has one value")
+        found[name] = value
+    return found
+
+
+def describe() -> tuple[Row, ...]:
+    """Return every parameter that a scene may have: key, unit, range and meaning."""
+    return all_rows()
+
+
+def unknown(scene: Scene, key: str) -> str:
+    """Return in words that a scene has no such number, and which to try."""
+    keys = [parameter.key for parameter in parameters(scene)]
+    if key in {row.key for row in all_rows()}:
+        return f"the scene does not state the number {key!r}; there are {', '.join(keys)}"
+    close = get_close_matches(key, keys, n=_SUGGESTED, cutoff=0.6)
+    alike = f"did you mean {', '.join(close)}?" if close else f"there are {', '.join(keys)}"
+    return f"the scene has no number {key!r}; {alike}"
+
+
+def _found(scene: Scene) -> Iterator[tuple[str, Row, Place, Any]]:
+    """Yield the parameters that the scene has, each with what stands at its place."""
+    for key, row, place in placed_rows(scene):
+        leaf = _at(scene, place)
+        if leaf is not None:
+            yield key, row, place, leaf
+
+
+def _parameter(key: str, row: Row, place: Place, leaf: Any) -> Parameter:
+    value, std = _number(place, leaf)
+    return Parameter(key=key, value=value, std=std, unit=row.unit, least=row.least, most=row.most, meaning=row.meaning)
+
+
+def _number(place: Place, leaf: Any) -> tuple[float, float]:
+    if isinstance(leaf, Uncertain):
+        return leaf.value, leaf.std
+    if isinstance(leaf, Property):
+        return leaf.values[0], leaf.standard_uncertainty
+    return (math.degrees(leaf) if _is_angle(place) else float(leaf)), 0.0
+
+
+def _at(record: Any, place: Place) -> Any:
+    for step in place:
+        if record is None:
+            return None
+        record = record[step] if isinstance(step, int) else getattr(record, step)
+    return record
+
+
+def _with(record: Any, place: Place, value: float) -> Any:
+    """Return a record with a number at a place; every record on the way there is made anew."""
+    step, rest = place[0], place[1:]
+    leaf = _at(record, (step,))
+    changed = _with(leaf, rest, value) if rest else _leaf(place, leaf, value)
+    if isinstance(step, int):
+        return (*record[:step], changed, *record[step + 1 :])
+    if isinstance(record, BaseModel):
+        return record.model_copy(update={step: changed})
+    return replace(record, **{step: changed})
+
+
+def _leaf(place: Place, leaf: Any, value: float) -> Any:
+    if isinstance(leaf, Uncertain):
+        return leaf.model_copy(update={"value": value})
+    if isinstance(leaf, Property):
+        return replace(leaf, values=(value,))
+    return np.deg2rad(value).item() if _is_angle(place) else value
+
+
+def _is_angle(place: Place) -> bool:
+    """Return True if a plain number of a model's record is an angle, which files have in degrees."""
+    return str(place[-1]).endswith("_rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TakenCycle:
+    """A cycle of frames, as far as the errors of a rig act on it.
+
+    Attributes
+    ----------
+    angle_names : tuple of str
+        Of the polarizer angles, rising, such as "45".
+    frame_order : tuple of int
+        Place of each angle's frame in the cycle, from 0.
+    offset_std_deg : float
+        How well the rig file knows the polarizer's offset.
+    exposure_std : float
+        How well the scene file knows the exposure, as a share of it.
+    """
+
+    angle_names: tuple[str, ...]
+    frame_order: tuple[int, ...]
+    offset_std_deg: float = 0.0
+    exposure_std: float = 0.0
+
+
+def cycle_of_file(scene: "SceneFile") -> TakenCycle:
+    """Return the cycle that a scene file states, for a prediction without a run."""
+    in_time_deg = np.mod(scene.acquisition.angles_deg, 180.0)
+    return TakenCycle(
+        angle_names=tuple(f"{angle:g}" for angle in np.sort(in_time_deg)),
+        frame_order=tuple(np.argsort(in_time_deg, kind="stable").tolist()),
+        exposure_std=exposure_std(scene),
+    )
+
+
+def exposure_std(scene: "SceneFile") -> float:
+    """Return how well a scene file knows the exposure, as a share of it."""
+    return scene.acquisition.exposure_std_ms / scene.acquisition.exposure_ms
+
+
+def with_rig(scene: Scene, section: "RigSection", cycle: TakenCycle) -> Scene:
+    """Return the scene with the rig that takes a cycle: of the scene file, and of the rig file that the run holds.
+
+    The errors of the offset in both files are taken as independent, those of exposure and ratio too.
+    """
+    offset, exposure = section.polarizer_offset_deg, section.exposure_ratio
+    rig = Rig(
+        polarizer_offset_deg=_widened(offset, cycle.offset_std_deg),
+        exposure_ratio=_widened(exposure, cycle.exposure_std * exposure.value),
+        angle_deg=tuple(Uncertain(value=0.0, std=section.angle_std_deg) for _ in cycle.angle_names),
+        angle_names=cycle.angle_names,
+        frame_order=cycle.frame_order,
+    )
+    return replace(scene, rig=rig)
+
+
+def is_ideal(rig: Rig) -> bool:
+    """Return True if a rig is as recorded, as far as the values go."""
+    turned = any(angle.value for angle in (rig.polarizer_offset_deg, *rig.angle_deg))
+    return not turned and rig.exposure_ratio.value == 1.0
+
+
+def is_as_recorded(rig: Rig) -> bool:
+    """Return True if a rig is exactly as recorded: ideal, and without any uncertainty."""
+    stated = (rig.polarizer_offset_deg, rig.exposure_ratio, *rig.angle_deg)
+    return is_ideal(rig) and not any(number.std for number in stated)
+
+
+def rig_errors(scene: Scene) -> RigErrors | None:
+    """Return the errors of the rig of a scene; None where it is as recorded."""
+    rig = scene.rig
+    if rig is None or is_ideal(rig):
+        return None
+    single_deg = np.array([angle.value for angle in rig.angle_deg])
+    return RigErrors(
+        turned_rad=np.deg2rad(single_deg + rig.polarizer_offset_deg.value),
+        exposure_ratio=rig.exposure_ratio.value,
+    )
+
+
+def _widened(number: Uncertain, std: float) -> Uncertain:
+    return Uncertain(value=number.value, std=float(np.hypot(number.std, std)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inputs:
+    """Every number that a prediction rests on, k of them.
+
+    Attributes
+    ----------
+    scene : Scene
+        Whose numbers they are.
+    names : tuple of str
+        Keys, such as "regions.black_panel.stokes_radiance.0".
+    values : (k,) array
+        In the units of the file.
+    cov : (k, k) array
+        Their covariance.
+    least, most : (k,) arrays
+        Between which numbers each has to stay; infinite where there is no limit.
+    remarks : tuple of str
+        What is assumed, and what was set aside, in words.
+    fitted : tuple of str
+        Those that were fitted so that they make up for others: their covariance with these holds to first order.
+    """
+
+    scene: Scene
+    names: tuple[str, ...]
+    values: FloatArray
+    cov: FloatArray
+    least: FloatArray
+    most: FloatArray
+    remarks: tuple[str, ...]
+    fitted: tuple[str, ...] = ()
+
+    def at(self, values: FloatArray) -> Scene:
+        """Return the scene with other numbers in the place of these."""
+        return with_values(self.scene, dict(zip(self.names, values.tolist(), strict=True)))
+
+    def of(self, key: str) -> float:
+        """Return the value of one of them."""
+        return float(self.values[self.names.index(key)])
+
+
+def gather(scene: Scene) -> Inputs:
+    """Return the numbers of a scene with their covariance; of a rig that is exactly as recorded there are none."""
+    found = [parameter for parameter in parameters(scene) if _is_input(scene, parameter)]
+    return Inputs(
+        scene=scene,
+        names=tuple(parameter.key for parameter in found),
+        values=np.array([parameter.value for parameter in found]),
+        cov=_covariance(scene, found),
+        least=np.array([parameter.least for parameter in found]),
+        most=np.array([parameter.most for parameter in found]),
+        remarks=scene.remarks,
+    )
+
+
+def _is_input(scene: Scene, parameter: Parameter) -> bool:
+    if parameter.key.startswith(ANGLE) and parameter.std == 0.0:
+        return False
+    if parameter.key.startswith("rig."):
+        return scene.rig is not None and not is_as_recorded(scene.rig)
+    # What is not known of the exposure is in rig.exposure_ratio.
+    return parameter.key != EXPOSURE
+
+
+def only_uncertain(inputs: Inputs) -> Inputs:
+    """Return the inputs that have an uncertainty."""
+    kept = np.flatnonzero(np.diag(inputs.cov) > 0.0)
+    return replace(
+        inputs,
+        names=tuple(inputs.names[k] for k in kept),
+        values=inputs.values[kept],
+        cov=inputs.cov[np.ix_(kept, kept)],
+        least=inputs.least[kept],
+        most=inputs.most[kept],
+    )
+
+
+def _covariance(scene: Scene, found: list[Parameter]) -> FloatArray:
+    cov = np.diag([parameter.std**2 for parameter in found])
+    places = {parameter.key: k for k, parameter in enumerate(found)}
+    for joint in scene.joint_errors:
+        there = [places[key] for key in joint.keys]
+        cov[np.ix_(there, there)] = joint.covariance
+    return cov

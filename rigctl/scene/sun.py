@@ -1,0 +1,181 @@
+"""Position of the sun at a time and a place, by the routines of the International Astronomical Union.
+
+The sun's spectrum in the band of a sensor: ASTM G173 outside the atmosphere.
+"""
+
+import warnings
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.atmosphere.sky import SolarBand
+from rigctl.files.place import Place
+
+_DAY_S = 86400.0
+# Julian date of the midnight at which day 0 of Python's calendar begins.
+_JULIAN_DAY_OF_YEAR_1 = 1721424.5
+# Where the Earth's axis stands off its mean: 0.0001 deg at most.
+_POLE_RAD = (0.0, 0.0)
+# Pressure [hPa], temperature [degC], humidity, wavelength [um]: without pressure there is no refraction.
+_NO_AIR = (0.0, 0.0, 0.0, 0.55)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SunPosition:
+    """Position of the sun.
+
+    Attributes
+    ----------
+    zenith_rad : float
+        Geometric, without refraction [rad].
+    azimuth_rad : float
+        Clockwise from north [rad].
+    distance_factor : float
+        Irradiance outside the atmosphere over that at the mean distance.
+    """
+
+    zenith_rad: float
+    azimuth_rad: float
+    distance_factor: float
+
+
+def sun_moved_by_place(time: datetime, place: Place, std: Place) -> NDArray[np.float64]:
+    """Return by how much zenith and azimuth of the sun change with each number of the place that is uncertain.
+
+    Parameters
+    ----------
+    time : datetime
+        With a time zone.
+    place, std : Place
+        The place, and by how much each of its numbers changes, half of that each way; 0 is left out.
+
+    Returns
+    -------
+    (k, 2) array
+        Of zenith angle and azimuth, the shorter way round [rad], for each of the k numbers that change.
+    """
+    steps = {field.name: getattr(std, field.name) for field in fields(std)}
+    moved = [_moved(time, place, name, step) for name, step in steps.items() if step > 0.0]
+    return np.array(moved).reshape(-1, 2)
+
+
+def _moved(time: datetime, place: Place, name: str, step: float) -> tuple[float, float]:
+    before, after = (
+        sun_position(time, replace(place, **{name: getattr(place, name) + 0.5 * by})) for by in (-step, step)
+    )
+    turned = (after.azimuth_rad - before.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return after.zenith_rad - before.zenith_rad, float(turned)
+
+
+def sun_position(time: datetime, place: Place) -> SunPosition:
+    """Return the position of the sun.
+
+    Parameters
+    ----------
+    time : datetime
+        With a time zone.
+    place : Place
+        From where it is seen.
+
+    Raises
+    ------
+    ValueError
+        The time has no zone.
+
+    Notes
+    -----
+    Refraction, which lifts the sun by 0.02 deg at 50 deg from the zenith, is left out: the atmosphere has none either.
+
+    UTC stands for the Earth's rotation, from which it is at most 0.9 s away: 0.004 deg. Leap seconds of years to come
+    are not known; each would move the sun by as much.
+
+    References
+    ----------
+    Standards of Fundamental Astronomy, IAU (2006 precession, 2000A nutation), as ERFA has them (apco13, ab, atioq).
+    """
+    if time.tzinfo is None:
+        raise ValueError(f"time = {time.isoformat()} has no zone; write 2010-05-25T13:07:40-04:00, or ...17:07:40Z")
+    import erfa
+
+    day = _julian_date(time)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*dubious year", category=erfa.ErfaWarning)
+        observer, _ = erfa.apco13(
+            *day,
+            0.0,  # UT1 - UTC [s]
+            np.radians(place.longitude_deg),
+            np.radians(place.latitude_deg),
+            place.elevation_m,
+            *_POLE_RAD,
+            *_NO_AIR,
+        )
+    # From the observer to the sun, turned by his motion round it (20 arc seconds), then by precession and nutation.
+    toward = erfa.ab(-observer["eh"], observer["v"], observer["em"], observer["bm1"])
+    right_ascension, declination = erfa.c2s(erfa.rxp(observer["bpn"], toward))
+    azimuth_rad, zenith_rad, *_ = erfa.atioq(right_ascension, declination, observer)
+    from_sun, _ = erfa.epv00(*day)  # of the Earth's middle: the same for every place [au]
+    return SunPosition(
+        zenith_rad=float(zenith_rad),
+        azimuth_rad=float(azimuth_rad),
+        distance_factor=1.0 / float(np.sum(from_sun["p"] ** 2)),
+    )
+
+
+def _julian_date(time: datetime) -> tuple[float, float]:
+    """Return the day at whose beginning it is midnight in Greenwich and the part of it that has passed, UTC."""
+    utc = time.astimezone(UTC)
+    midnight = utc.replace(hour=0, minute=0, second=0, microsecond=0)
+    return _JULIAN_DAY_OF_YEAR_1 + utc.toordinal(), (utc - midnight).total_seconds() / _DAY_S
+
+
+FloatArray = NDArray[np.float64]
+
+NM_PER_M = 1e9
+# What the atmosphere's tables cover.
+SHORTEST_NM, LONGEST_NM = 300.0, 1060.0
+
+
+def response_band(*, wavelength_nm: FloatArray, response: FloatArray, distance_factor: float) -> SolarBand:
+    """Return the sun's spectrum with a sensor's response, linear between the points of its table and 0 beyond.
+
+    Parameters
+    ----------
+    wavelength_nm : (K,) array
+        Ascending, 300 to 1060 [nm].
+    response : (K,) array
+        Relative, 0 to 1.
+    distance_factor : float
+        Irradiance outside the atmosphere over that at the mean distance.
+
+    Raises
+    ------
+    ValueError
+        The wavelengths or the response are outside their range.
+    """
+    if wavelength_nm.size < 2 or np.any(np.diff(wavelength_nm) <= 0.0):
+        raise ValueError("the sensor's response: wavelength_nm must hold two or more rising numbers")
+    if wavelength_nm[0] < SHORTEST_NM or wavelength_nm[-1] > LONGEST_NM:
+        raise ValueError(
+            f"the sensor's response: wavelength_nm runs from {wavelength_nm[0]:g} to {wavelength_nm[-1]:g} nm, "
+            f"allowed is {SHORTEST_NM:g} to {LONGEST_NM:g} nm"
+        )
+    spectrum_nm, irradiance = _extraterrestrial()
+    inside = (spectrum_nm > wavelength_nm[0]) & (spectrum_nm < wavelength_nm[-1])
+    nodes_nm = np.union1d(spectrum_nm[inside], wavelength_nm)
+    return SolarBand(
+        wavelength_m=nodes_nm / NM_PER_M,
+        irradiance_w_per_m3=distance_factor * NM_PER_M * np.interp(nodes_nm, spectrum_nm, irradiance),
+        response=np.interp(nodes_nm, wavelength_nm, response),
+    )
+
+
+@cache
+def _extraterrestrial() -> tuple[FloatArray, FloatArray]:
+    """Wavelengths [nm] and irradiance [W m-2 nm-1] at the mean distance of the sun."""
+    table = (files("rigctl") / "data" / "astm-g173-extraterrestrial.csv").read_text(encoding="ascii")
+    wavelength_nm, irradiance = np.loadtxt(table.splitlines(), delimiter=",", skiprows=2, unpack=True)
+    return wavelength_nm, irradiance

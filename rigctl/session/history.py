@@ -1,0 +1,307 @@
+"""The cycles of a run one after the other: light, polarization, sum rule and drift, from the frames themselves.
+
+Change of the light over a run, beside sensors that follow it: what is left of it once they are divided out.
+
+History of a session from its run folder: events, mean counts of every frame, cycles, and some frames to look at.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.base.numbers import percent
+from rigctl.files.session_file import PICTURE
+from rigctl.runs.folder import Run, files_of
+from rigctl.runs.records import FrameRecord, MonitorTrace, RunEvent, monitor_traces, read_events
+from rigctl.session.numbers import (
+    Drift,
+    FrameSummary,
+    LightLevels,
+    PixelMean,
+    RegionMeans,
+    drift_of,
+    frame_summary,
+    mean_noise,
+    of_one_exposure,
+    polarization,
+    sum_rule,
+)
+from rigctl.session.status import Estimate, RegionPolarization
+
+Means = Mapping[int, Mapping[str, PixelMean]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CycleLook:
+    """Numbers of one cycle.
+
+    Attributes
+    ----------
+    round, cycle : int or None
+        Which.
+    time_s : float
+        When its first exposure began, in seconds since 1970 (UTC).
+    sum_rule : Estimate or None
+        (I0 + I90) / (I45 + I135) of the whole picture.
+    regions : mapping
+        Polarization by region; "picture" is the whole.
+    drift : Drift or None
+        Of the reference region, within the cycle or since the one before it in the same round.
+    """
+
+    round: int | None
+    cycle: int | None
+    time_s: float
+    sum_rule: Estimate | None
+    regions: Mapping[str, RegionPolarization]
+    drift: Drift | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleHistory:
+    """The cycles of a run.
+
+    Attributes
+    ----------
+    reference : str
+        The region by which drift is measured.
+    looks : tuple of CycleLook
+        In the order in which they were taken.
+    """
+
+    reference: str
+    looks: tuple[CycleLook, ...]
+
+
+def is_session(run: Run) -> bool:
+    """Return whether a run was taken by a session, and not imported."""
+    return run.session.is_of_session
+
+
+def region_means_of(run: Run) -> Means:
+    """Return the mean counts of the picture and of the session's regions in every frame, by sequence number.
+
+    Raises
+    ------
+    RunFolderError
+        A frame is damaged.
+    """
+    regions = RegionMeans(files_of(run)[1].regions if is_session(run) else ())
+    return {record.sequence: regions.of(run.counts(record)) for record in run.frames}
+
+
+def cycle_history(run: Run, means: Means) -> CycleHistory:
+    """Return what the cycles of a session show.
+
+    Parameters
+    ----------
+    run : Run
+        Taken by a session.
+    means : mapping
+        As `region_means_of` gives them.
+
+    Notes
+    -----
+    Frames of one round and cycle number belong together; takes that repeat a number at the same exposure are one. A
+    cycle that lacks an angle since a frame of it is excluded is left out, as measuring leaves it out.
+    """
+    rig_file, session = files_of(run)
+    noise = run.session.noise
+    levels = LightLevels(noise=None if noise is None else mean_noise(noise))
+    torn = _torn_by_exclusions(run)
+    dated = (record for record in run.frames if record.start_utc is not None)
+    used = [record for record in dated if record.kind != "scene" or (record.round, record.cycle) not in torn]
+    seen = [_seen(record, means[record.sequence]) for record in used]
+    for frame in seen:
+        if frame.kind == "dark":
+            levels.add_dark(frame)
+    reference = session.reference_region or PICTURE
+    extinction_ratio = rig_file.polarizer.extinction_ratio
+    looks = _looks(seen, levels, reference=reference, extinction_ratio=extinction_ratio)
+    return CycleHistory(reference=reference, looks=tuple(looks))
+
+
+def _torn_by_exclusions(run: Run) -> set[tuple[int | None, int | None]]:
+    """Return the cycles that lack an angle, of those that the rest of the run has, since frames are excluded."""
+    excluded = {(one.round, one.cycle) for one in run.excluded if one.kind == "scene" and one.cycle is not None}
+    if not excluded:
+        return set()
+    angles: dict[tuple[int | None, int | None], set[str]] = defaultdict(set)
+    for one in run.frames:
+        if one.kind == "scene":
+            angles[one.round, one.cycle].add(str(one.polarizer_angle_target_deg))
+    every = set().union(*angles.values())
+    return {cycle for cycle in excluded if angles[cycle] < every}
+
+
+def _looks(
+    seen: Sequence[FrameSummary], levels: LightLevels, *, reference: str, extinction_ratio: float | None
+) -> Iterator[CycleLook]:
+    before: tuple[FrameSummary, ...] = ()
+    for frames in map(of_one_exposure, _cycles(seen)):
+        earlier = before if before and before[-1].round == frames[-1].round else ()
+        found = {
+            name: polarization(frames, region=name, levels=levels, extinction_ratio=extinction_ratio)
+            for name in frames[-1].means
+        }
+        yield CycleLook(
+            round=frames[0].round,
+            cycle=frames[0].cycle,
+            time_s=frames[0].time_s,
+            sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
+            regions={name: shown for name, shown in found.items() if shown is not None},
+            drift=drift_of(frames, earlier, region=reference, levels=levels),
+        )
+        before = frames
+
+
+def _cycles(seen: Sequence[FrameSummary]) -> list[list[FrameSummary]]:
+    cycles: dict[tuple[int | None, int | None], list[FrameSummary]] = defaultdict(list)
+    for frame in seen:
+        if frame.kind == "scene" and frame.angle_deg is not None:
+            cycles[frame.round, frame.cycle].append(frame)
+    return list(cycles.values())
+
+
+def _seen(record: FrameRecord, means: Mapping[str, PixelMean]) -> FrameSummary:
+    time_s = datetime.fromisoformat(record.start_utc or "").timestamp()
+    return frame_summary(record, means, time_s=time_s, saturated_fraction=record.saturated_fraction)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowedLight:
+    """Relative changes from the first cycle to the last, and the largest from the first to any.
+
+    Attributes
+    ----------
+    monitor : str
+        The sensor's name in the rig file.
+    light, reading, left : float
+        Change of the reference region's light, of the reading, and of the light divided by it.
+    most_light, most_left : float
+        Largest change of light, and of light divided by the reading, either way.
+    """
+
+    monitor: str
+    light: float
+    reading: float
+    left: float
+    most_light: float
+    most_left: float
+
+
+def followed_light(history: CycleHistory, trace: MonitorTrace) -> FollowedLight | None:
+    """Return how the light changed beside a sensor; None with fewer than two cycles that have both."""
+    found = []
+    for look in history.looks:
+        region, reading = look.regions.get(history.reference), trace.at(look.time_s)
+        if region is not None and reading is not None and reading > 0.0 and region.light_dn_per_s > 0.0:
+            found.append((region.light_dn_per_s, reading))
+    if len(found) < 2:
+        return None
+    first_light, first_reading = found[0]
+    light = [one / first_light - 1.0 for one, _ in found]
+    left = [one / first_light * first_reading / reading - 1.0 for one, reading in found]
+    return FollowedLight(
+        monitor=trace.facts.monitor,
+        light=light[-1],
+        reading=found[-1][1] / first_reading - 1.0,
+        left=left[-1],
+        most_light=max(map(abs, light)),
+        most_left=max(map(abs, left)),
+    )
+
+
+def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iterator[str]:
+    """Give in words what sensors that follow the light explain of its change."""
+    for trace in monitors:
+        found = followed_light(history, trace) if trace.facts.follows_light else None
+        if found is not None:
+            yield (
+                f"Light of {history.reference} changed by {percent(found.light, sign=True)} over the run and by "
+                f"{percent(found.most_light)} at most, {found.monitor} by {percent(found.reading, sign=True)}; divided "
+                f"by it {percent(found.left, sign=True)} is left, {percent(found.most_left)} at most"
+            )
+
+
+_MOST_FRAMES, _MOST_DARKS, _TOGETHER = 24, 4, 4
+_THUMBNAIL_PIXELS = 160
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Thumbnail:
+    """A frame, thinned out to some 160 pixels a row."""
+
+    record: FrameRecord
+    counts: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionHistory:
+    """History of a session.
+
+    Attributes
+    ----------
+    run : Run
+        Its folder's content.
+    events : sequence of RunEvent
+        What happened, in its order.
+    means : mapping
+        Mean counts of picture and regions by sequence number.
+    cycles : CycleHistory or None
+        None for a run that was imported.
+    thumbnails : tuple of Thumbnail
+        Frames spread over the run, 24 at most.
+    monitors : tuple of MonitorTrace
+        What sensors beside the frames said.
+    """
+
+    run: Run
+    events: Sequence[RunEvent]
+    means: Means
+    cycles: CycleHistory | None
+    thumbnails: tuple[Thumbnail, ...]
+    monitors: tuple[MonitorTrace, ...] = ()
+
+
+def session_history(run: Run) -> SessionHistory:
+    """Return how a session went; every frame is read once, for its means.
+
+    Raises
+    ------
+    RunFolderError
+        A frame is damaged, or the events cannot be read.
+    """
+    events = read_events(run.path)
+    means = region_means_of(run)
+    return SessionHistory(
+        run=run,
+        events=events,
+        means=means,
+        cycles=cycle_history(run, means) if is_session(run) else None,
+        monitors=monitor_traces(events),
+        thumbnails=tuple(_thumbnail(run, record) for record in _spread(run.frames)),
+    )
+
+
+def _spread(frames: Sequence[FrameRecord]) -> list[FrameRecord]:
+    if not frames:
+        return []
+    # In runs of several frames, one after the other, so that every angle is seen; darks all look the same.
+    lit = [frame for frame in frames if frame.kind != "dark"]
+    darks = [frame for frame in frames if frame.kind == "dark"][: _MOST_DARKS if lit else _MOST_FRAMES]
+    most = _MOST_FRAMES - len(darks)
+    groups = -(-min(most, len(lit)) // _TOGETHER)
+    starts = np.unique(np.linspace(0, max(len(lit) - _TOGETHER, 0), groups).astype(int)).tolist()
+    places = sorted({place for start in starts for place in range(start, start + _TOGETHER) if place < len(lit)})
+    return [*darks, *(lit[place] for place in places[:most])]
+
+
+def _thumbnail(run: Run, record: FrameRecord) -> Thumbnail:
+    counts = run.counts(record)
+    step = max(1, counts.shape[1] // _THUMBNAIL_PIXELS)
+    return Thumbnail(record=record, counts=counts[::step, ::step])

@@ -1,0 +1,803 @@
+"""The steps of a session in their order, and what they need of time and disk.
+
+The sun over a session: where it stands at any moment, at the price of one exact position a minute.
+
+Times at which the rounds of a session begin.
+
+Cost of an order of angles: unpolarized light that changes looks polarized, and too few axes tell nothing.
+
+A session laid out in time: its steps, where the sun stands at them, and what they need.
+
+Demand of a session on the disk: bytes in all, and the period of frames where it is fastest.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from functools import lru_cache
+from itertools import pairwise
+from typing import TypedDict
+
+import numpy as np
+
+from model.processing.reconstruction import design, reconstruct
+from rigctl.base.numbers import NS_PER_S, unix_ns, utc_text
+from rigctl.console.json_text import Json
+from rigctl.errors import ConfigError
+from rigctl.files.choices import FrameKind
+from rigctl.files.place import SiteSection
+from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import DarkSection, ScheduleSection, SessionFile, Take
+from rigctl.scene.sun import sun_position
+
+# A FITS header of one frame and its line in the manifest [bytes].
+BYTES_BESIDE_PIXELS = 5760 + 1024
+# What a move of the stage and the disk take, for the estimate only: an ELL14 turns 45 deg in 0.2 s and answers in
+# 0.1 s; a frame of 1 MB is on the disk in 0.02 s [s].
+_MOVE_S = 0.4
+_STORE_S = 0.02
+_HOME_S = 2.0
+# What a metered exposure is taken for, before it is metered [s].
+_METERED_S = 0.01
+# Places of a cell; how far a calibrated axis may be from the one that it is meant to be.
+_PLACES = 4
+_HALF_TURN_DEG, _EIGHTH_DEG, _MEANT_DEG, _AXIS_DECIMALS = 180.0, 45.0, 5.0, 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One frame that is to be taken.
+
+    Attributes
+    ----------
+    sequence : int
+        Its place in the session, from 0.
+    kind : {"scene", "dark", "flat"}
+        What stands before the camera.
+    cycle : int
+        Which time its take goes through the angles, from 0; counted on through the rounds of a schedule.
+    polarizer_angle_deg : float or None
+        Where the polarizer's axis is to point; None leaves it where it is.
+    exposure_s : float or None
+        Integration time [s]; None takes what was metered in this round.
+    exposure_factor : float
+        What a metered exposure is multiplied by.
+    round : int
+        Which round of the schedule, from 0.
+    due_ns : int or None
+        When its round begins [ns since 1970 UTC]; None is at once.
+    ends_cycle : bool
+        The last frame of a cycle: then its angles can be set against each other.
+    part : int or None
+        Which place of the cell its pixels are of, from 0, where the camera has polarizers on its pixels: steps of parts
+        0 to 3 that follow each other are one exposure.
+    """
+
+    sequence: int
+    kind: FrameKind
+    cycle: int
+    polarizer_angle_deg: float | None
+    exposure_s: float | None
+    exposure_factor: float = 1.0
+    round: int = 0
+    due_ns: int | None = None
+    ends_cycle: bool = False
+    part: int | None = None
+
+    @property
+    def begins_exposure(self) -> bool:
+        """An exposure is made for it; other parts of a cell come with the one before."""
+        return not self.part
+
+
+@dataclass(frozen=True, kw_only=True)
+class Need:
+    """Time and disk of a session, estimated.
+
+    Attributes
+    ----------
+    duration_s : float
+        Exposures, moves and storing; not what a person at the rig takes [s].
+    disk_bytes : int or None
+        None where the size of a frame is not known before the camera is opened.
+    """
+
+    duration_s: float
+    disk_bytes: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PlannedFrame:
+    kind: FrameKind
+    cycle: int
+    polarizer_angle_deg: float | None
+    exposure_s: float | None
+    exposure_factor: float
+    ends_cycle: bool = False
+    part: int | None = None
+
+
+def plan_steps(
+    session: SessionFile,
+    round_times_ns: Sequence[int | None] = (None,),
+    *,
+    cell_deg: tuple[float, ...] | None = None,
+) -> tuple[Step, ...]:
+    """Return the frames of a session in the order in which they are taken.
+
+    Parameters
+    ----------
+    session : SessionFile
+        What to take in a round.
+    round_times_ns : sequence of int or None
+        When each round is due [ns since 1970 UTC]; None is at once.
+    cell_deg : tuple of float or None
+        Axes of the polarizers on the camera's pixels: each exposure gives a frame behind each of them.
+
+    Raises
+    ------
+    ConfigError
+        A take asks for what a cell does not have: other angles, or the first one once more.
+    """
+    takes = session.take if cell_deg is None else [_take_of_cell(take, cell_deg) for take in session.take]
+    frames = [
+        (number, due_ns, frame)
+        for number, due_ns in enumerate(round_times_ns)
+        for take in takes
+        if number % take.every_rounds == 0
+        for frame in _frames_of(take, _darks_of(session, number), first_cycle=number // take.every_rounds * take.cycles)
+    ]
+    if cell_deg is not None:
+        targets_deg = tuple(map(nominal_deg, cell_deg))
+        frames = [(number, due_ns, part) for number, due_ns, frame in frames for part in _parts(frame, targets_deg)]
+    return tuple(
+        Step(sequence=sequence, round=number, due_ns=due_ns, **vars(frame))
+        for sequence, (number, due_ns, frame) in enumerate(frames)
+    )
+
+
+def exposures_of(steps: Sequence[Step]) -> Iterator[tuple[Step, ...]]:
+    """Give the steps of each exposure: one, or the four parts of a cell."""
+    begins = [place for place, step in enumerate(steps) if step.begins_exposure]
+    for begin, end in pairwise([*begins, len(steps)]):
+        yield tuple(steps[begin:end])
+
+
+def nominal_deg(axis_deg: float) -> float:
+    """Return the multiple of 45 deg that a calibrated axis is meant to be, in [0, 180), or the axis itself."""
+    nominal = round(axis_deg / _EIGHTH_DEG) * _EIGHTH_DEG
+    return nominal % _HALF_TURN_DEG if abs(axis_deg - nominal) <= _MEANT_DEG else axis_deg
+
+
+def _take_of_cell(take: Take, cell_deg: tuple[float, ...]) -> Take:
+    """Return a take as exposures: the angles are those of the cell, whatever their order."""
+    axes = {round(nominal_deg(axis), _AXIS_DECIMALS) for axis in cell_deg}
+    asked = {round(nominal_deg(angle % _HALF_TURN_DEG), _AXIS_DECIMALS) for angle in take.angles_deg or ()}
+    if take.angles_deg is not None and asked != axes:
+        known = ", ".join(f"{axis:g}" for axis in cell_deg)
+        raise ConfigError(
+            f"angles_deg of a take: the camera's pixels stand behind {known} deg, all of them in each exposure; leave "
+            "angles_deg out"
+        )
+    if take.closing_repeat:
+        raise ConfigError("closing_repeat: all angles are of one exposure here, so that no drift comes between them")
+    # One exposure a cycle, at whatever angle: the cell puts its own in.
+    return take.model_copy(update={"angles_deg": [0.0], "order": "cycles"})
+
+
+def _parts(frame: _PlannedFrame, targets_deg: tuple[float, ...]) -> Iterator[_PlannedFrame]:
+    """Give the frames of an exposure behind each place of a cell."""
+    last = len(targets_deg) - 1
+    for part, target_deg in enumerate(targets_deg):
+        yield replace(frame, polarizer_angle_deg=target_deg, part=part, ends_cycle=frame.ends_cycle and part == last)
+
+
+def _darks_of(session: SessionFile, number: int) -> DarkSection | None:
+    darks = session.darks
+    return None if darks is None or number % darks.every_rounds else darks
+
+
+def _frames_of(take: Take, darks: DarkSection | None, *, first_cycle: int) -> Iterator[_PlannedFrame]:
+    for exposure_s in take.exposures_s:
+        if take.order == "grouped":
+            yield from _dark_frames(take, darks, exposure_s, 0)
+            yield from _grouped_frames(take, exposure_s, first_cycle)
+        else:
+            for cycle in range(take.cycles):
+                yield from _dark_frames(take, darks, exposure_s, cycle)
+                yield from _cycle_frames(take, exposure_s, first_cycle + cycle)
+        yield from _dark_frames(take, darks, exposure_s, 0)
+
+
+def _dark_frames(
+    take: Take, darks: DarkSection | None, exposure_s: float | None, cycle: int
+) -> Iterator[_PlannedFrame]:
+    if darks is None or take.kind != "scene" or cycle % darks.every_cycles:
+        return
+    for factor in take.exposure_factors:
+        for frame in range(darks.frames):
+            yield _PlannedFrame(
+                kind="dark",
+                cycle=frame,
+                polarizer_angle_deg=None,
+                exposure_s=_times(exposure_s, factor),
+                exposure_factor=factor,
+            )
+
+
+def _cycle_frames(take: Take, exposure_s: float | None, cycle: int) -> Iterator[_PlannedFrame]:
+    angles = take.polarizer_angles_deg
+    if take.order == "palindrome" and cycle % 2:
+        angles = angles[::-1]
+    if take.closing_repeat:
+        angles = (*angles, angles[0])
+    last = (len(angles) - 1, len(take.exposure_factors) - 1)
+    for place, angle in enumerate(angles):
+        for k, factor in enumerate(take.exposure_factors):
+            yield _planned(take, cycle, angle, exposure_s, factor, ends_cycle=(place, k) == last)
+
+
+def _grouped_frames(take: Take, exposure_s: float | None, first_cycle: int) -> Iterator[_PlannedFrame]:
+    for angle in take.polarizer_angles_deg:
+        for cycle in range(take.cycles):
+            for factor in take.exposure_factors:
+                yield _planned(take, first_cycle + cycle, angle, exposure_s, factor, ends_cycle=False)
+
+
+def _planned(
+    take: Take, cycle: int, angle: float | None, exposure_s: float | None, factor: float, *, ends_cycle: bool
+) -> _PlannedFrame:
+    return _PlannedFrame(
+        kind=take.kind,
+        cycle=cycle,
+        polarizer_angle_deg=angle,
+        exposure_s=_times(exposure_s, factor),
+        exposure_factor=factor,
+        ends_cycle=ends_cycle and take.kind == "scene",
+    )
+
+
+def _times(exposure_s: float | None, factor: float) -> float | None:
+    return None if exposure_s is None else exposure_s * factor
+
+
+def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None) -> Need:
+    """Return what steps need of time and disk.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        What is taken.
+    rig : RigFile
+        With which rig; a simulated camera's pictures are of known size.
+    pixels : int or None
+        Of a picture of the camera; None: of the simulated camera.
+    """
+    moves = sum(
+        1
+        for before, step in zip((None, *steps), steps, strict=False)
+        if _turns(step, None if before is None else before.polarizer_angle_deg)
+    )
+    exposed_s = sum(planned_exposure_s(step) for step in steps if step.begins_exposure)
+    duration = (0.0 if rig.stage is None else _HOME_S) + moves * _MOVE_S + exposed_s + len(steps) * _STORE_S
+    if pixels is None and rig.simulation is not None:
+        pixels = rig.simulation.camera.width * rig.simulation.camera.height
+    if pixels is None:
+        return Need(duration_s=duration, disk_bytes=None)
+    of_frame = pixels // _PLACES if rig.camera.mosaic_deg is not None and rig.camera.interpolation == "none" else pixels
+    return Need(duration_s=duration, disk_bytes=len(steps) * (2 * of_frame + BYTES_BESIDE_PIXELS))
+
+
+def _turns(step: Step, angle_deg: float | None) -> bool:
+    """Return whether the stage turns for a step; a cell of polarizers needs none."""
+    return step.part is None and step.polarizer_angle_deg not in (None, angle_deg)
+
+
+def planned_exposure_s(step: Step) -> float:
+    """Return the exposure of a step [s]; an assumed one where it is metered later."""
+    return _METERED_S * step.exposure_factor if step.exposure_s is None else step.exposure_s
+
+
+def step_times_ns(steps: Sequence[Step], *, start_ns: int) -> tuple[int, ...]:
+    """Return about when each step will be taken [ns since 1970 UTC], each round not before it is due."""
+    times: list[int] = []
+    turned = any(step.part is None for step in steps)
+    free_ns = start_ns + (round(_HOME_S * NS_PER_S) if turned else 0)
+    angle: float | None = None
+    for step in steps:
+        if not step.begins_exposure:
+            times.append(times[-1])
+            free_ns += round(_STORE_S * NS_PER_S)
+            continue
+        begin_ns = free_ns if step.due_ns is None else max(free_ns, step.due_ns)
+        if _turns(step, angle):
+            begin_ns, angle = begin_ns + round(_MOVE_S * NS_PER_S), step.polarizer_angle_deg
+        times.append(begin_ns)
+        free_ns = begin_ns + round((planned_exposure_s(step) + _STORE_S) * NS_PER_S)
+    return tuple(times)
+
+
+Vector = tuple[float, float, float]
+# Between two exact positions the direction is interpolated along the chord: over a minute the sun moves by at most
+# 0.0044 rad, the chord leaves the arc by 0.0044^2 / 8 = 2.4e-6 rad at most (0.14 millidegrees).
+_NODE_NS = 60 * NS_PER_S
+_NODES_KEPT = 4096
+# The crossing of an elevation is sought within such steps: the sun does not turn back twice within one [s].
+_SCAN_S = 600
+_CROSSING_TOLERANCE_NS = NS_PER_S // 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class SunAngles:
+    """Direction of the sun: azimuth clockwise from north in [0, 360), elevation without refraction [deg]."""
+
+    azimuth_deg: float
+    elevation_deg: float
+
+    @property
+    def zenith_deg(self) -> float:
+        """Angle from the vertical [deg]."""
+        return 90.0 - self.elevation_deg
+
+
+class SunTrack:
+    """The sun above one site.
+
+    Parameters
+    ----------
+    site : SiteSection
+        Where.
+    """
+
+    def __init__(self, site: SiteSection) -> None:
+        self.site = site
+        self._node: Callable[[int], Vector] = lru_cache(maxsize=_NODES_KEPT)(self._exact)
+
+    def at(self, utc_ns: int) -> SunAngles:
+        """Return where the sun stands at a time since 1970 (UTC) [ns]."""
+        number, rest_ns = divmod(utc_ns, _NODE_NS)
+        before, after = self._node(number), self._node(number + 1)
+        share = rest_ns / _NODE_NS
+        east, north, up = (a + share * (b - a) for a, b in zip(before, after, strict=True))
+        return SunAngles(
+            azimuth_deg=math.degrees(math.atan2(east, north)) % 360.0,
+            elevation_deg=math.degrees(math.atan2(up, math.hypot(east, north))),
+        )
+
+    def crossings_ns(self, zenith_deg: float, *, start_ns: int, end_ns: int) -> Iterator[int]:
+        """Give each time between two others at which the sun's zenith angle passes a value, either way."""
+        left = start_ns
+        while left < end_ns:
+            right = min(left + _SCAN_S * NS_PER_S, end_ns)
+            if self._is_below(zenith_deg, left) != self._is_below(zenith_deg, right):
+                yield self._bisect(zenith_deg, left, right)
+            left = right
+
+    def _bisect(self, zenith_deg: float, left: int, right: int) -> int:
+        state = self._is_below(zenith_deg, left)
+        while right - left > _CROSSING_TOLERANCE_NS:
+            middle = (left + right) // 2
+            left, right = (middle, right) if self._is_below(zenith_deg, middle) == state else (left, middle)
+        return right
+
+    def _is_below(self, zenith_deg: float, utc_ns: int) -> bool:
+        return self.at(utc_ns).zenith_deg < zenith_deg
+
+    def _exact(self, number: int) -> Vector:
+        time = datetime.fromtimestamp(number * _NODE_NS // NS_PER_S, tz=UTC)
+        found = sun_position(time, self.site.place)
+        level = math.sin(found.zenith_rad)
+        return (
+            level * math.sin(found.azimuth_rad),
+            level * math.cos(found.azimuth_rad),
+            math.cos(found.zenith_rad),
+        )
+
+
+_NS_PER_MIN = 60 * NS_PER_S
+_NS_PER_H = 3600 * NS_PER_S
+_MOST_ROUNDS = 100_000
+
+
+def round_times_ns(
+    session: SessionFile, site: SiteSection | None, *, now_ns: int, until_ns: int | None = None
+) -> tuple[int | None, ...]:
+    """Return when each round is due, in ascending order [ns since 1970 UTC]; one None where there is no schedule.
+
+    Parameters
+    ----------
+    session : SessionFile
+        With the schedule.
+    site : SiteSection or None
+        Where the sun is looked at.
+    now_ns : int
+        Where a schedule without a start begins.
+    until_ns : int or None
+        Rounds from then on are left out.
+
+    Raises
+    ------
+    ConfigError
+        No round is left, there are more than 100 000, or the schedule asks for the sun and there is no site.
+    """
+    schedule = session.schedule
+    if schedule is None:
+        return (None,)
+    if schedule.needs_sun and site is None:
+        raise ConfigError("the schedule asks for the sun: the rig file needs [site] with latitude_deg, longitude_deg")
+    start_ns = now_ns if schedule.start is None else unix_ns(schedule.start)
+    end_ns = start_ns + round(schedule.duration_h * _NS_PER_H) if schedule.end is None else unix_ns(schedule.end)
+    end_ns = end_ns if until_ns is None else min(end_ns, until_ns)
+    sun = None if site is None else SunTrack(site)
+    times = sorted({time for time in _candidates(schedule, sun, start_ns, end_ns) if _wanted(schedule, sun, time)})
+    if not times:
+        raise ConfigError("schedule: there is no round between its start and its end; look at `rigctl plan`")
+    return tuple(times)
+
+
+def _candidates(schedule: ScheduleSection, sun: SunTrack | None, start_ns: int, end_ns: int) -> Iterator[int]:
+    for time in schedule.times or ():
+        if start_ns <= unix_ns(time) < end_ns:
+            yield unix_ns(time)
+    if schedule.every_min is not None:
+        step_ns = round(schedule.every_min * _NS_PER_MIN)
+        if (end_ns - start_ns) / step_ns > _MOST_ROUNDS:
+            raise ConfigError(f"schedule.every_min: makes more than {_MOST_ROUNDS} rounds")
+        yield from range(start_ns, end_ns, step_ns)
+    for zenith_deg in schedule.zenith_passes_deg or ():
+        if sun is not None:
+            yield from sun.crossings_ns(zenith_deg, start_ns=start_ns, end_ns=end_ns)
+
+
+def _wanted(schedule: ScheduleSection, sun: SunTrack | None, time_ns: int) -> bool:
+    below, above = schedule.while_zenith_below_deg, schedule.while_zenith_above_deg
+    if sun is None or (below is None and above is None):
+        return True
+    zenith_deg = sun.at(time_ns).zenith_deg
+    return (below is None or zenith_deg < below) and (above is None or zenith_deg > above)
+
+
+_LEAST_ANGLES = 3
+_ANGLE_DECIMALS = 3
+_DRIFT_PER_S = 0.01 / 60.0
+
+
+def false_dolp(steps: Sequence[Step]) -> float | None:
+    """Return the DoLP that unpolarized light shows if it grows by 1 % a minute; None with fewer than three angles.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Those of one round, or of one cycle: frames of an angle are averaged, as processing does.
+
+    Notes
+    -----
+    The reconstruction of intensities (1 + drift * mean time of an angle) / 2.
+    """
+    times: dict[float, list[float]] = defaultdict(list)
+    for step, time_ns in zip(steps, step_times_ns(steps, start_ns=0), strict=True):
+        if step.kind == "scene" and step.polarizer_angle_deg is not None:
+            times[step.polarizer_angle_deg % 180.0].append(time_ns / NS_PER_S)
+    if len(times) < _LEAST_ANGLES:
+        return None
+    angles_deg = sorted(times)
+    mean_s = np.array([np.mean(times[angle]) for angle in angles_deg])
+    intensity = 0.5 * (1.0 + _DRIFT_PER_S * (mean_s - mean_s.mean()))
+    s0, s1, s2 = reconstruct(design(np.deg2rad(angles_deg)), intensity)
+    return float(np.hypot(s1, s2) / s0)
+
+
+def grouping_cost(session: SessionFile) -> str | None:
+    """Return in words what drift costs where frames are grouped by angle, or None where they are not."""
+    grouped = [take for take in session.take if take.order == "grouped"]
+    if not grouped:
+        return None
+    cost, instead = (
+        false_dolp(plan_steps(session.model_copy(update={"take": takes, "darks": None})))
+        for takes in (grouped, [take.model_copy(update={"order": "cycles"}) for take in grouped])
+    )
+    text = "order 'grouped': all frames of an angle come together, so that drift looks like polarization"
+    if cost is None or instead is None:
+        return text
+    return (
+        f"{text}: light that drifts by 1 % a minute shows a false DoLP of {cost:.2g}; in cycles it were {instead:.2g}"
+    )
+
+
+def missing_axes(steps: Sequence[Step]) -> str | None:
+    """Return in words that a session cannot give a DoLP, or None where it can or takes no scene.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Of a whole session.
+    """
+    targets = [step.polarizer_angle_deg for step in steps if step.kind == "scene"]
+    axes = {round(target % 180.0, _ANGLE_DECIMALS) % 180.0 for target in targets if target is not None}
+    if not axes or len(axes) >= _LEAST_ANGLES:
+        return None
+    return (
+        f"scene frames have {len(axes)} polarizer axes ({', '.join(f'{axis:g}' for axis in sorted(axes))} deg; angles "
+        f"180 deg apart are one): DoLP and AoLP need {_LEAST_ANGLES}, better 0, 90, 45, 135"
+    )
+
+
+SUN_ANGLES = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
+
+
+class _Moment(TypedDict):
+    utc: str
+    sun_zenith_deg: float | None
+    sun_azimuth_deg: float | None
+    phi_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRound:
+    """Beginning of a round, and the sun then; phi is the sun's azimuth less the camera's, in (-180, 180]."""
+
+    round: int
+    utc: str
+    sun_zenith_deg: float | None
+    sun_azimuth_deg: float | None
+    phi_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedStep:
+    """A frame, about when it is taken, and the sun then; an exposure of None is metered."""
+
+    sequence: int
+    round: int
+    utc: str
+    sun_zenith_deg: float | None
+    sun_azimuth_deg: float | None
+    phi_deg: float | None
+    kind: str
+    cycle: int
+    angle_deg: float | None
+    exposure_ms: float | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionPlan:
+    """A session laid out in time.
+
+    Attributes
+    ----------
+    steps : tuple of Step
+        What is taken.
+    times_ns : tuple of int
+        About when [ns since 1970 UTC].
+    start_ns : int
+        When it begins.
+    sun : SunTrack or None
+        The sun above the site, where the rig file has one.
+    camera_azimuth_deg : float or None
+        Where the camera stands as seen from the target.
+    disk_bytes : int or None
+        What the frames take; None where their size is not known.
+    remarks : tuple of str
+        What one should know before climbing the roof.
+    """
+
+    steps: tuple[Step, ...]
+    times_ns: tuple[int, ...]
+    start_ns: int
+    sun: SunTrack | None
+    camera_azimuth_deg: float | None
+    disk_bytes: int | None
+    remarks: tuple[str, ...]
+
+    def rounds(self) -> dict[int, int]:
+        """Return when the first step of each round is taken [ns since 1970 UTC]."""
+        begin: dict[int, int] = {}
+        for step, time_ns in zip(self.steps, self.times_ns, strict=True):
+            begin.setdefault(step.round, time_ns)
+        return begin
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the beginning until the last frame is taken [s]."""
+        return (self.times_ns[-1] - self.start_ns) / NS_PER_S
+
+    @property
+    def false_dolp(self) -> float | None:
+        """DoLP that unpolarized light shows in a round if it grows by 1 % a minute."""
+        return false_dolp([step for step in self.steps if step.round == self.steps[0].round])
+
+    def planned_rounds(self) -> tuple[PlannedRound, ...]:
+        """Return the rounds with their times and the sun."""
+        return tuple(PlannedRound(round=number, **self._moment(time_ns)) for number, time_ns in self.rounds().items())
+
+    def planned_steps(self) -> tuple[PlannedStep, ...]:
+        """Return the steps with their times and the sun."""
+        return tuple(self._step(step, time_ns) for step, time_ns in zip(self.steps, self.times_ns, strict=True))
+
+    def content(self) -> dict[str, Json]:
+        """Return the plan as JSON holds it."""
+        return {
+            "start_utc": utc_text(self.start_ns),
+            "end_utc": utc_text(self.times_ns[-1]),
+            "duration_s": self.duration_s,
+            "disk_bytes": self.disk_bytes,
+            "false_dolp_per_percent_a_minute": self.false_dolp,
+            "rounds": [_as_json(one) for one in self.planned_rounds()],
+            "steps": [_as_json(one) for one in self.planned_steps()],
+            "remarks": list(self.remarks),
+        }
+
+    def _step(self, step: Step, time_ns: int) -> PlannedStep:
+        return PlannedStep(
+            sequence=step.sequence,
+            round=step.round,
+            **self._moment(time_ns),
+            kind=step.kind,
+            cycle=step.cycle,
+            angle_deg=step.polarizer_angle_deg,
+            exposure_ms=None if step.exposure_s is None else step.exposure_s * 1000.0,
+        )
+
+    def _moment(self, time_ns: int) -> _Moment:
+        if self.sun is None:
+            return _Moment(utc=utc_text(time_ns), sun_zenith_deg=None, sun_azimuth_deg=None, phi_deg=None)
+        sun, camera_deg = self.sun.at(time_ns), self.camera_azimuth_deg
+        return _Moment(
+            utc=utc_text(time_ns),
+            sun_zenith_deg=sun.zenith_deg,
+            sun_azimuth_deg=sun.azimuth_deg,
+            # In (-180, 180]: 180 is where the camera looks toward the sun's side.
+            phi_deg=None if camera_deg is None else 180.0 - (180.0 - (sun.azimuth_deg - camera_deg)) % 360.0,
+        )
+
+
+def _as_json(row: PlannedRound | PlannedStep) -> dict[str, Json]:
+    """Return a row without the angles of a sun that is not known."""
+    return {name: value for name, value in asdict(row).items() if value is not None or name not in SUN_ANGLES}
+
+
+def plan_session(
+    rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: int | None = None, pixels: int | None = None
+) -> SessionPlan:
+    """Return a session laid out in time.
+
+    Parameters
+    ----------
+    rig : RigFile
+        With the site and the camera's direction.
+    session : SessionFile
+        What to take.
+    now_ns : int
+        When it begins [ns since 1970 UTC].
+    until_ns : int or None
+        Steps from then on are left out.
+    pixels : int or None
+        Of a picture, for the disk; None: of the simulated camera, if it is one.
+
+    Raises
+    ------
+    ConfigError
+        The schedule has no round.
+    """
+    rounds = round_times_ns(session, rig.site, now_ns=now_ns, until_ns=until_ns)
+    steps = plan_steps(session, rounds, cell_deg=rig.cell_deg)
+    times = step_times_ns(steps, start_ns=now_ns)
+    if until_ns is not None:
+        steps = tuple(step for step, time in zip(steps, times, strict=True) if time < until_ns) or steps[:1]
+        times = times[: len(steps)]
+    geometry = rig.geometry
+    azimuth = None if geometry is None or geometry.camera_azimuth_deg is None else geometry.camera_azimuth_deg.value
+    return SessionPlan(
+        steps=steps,
+        times_ns=times,
+        start_ns=now_ns,
+        sun=None if rig.site is None else SunTrack(rig.site),
+        camera_azimuth_deg=azimuth,
+        disk_bytes=estimate(steps, rig, pixels=pixels).disk_bytes,
+        remarks=tuple(_remarks(rig, session, steps, times)),
+    )
+
+
+def _remarks(rig: RigFile, session: SessionFile, steps: tuple[Step, ...], times: tuple[int, ...]) -> list[str]:
+    found = []
+    if rig.site is None:
+        found.append("the rig file has no [site]: no sun angles")
+    elif rig.geometry is None or rig.geometry.camera_azimuth_deg is None:
+        found.append("the rig file has no camera_azimuth_deg in [geometry]: no azimuth of the sun against the camera")
+    grouping = grouping_cost(session) if rig.cell_deg is None else None
+    found += [doubt for doubt in (grouping, missing_axes(steps)) if doubt is not None]
+    if any(step.exposure_s is None for step in steps):
+        found.append("metered exposures are taken for 10 ms here")
+    late = [
+        s.round
+        for s, t in zip(steps, times, strict=True)
+        if s.due_ns is not None and _late_s(s, t) > _late_limit_s(session)
+    ]
+    if late:
+        rounds = ", ".join(map(str, sorted(set(late))))
+        found.append(f"rounds {rounds}: a round before takes so long that these begin too late and may be left out")
+    return found
+
+
+def _late_s(step: Step, time_ns: int) -> float:
+    return (time_ns - (step.due_ns or time_ns)) / NS_PER_S
+
+
+def _late_limit_s(session: SessionFile) -> float:
+    return float("inf") if session.schedule is None else session.schedule.late_min * 60.0
+
+
+# So many frames may wait for the disk: a faster stretch that is shorter than twice this does no harm.
+_QUEUE = 4
+_STRETCH = 2 * _QUEUE
+# The fastest stage here turns between two angles in so long [s].
+_SHORTEST_MOVE_S = 0.2
+# Reading out and sending a picture, at 1 Gbit/s and 782 x 582 [s].
+_FAST_CAMERA_S = 0.007
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiskDemand:
+    """Demand on the disk.
+
+    Attributes
+    ----------
+    frame_bytes : int
+        Of one frame's file.
+    period_s : float
+        Mean time from frame to frame in the fastest stretch of eight frames [s].
+    total_bytes : int or None
+        Of all frames; None where no session is known.
+    """
+
+    frame_bytes: int
+    period_s: float
+    total_bytes: int | None = None
+
+
+def demand_of(
+    rig: RigFile, session: SessionFile, *, pixels: int, now_ns: int, camera_s: float | None = None
+) -> DiskDemand:
+    """Return what a session asks of the disk if it begins now.
+
+    Parameters
+    ----------
+    rig, session
+        What is taken, and with which devices.
+    pixels : int
+        Of a picture.
+    now_ns : int
+        Now [ns since 1970 UTC].
+    camera_s : float or None
+        What a picture takes beside its exposure [s]; None, not known: what a fast camera takes.
+
+    Raises
+    ------
+    ConfigError
+        The schedule has no round.
+    """
+    plan = plan_session(rig, session, now_ns=now_ns, pixels=pixels)
+    total = plan.disk_bytes or 0
+    beside_s = _FAST_CAMERA_S if camera_s is None else camera_s
+    return DiskDemand(
+        frame_bytes=total // len(plan.steps), period_s=_fastest_period_s(plan.steps, beside_s), total_bytes=total
+    )
+
+
+def _fastest_period_s(steps: Sequence[Step], camera_s: float) -> float:
+    periods_s = [
+        camera_s + planned_exposure_s(step) + (_SHORTEST_MOVE_S if _is_turned(before, step) else 0.0)
+        if step.begins_exposure
+        else 0.0
+        for before, step in zip((None, *steps), steps, strict=False)
+    ]
+    length = min(_STRETCH, len(periods_s))
+    stretches = (periods_s[start : start + length] for start in range(len(periods_s) - length + 1))
+    return min(sum(stretch) for stretch in stretches) / length
+
+
+def _is_turned(before: Step | None, step: Step) -> bool:
+    is_other = before is not None and step.polarizer_angle_deg not in (None, before.polarizer_angle_deg)
+    return is_other and step.part is None

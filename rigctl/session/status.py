@@ -1,0 +1,335 @@
+"""The file ``status.json`` of a run folder: how the session stands now, for whoever looks from another terminal.
+
+State of a session, as far as its run folder tells.
+
+The live numbers of a session in words: for its own terminal, and for `rigctl status`.
+"""
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError, with_config
+
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+from rigctl.base.numbers import LARGEST
+from rigctl.errors import RunFolderError
+from rigctl.files.choices import FrameKind
+from rigctl.measure.faults import Fault
+from rigctl.runs.folder import read_contents, writing_process
+from rigctl.runs.records import TALLY_EVENT, RunEvent, explain_invalid, read_events
+
+STATUS_FILE = "status.json"
+
+
+class DarkSource(StrEnum):
+    """Where a dark level comes from, as the file has it."""
+
+    FRAMES = "dark frames"
+    CALIBRATION = "calibration"
+    UNKNOWN = "not known: DoLP reads too low"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A number and its standard deviation by the camera's noise; None without a calibration."""
+
+    value: float
+    sigma: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionPolarization:
+    """Polarization of the light of a region.
+
+    Attributes
+    ----------
+    dolp : Estimate
+        Of the region's mean: naive, hence biased upward where it is of the size of its deviation.
+    aolp_deg : float or None
+        Angle of polarization in [0, 180); None without polarization.
+    light_dn_per_s : float
+        S0 of the region's mean, in counts a second.
+    aolp_sigma_deg : float or None
+        Deviation of the angle to first order; None where no noise is known, or there is no polarization.
+    """
+
+    dolp: Estimate
+    aolp_deg: float | None
+    light_dn_per_s: float
+    aolp_sigma_deg: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngleNumbers:
+    """The last frame at an angle: mean of the picture and of its regions [DN], share of saturated pixels."""
+
+    mean_dn: float
+    saturated_fraction: float
+    exposure_ms: float
+    regions_dn: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CyclePlace:
+    """Which cycle the numbers are of."""
+
+    round: int | None
+    cycle: int | None
+    exposure_ms: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DarkLevel:
+    """What the camera counts in the dark [DN], 0 where it is not known."""
+
+    source: DarkSource
+    mean_dn: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionDrift:
+    """Drift of the light in a region: a minute, with its standard deviation, and in all over a time [s]."""
+
+    region: str
+    per_min: float
+    sigma_per_min: float | None
+    change: float
+    over_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveDiagnosis:
+    """What the last whole cycle says of its faults: those found, the strongest first, or why nothing can be said."""
+
+    terms: tuple[Fault, ...]
+    first: str | None
+    reason: str
+
+
+@with_config(ConfigDict(allow_inf_nan=False))
+@dataclass(frozen=True, kw_only=True)
+class LiveContent:
+    """What the frames show, of the last whole cycle; `angles` by the polarizer's angle as text."""
+
+    angles: dict[str, AngleNumbers]
+    cycle: CyclePlace | None = None
+    dark: DarkLevel | None = None
+    sum_rule: Estimate | None = None
+    regions: dict[str, RegionPolarization]
+    drift: RegionDrift | None
+    diagnosis: LiveDiagnosis | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LastStep:
+    """The frame that was stored last."""
+
+    sequence: int
+    kind: FrameKind
+    cycle: int
+    angle_deg: float | None
+
+
+@with_config(ConfigDict(allow_inf_nan=False))
+@dataclass(frozen=True, kw_only=True)
+class StepProgress:
+    """How far a session is: its last frame, and when it will end."""
+
+    last: LastStep
+    remaining_s: Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+    end_utc: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveStatus:
+    """How a session stands.
+
+    Attributes
+    ----------
+    session : str
+        Its name.
+    frames_planned, frames : int
+        How many there will be, and are.
+    written_utc : str
+        When this was said.
+    progress : StepProgress or None
+        None before its first frame.
+    numbers : LiveContent or None
+        What the frames show; None until there is one.
+    """
+
+    session: str
+    frames_planned: int
+    frames: int
+    written_utc: str = ""
+    progress: StepProgress | None = None
+    numbers: LiveContent | None = None
+
+
+_STATUS, _PROGRESS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(StepProgress), TypeAdapter(LiveContent)
+
+
+def status_json(status: LiveStatus) -> dict[str, JsonValue]:
+    """Return a status as the file has it: the parts that are there, side by side."""
+    content = asdict(status)
+    parts = (content.pop("progress"), content.pop("numbers"))
+    return content | {key: value for part in parts if part is not None for key, value in part.items()}
+
+
+def write_status(run: Path, status: LiveStatus) -> None:
+    """Replace the status, in one step and without waiting for the disk: it is of no worth after a power cut.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    beside = run / f".{STATUS_FILE}"
+    beside.write_text(json.dumps(status_json(status), allow_nan=False) + "\n", encoding="ascii")
+    beside.replace(run / STATUS_FILE)
+
+
+def read_status(run: Path) -> LiveStatus | None:
+    """Return the status, or None where the session never wrote one.
+
+    Raises
+    ------
+    RunFolderError
+        It cannot be read.
+    """
+    file = run / STATUS_FILE
+    if not file.exists():
+        return None
+    try:
+        content = read_bounded(file, MOST_TEXT_BYTES)
+        head, keys = _STATUS.validate_json(content), set(json.loads(content))
+        return replace(
+            head,
+            progress=_PROGRESS.validate_json(content) if "last" in keys else None,
+            numbers=_NUMBERS.validate_json(content) if "angles" in keys else None,
+        )
+    except OSError as error:
+        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
+    except ValidationError as error:
+        raise RunFolderError(f"{file}: is no status: {explain_invalid(error)}") from error
+
+
+State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
+_LAST_EVENTS = 5
+_BYTES_PER_MB = 1e6
+# Remarks on the side: they tell nothing of how a session stands.
+_ASIDE = ("interlock", TALLY_EVENT, "disk is short")
+_STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunState:
+    """State of a session.
+
+    Attributes
+    ----------
+    run : str
+        The folder.
+    state : str
+        "running", "holding" or "waiting" (for a round) where a process writes into it; else "finished", "stopped"
+        on request, or "interrupted".
+    process : int or None
+        The process that writes into it.
+    frames : int
+        How many frames are durable.
+    disk_free_mb : float
+        What is free on the disk of the run [MB].
+    live : LiveStatus or None
+        What the session last said of itself: frames planned, remaining time, numbers per angle.
+    events : tuple of RunEvent
+        The last few.
+    """
+
+    run: str
+    state: State
+    process: int | None
+    frames: int
+    disk_free_mb: float
+    live: LiveStatus | None
+    events: tuple[RunEvent, ...]
+
+
+def state_of(path: Path) -> RunState:
+    """Return where the session of a run folder stands.
+
+    Raises
+    ------
+    RunFolderError
+        It is no run folder, or its events cannot be read.
+    """
+    contents = read_contents(path)
+    process = writing_process(path)
+    events = read_events(path)
+    return RunState(
+        run=str(path),
+        state=session_state(process, [event.event for event in events]),
+        process=process,
+        frames=len(contents.frames),
+        disk_free_mb=shutil.disk_usage(path).free / _BYTES_PER_MB,
+        live=read_status(path),
+        events=tuple(events[-_LAST_EVENTS:]),
+    )
+
+
+def session_state(process: int | None, events: list[str]) -> State:
+    """Return how a session stands by the process that writes into its run, if any, and the names of its events."""
+    last = next((name for name in reversed(events) if name not in _ASIDE), "")
+    if process is not None:
+        return _STATES.get(last, "running")
+    if last == "finished":
+        return "finished"
+    return "stopped" if last == "stopped" else "interrupted"
+
+
+_SIGNS = "+/-"
+
+
+def live_lines(live: LiveContent) -> Iterator[str]:
+    """Give the lines of what the frames of a session show."""
+    for angle, numbers in live.angles.items():
+        yield f"{angle:>6} deg    {_of_angle(numbers)}"
+    if live.sum_rule is not None:
+        yield f"(I0 + I90) / (I45 + I135)  {_estimate(live.sum_rule)}"
+    for name, found in live.regions.items():
+        angle = "" if found.aolp_deg is None else f", AoLP {found.aolp_deg:.1f} deg"
+        yield f"DoLP of {name}  {_estimate(found.dolp)}{angle}"
+    if live.regions and live.dark is not None and live.dark.source is DarkSource.UNKNOWN:
+        yield f"dark level {live.dark.source}"
+    if live.drift is not None:
+        yield _drift(live.drift)
+    if live.diagnosis is not None:
+        yield from (f"the cycle shows {_fault(fault)}" for fault in live.diagnosis.terms)
+
+
+def _fault(fault: Fault) -> str:
+    place = "" if fault.angle_deg is None else f" at {fault.angle_deg:g} deg"
+    size = f"{fault.value or 0.0:+.3g} {_SIGNS} {fault.std_error or 0.0:.2g} {fault.unit}"
+    moves = "" if fault.dolp_shift is None else f", moves DoLP of the picture by {fault.dolp_shift:+.4f}"
+    return f"{fault.name}{place}  {size}{moves}"
+
+
+def _of_angle(numbers: AngleNumbers) -> str:
+    text = f"mean {numbers.mean_dn:.1f} DN, saturated {100 * numbers.saturated_fraction:.2f} %"
+    regions = ", ".join(f"{name} {mean_dn:.1f} DN" for name, mean_dn in numbers.regions_dn.items())
+    return f"{text}, {regions}" if regions else text
+
+
+def _estimate(found: Estimate) -> str:
+    if found.sigma is None:
+        return f"{found.value:.4f}"
+    return f"{found.value:.5f} {_SIGNS} {found.sigma:.5f} (noise of one cycle)"
+
+
+def _drift(drift: RegionDrift) -> str:
+    error = "" if drift.sigma_per_min is None else f" {_SIGNS} {100 * drift.sigma_per_min:.2f}"
+    return f"drift of {drift.region}  {100 * drift.per_min:+.2f}{error} % a minute, over {drift.over_s:.1f} s"

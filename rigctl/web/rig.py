@@ -1,0 +1,384 @@
+"""Devices at work for a page: a picture to focus by, or polarization as fast as the stage turns; nothing is stored.
+
+A picture that is there already, seen on a page as a live one is.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from functools import partial
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Camera, Frame, RotationStage
+from model.processing.mosaic import planes
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.rig_file import PolarizerSection, RigFile, load_rig
+from rigctl.rig.focus import focus_of, middle
+from rigctl.rig.rig import SIMULATED, find_driver, open_rig
+from rigctl.web.pictures import (
+    MAP_WIDTH,
+    MAPS,
+    MOST_WIDTH,
+    CyclePictures,
+    Picture,
+    Shelf,
+    map_pictures,
+    picture_of,
+    smaller,
+)
+from rigctl.web.what import Cell, LiveLook, OpenDevices, Task
+
+VIEW = "view"
+# Counts that a metered exposure aims at, as a share of the range.
+_AIM = 0.7
+_LEAST_ANGLES = 3
+_KEPT = 8
+_TURN_DEG = 180.0
+_TIMEOUT_S = 10.0
+_MS_PER_S = 1e3
+
+
+class LiveRig:
+    """Works in a thread of its own; with the task "rest" the devices are closed, so that a session can have them.
+
+    Parameters
+    ----------
+    opened : callable
+        Gives the open devices until its context is left.
+    polarizer : PolarizerSection
+        How the polarizer sits in the stage.
+    """
+
+    def __init__(self, opened: Callable[[], AbstractContextManager[OpenDevices]], polarizer: PolarizerSection) -> None:
+        self._opened, self._polarizer = opened, polarizer
+        self._changed = threading.Condition()
+        self._task = Task()
+        self._turn_to_deg: float | None = None
+        self._thread: threading.Thread | None = None
+        self._look = LiveLook()
+        self._failure: Exception | None = None
+        self._counts: NDArray[np.uint16] | None = None
+        self._saturation_dn = 1.0
+        self._cycle: CyclePictures | None = None
+        self._dark: tuple[float, float] | None = None
+        self._drawn: Shelf[dict[str, Picture]] = Shelf(_KEPT)
+
+    def look(self) -> LiveLook:
+        """Return what the devices do and see now."""
+        with self._changed:
+            return self._look
+
+    def newer_look(self, sequence: int, *, timeout_s: float) -> LiveLook:
+        """Return what the devices see, once it is of another picture than the one that is known; or the time is over.
+
+        A task that begins has no picture of its own yet: its `width` is 0.
+
+        Raises
+        ------
+        DeviceError, ConfigError, DataError
+            What stopped them since they began.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._failure or self._is_of_another(sequence), timeout=timeout_s)
+            if self._failure is not None:
+                raise self._failure
+            return self._look
+
+    def _is_of_another(self, sequence: int) -> bool:
+        return self._look.width > 0 and self._look.sequence != sequence
+
+    def begin(self, task: Task) -> None:
+        """Let the devices do something else; "rest" returns once they are closed."""
+        with self._changed:
+            last_exposure_s, self._task, self._failure = self._task.exposure_s, task, None
+            self._look = LiveLook(
+                task=task.kind,
+                exposure_ms=task.exposure_s * _MS_PER_S,
+                gain_db=task.gain_db,
+                zoom=task.zoom,
+                sequence=self._look.sequence,
+                maps_sequence=self._look.maps_sequence,
+            )
+            self._changed.notify_all()
+            if task.kind != "rest" and (self._thread is None or not self._thread.is_alive()):
+                self._thread = threading.Thread(target=self._work, name="live rig", daemon=True)
+                self._thread.start()
+            thread = self._thread
+        if task.kind == "rest" and thread is not None:
+            thread.join(timeout=_TIMEOUT_S + last_exposure_s)
+
+    def turn(self, angle_deg: float) -> None:
+        """Turn the polarizer to an angle while a preview runs [deg]."""
+        with self._changed:
+            self._turn_to_deg = angle_deg
+
+    def take_dark(self) -> None:
+        """Take the newest picture for one without light: its mean is subtracted in the maps at this exposure.
+
+        Raises
+        ------
+        ConfigError
+            There is no picture.
+        """
+        with self._changed:
+            if self._counts is None or self._look.task == "rest":
+                raise ConfigError("begin a preview, cover the lens, and then take the dark level")
+            self._dark = (self._look.exposure_ms, float(self._counts.mean()))
+            self._look = replace(self._look, dark_dn=self._dark[1])
+
+    def newest_counts(self) -> NDArray[np.uint16] | None:
+        """Return the newest picture [DN]; None where there is none."""
+        with self._changed:
+            return self._counts
+
+    def newest_sequence(self, name: str) -> int | None:
+        """Return the number of the newest picture of a name; None where there is none."""
+        look = self.look()
+        number = look.maps_sequence if name in MAPS else look.sequence if name == VIEW else 0
+        return number or None
+
+    def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
+        """Return the newest picture or map of a name; None where there is none.
+
+        Raises
+        ------
+        DataError
+            The angles do not determine the maps.
+        """
+        with self._changed:
+            look, counts, cycle, saturation_dn = self._look, self._counts, self._cycle, self._saturation_dn
+        if name == VIEW and counts is not None:
+            shown = middle(counts, zoom=look.zoom)
+            draw = partial(picture_of, shown, saturation_dn=saturation_dn, most_width=MOST_WIDTH, zebra=zebra)
+            return self._drawn.kept((VIEW, look.sequence, look.zoom, zebra), lambda: {VIEW: draw()})[VIEW]
+        if name not in MAPS or cycle is None:
+            return None
+        key = ("maps", look.maps_sequence, dolp_top)
+        try:
+            return self._drawn.kept(key, lambda: map_pictures(cycle, dolp_top=dolp_top))[name]
+        except ValueError as error:
+            raise DataError(f"no maps: {error}") from error
+
+    def _work(self) -> None:
+        try:
+            with self._opened() as devices:
+                while (task := self._wanted()).kind != "rest":
+                    self._do(devices, task)
+        except (DeviceError, ConfigError, DataError) as error:
+            with self._changed:
+                self._look = replace(self._look, task="rest", problem=str(error))
+                self._task, self._failure = Task(), error
+                self._changed.notify_all()
+
+    def _wanted(self) -> Task:
+        with self._changed:
+            return self._task
+
+    def _do(self, devices: OpenDevices, task: Task) -> None:
+        """Do one task until another is wanted."""
+        devices.camera.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
+        if devices.cell is not None:
+            while self._wanted() is task:
+                self._look_through(devices.cell, devices.camera, task)
+            return
+        if task.kind == "preview":
+            while self._wanted() is task:
+                angle_deg = self._turned(devices.stage)
+                self._seen(self._frame(devices.camera, task), angle_deg)
+            return
+        if devices.stage is None or len(task.angles_deg) < _LEAST_ANGLES:
+            raise ConfigError("live polarimetry needs a stage, and three angles at least")
+        devices.stage.home()
+        while self._wanted() is task:
+            self._go_round(devices.camera, devices.stage, task)
+
+    def _look_through(self, cell: Cell, camera: Camera, task: Task) -> None:
+        """Take a picture behind a cell of polarizers: all angles at once, so that each has its maps."""
+        began_s = time.monotonic()
+        frame = self._frame(camera, task)
+        saturation_dn = 2.0**frame.settings.bit_depth - 1.0
+        parts = planes(frame.counts, interpolation=cell.interpolation, saturation_dn=saturation_dn)
+        # What is drawn upon and focused by is the mean of all angles: the cell itself is no texture of the scene.
+        stacked = np.stack(parts)
+        full = (stacked >= saturation_dn).any(axis=0)
+        mean = np.where(full, saturation_dn, stacked.mean(axis=0, dtype=np.float32)).astype(np.uint16)
+        self._seen(replace(frame, counts=mean), None)
+        small = [smaller(part, most_width=MOST_WIDTH) for part in parts]
+        self._went_round(small, cell.axes_deg, time.monotonic() - began_s)
+
+    def _go_round(self, camera: Camera, stage: RotationStage, task: Task) -> None:
+        began_s = time.monotonic()
+        frames: list[NDArray[np.float32]] = []
+        angles_deg: list[float] = []
+        for angle_deg in task.angles_deg:
+            if self._wanted() is not task:
+                return
+            angles_deg.append(self._move(stage, angle_deg))
+            frame = self._frame(camera, task)
+            frames.append(smaller(frame.counts, most_width=MAP_WIDTH))
+            self._seen(frame, angles_deg[-1])
+        self._went_round(frames, angles_deg, time.monotonic() - began_s)
+
+    def _turned(self, stage: RotationStage | None) -> float | None:
+        with self._changed:
+            wanted_deg, self._turn_to_deg = self._turn_to_deg, None
+            angle_deg = self._look.angle_deg
+        if stage is None or wanted_deg is None:
+            return angle_deg
+        if angle_deg is None:
+            stage.home()
+        return self._move(stage, wanted_deg)
+
+    def _move(self, stage: RotationStage, angle_deg: float) -> float:
+        """Turn the polarizer; return its angle by the stage's readback [deg]."""
+        polarizer = self._polarizer
+        position = stage.move_to(polarizer.sense * (angle_deg - polarizer.offset_deg)).position
+        return (polarizer.sense * position.angle_deg + polarizer.offset_deg) % _TURN_DEG
+
+    def _frame(self, camera: Camera, task: Task) -> Frame:
+        return camera.take_frame(timeout_s=task.exposure_s + _TIMEOUT_S)
+
+    def _seen(self, frame: Frame, angle_deg: float | None) -> None:
+        is_focusing = self._task.kind == "preview"
+        full, shown = frame.counts, middle(frame.counts, zoom=self._look.zoom)
+        focus = focus_of(shown, bit_depth=frame.settings.bit_depth, is_sharpness_wanted=is_focusing)
+        exposure_ms = frame.settings.exposure_s * _MS_PER_S
+        with self._changed:
+            self._counts, self._saturation_dn = frame.counts, 2.0**frame.settings.bit_depth - 1.0
+            self._look = replace(
+                self._look,
+                sequence=self._look.sequence + 1,
+                exposure_ms=exposure_ms,
+                angle_deg=angle_deg,
+                sharpness=focus.sharpness,
+                best_sharpness=max(self._look.best_sharpness, focus.sharpness),
+                brightest=focus.brightest,
+                clipped=focus.saturated,
+                proposed_ms=_proposed_ms(exposure_ms, focus.brightest),
+                dark_dn=self._dark[1] if self._dark is not None and self._dark[0] == exposure_ms else None,
+                left=(full.shape[1] - shown.shape[1]) // 2,
+                top=(full.shape[0] - shown.shape[0]) // 2,
+                width=shown.shape[1],
+                height=shown.shape[0],
+            )
+            self._changed.notify_all()
+
+    def _went_round(self, frames: Sequence[NDArray[np.float32]], angles_deg: Sequence[float], took_s: float) -> None:
+        ratio = self._polarizer.extinction_ratio
+        with self._changed:
+            self._cycle = CyclePictures(
+                frames=np.stack(frames),
+                angles_rad=np.deg2rad(angles_deg),
+                dark_dn=np.full(len(frames), self._look.dark_dn or 0.0),
+                extinction_ratio=np.inf if ratio is None else ratio,
+            )
+            self._look = replace(
+                self._look, maps_sequence=self._look.maps_sequence + 1, cycles_per_min=60.0 / max(took_s, 1e-3)
+            )
+
+
+def _proposed_ms(exposure_ms: float, brightest: float) -> float | None:
+    """Return the exposure that fills the range; of a picture that is saturated or black, a step towards it."""
+    if brightest >= 1.0:
+        return exposure_ms / 4.0
+    return exposure_ms * _AIM / brightest if brightest > 0.0 else None
+
+
+# A camera alone has no stage, whose angles would have to be told.
+NO_STAGE = PolarizerSection(sense=1, offset_deg=0.0)
+_RIG_FILE = ".toml"
+_EXAMPLE = "rig-sim.toml"
+
+
+@contextmanager
+def open_devices(what: str) -> Iterator[OpenDevices]:
+    """Open the devices of a rig file, or the camera at an address alone, until the context is left.
+
+    Raises
+    ------
+    DeviceError
+        One cannot be opened.
+    ConfigError
+        The rig file is wrong, or there is no such driver.
+    """
+    if not what.endswith(_RIG_FILE):
+        with open_camera(what) as camera:
+            yield OpenDevices(camera=camera, stage=None)
+        return
+    rig_file = load_rig(Path(what))
+    axes_deg = rig_file.cell_deg
+    cell = None if axes_deg is None else Cell(axes_deg=axes_deg, interpolation=rig_file.camera.interpolation)
+    with open_rig(rig_file, session_name="live") as rig:
+        rig.present("scene")
+        yield OpenDevices(camera=rig.camera, stage=rig.stage, cell=cell)
+
+
+def polarizer_of(what: str) -> PolarizerSection:
+    """Return how the polarizer sits by a rig file; for a camera alone its angle is the stage's."""
+    return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else NO_STAGE
+
+
+@contextmanager
+def open_camera(what: str) -> Iterator[Camera]:
+    """Open the camera of a rig file, or the one at an address such as ``gige:192.168.0.5``, without a stage.
+
+    A simulated camera sees the scene of its rig file, or of the example rig.
+
+    Raises
+    ------
+    DeviceError
+        It cannot be opened.
+    ConfigError
+        The rig file is wrong, or there is no such driver.
+    """
+    with as_file(files("rigctl") / "data" / "examples") as examples:
+        rig = load_rig(Path(what)) if what.endswith(_RIG_FILE) else _with_address(load_rig(examples / _EXAMPLE), what)
+        if rig.camera.address.startswith(SIMULATED):
+            with open_rig(rig, session_name="preview") as opened:
+                yield opened.camera
+            return
+    scheme, _, place = rig.camera.address.partition(":")
+    camera: Camera
+    with find_driver("rigctl.cameras", scheme, key="camera.address").load()(place) as camera:
+        yield camera
+
+
+def _with_address(rig: RigFile, address: str) -> RigFile:
+    return rig.model_copy(update={"camera": rig.camera.model_copy(update={"address": address})})
+
+
+_QUALITY = 90
+
+
+class StillPicture:
+    """One picture, whole, as `rigctl.web.server.View` asks for it.
+
+    Parameters
+    ----------
+    grey : (H, W) array of uint8
+        The picture as it is shown.
+    """
+
+    def __init__(self, grey: NDArray[np.uint8]) -> None:
+        self._picture = Picture(jpeg=cv2.imencode(".jpg", grey, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1].tobytes())
+        self._look = LiveLook(sequence=1, width=grey.shape[1], height=grey.shape[0])
+
+    def look(self) -> LiveLook:
+        """Return its size."""
+        return self._look
+
+    def newest_sequence(self, name: str) -> int | None:
+        """Return 1 for the view, None for any other name."""
+        return self._look.sequence if name == VIEW else None
+
+    def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
+        """Return the view, None for any other name; saturation is not known of it."""
+        return self._picture if name == VIEW else None

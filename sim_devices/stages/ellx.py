@@ -1,0 +1,529 @@
+"""Motors of a simulated Elliptec stage: periods, currents, and what keeps them well; see `ellx_language`.
+
+Commands to a simulated Elliptec stage, byte by byte, from a reading of the ELLx protocol manual (Issue 10, 2025).
+
+Options of a simulated Elliptec stage, and their form as an address: ``sim:ellx?stall=3&busy=1``.
+
+Answers of a simulated Elliptec stage, from a reading of the ELLx protocol manual (Issue 10, October 2025).
+"""
+
+import string
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from sim_devices.stages.drive import Drive, Outcome
+from sim_devices.stages.options import (
+    COMMON_KEYS,
+    LineOptions,
+    MotionOptions,
+    fault_key,
+    line_options,
+    motion_options,
+    number,
+    one_of,
+    read_address,
+    whole,
+)
+from sim_devices.stages.stage import Reply
+
+_TICKS_HZ = 14_740_000  # a period counts these
+_CURRENT_PER_A = 1866
+_TUNED = 0x8000  # in front of a period that the host gives
+_FACTORY = 0xFFFF  # asks for the period that the motor left the factory with
+_LOWEST_HZ, _HIGHEST_HZ = 70_000, 120_000
+_CURVE_FROM, _CURVE_POINTS = 123, 87
+_IDLE_A, _RESONANT_A, _RESONANCE_WIDTH = 0.05, 0.55, 6.0
+_RAMP = "FFFF"  # unused, as every motor in public says
+
+_BORN = {"1": {"f": 189, "b": 139}, "2": {"f": 188, "b": 140}}  # 78.0 and 106.0 kHz; 78.4 and 105.3
+
+
+class EllxMotors:
+    """The two resonant motors of a rotary stage, each with a period for either way round."""
+
+    def __init__(self) -> None:
+        self._periods = {motor: dict(ways) for motor, ways in _BORN.items()}
+
+    def information(self, motor: str) -> str:
+        """Return what `i1` and `i2` are answered: loop, motor, current, ramps, periods forward and backward."""
+        ways = self._periods[motor]
+        return f"I{motor}10{round(_IDLE_A * _CURRENT_PER_A):04X}{_RAMP}{_RAMP}{ways['f']:04X}{ways['b']:04X}"
+
+    def set_period(self, letters: str, period: int) -> bool:
+        """Obey `f1`, `b1`, `f2`, `b2`; return whether the motor can follow."""
+        way, motor = letters[0], letters[1]
+        asked = _BORN[motor][way] if period == _FACTORY else period & ~_TUNED
+        if not asked or not _LOWEST_HZ <= _TICKS_HZ / asked <= _HIGHEST_HZ:
+            return False
+        self._periods[motor][way] = asked
+        return True
+
+    def search(self, motor: str) -> None:
+        """Find the resonances again: those that the motor was born with."""
+        self._periods[motor] = dict(_BORN[motor])
+
+    def curve(self, motor: str) -> str:
+        """Return what `c1` and `c2` are answered: current against period, little-endian unlike all else."""
+        points = (self._point(motor, _CURVE_FROM + index) for index in range(_CURVE_POINTS))
+        return f"C{motor}{''.join(points)}"
+
+    def _point(self, motor: str, period: int) -> str:
+        off = min(abs(period - resonance) for resonance in _BORN[motor].values()) / _RESONANCE_WIDTH
+        current = round((_IDLE_A + _RESONANT_A / (1.0 + off * off)) * _CURRENT_PER_A)
+        return (period.to_bytes(2, "little") + current.to_bytes(4, "little")).hex().upper()
+
+
+# Letters of a command -> hexadecimal digits behind them: nothing else tells where a command ends.
+DATA_DIGITS = {
+    "in": 0, "i1": 0, "i2": 0, "gs": 0, "st": 0, "us": 0, "gp": 0, "go": 0, "gj": 0, "gv": 0, "fw": 0, "bw": 0,
+    "s1": 0, "s2": 0, "c1": 0, "c2": 0, "sk": 0, "om": 0, "cm": 0,
+    "ho": 1, "ca": 1, "ga": 1, "sv": 2, "is": 2, "f1": 4, "f2": 4, "b1": 4, "b2": 4,
+    "ma": 8, "mr": 8, "so": 8, "sj": 8,
+}  # fmt: skip
+
+_SILENCE_S = 2.0
+_ADDRESSES = b"0123456789ABCDEF"
+_HEAD_BYTES = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """A whole command: who it is for, its two letters, its digits. Unknown letters have no digits."""
+
+    address: str
+    letters: str
+    digits: str
+
+
+class EllxReceiver:
+    """Collects bytes until a command is whole; the letters alone say how long it is.
+
+    A carriage return forgets what was collected, a line feed is skipped, so that commands may end in either.
+    More than two seconds between two bytes of a command discard it, which `timed_out` tells once.
+    """
+
+    def __init__(self) -> None:
+        self._collected = b""
+        self._last_byte_s = 0.0
+
+    def timed_out(self, time_s: float) -> bool:
+        """Return whether a command in part was just discarded for being too slow."""
+        if not self._collected or time_s - self._last_byte_s <= _SILENCE_S:
+            return False
+        self._collected = b""
+        return True
+
+    def receive(self, time_s: float, data: bytes) -> list[Command]:
+        """Return the commands that these bytes complete."""
+        self._last_byte_s = time_s
+        commands = (self._take(bytes([byte])) for byte in data)
+        return [command for command in commands if command is not None]
+
+    def _take(self, byte: bytes) -> Command | None:
+        if byte == b"\r":
+            self._collected = b""
+        elif byte != b"\n" and (self._collected or byte in _ADDRESSES):
+            self._collected += byte
+        return self._complete()
+
+    def _complete(self) -> Command | None:
+        if len(self._collected) < _HEAD_BYTES:
+            return None
+        text = self._collected.decode("latin-1")
+        if len(text) < _HEAD_BYTES + DATA_DIGITS.get(text[1:3], 0):
+            return None
+        self._collected = b""
+        return Command(address=text[0], letters=text[1:3], digits=text[3:])
+
+
+SCHEME = "sim:ellx"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EllxOptions:
+    """A stage and its faults. The defaults are a sound ELL14.
+
+    Attributes
+    ----------
+    motion, line : MotionOptions, LineOptions
+        What it shares with other stages.
+    model : int
+        The number in the model's name.
+    serial_number : int
+        At most eight digits.
+    pulses : int
+        Encoder counts of a turn: 143360 in every ELL14 whose reply is public, 262144 in the manual's table.
+    address : str
+        Its place on the line, a hexadecimal digit.
+    gap_s : float
+        A move that is sent sooner than this after the last one ended goes to 0 instead.
+    seed : int
+        Of all that is random.
+    speed : float
+        Simulated seconds in a second of the wall clock.
+    """
+
+    motion: MotionOptions
+    line: LineOptions
+    model: int = 14
+    serial_number: int = 11401326
+    pulses: int = 143360
+    address: str = "0"
+    gap_s: float = 0.0
+    seed: int = 0
+    speed: float = 1.0
+
+    @property
+    def counts_per_turn(self) -> int:
+        """Encoder counts of a turn of the ring."""
+        return self.pulses
+
+
+def _status_code(text: str) -> int:
+    code = int(text, 0)
+    if not 1 <= code <= 255:
+        raise ValueError(text)
+    return code
+
+
+_KEYS = {
+    "model": whole("own", "model", "number in the model's name", 1, 255),
+    "serial": whole("own", "serial_number", "serial number", 0, 99999999),
+    "pulses": whole("own", "pulses", "encoder counts of a turn", 1, 0x7FFFFFFF),
+    "address": one_of("own", "address", "place on the line", tuple("0123456789ABCDEF")),
+    "gap": number("own", "gap_s", "a move sooner than this after the last goes to 0 [s]", 0, 60),
+    "fault": fault_key(_status_code, codes="a status from 1 to 255"),
+    **COMMON_KEYS,
+}
+
+
+def parse_address(text: str) -> EllxOptions:
+    """Return the stage that an address describes.
+
+    Parameters
+    ----------
+    text : str
+        ``sim:ellx``, then optionally ``?`` and ``key=value`` pairs joined by ``&``.
+
+    Raises
+    ------
+    ValueError
+        The address is not of this form. The message names every problem and all that is allowed.
+    """
+    values = read_address(text, scheme=SCHEME, keys=_KEYS)
+    motion = motion_options(values, motor_deg_per_s=430.0, landing_deg=0.004)
+    return EllxOptions(motion=motion, line=line_options(values), **values.get("own", {}))
+
+
+_YEAR = "2025"
+_FIRMWARE, _HARDWARE = "18", "01"
+
+_OK, _TIMEOUT, _STALLED, _UNSUPPORTED, _OUT_OF_RANGE, _OUT_OF_ISOLATION, _BUSY = 0, 1, 2, 3, 4, 6, 9
+_STALL_S = 2.0
+_FULL_SPEED_PERCENT = 100
+_JOGS_PER_TURN, _OFFSETS_PER_TURN = 36, 360  # what it comes with: 10 deg a jog, home 1 deg behind the mark (assumed)
+_MOVES = frozenset({"ho", "ma", "mr", "fw", "bw"})
+# How long it is at it (assumed; the manual says "up to 12 s" of a curve and "several minutes" of the last two).
+_SEARCH_S, _CURVE_S, _OPTIMIZE_S, _CLEAN_S = 1.5, 12.0, 180.0, 240.0
+
+
+class EllxLanguage:
+    """The stage's side of the conversation. The time is an argument, and never goes back."""
+
+    def __init__(self, options: EllxOptions, drive: Drive) -> None:
+        self._options = options
+        self._drive = drive
+        self._receiver = EllxReceiver()
+        self._error = _OK
+        self._velocity_percent = _FULL_SPEED_PERCENT
+        self.heard = 0
+        self._rested_s = -1e9
+        self._address, self._group = options.address, ""
+        self._isolated_until_s = -1e9
+        self._jog_counts = options.pulses // _JOGS_PER_TURN
+        self._born_offset = self._home_offset = options.pulses // _OFFSETS_PER_TURN
+        self._motors = EllxMotors()
+        self._stoppable = False
+        self._appointment: tuple[float, Callable[[float], None]] | None = None
+        self._replies: list[Reply] = []
+        self._answers = self._questions() | self._settings() | self._upkeep() | self._motions()
+
+    def _questions(self) -> dict[str, Callable[[float, str], None]]:
+        return {
+            "in": self._tell_information,
+            "gs": self._tell_status,
+            "gp": lambda time_s, _: self._say(time_s, f"PO{self._position(time_s)}"),
+            "gv": lambda time_s, _: self._say(time_s, f"GV{self._velocity_percent:02X}"),
+            "gj": lambda time_s, _: self._say(time_s, f"GJ{_unsigned(self._jog_counts)}"),
+            "go": lambda time_s, _: self._say(time_s, f"HO{_unsigned(self._home_offset)}"),
+            "i1": lambda time_s, _: self._say(time_s, self._motors.information("1")),
+            "i2": lambda time_s, _: self._say(time_s, self._motors.information("2")),
+        }
+
+    def _settings(self) -> dict[str, Callable[[float, str], None]]:
+        periods = {letters: partial(self._set_period, letters) for letters in ("f1", "b1", "f2", "b2")}
+        return periods | {
+            "sv": self._set_velocity,
+            "sj": self._set_jog,
+            "so": self._set_home_offset,
+            "us": lambda time_s, _: self._say(time_s, f"GS{_OK:02X}"),
+            "sk": lambda time_s, _: self._say(time_s, f"GS{_OK:02X}"),
+            "ca": self._change_address,
+            "ga": self._join_group,
+            "is": self._isolate,
+        }
+
+    def _upkeep(self) -> dict[str, Callable[[float, str], None]]:
+        return {
+            "s1": partial(self._search, "1"),
+            "s2": partial(self._search, "2"),
+            "c1": partial(self._draw_curve, "1"),
+            "c2": partial(self._draw_curve, "2"),
+            "om": lambda time_s, _: self._work(time_s, _OPTIMIZE_S, self._say_done, stoppable=True),
+            "cm": lambda time_s, _: self._work(time_s, _CLEAN_S, self._say_done, stoppable=True),
+        }
+
+    def _motions(self) -> dict[str, Callable[[float, str], None]]:
+        return {
+            "st": self._stop,
+            "ho": self._home,
+            "ma": self._move_absolute,
+            "mr": lambda time_s, digits: self._move_by(time_s, _signed(digits)),
+            "fw": lambda time_s, _: self._jog(time_s, forward=True),
+            "bw": lambda time_s, _: self._jog(time_s, forward=False),
+        }
+
+    @property
+    def understood(self) -> frozenset[str]:
+        """The letters of all commands that it knows."""
+        return frozenset(self._answers)
+
+    def receive(self, time_s: float, data: bytes) -> list[Reply]:
+        """Return the replies up to a time [s] at which these bytes arrive."""
+        self._live_until(time_s)
+        for command in self._receiver.receive(time_s, data):
+            self._obey(time_s, command)
+        return self._take_replies()
+
+    def advance(self, time_s: float) -> list[Reply]:
+        """Return the replies up to a time [s]."""
+        self._live_until(time_s)
+        return self._take_replies()
+
+    def next_event_s(self) -> float | None:
+        """Return when the stage does something unasked, or None."""
+        return self._appointment[0] if self._appointment else None
+
+    def _take_replies(self) -> list[Reply]:
+        replies, self._replies = self._replies, []
+        return replies
+
+    def _live_until(self, time_s: float) -> None:
+        if self._receiver.timed_out(time_s):
+            self._error = _TIMEOUT
+        while self._appointment and self._appointment[0] <= time_s:
+            (due_s, keep), self._appointment = self._appointment, None
+            keep(due_s)
+
+    def _obey(self, time_s: float, command: Command) -> None:
+        if time_s < self._isolated_until_s or not self._is_meant(command):
+            return
+        self.heard += 1
+        if set(command.digits) - set(string.digits + "ABCDEF"):
+            self._refuse(time_s, _OUT_OF_RANGE)
+        elif command.letters not in self._answers:
+            self._refuse(time_s, _UNSUPPORTED)
+        else:
+            self._answers[command.letters](time_s, command.digits)
+        if command.letters in _MOVES:
+            self._group = ""
+
+    def _is_meant(self, command: Command) -> bool:
+        """Return whether it listens: to its own address, and for one motion to that of its group."""
+        in_group = command.address == self._group and command.letters in _MOVES
+        return command.address == self._address or in_group
+
+    def _say(self, time_s: float, text: str) -> None:
+        silent = self._options.line.silent
+        if silent is None or self.heard < silent:
+            self._replies.append((time_s, f"{self._address}{text}\r\n".encode("ascii")))
+
+    def _refuse(self, time_s: float, error: int) -> None:
+        self._error = error
+        self._say(time_s, f"GS{error:02X}")
+
+    def _is_busy(self, time_s: float) -> bool:
+        return self._appointment is not None or self._drive.ring.is_moving(time_s)
+
+    def _tell_information(self, time_s: float, _digits: str) -> None:
+        options = self._options
+        head = f"{options.model:02X}{options.serial_number:08d}{_YEAR}{_FIRMWARE}{_HARDWARE}"
+        self._say(time_s, f"IN{head}{360:04X}{options.pulses:08X}")
+
+    def _tell_status(self, time_s: float, _digits: str) -> None:
+        """Tell "busy" while there is something to do, else the last error, which is forgotten by that."""
+        if self._is_busy(time_s):
+            self._say(time_s, f"GS{_BUSY:02X}")
+            return
+        self._say(time_s, f"GS{self._error:02X}")
+        self._error = _OK
+
+    def _set_velocity(self, time_s: float, digits: str) -> None:
+        percent = int(digits, 16)
+        if not 1 <= percent <= _FULL_SPEED_PERCENT:
+            self._refuse(time_s, _OUT_OF_RANGE)
+            return
+        self._velocity_percent = percent
+        self._say_done(time_s)
+
+    def _set_jog(self, time_s: float, digits: str) -> None:
+        if self._allows(time_s, abs(_signed(digits)) <= self._options.pulses):
+            self._jog_counts = _signed(digits)
+
+    def _set_home_offset(self, time_s: float, digits: str) -> None:
+        if self._allows(time_s, 0 <= _signed(digits) < self._options.pulses):
+            self._home_offset = _signed(digits)
+
+    def _set_period(self, letters: str, time_s: float, digits: str) -> None:
+        self._allows(time_s, self._motors.set_period(letters, int(digits, 16)))
+
+    def _allows(self, time_s: float, allowed: bool) -> bool:
+        if allowed:
+            self._say_done(time_s)
+        else:
+            self._refuse(time_s, _OUT_OF_RANGE)
+        return allowed
+
+    def _say_done(self, time_s: float) -> None:
+        self._say(time_s, f"GS{_OK:02X}")
+
+    def _change_address(self, time_s: float, digits: str) -> None:
+        self._address = digits
+        self._say_done(time_s)
+
+    def _join_group(self, time_s: float, digits: str) -> None:
+        self._group = digits
+        self._say_done(time_s)
+
+    def _isolate(self, time_s: float, digits: str) -> None:
+        """Fall silent and deaf for some minutes; the status tells it once, afterwards."""
+        self._say_done(time_s)
+        if minutes := int(digits, 16):
+            self._isolated_until_s = time_s + 60.0 * minutes
+            self._error = _OUT_OF_ISOLATION
+
+    def _search(self, motor: str, time_s: float, _digits: str) -> None:
+        def found(end_s: float) -> None:
+            self._motors.search(motor)
+            self._say_done(end_s)
+
+        self._work(time_s, _SEARCH_S, found)
+
+    def _draw_curve(self, motor: str, time_s: float, _digits: str) -> None:
+        self._work(time_s, _CURVE_S, lambda end_s: self._say(end_s, self._motors.curve(motor)))
+
+    def _work(self, time_s: float, duration_s: float, end: Callable[[float], None], *, stoppable: bool = False) -> None:
+        if self._begins(time_s):
+            self._stoppable = stoppable
+            self._appointment = (time_s + duration_s, end)
+
+    def _stop(self, time_s: float, digits: str) -> None:
+        """End what goes on without an end of its own; a move to somewhere goes on."""
+        if self._stoppable:
+            self._stoppable = False
+            self._appointment = None
+            self._drive.ring.halt(time_s)
+            self._rest(time_s)
+        self._tell_status(time_s, digits)
+
+    def _home(self, time_s: float, digits: str) -> None:
+        if self._begins(time_s):
+            end_s = self._drive.home(
+                time_s,
+                clockwise=digits == "0",
+                speed_deg_per_s=self._speed(),
+                offset_counts=self._home_offset - self._born_offset,
+            )
+            self._appointment = (end_s, self._rest if self._options.motion.unhomed else self._arrive)
+
+    def _move_absolute(self, time_s: float, digits: str) -> None:
+        counts = _signed(digits)
+        if abs(counts) > self._options.pulses:
+            self._refuse(time_s, _OUT_OF_RANGE)
+        else:
+            self._move(time_s, counts)
+
+    def _move_by(self, time_s: float, counts: int) -> None:
+        self._move(time_s, self._drive.ring.counts(time_s) + counts)
+
+    def _jog(self, time_s: float, *, forward: bool) -> None:
+        """Go by a jog; where that is 0, go on and on, which is told at once."""
+        if self._jog_counts:
+            self._move_by(time_s, self._jog_counts if forward else -self._jog_counts)
+        elif self._begins(time_s):
+            self._say_done(time_s)
+            self._drive.turn_on(time_s, forward=forward, speed_deg_per_s=self._speed())
+            self._stoppable = True
+
+    def _move(self, time_s: float, counts: int) -> None:
+        if self._begins(time_s):
+            self._turn(time_s, 0 if time_s - self._rested_s < self._options.gap_s else counts)
+
+    def _begins(self, time_s: float) -> bool:
+        """Return whether a motion can begin; a stage that is busy says so instead."""
+        busy = self._is_busy(time_s)
+        if busy or self._options.motion.busy:
+            self._say(time_s, f"GS{_BUSY:02X}")
+        self._stoppable = busy and self._stoppable
+        return not busy
+
+    def _turn(self, time_s: float, counts: int) -> None:
+        ending = self._drive.move(time_s, counts, speed_deg_per_s=self._speed())
+        keep: dict[Outcome, Callable[[float], None]] = {
+            "arrives": self._arrive,
+            "stalls": self._give_up,
+            "is turned by hand": self._press_button,
+            "fails": self._fail,
+        }
+        late_s = _STALL_S if ending.outcome == "stalls" else 0.0
+        self._appointment = (ending.time_s + late_s, keep[ending.outcome])
+
+    def _rest(self, time_s: float) -> None:
+        self._rested_s = time_s
+
+    def _arrive(self, time_s: float) -> None:
+        self._rest(time_s)
+        self._say(time_s, f"PO{self._position(time_s)}")
+
+    def _give_up(self, time_s: float) -> None:
+        self._rest(time_s)
+        self._refuse(time_s, _STALLED)
+
+    def _fail(self, time_s: float) -> None:
+        self._rest(time_s)
+        if self._options.motion.fault is not None:
+            self._refuse(time_s, int(self._options.motion.fault[0]))
+
+    def _press_button(self, time_s: float) -> None:
+        self._say(time_s, f"BS{_BUSY:02X}")
+        self._appointment = (self._drive.turn_by_hand(time_s), self._release_button)
+
+    def _release_button(self, time_s: float) -> None:
+        self._say(time_s, f"BO{self._position(time_s)}")
+        self._arrive(time_s)
+
+    def _position(self, time_s: float) -> str:
+        return _unsigned(self._drive.ring.counts(time_s))
+
+    def _speed(self) -> float:
+        return self._options.motion.motor_deg_per_s * self._velocity_percent / _FULL_SPEED_PERCENT
+
+
+def _signed(digits: str) -> int:
+    value = int(digits, 16)
+    return value if value < 1 << 31 else value - (1 << 32)
+
+
+def _unsigned(value: int) -> str:
+    return f"{value % (1 << 32):08X}"
