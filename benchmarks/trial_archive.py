@@ -26,16 +26,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.trial_damaged_runs import damaged_copy
+from rigctl.archive.index import update_index
 from rigctl.archive.over_runs import RunRow, Verb
-from rigctl.jobs.archive import find_runs, index_archive
-from rigctl.jobs.archive_runs import ArchiveResult, run_over_archive
-from rigctl.jobs.archive_work import ArchiveRequest
 from rigctl.mapped import Engine
 from rigctl.runs.folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
+from rigctl.verbs.archive import ArchiveRows, find
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
+from rigctl.verbs.over_runs import ArchiveJob, run_over_archive
 from rigctl.verbs.verify import verification_of
 from tests.monkey.mutations import damage_run
 from tests.rigctl.example_files import small_rig, small_session
@@ -128,14 +128,14 @@ def run_archive(runs: int, damaged: int, compared: int, *, seed: int = 1, worker
 
 
 def _indexed(root: Path, runs: int, draws: random.Random, told: dict[str, str]) -> bool:
-    first_s, first = _timed(lambda: index_archive(root))
+    first_s, first = _timed(lambda: update_index(root))
     busy_s = time.process_time()
-    again_s, again = _timed(lambda: index_archive(root))
+    again_s, again = _timed(lambda: update_index(root))
     busy_s = time.process_time() - busy_s
     whole = [path for path in sorted(root.glob("*/*")) if path.relative_to(root).as_posix() not in told]
     for path in draws.sample(whole, 5):
         note(path, "a cloud", by="trial")
-    changed_s, changed = _timed(lambda: index_archive(root))
+    changed_s, changed = _timed(lambda: update_index(root))
     question_s = max(_asked(root, one)[0] for one in _QUESTIONS[:2])
     # By the processor: other programs on the machine are no fault of the index.
     scaled_s = busy_s * _INDEXED / runs
@@ -155,7 +155,7 @@ def _asked(root: Path, question: str) -> tuple[float, int]:
     seconds = []
     for _ in range(5):
         start_s = time.process_time()
-        found = find_runs(root, question)
+        found = find(root, question)
         seconds.append(time.process_time() - start_s)
     return min(seconds), len(found.runs)
 
@@ -166,8 +166,8 @@ def _timed(work: Callable[[], T]) -> tuple[float, T]:
     return time.perf_counter() - start_s, found
 
 
-def _done(verb: Verb, root: Path, out: Path, engine: Engine, scene: Path | None, where: str | None) -> ArchiveResult:
-    request = ArchiveRequest(verb=verb, root=root, out=out, engine=engine, scene=scene, where=where)
+def _done(verb: Verb, root: Path, out: Path, engine: Engine, scene: Path | None, where: str | None) -> ArchiveRows:
+    request = ArchiveJob(verb=verb, root=root, out=out, engine=engine, scene=scene, where=where)
     seconds, found = _timed(lambda: run_over_archive(request))
     print(
         f"{verb}: {found.runs} runs in {seconds:.0f} s, {found.done_before} done before: {found.verdicts}", flush=True
@@ -204,7 +204,7 @@ def _compared(root: Path, folder: Path, engine: Engine, told: dict[str, str], co
     shutil.rmtree(root / next(name for name in rows if name not in told and name != changed))
     note(root / changed, "a bird", by="trial")
     again = _done("compare", root, out, engine, scene, where)
-    index_archive(root)
+    update_index(root)
     question_s, agreeing = _asked(root, _QUESTIONS[2])
     print(
         f"{len(single)} of them by `compare` alone: {'bit for bit the same' if same else 'DIFFER'}; whole runs that "

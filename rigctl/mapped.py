@@ -14,14 +14,17 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+from rigctl.console.terminal import progress
 from rigctl.errors import ConfigError, DataError
 from rigctl.scene.light import sources_of
 from rigctl.version import VERSION
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
+#: Whether all items were tried, or somebody stopped the work.
+Outcome = Literal["whole", "stopped"]
 
 _NEEDED = "needs dask.distributed, xarray, zarr and pyarrow: pip install 'rigctl[cluster]'"
 _TOLD_DIGITS = 12
@@ -142,6 +145,56 @@ def require_same_code(client: Any, packages: tuple[str, ...]) -> None:
     if others:
         told = ", ".join(f"{worker} has {code}" for worker, code in sorted(others.items()))
         raise ConfigError(f"--scheduler: this is rigctl {own}, and {told}: install the same on all")
+
+
+def mapped(
+    engine: Engine,
+    work: Callable[[TaskT], ResultT],
+    tasks: Callable[[int], Iterator[TaskT]],
+    keep: Callable[[TaskT, ResultT], None],
+    *,
+    command: str,
+    packages: tuple[str, ...],
+    size: Callable[[TaskT], int],
+    parts: Callable[[TaskT], Sequence[TaskT]],
+    lost: Callable[[TaskT, str], ResultT],
+    done: int,
+    total: int,
+    tell: Callable[[int, int], None],
+) -> Outcome:
+    """Do the items that are left of a map, and keep each result as it comes; Ctrl-C stops, with what was kept.
+
+    `tasks` takes how many tasks run at once and gives the items that are left, some in each task; `size` counts those
+    of a task. `done` of `total` items were done before; `tell` takes both as they come. `work`, `keep`, `parts` and
+    `lost` are those of `compute_all`. Raises as `client_of` and `compute_all`.
+    """
+    tell(done, total)
+    if done == total:
+        return "whole"
+
+    def kept(task: TaskT, result: ResultT) -> None:
+        nonlocal done
+        keep(task, result)
+        done += size(task)
+        tell(done, total)
+
+    try:
+        with client_of(engine, command=command, packages=packages) as client:
+            compute_all(client, work, tasks(slots_of(client)), kept, parts=parts, lost=lost)
+    except KeyboardInterrupt:
+        return "stopped"
+    return "whole"
+
+
+@contextmanager
+def count_shown(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on a terminal; what is yielded takes how many items are done, and how many there are."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("left"))
+    with Progress(*columns, console=progress(), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def compute_all(

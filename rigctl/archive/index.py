@@ -440,6 +440,16 @@ def find(root: Path, condition: Condition) -> list[dict[str, Fact]]:
         return [dict(zip(names, row, strict=True)) for row in rows]
 
 
+def matching_runs(root: Path, where: str | None) -> list[str]:
+    """Return the runs of which an expression holds, all if there is none; an expression brings the index up to date."""
+    require_folder(root)
+    if where is None:
+        return sorted(run.relative_to(root).as_posix() for run in found_below(root)[0])
+    condition = parse(where)
+    update_index(root)
+    return sorted({str(row["run"]) for row in find(root, condition)})
+
+
 def require_folder(root: Path) -> None:
     """Raise ConfigError where an archive is no folder."""
     if not root.is_dir():

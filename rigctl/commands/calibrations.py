@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.console.options import time_option
+from rigctl.base.numbers import time_option
 from rigctl.console.terminal import print_json, progress, results, warn
 from rigctl.report.table import Column, Table, terminal_table
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigctl.console.options import time_option
+from rigctl.base.numbers import time_option
 from rigctl.console.terminal import print_json, progress, results, warn
 
 if TYPE_CHECKING:

@@ -63,18 +63,11 @@ def command(
 
 
 def _computed(request: "StudyRequest") -> "StudyResult":
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from rigctl.jobs.study import run_study
+    from rigctl.mapped import count_shown
 
-    columns = (TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("left"))
-    with Progress(*columns, console=progress(), transient=True) as bar:
-        task = bar.add_task("", total=None)
-
-        def told(done: int, cases: int) -> None:
-            bar.update(task, completed=done, total=cases)
-
-        return run_study(request, tell=told)
+    with count_shown("cases") as tell:
+        return run_study(request, tell=tell)
 
 
 def _json(found: "StudyResult", out: Path) -> dict[str, Json]:

@@ -49,9 +49,7 @@ def _folder(*names: str) -> _Place:
 
 # As many figures and sets of materials as are asked for.
 _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
-_ARCHIVED = ("archive.csv", "archive.json", "archive.html")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
-    **{f"archive {verb}": {"out": _folder(*_ARCHIVED)} for verb in ("compare", "stokes", "verify", "recalibrate")},
     "record": {"out": _FILE},
     "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
     "calibrate flat": {"out": _FILE},

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.archive.index import matching_runs
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
-from rigctl.jobs.archive import matching_runs
 from rigctl.runs.folder import annotated, read_frame, read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.verbs.options import FilePath

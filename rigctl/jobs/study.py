@@ -4,22 +4,19 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from rigctl.base.numbers import utc_text
 from rigctl.errors import ConfigError
 from rigctl.files.study_file import SENSITIVITY_KINDS, StudyFile, load_study
-from rigctl.mapped import Engine, client_of, compute_all, held_folder, slots_of
+from rigctl.mapped import Engine, Outcome, held_folder, mapped
 from rigctl.predict.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc
 from rigctl.scene.scene import get
 from rigctl.study import (
     CONVENTIONS,
     PACKAGES,
     Axis,
-    Batch,
-    BatchResult,
     Case,
     MorrisEffect,
     SobolIndex,
@@ -47,7 +44,6 @@ from rigctl.study import (
 )
 
 _DETECTION = ("p_detection", "auc")
-Outcome = Literal["whole", "stopped"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +149,20 @@ def run_study(request: StudyRequest, *, tell: Callable[[int, int], None] = lambd
         done = read_parts(request.out)
         left = [case for case, one in zip(plan.cases, plan.hashes, strict=True) if one not in done.places]
         before = len(plan.cases) - len(left)
-        outcome = _computed(request, plan, left, lambda new: tell(before + new, len(plan.cases)))
+        outcome = mapped(
+            request.engine,
+            compute,
+            lambda slots: batches_of(left, plan.scenes, plan.wanted, workers=slots),
+            lambda batch, result: write_part(request.out, result, [plan.hashes[case.number] for case in batch.cases]),
+            command="study",
+            packages=PACKAGES,
+            size=lambda batch: len(batch.cases),
+            parts=parts_of,
+            lost=failed,
+            done=before,
+            total=len(plan.cases),
+            tell=tell,
+        )
         result = _result(request.out, plan, outcome, before, done.damaged)
         if outcome == "whole":
             _write(request.out, result)
@@ -167,28 +176,6 @@ def _write(out: Path, result: StudyResult) -> None:
         from rigctl.study import write_sensitivity
 
         write_sensitivity(result.sobol, result.morris, out, created_by=result.table.said["created_by"])
-
-
-def _computed(request: StudyRequest, plan: _Plan, left: Sequence[Case], tell: Callable[[int], None]) -> Outcome:
-    tell(0)
-    if not left:
-        return "whole"
-    new = 0
-
-    def keep(batch: Batch, result: BatchResult) -> None:
-        nonlocal new
-        write_part(request.out, result, [plan.hashes[case.number] for case in batch.cases])
-        new += len(batch.cases)
-        tell(new)
-
-    try:
-        with client_of(request.engine, command="study", packages=PACKAGES) as client:
-            workers = slots_of(client)
-            batches = batches_of(left, plan.scenes, plan.wanted, workers=workers)
-            compute_all(client, compute, batches, keep, parts=parts_of, lost=failed)
-    except KeyboardInterrupt:
-        return "stopped"
-    return "whole"
 
 
 def _plan(request: StudyRequest) -> _Plan:

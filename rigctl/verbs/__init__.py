@@ -64,7 +64,14 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "paper": ("old", "Figures and statements of the paper, with verdicts."),
     },
     "Many runs": {
-        "archive": ("old", "Index an archive of runs, and find runs in it."),
+        "archive": (None, "Index an archive of runs, find runs in it, and do a verb over all of them."),
+        "archive index": ("rigctl.verbs.archive:index", "Make or update the index of an archive."),
+        "archive find": ("rigctl.verbs.archive:find", "Print the runs and regions of which an expression holds."),
+        "archive health": ("rigctl.verbs.archive:health", "Print how the rig fared from run to run."),
+        "archive compare": ("rigctl.verbs.archive:compare", "Compare every run with the model."),
+        "archive stokes": ("rigctl.verbs.archive:stokes", "Measure every run."),
+        "archive verify": ("rigctl.verbs.archive:verify", "Check every checksum of every run."),
+        "archive recalibrate": ("rigctl.verbs.archive:recalibrate", "Measure every run anew with other calibrations."),
         "study": ("old", "Predict thousands of cases on dask: grids, draws, which input matters."),
     },
 }

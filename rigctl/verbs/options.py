@@ -5,6 +5,7 @@ page. Options that many verbs have stand in a `TypedDict` here and reach a verb 
 flat keywords in Python, flat options on the command line, one declaration.
 """
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict,
 from cyclopts import Parameter, Token, convert
 from cyclopts.validators import Number
 
+from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, Engine, LightPart, ScaleKind, SnrKind
 
 if TYPE_CHECKING:
+    from rigctl import mapped
     from rigctl.calibrations.store import CalibrationKind
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
@@ -91,7 +94,7 @@ COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=T
 MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 
 
-def _extend_help(group: type, *extended: type) -> None:
+def extend_help(group: type, *extended: type) -> None:
     """Add to the docstring of a group of options the parameters of the groups that it extends."""
     parameters = [str(other.__doc__).partition("----------\n")[2].rstrip() for other in extended]
     group.__doc__ = "\n".join([str(group.__doc__).rstrip(), *parameters, ""])
@@ -139,7 +142,7 @@ class FrameOptions(RunOptions, total=False):
     correct: Annotated[Sequence[Literal["throughput", "dark-level", "shift"]], COMMA_SEPARATED]
 
 
-_extend_help(FrameOptions, RunOptions)
+extend_help(FrameOptions, RunOptions)
 
 
 class EffectOptions(TypedDict, total=False):
@@ -179,7 +182,38 @@ class CompareOptions(FrameOptions, EffectOptions, total=False):
     alpha: float
 
 
-_extend_help(CompareOptions, FrameOptions, EffectOptions)
+extend_help(CompareOptions, FrameOptions, EffectOptions)
+
+
+class EngineOptions(TypedDict, total=False):
+    """Where thousands of items are worked on.
+
+    Parameters
+    ----------
+    scheduler : str
+        Address of a scheduler of dask, tcp://HOST:8786; this machine unless given.
+    workers : int
+        Processes on this machine; one for each core unless given.
+    """
+
+    scheduler: str | None
+    workers: Annotated[int | None, Parameter(validator=Number(gte=1))]
+
+
+def engine_of(options: EngineOptions) -> "mapped.Engine":
+    """Return where the work is done.
+
+    Raises
+    ------
+    ConfigError
+        A scheduler and a number of workers are given.
+    """
+    from rigctl import mapped
+
+    scheduler, workers = options.get("scheduler"), options.get("workers")
+    if scheduler is not None and workers is not None:
+        raise ConfigError("--workers: is of this machine; a scheduler has its own")
+    return mapped.Engine(scheduler=scheduler, workers=workers or os.cpu_count() or 1)
 
 
 def calibrations_of(frames: FrameOptions | CompareOptions) -> "CalibrationPaths":
@@ -248,7 +282,7 @@ class PredictOptions(EffectOptions, total=False):
     snr: SnrKind
 
 
-_extend_help(PredictOptions, EffectOptions)
+extend_help(PredictOptions, EffectOptions)
 
 
 def changes_of(changes: Changes) -> dict[str, float]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rigctl import cli
-from rigctl.jobs.archive import archive_health
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
+from rigctl.verbs.archive import health
 
 DARK_DN = (60.0, 61.0, 60.0, 60.0, 95.0, 60.0)
 
@@ -42,7 +42,7 @@ def archive(tmp_path_factory):
 
 
 def test_what_changed_is_told_with_its_time(archive):
-    found = archive_health(archive)
+    found = health(archive).found
     assert [one.run for one in found.runs] == ["0", "1", "2", "3", "4", "5"]
     changes = {(one.run, one.what): (one.before, one.after) for one in found.changes}
     assert changes["3", "axis"] == ("sense 1, offset 12.0", "sense 1, offset 12.5")
@@ -52,7 +52,7 @@ def test_what_changed_is_told_with_its_time(archive):
 
 
 def test_what_stands_out_is_named(archive):
-    outlying = {(one.run, one.what) for one in archive_health(archive).outlying}
+    outlying = {(one.run, one.what) for one in health(archive).found.outlying}
     assert ("4", "dark_dn") in outlying
     assert ("2", "stage_error_deg") in outlying
     assert ("4", "lost_frames") in outlying
@@ -60,7 +60,7 @@ def test_what_stands_out_is_named(archive):
 
 
 def test_numbers_are_those_of_the_run(archive):
-    first = archive_health(archive).runs[0]
+    first = health(archive).found.runs[0]
     assert first.stage_error_deg == pytest.approx(0.002, abs=1e-9)
     assert first.dark_dn == pytest.approx(60.0, abs=5.0)
     assert (first.lost_frames, first.axis_deg) == (0, 12.0)

@@ -18,12 +18,11 @@ from rigctl import mapped as on_dask
 from rigctl.archive.index import find, parse, update_index
 from rigctl.cli import main
 from rigctl.errors import ConfigError, DataError
-from rigctl.jobs.archive_runs import run_over_archive
-from rigctl.jobs.archive_work import ArchiveRequest, RunTask, rows_of
 from rigctl.mapped import PARTS_FOLDER, Engine
 from rigctl.runs.folder import read_run
 from rigctl.session.take import take_session
 from rigctl.verbs.compare import compare_run
+from rigctl.verbs.over_runs import ArchiveJob, RunTask, rows_of, run_over_archive
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.example_files import small_rig, small_session
 
@@ -69,7 +68,7 @@ def root(taken, tmp_path):
 
 
 def request(root, verb, engine, **others):
-    return ArchiveRequest(verb=verb, root=root, out=root.parent / verb, engine=engine, **others)
+    return ArchiveJob(verb=verb, root=root, out=root.parent / verb, engine=engine, **others)
 
 
 def by_run(found):
@@ -173,7 +172,7 @@ def test_what_all_runs_need_is_refused_at_once(root, engine):
     with pytest.raises(ConfigError, match=r"there is no column 'sate'; did you mean state"):
         run_over_archive(request(root, "verify", engine, where="sate = 'whole'"))
     with pytest.raises(ConfigError, match=r"a worker has rigctl .*, the client 0\.0\.1\+old"):
-        rows_of(RunTask(names=("a",), request=request(root, "verify", engine), code="0.0.1+old"))
+        rows_of(RunTask(names=("a",), job=request(root, "verify", engine), code="0.0.1+old"))
 
 
 def test_without_dask_the_command_says_what_to_install(root, monkeypatch, capsys):

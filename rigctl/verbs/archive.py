@@ -1,0 +1,503 @@
+"""`rigctl archive`: an index of many runs, questions to it, and the verbs of single runs over all of them."""
+
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack
+
+from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import (
+    NOT_AN_INPUT,
+    CompareOptions,
+    EngineOptions,
+    FilePath,
+    FrameOptions,
+    Writes,
+    engine_of,
+    extend_help,
+)
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.archive.health import ArchiveHealth
+    from rigctl.archive.index import Fact, Indexed
+    from rigctl.archive.over_runs import RunRow, Verb
+    from rigctl.mapped import Outcome
+
+_MOST_ROWS = 40  # that are printed
+_FILES = ("archive.csv", "archive.json", "archive.html")
+
+Root: TypeAlias = Annotated[FilePath, NOT_AN_INPUT]
+Out: TypeAlias = Annotated[FilePath, Writes(kind="folder", names=_FILES)]
+
+
+def index(root: Root, /) -> "IndexUpdate":
+    """Make or update the index, ROOT/.rigctl-index.sqlite: of each run time, sun, devices, state, verdict, regions.
+
+    Run folders remain the truth, and are not changed: the index can be removed and made anew. Only runs that changed
+    are read again. Verdicts and regions come from the comparison.json files below ROOT, the newest of a run.
+
+    Example: rigctl archive index runs
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+
+    Returns
+    -------
+    IndexUpdate
+        How many runs there are, and how many are new, changed, gone and damaged.
+
+    Raises
+    ------
+    ConfigError, DataError
+        There is no such folder, or the index cannot be written or is another file.
+    """
+    from rigctl.archive.index import update_index
+
+    return IndexUpdate(update_index(Path(root)))
+
+
+@dataclass(frozen=True)
+class IndexUpdate(Result):
+    """What an update of an index did."""
+
+    found: "Indexed"
+
+    def content(self) -> Iterable[Part]:
+        """Return the numbers in one line."""
+        found = self.found
+        yield (
+            f"{found.runs} runs: {found.new} new, {found.changed} changed, {found.gone} gone, {found.damaged} damaged; "
+            f"{found.comparisons} comparisons"
+        )
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the numbers."""
+        return {"schema_version": 1, **asdict(self.found)}
+
+
+def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
+    """Print the runs and regions of which an expression holds.
+
+    < <= > >= = != compare a column with a number or a text in quotes; and, or, not and brackets join. Columns are in
+    docs/how-to/archives.md. A run without a comparison has no region, and no comparison of a region holds of it.
+
+    Example: rigctl archive find runs "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagree'"
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+    expression : str
+        Comparisons joined by and, or, not.
+    csv : bool
+        Answer in CSV, all columns.
+
+    Returns
+    -------
+    FoundRows
+        A row for each run and each of its regions.
+
+    Raises
+    ------
+    ConfigError, DataError
+        The expression cannot be read, or the archive has no index.
+    """
+    from rigctl.archive.index import find as found_in
+    from rigctl.archive.index import parse
+
+    found = FoundRows(rows=tuple(found_in(Path(root), parse(expression))), csv=csv)
+    if not csv:
+        note(f"{len(found.rows)} rows of {len(found.runs)} runs")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundRows(Result):
+    """Rows of an archive that were asked for."""
+
+    rows: "tuple[dict[str, Fact], ...]"
+    csv: bool = False  #: whether people get all columns as CSV
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """The runs among the rows, each once."""
+        return tuple(dict.fromkeys(str(row["run"]) for row in self.rows))
+
+    def content(self) -> Iterable[Part]:
+        """Return the rows as a table."""
+        from rigctl.archive.report import found_table
+
+        yield found_table(self.rows)
+
+    def show(self) -> None:
+        """Print the rows."""
+        from rigctl.archive.report import found_table
+        from rigctl.report.data_files import csv_rows
+
+        if self.csv:
+            sys.stdout.write(csv_rows(found_table(self.rows)).decode())
+        else:
+            super().show()
+
+    def as_json(self) -> list[Mapping[str, Json]]:
+        """Return the rows with all columns."""
+        return list(self.rows)
+
+
+def health(root: Root, /) -> "RigHealth":
+    """Print how the rig fared from run to run: stage, lost frames, dark level, gain, axis, clock; what changed when.
+
+    The runs themselves are read, not the index; of each one dark frame is opened. A number far off those of the other
+    runs of its device is named.
+
+    Example: rigctl archive health runs
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+
+    Returns
+    -------
+    RigHealth
+        A row for each run, changes, and numbers that stand out.
+
+    Raises
+    ------
+    ConfigError
+        There is no such folder.
+    """
+    from rigctl.archive.health import health_of
+    from rigctl.archive.index import found_below, require_folder
+
+    folder = Path(root)
+    require_folder(folder)
+    return RigHealth(health_of(folder, found_below(folder)[0]))
+
+
+@dataclass(frozen=True)
+class RigHealth(Result):
+    """How a rig fared over all runs of an archive."""
+
+    found: "ArchiveHealth"
+
+    def content(self) -> Iterable[Part]:
+        """Return a row for each run, changes, numbers that stand out, and runs that cannot be read."""
+        from rigctl.archive.report import health_table
+
+        found = self.found
+        yield health_table(found.runs)
+        for change in found.changes:
+            yield f"{change.utc[:16]}Z  {change.run}: {change.what}: {change.before} -> {change.after}"
+        for one in found.outlying:
+            yield f"stands out: {one.run}: {one.what} = {one.value:.6g}, usually {one.usual:.6g}"
+        for name, problem in found.unread.items():
+            yield f"not read: {name}: {problem}"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return runs, changes, numbers that stand out and runs that cannot be read."""
+        return self.found.as_json()
+
+
+class ManyRuns(EngineOptions, total=False):
+    """Which runs of an archive are worked on.
+
+    Parameters
+    ----------
+    where : str
+        Runs of which this expression holds, as in `archive find`; all unless given.
+    """
+
+    where: str | None
+
+
+extend_help(ManyRuns, EngineOptions)
+
+
+class ManyMeasured(FrameOptions, ManyRuns, total=False):
+    """How the runs of an archive are measured."""
+
+
+class ManyCompared(CompareOptions, ManyRuns, total=False):
+    """How the runs of an archive are compared with the model."""
+
+
+for _group, _extended in ((ManyMeasured, FrameOptions), (ManyCompared, CompareOptions)):
+    _group.__doc__ = f"{_group.__doc__}\n\n    Parameters\n    ----------"
+    extend_help(_group, _extended, ManyRuns)
+
+
+def compare(
+    root: Root,
+    /,
+    *,
+    out: Out,
+    scene: FilePath | None = None,
+    regions: FilePath | None = None,
+    full: bool = False,
+    **options: Unpack[ManyCompared],
+) -> "ArchiveRows":
+    """Compare every run that matches with the model, as `rigctl compare` does one; write one table and one page.
+
+    Each run has its own sun and its comparison.json in DIR/runs/RUN; with DIR below ROOT the index has the verdicts.
+    A run that is damaged or unfit is a row with its reason. Ctrl-C stops (exit 75); the same command goes on.
+
+    Exit: 0 all agree; 5 a run disagrees; 4 none does, and a run is unfit or cannot be judged; 75 stopped.
+
+    Example: rigctl archive compare runs --scene scene.toml --where "sun_zenith < 60" --out runs/compared
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+    out : path
+        Folder for table and page, and for what is done so far.
+    scene : path
+        Scene file.
+    regions : path
+        Regions file.
+    full : bool
+        Also write, to DIR/runs/RUN, all that the command of a single run writes.
+    **options
+        As of a single run, and which runs, see `ManyCompared`.
+
+    Returns
+    -------
+    ArchiveRows
+        A row for each run.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
+    """
+    from rigctl.verbs.compare import require_possible
+
+    compared, many = _split(options)
+    require_possible(scene, regions, compared)
+    return _over_runs("compare", root, out, compared, many, scene=scene, regions=regions, full=full)
+
+
+def stokes(
+    root: Root, /, *, out: Out, regions: FilePath | None = None, full: bool = False, **options: Unpack[ManyMeasured]
+) -> "ArchiveRows":
+    """Measure every run that matches, as `rigctl stokes` does one: DoLP and AoLP of the regions, soundness.
+
+    Images are written with --full only. A run that is damaged is a row with its reason. Ctrl-C stops (exit 75); the
+    same command goes on, and does no run twice that did not change.
+
+    Exit: 0 all sound; 4 a run is refused or unfit; 75 stopped.
+
+    Example: rigctl archive stokes runs --regions regions.toml --out runs/measured
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+    out : path
+        Folder for table and page, and for what is done so far.
+    regions : path
+        Regions file.
+    full : bool
+        Also write, to DIR/runs/RUN, all that the command of a single run writes.
+    **options
+        As of a single run, and which runs, see `ManyMeasured`.
+
+    Returns
+    -------
+    ArchiveRows
+        A row for each run.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
+    """
+    measured, many = _split(options)
+    return _over_runs("stokes", root, out, measured, many, regions=regions, full=full)
+
+
+def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> "ArchiveRows":
+    """Check every checksum of every run that matches, as `rigctl verify` does of one.
+
+    A run is checked again if its journals, or sizes and times of its frames, have changed since; for all of them name
+    another DIR.
+
+    Exit: 0 all whole; 4 a run is damaged; 75 none is, and one is unfinished, or the check was stopped.
+
+    Example: rigctl archive verify runs --out checked --workers 2
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+    out : path
+        Folder for table and page, and for what is done so far.
+    **options
+        Which runs, see `ManyRuns`.
+
+    Returns
+    -------
+    ArchiveRows
+        A row for each run.
+
+    Raises
+    ------
+    ConfigError, DataError
+        dask or a scheduler is not there, or the folder is in use.
+    """
+    return _over_runs("verify", root, out, {}, options)
+
+
+def recalibrate(
+    root: Root,
+    /,
+    *,
+    out: Out,
+    regions: FilePath | None = None,
+    scene: FilePath | None = None,
+    full: bool = False,
+    **options: Unpack[ManyMeasured],
+) -> "ArchiveRows":
+    """Measure every run that matches anew, with the calibrations that are named or that the store holds today.
+
+    Next to each number stands what the run gives by itself: with the axis of its rig file and no calibration. Polarizer
+    angles are computed again from the stage's by the axis of the polarizer calibration; throughput, flat field,
+    registration and dark level are used as in `rigctl stokes`. The runs stay as they are; DIR/runs/RUN/stokes.json has
+    the new numbers and the hashes of the calibrations.
+
+    Exit: 0 all sound; 4 a run is refused or unfit; 75 stopped.
+
+    Example: rigctl archive recalibrate runs --regions regions.toml --polarizer polarizer.json --out recalibrated
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+    out : path
+        Folder for table and page, and for what is done so far.
+    regions : path
+        Regions file.
+    scene : path
+        Scene file, for its regions.
+    full : bool
+        Also write, to DIR/runs/RUN, all that the command of a single run writes.
+    **options
+        As of a single run, and which runs, see `ManyMeasured`.
+
+    Returns
+    -------
+    ArchiveRows
+        A row for each run.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
+    """
+    if regions is None and scene is None:
+        raise ConfigError("give --regions FILE, or --scene FILE for its regions: numbers are of regions")
+    measured, many = _split(options)
+    return _over_runs("recalibrate", root, out, measured, many, scene=scene, regions=regions, full=full)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArchiveRows(Result):
+    """What a verb made of each run of an archive."""
+
+    verb: "Verb"
+    out: Path
+    rows: "tuple[RunRow, ...]"  #: of the runs that were tried, in the order of their names
+    runs: int  #: how many match
+    done_before: int  #: how many rows an earlier command had made
+    outcome: "Outcome"
+    damaged: tuple[str, ...]  #: files of an earlier command that could not be read
+
+    @property
+    def verdicts(self) -> Mapping[str, int]:
+        """How many runs have which verdict, the most frequent first."""
+        return dict(Counter(row.verdict for row in self.rows).most_common())
+
+    @property
+    def exit_code(self) -> int:
+        """75 if it was stopped; 5 if a run disagrees; else 4 if one failed or is unfit, 75 if one is unfinished."""
+        codes = {row.exit_code for row in self.rows}
+        if self.outcome == "stopped":
+            return EXIT_INCOMPLETE
+        if EXIT_DISAGREES in codes:
+            return EXIT_DISAGREES
+        return EXIT_DATA if codes - {0, EXIT_INCOMPLETE} else max(codes, default=0)
+
+    def content(self) -> Iterable[Part]:
+        """Return how many runs have which verdict, then the rows; of many runs those that are not good."""
+        from rigctl.archive.report import archive_table
+
+        counted = ", ".join(f"{times} {verdict}" for verdict, times in self.verdicts.items())
+        yield f"{self.runs} runs, {self.done_before} of them done before: {counted or 'none matches'}"
+        if self.outcome == "stopped":
+            yield f"stopped: {len(self.rows)} of {self.runs} runs are done; the same command goes on"
+        shown = self.rows if len(self.rows) <= _MOST_ROWS else [row for row in self.rows if row.exit_code != 0]
+        if shown:
+            yield archive_table(shown[:_MOST_ROWS], self.verb)
+        if len(shown) > _MOST_ROWS:
+            yield f"and {len(shown) - _MOST_ROWS} more"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the rows, and how many runs match and were done before."""
+        return {
+            "schema_version": 1,
+            "out": str(self.out),
+            "outcome": self.outcome,
+            "runs": self.runs,
+            "done": len(self.rows),
+            "done_before": self.done_before,
+            "verdicts": self.verdicts,
+            "rows": [asdict(row) for row in self.rows],
+        }
+
+
+def _split(options: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return the options of a single run, and those that choose runs and workers."""
+    many = {name: value for name, value in options.items() if name in ManyRuns.__annotations__}
+    return {name: value for name, value in options.items() if name not in many}, many
+
+
+def _over_runs(
+    verb: "Verb",
+    root: FilePath,
+    out: FilePath,
+    options: CompareOptions,
+    many: ManyRuns,
+    *,
+    scene: FilePath | None = None,
+    regions: FilePath | None = None,
+    full: bool = False,
+) -> ArchiveRows:
+    from rigctl.mapped import count_shown
+    from rigctl.verbs.over_runs import ArchiveJob, run_over_archive
+
+    job = ArchiveJob(
+        verb=verb,
+        root=Path(root),
+        out=Path(out),
+        engine=engine_of(many),
+        where=many.get("where"),
+        scene=None if scene is None else Path(scene),
+        regions=None if regions is None else Path(regions),
+        options=options,
+        full=full,
+    )
+    with count_shown("runs") as tell:
+        found = run_over_archive(job, tell=tell)
+    for text in found.damaged:
+        warn(f"{text}; its runs were done again")
+    note(f"table and page: {job.out / 'archive.csv'}, {job.out / 'archive.html'}")
+    return found

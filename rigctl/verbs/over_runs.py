@@ -1,0 +1,348 @@
+"""Verbs over all runs of an archive: done on dask, kept as they come, resumed; one row for each run."""
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rigctl.archive.index import facts_of, matching_runs
+from rigctl.archive.over_runs import RegionNumbers, RunRow, Verb, inputs_hash, read_rows, write_rows
+from rigctl.archive.report import write_archive_rows
+from rigctl.base.destination import Origin, results_of
+from rigctl.base.durable import sha256_of
+from rigctl.calibrations.store import KINDS, NONE
+from rigctl.compare.compare import Comparison
+from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT, failure_of
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region, load_regions
+from rigctl.files.scene_file import load_scene
+from rigctl.mapped import Engine, code_version, held_folder, mapped
+from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, store_of_run
+from rigctl.measure.diagnose import recalibrated
+from rigctl.measure.measure import Measurement
+from rigctl.report.comparison import write_comparison, write_comparison_numbers
+from rigctl.report.data_files import json_file
+from rigctl.report.numbers import SCHEMA_VERSION
+from rigctl.report.output import write_folder
+from rigctl.runs.check import used_run
+from rigctl.runs.folder import Run, read_run
+from rigctl.study import scene_digest
+from rigctl.verbs.archive import ArchiveRows
+from rigctl.verbs.compare import compare_run
+from rigctl.verbs.options import CompareOptions, calibrations_of
+from rigctl.verbs.stokes import StokesResult, stokes_of
+from rigctl.verbs.verify import verification_of
+
+RUNS_FOLDER = "runs"
+FAILED = "failed"
+PACKAGES = ("model", "calibration", "rigctl")  #: on whose code the rows depend
+_MOST_RUNS, _ROUNDS = 16, 8  # small runs are done together, so that handing them out costs little
+_DIGITS = 8  # of a hash, in the table
+_VERIFIED = {"whole": 0, "unfinished": EXIT_INCOMPLETE, "damaged": EXIT_DATA}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArchiveJob:
+    """A verb that is to be done on every run of an archive that matches."""
+
+    verb: Verb
+    root: Path
+    out: Path
+    engine: Engine
+    where: str | None = None  #: expression as of `rigctl archive find`; None is every run
+    scene: Path | None = None
+    regions: Path | None = None
+    options: CompareOptions = field(default_factory=CompareOptions)  #: as the verb of a single run takes them
+    full: bool = False  #: write for each run all that the verb of a single run writes
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTask:
+    """Runs that one worker does together: their names below the root, and the job."""
+
+    names: tuple[str, ...]
+    job: ArchiveJob
+    code: str
+
+
+def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lambda _done, _runs: None) -> ArchiveRows:
+    """Do a job over an archive as far as it is not done; return all rows once table and page are written.
+
+    `tell` takes how many runs are done, and how many there are, as they come. Raises ConfigError if there is no such
+    archive, a file that all runs need is wrong, or dask or a scheduler is not there; DataError if the folder is in use
+    or the scheduler went away (what was done is kept).
+    """
+    job = _absolute(job)
+    settings = _settings_text(job)
+    names = matching_runs(job.root, job.where)
+    with held_folder(job.out):
+        stores = _Stores(job)
+        hashes = {name: inputs_hash(job.root / name, f"{settings}{name}\0{stores.of_run(name)}") for name in names}
+        kept = read_rows(job.out)
+        left = [name for name in names if not _is_done(kept.rows.get(hashes[name]))]
+        outcome = mapped(
+            job.engine,
+            rows_of,
+            lambda slots: _tasks(left, job, slots),
+            lambda _, rows: write_rows(job.out, {hashes[row.run]: row for row in rows}),
+            command=f"archive {job.verb}",
+            packages=PACKAGES,
+            size=lambda task: len(task.names),
+            parts=lambda task: tuple(replace(task, names=(name,)) for name in task.names),
+            lost=_lost,
+            done=len(names) - len(left),
+            total=len(names),
+            tell=tell,
+        )
+        rows = read_rows(job.out).rows
+        found = ArchiveRows(
+            verb=job.verb,
+            out=job.out,
+            rows=tuple(rows[hashes[name]] for name in names if hashes[name] in rows),
+            runs=len(names),
+            done_before=len(names) - len(left),
+            outcome=outcome,
+            damaged=kept.damaged,
+        )
+        # The command has refused what a person made there; an earlier table of this folder makes room.
+        with results_of(Origin(command=f"archive {job.verb}", digest=""), force=True):
+            write_archive_rows(found.rows, job.verb, job.out, runs=found.runs, alpha=job.options.get("alpha", 1e-3))
+    return found
+
+
+def _is_done(row: RunRow | None) -> bool:
+    """Return whether a row stands; one that a fault of the program or of the machine ended is tried again."""
+    return row is not None and row.exit_code != EXIT_OWN_FAULT
+
+
+def _tasks(names: Sequence[str], job: ArchiveJob, slots: int) -> Iterator[RunTask]:
+    most = max(1, min(_MOST_RUNS, math.ceil(len(names) / (slots * _ROUNDS))))
+    for first in range(0, len(names), most):
+        yield RunTask(names=tuple(names[first : first + most]), job=job, code=code_version(PACKAGES))
+
+
+def _lost(task: RunTask, reason: str) -> tuple[RunRow, ...]:
+    return tuple(RunRow(run=name, exit_code=EXIT_OWN_FAULT, verdict=FAILED, reason=reason) for name in task.names)
+
+
+def _absolute(job: ArchiveJob) -> ArchiveJob:
+    """Return a job whose files are found from any folder; refuse calibrations that are not there."""
+    for path in calibrations_of(job.options).files.values():
+        if not path.is_file():
+            raise ConfigError(f"{path}: there is no such calibration")
+    options: Any = {
+        name: value.absolute() if isinstance(value, Path) and value != NONE else value
+        for name, value in job.options.items()
+    }
+    return replace(
+        job,
+        root=job.root.absolute(),
+        out=job.out.absolute(),
+        scene=None if job.scene is None else job.scene.absolute(),
+        regions=None if job.regions is None else job.regions.absolute(),
+        options=options,
+    )
+
+
+def _settings_text(job: ArchiveJob) -> str:
+    """Return all that the rows depend on except the runs; wrong files are refused here, once for all runs."""
+    given = calibrations_of(job.options)
+    settings: dict[str, Any] = {name: one for name, one in job.options.items() if not isinstance(one, Path)}
+    settings |= {
+        "verb": job.verb,
+        "code": code_version(PACKAGES),
+        "scene": None if job.scene is None else scene_digest(load_scene(job.scene)),
+        "regions": None if job.regions is None else [one.model_dump_json() for one in load_regions(job.regions)],
+        "calibrations": {kind: sha256_of(path) for kind, path in given.files.items()},
+        "picked": [given.picks, str(given.store), given.without, given.force_registration],
+        "out": [str(job.out), job.full],
+    }
+    return json.dumps(settings, sort_keys=True, default=str)
+
+
+class _Stores:
+    """The stores from which calibrations of runs are picked; each is looked at once."""
+
+    def __init__(self, job: ArchiveJob) -> None:
+        self._given, self._root = calibrations_of(job.options), job.root
+        self._is_asked = job.verb != "verify" and self._given.picks and not set(self._given.files) >= set(KINDS)
+        self._seen: dict[Path, str] = {}
+
+    def of_run(self, name: str) -> str:
+        """Return a hash of what the store of a run holds; nothing if nothing is picked."""
+        if not self._is_asked:
+            return ""
+        try:
+            store = self._given.store or store_of_run(read_run(self._root / name))
+        except DataError:
+            return ""
+        if store is not None and store not in self._seen:
+            files = sorted(path for path in store.rglob("*") if path.is_file())
+            facts = [f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}" for path in files]
+            self._seen[store] = hashlib.sha256("\n".join(facts).encode()).hexdigest()
+        return "" if store is None else self._seen[store]
+
+
+# What a worker does with a run: the function of the single verb, and the row that comes of it.
+
+
+def rows_of(task: RunTask) -> tuple[RunRow, ...]:
+    """Return the rows of runs, on a worker; a run that fails is a row with its reason.
+
+    Raises ConfigError if the worker has another version of the program than the client.
+    """
+    if task.code != code_version(PACKAGES):
+        raise ConfigError(f"a worker has rigctl {code_version(PACKAGES)}, the client {task.code}: install the same")
+    return tuple(_row(name, task.job) for name in task.names)
+
+
+def _row(name: str, job: ArchiveJob) -> RunRow:
+    run, start_s = job.root / name, time.perf_counter()
+    try:
+        with results_of(Origin(command=f"archive {job.verb}", digest=""), force=True):
+            made = _WORK[job.verb](name, run, job)
+    except Exception as error:
+        code, text = failure_of(error)
+        made = RunRow(run=name, exit_code=code, verdict=FAILED, reason=text)
+    facts = facts_of(run)
+    utc, zenith = facts.get("utc"), facts.get("sun_zenith")
+    return replace(
+        made,
+        reason=" ".join(made.reason.split()),
+        utc=utc if isinstance(utc, str) else "",
+        sun_zenith=zenith if isinstance(zenith, float) else None,
+        seconds=time.perf_counter() - start_s,
+    )
+
+
+def _compared(name: str, run: Path, job: ArchiveJob) -> RunRow:
+    comparison = compare_run(run, scene=job.scene, regions=job.regions, **job.options)
+    (write_comparison if job.full else write_comparison_numbers)(comparison, _own_folder(name, job))
+    if comparison.agrees is None:
+        reasons = tuple(dict.fromkeys(one.reason for one in comparison.regions.values() if one.reason))
+    else:
+        reasons = comparison.diagnosis.points_to if comparison.agrees is False else ()
+    return RunRow(
+        run=name,
+        exit_code={True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[comparison.agrees],
+        verdict=comparison.verdict,
+        reason="; ".join(reasons),
+        calibrations=_calibrations_text(comparison.picked),
+        regions=_compared_regions(comparison),
+    )
+
+
+def _compared_regions(comparison: Comparison) -> tuple[RegionNumbers, ...]:
+    means = {(row.region, row.quantity): row for row in comparison.rows if row.statistic == "mean"}
+    found = []
+    for region in _measured_regions(comparison.measurement):
+        row, judged = means.get((region.region, "dolp")), comparison.regions.get(region.region)
+        found.append(
+            replace(
+                region,
+                verdict="" if judged is None else judged.verdict,
+                dolp_predicted=None if row is None else row.predicted,
+                dolp_z=None if row is None else row.z,
+            )
+        )
+    return tuple(found)
+
+
+def _measured_regions(measurement: Measurement) -> tuple[RegionNumbers, ...]:
+    found = []
+    for name, region in measurement.regions.items():
+        dolp = region.quantities.get("dolp", {}).get("mean")
+        aolp = region.quantities.get("aolp_deg", {}).get("mean")
+        found.append(
+            RegionNumbers(
+                region=name,
+                dolp=None if dolp is None else dolp.value,
+                dolp_sigma=None if dolp is None else dolp.std_error,
+                aolp_deg=None if aolp is None else aolp.value,
+                aolp_sigma_deg=None if aolp is None else aolp.std_error,
+            )
+        )
+    return tuple(found)
+
+
+def _measured(name: str, run: Path, job: ArchiveJob) -> RunRow:
+    found = stokes_of(_used(run, job), _regions(job), calibrations_of(job.options), correct=_correct(job))
+    if job.full:
+        found.write(_own_folder(name, job))
+    return _stokes_row(name, found)
+
+
+def _stokes_row(name: str, found: StokesResult) -> RunRow:
+    flagged = tuple(check.name for check in found.checks if check.verdict == "flagged")
+    return RunRow(
+        run=name,
+        exit_code=EXIT_DATA if found.refused else 0,
+        verdict="refused" if found.refused else "flagged" if flagged else "sound",
+        reason="; ".join(found.refused or dict.fromkeys(flagged)),
+        calibrations=_calibrations_text(found.picked),
+        regions=_measured_regions(found.measurement),
+    )
+
+
+def _recalibrated(name: str, run: Path, job: ArchiveJob) -> RunRow:
+    """Measure a run without any calibration file, and with the calibrations that are named or picked today."""
+    taken = _used(run, job)
+    before = stokes_of(taken, _regions(job), CalibrationPaths())
+    today, picked = recalibrated(taken, calibrations_of(job.options))
+    found = stokes_of(today, _regions(job), replace(picked.paths, picks=False, store=None), correct=_correct(job))
+    if job.full:
+        found.write(_own_folder(name, job))
+    else:
+        numbers = {"schema_version": SCHEMA_VERSION, **found.as_json(), **picked.as_json()}
+        write_folder(_own_folder(name, job), {"stokes.json": json_file(numbers)})
+    row = _stokes_row(name, found)
+    old = {region.region: region for region in _measured_regions(before.measurement)}
+    changed = tuple(
+        region
+        if region.region not in old
+        else replace(region, dolp_before=old[region.region].dolp, aolp_before_deg=old[region.region].aolp_deg)
+        for region in row.regions
+    )
+    return replace(row, calibrations=_calibrations_text(picked), regions=changed)
+
+
+def _verified(name: str, run: Path, _: ArchiveJob) -> RunRow:
+    found = verification_of(run)
+    texts = [*(f"{one.file}: {one.problem}" for one in found.bad), *(found.gaps if found.state != "whole" else ())]
+    return RunRow(run=name, exit_code=_VERIFIED[found.state], verdict=found.state, reason=texts[0] if texts else "")
+
+
+_WORK: Mapping[Verb, Callable[[str, Path, ArchiveJob], RunRow]] = {
+    "compare": _compared,
+    "stokes": _measured,
+    "verify": _verified,
+    "recalibrate": _recalibrated,
+}
+
+
+def _own_folder(name: str, job: ArchiveJob) -> Path:
+    return job.out / RUNS_FOLDER / name
+
+
+def _used(run: Path, job: ArchiveJob) -> Run:
+    return used_run(run, ignore_exclusions=job.options.get("ignore_exclusions", False))
+
+
+def _correct(job: ArchiveJob) -> tuple[str, ...]:
+    return tuple(job.options.get("correct", ()))
+
+
+def _regions(job: ArchiveJob) -> list[Region]:
+    if job.regions is not None:
+        return load_regions(job.regions)
+    return [] if job.scene is None else list(load_scene(job.scene).regions)
+
+
+def _calibrations_text(picked: PickedCalibrations | None) -> str:
+    """Return the calibrations of a row: kind, file and the beginning of its hash."""
+    files = {} if picked is None else picked.paths.files
+    return "; ".join(f"{kind} {path.name} {sha256_of(path)[:_DIGITS]}" for kind, path in files.items())
