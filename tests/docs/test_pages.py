@@ -83,3 +83,11 @@ def test_every_column_of_a_csv_file_is_told(name):
 def test_the_tutorial_runs_word_for_word(tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     assert run_blocks([block for block in blocks_of(DOCS / "tutorial.md") if runs(block)], tmp_path) == []
+
+
+def test_the_architecture_page_names_modules_that_exist():
+    text = (DOCS / "architecture.md").read_text()
+    named = re.findall(r"`((?:[\w.]+/)*\w+(?:\.py|/))`", text)
+    roots = [ROOT, ROOT / "rigctl", ROOT / "calibration" / "sensor"]
+    assert len(named) > 50
+    assert [name for name in named if not any((root / name).exists() for root in roots)] == []
