@@ -1,7 +1,17 @@
-"""Findings that speak against a calibration, each with its own name."""
+"""Findings that speak against a calibration: in the frames, in the curves through their levels, and in the results.
+
+Each finding has a name and a message (`_MESSAGES`), and a check that compares one number with a limit and with its own
+error. A finding that makes every result wrong refuses the set; all others are flags of the calibration.
+
+Checks of frames need no fit. They look at the samples as integers (bits, ceiling, zeros, copies), at the light within
+a level (flicker, mixed frames, shading), and at noise that pixels share (filters, compression, rows, stripes). Checks
+of curves compare the dark signal, the photon-transfer curve and the response with what a linear sensor does.
+"""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -23,531 +33,352 @@ from calibration.sensor.curves import (
 from calibration.sensor.judging import is_lamp_sweep
 from calibration.sensor.levels import LevelStatistics, describe_level, level_names
 
-# Findings in noise that neighbours, rows, columns or successive frames share, each by its own name
-
 FloatArray = NDArray[np.float64]
 
-_SIGMA = 5.0
-# Spreading charge correlates the noise of neighbours by a per cent at most.
-_CORRELATION, _FILTERED = 0.02, 0.1
-# Dark noise is of the amplifiers: neighbours share none of it.
-_DARK_CORRELATION = 0.05
-# Lag of a detector leaves less than a per cent of a frame in the next.
-_MEMORY = 0.03
-_STEADY = 0.05
-# Two readout channels differ by a per cent or two, pixels behind colour filters by tens.
-_MOSAIC, _COLOURS = 0.03, 0.1
-_SHARED_VARIANCE, _BANDED = 0.05, 0.01
-_BRIGHT = 0.25
+_MESSAGES = {
+    # Samples as integers.
+    "left_justified": "all samples are multiples of {factor}, up to {largest}: they are shifted to the left by {bits} "
+    "bits, and a gain from them would be {factor} times too large; samples have to be right-justified: divide them by "
+    "{factor} and state the camera's own bit depth",
+    "wrong_bit_depth": "{bits} bits are stated, but the largest sample is {largest}, {reason}: state the camera's own "
+    "bit depth (these samples need at least {least} bits){instead}",
+    "mixed_bit_depth": "most samples are {full_scale}, full scale of {bits} bits, in {levels}, while others reach "
+    "{largest}: some of the files were saved with {bits} bits and the others with more: save all frames with the "
+    "camera's own",
+    "low_ceiling": "samples pile up at {ceiling} DN, below the {full_scale} DN that {bits} bits allow: that is where "
+    "this camera saturates (it takes its black level off, or its firmware stops there), and it is taken so here; "
+    "pixels of scenes count as saturated at full scale only: keep them below {ceiling} DN, or say `rigctl import "
+    "--saturation-dn {ceiling}`",
+    "clipped_black": "up to {share:.2%} of the samples of dark frames are 0 in {levels}; at most {limit:.1%} may be, "
+    "else the noise below black is cut off: raise the camera's black level (offset) and take the frames again",
+    "repeated_frames": "frames are copies of another one, bit by bit ({count} of them), in {levels}; two frames of a "
+    "sensor never are: the same buffer was saved twice, or a file is listed twice; take these frames again",
+    "saturated_levels": "more than {limit:.1%} of the samples are at the ceiling ({ceiling} DN) in {levels}; left out "
+    "of the gain, they show where saturation is",
+    "saturated_dark": "more than {limit:.1%} of the samples of dark frames are at the ceiling ({ceiling} DN) in "
+    "{levels}: light got in, or dark current fills the pixels; cover the lens, or take shorter dark exposures",
+    "no_noise": "no pixel changes from frame to frame in {levels}; a sensor has noise: these are computed pictures, "
+    "or copies of one; give raw frames",
+    "missing_codes": "{share:.0%} of the values amid the others never occur: samples were multiplied, or passed "
+    "through a table, after the converter (digital gain, gamma, a change of bits), so that rounding makes more noise "
+    "than 1/12 DN^2, and a gain in these counts is not the converter's: switch digital gain, gamma and tone mapping "
+    "off, and save samples with the bits that the converter has (not stretched to 16)",
+    # Light within and between levels.
+    "darks_brighter_than_flats": "{brighter} of {darks} dark levels are brighter than the middle of the flats "
+    "({middle:.4g} DN), such as {level}: dark and flat frames are mixed up, or the lens was open: check which is which",
+    "mixed_level": "frames that should be alike differ by up to {worst:.1%} in their mean: {levels}; that is another "
+    "exposure, gain or lamp setting and no flicker (at most {limit:.0%}): {advice}",
+    "unsteady_level": "frames that should be alike differ by up to {worst:.1%} in their mean (more than {limit:.0%} "
+    "and than noise): {levels}; the gain does not suffer from flicker, black level and linearity may: let lamp and "
+    "camera warm up",
+    "lamp_flicker": "the light of flats wanders by {wander:.2%} (rms) from frame to frame of a level, more than "
+    "{limit:.2%} and than noise: the gain does not suffer, since the mean of each difference is taken off; the means, "
+    "and with them linearity and quantum efficiency, are known less well: use a steadier lamp",
+    "outlier_pixels": "up to {share:.2g} of the pixels jump by more than 6 standard deviations between two frames of "
+    "{levels} (cosmic hits, telegraph noise, defects); they are left out of these levels",
+    "uneven_light": "{share:.0%} of the spatial variance of {level} is smooth across the picture (at most {limit:.0%} "
+    "is expected of pixels alone): uneven light of the lamp, or shading of the lens; it is left out of the best PRNU, "
+    "that of EMVA 1288 holds it: use an integrating sphere without lens",
+    "non_monotonic_sweep": "the mean falls by more than {limit:.0%} although the exposure is longer: {where}; the "
+    "light changed during the sweep, or a frame has another exposure than stated: check lamp and shutter",
+    "light_not_constant": "the signal per exposure time differs by up to {off:.0%} between levels (at most "
+    "{limit:.0%} is expected of a sensor): the light changed, an automatic gain or exposure is on, or exposures are "
+    "not as stated; the gain does not suffer from the light, its linearity is not known",
+    # Noise that pixels or frames share.
+    "correlated_noise": "the noise of neighbouring pixels goes together by {across:+.3f} across and {down:+.3f} down "
+    "(at most {limit} is expected): frames were filtered, interpolated from a colour mosaic, resized or compressed "
+    "with loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and sharpening off, "
+    "and save raw frames",
+    "compressed_frames": "the noise of neighbouring pixels of dark frames goes together by {across:+.2f} along rows "
+    "and {down:+.2f} down columns (at most {limit} either way is expected): frames were compressed with loss or "
+    "filtered, and the noise is not the sensor's: save raw frames, without noise reduction",
+    "frames_go_together": "the noise of a pixel goes together from one frame to the next by {share:+.3f} (at most "
+    "{limit} is expected): the camera averages frames in time (noise reduction), so that differences of frames show "
+    "{shown:.0%} of the noise, and the gain is too small by as much: switch noise reduction off, and save raw frames",
+    "colour_mosaic": "the four pixels of a 2 x 2 cell differ by {contrast:.0%} in their means, in even light (at most "
+    "{limit:.0%} is expected): these are frames of a sensor behind a mosaic of colour or polarization filters, and "
+    "PRNU and saturation are those of the mixture: give the pixels of one colour (RAW files: --plane)",
+    "row_noise": "pixels of a line share noise that changes from frame to frame ({sizes}) in {levels}: it is in the "
+    "read noise, whose standard error is then too small, and stripes will show in dim scenes; better supply and "
+    "shielding, or a correction by masked pixels, lower it",
+    "banded_light": "{share:.1%} of the noise in time of bright flats is common to whole rows or columns (at most "
+    "{limit:.0%} is expected): a lamp on alternating current lights the rows of a rolling shutter unevenly, and the "
+    "gain is too large by as much: use a lamp on direct current, or exposures of whole periods",
+    # Photon-transfer curve and response.
+    "not_photon_noise": "the temporal variance goes from {variance[0]:.4g} to {variance[1]:.4g} DN^2 while the signal "
+    "goes from {signal[0]:.4g} to {signal[1]:.4g} DN; photon noise grows in proportion to the signal: switch gamma, "
+    "tone mapping, noise reduction and compression off, and check kinds and exposures",
+    "too_few_levels": "{used} of {all} flat levels can be used for the gain; with fewer than {limit} neither bend nor "
+    "scatter of the photon-transfer curve is seen, and a sensor that is not linear has a larger error than stated: "
+    "take 10 levels or more between dark and 80 % of saturation",
+    "saturation_not_reached": "no rise and fall of the temporal variance is seen up to the brightest level "
+    "({brightest:.4g} DN above dark), so saturation is not known: {more}, until most of the picture is saturated",
+    "bent_photon_transfer": "at {top:.4g} DN the photon-transfer curve is {bend:+.1%} off its slope at no signal "
+    "(more than {limit:.0%} and than noise): {cause}; the gain given is the one at no signal, and noise predicted for "
+    "bright scenes is off by as much",
+    "scattered_photon_transfer": "the points scatter by {scatter:.1%} about the photon-transfer curve, more than "
+    "their sampling explains (chi-squared {chi2:.3g} per degree of freedom); the standard errors hold it: more "
+    "exposures make the gain better, more frames at each do not",
+    "response_not_linear": "at {top:.4g} DN the mean is {off} off its slope at no signal (more than {limit:.0%}): "
+    "radiances of bright scenes are off by as much; the response is in the calibration, or expose so that scenes stay "
+    "below {linear_dn:.0f} DN",
+    "unsteady_lamp": "the means of the levels scatter by {scatter:.1%} about a smooth response to the {light} (more "
+    "than {limit:.0%}): the lamp flickers or drifts between levels, or exposures are not exact; the gain stands, with "
+    "a larger error since the response is known less well: let the lamp warm up",
+    # Dark signal.
+    "dark_exposure_missing": "there are no dark frames around the exposure of {levels}; those of the nearest exposure "
+    "were taken, and the difference in dark current counts as signal: take dark frames at the exposures of the flats, "
+    "or at the shortest and the longest",
+    "single_dark_exposure": "dark frames have one exposure, or exposures are not known: there is no dark current, and "
+    "what it adds within this exposure counts as black level and read noise; take dark frames at two or more "
+    "exposures, the longest as long as it may be",
+    "dark_current_changed": "the mean of dark frames is no straight line of their exposure ({bend} DN/s^2): the "
+    "sensor warmed up or cooled down while they were taken, or light got in: the dark current is not known, black "
+    "level and read noise are those of a curve: let the camera warm up for half an hour, and take the dark frames in "
+    "mixed order",
+    "quantisation_limited": "the temporal noise of dark frames is below {limit:.2f} DN, where rounding to whole "
+    "counts hides it: the read noise is only known to be below {limit_e:.3g} e-; raise the camera's gain to measure it",
+    "black_clamp": "with exposure the mean of dark frames grows by {by_mean:.4g} DN/s, their variance says "
+    "{by_variance:.4g} DN/s (difference more than {limit:.0f} standard errors): the camera takes dark signal off by "
+    "itself, or dark frames were not dark; the dark current given is that of the mean",
+    # Results.
+    "negative_dark_current": "the dark mean falls with exposure, by {rate} e-/s: the camera takes off more than its "
+    "dark signal, its black level drifts, or exposures are mixed up; see the dark current by variance",
+    "quantum_efficiency_above_one": "there are {efficiency} electrons a photon, of which there can be one at most: "
+    "the photons are not those of one pixel and one exposure, or irradiance or pixel area are wrong",
+}
 
-
-def row_column_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
-    """Return what is odd in the noise of neighbours, and in the means of every second pixel."""
-    found = (
-        _correlated_noise(levels),
-        _smoothed_darks(levels),
-        _frames_go_together(levels),
-        _colour_mosaic(levels),
-        _row_noise(levels),
-        _banded_light(levels),
-    )
-    return tuple(flag for flag in found if flag is not None)
-
-
-def _bright_flats(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
-    """Return the flats below saturation in which photons make most of the noise."""
-    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
-    darks = [level.mean_dn for level in levels if level.kind == "dark"]
-    if not flats or not darks:
-        return []
-    dark_dn = float(np.mean(darks))
-    limit_dn = _BRIGHT * (max(flat.mean_dn for flat in flats) - dark_dn)
-    return [flat for flat in flats if flat.mean_dn - dark_dn >= limit_dn]
-
-
-def _variance(level: LevelStatistics) -> float:
-    # A level without noise is refused by another name.
-    return level.temporal_variance_dn2 or 1.0
-
-
-def _correlated_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
-    flats = _bright_flats(levels)
-    if not flats:
-        return None
-    # What whole lines share is a finding of its own.
-    horizontal = float(np.mean([v.row_column.horizontal - v.row_column.row_variance_dn2 / _variance(v) for v in flats]))
-    vertical = float(np.mean([v.row_column.vertical - v.row_column.column_variance_dn2 / _variance(v) for v in flats]))
-    error = float(np.mean([flat.row_column.std_error for flat in flats])) / np.sqrt(len(flats))
-    largest = max(abs(horizontal), abs(vertical))
-    if largest < _CORRELATION or largest < _SIGMA * error:
-        return None
-    return Flag(
-        name="correlated_noise",
-        message=f"the noise of neighbouring pixels goes together by {horizontal:+.3f} across and {vertical:+.3f} down "
-        f"(at most {_CORRELATION} is expected): frames were filtered, interpolated from a colour mosaic, resized or "
-        f"compressed with loss (JPEG), and the gain is too small by about twice their sum: switch noise reduction and "
-        f"sharpening off, and save raw frames",
-        refuses=largest > _FILTERED,
-    )
-
-
-def _smoothed_darks(levels: Sequence[LevelStatistics]) -> Flag | None:
-    """Return a flag if dark noise, which a coder throws away first, is shared by neighbours."""
-    darks = [v for v in levels if v.kind == "dark" and v.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
-    shares = [
-        (
-            one.row_column.horizontal - one.row_column.row_variance_dn2 / one.temporal_variance_dn2,
-            one.row_column.vertical - one.row_column.column_variance_dn2 / one.temporal_variance_dn2,
-            one.row_column.std_error,
-        )
-        for one in darks
-    ]
-    smoothed = [one for one in shares if max(abs(one[0]), abs(one[1])) > max(_DARK_CORRELATION, _SIGMA * one[2])]
-    if not darks or len(smoothed) <= len(darks) // 2:
-        return None
-    horizontal, vertical = (float(np.median([one[axis] for one in shares])) for axis in (0, 1))
-    return Flag(
-        name="compressed_frames",
-        message=f"the noise of neighbouring pixels of dark frames goes together by {horizontal:+.2f} along rows and "
-        f"{vertical:+.2f} down columns (at most {_DARK_CORRELATION} either way is expected): frames were compressed "
-        f"with loss or filtered, and the noise is not the sensor's: save raw frames, without noise reduction",
-        refuses=True,
-    )
-
-
-def _frames_go_together(levels: Sequence[LevelStatistics]) -> Flag | None:
-    # Rounding that hides the noise shows what is left of it in a few pixels only.
-    noisy = [v for v in levels if v.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
-    # Light that changes shows the pixels' own response in every difference.
-    steady = [v for v in noisy if np.ptp(v.frame_means_dn[:3]) < _STEADY * v.mean_dn]
-    stacks = [v.lag for v in steady if v.lag is not None and v.samples.max_fraction < SATURATED_FRACTION]
-    if not stacks:
-        return None
-    share = float(np.mean([lag.share for lag in stacks]))
-    error = float(np.sqrt(np.sum([lag.std_error**2 for lag in stacks]))) / len(stacks)
-    if share < _MEMORY or share < _SIGMA * error:
-        return None
-    return Flag(
-        name="frames_go_together",
-        message=f"the noise of a pixel goes together from one frame to the next by {share:+.3f} (at most {_MEMORY} is "
-        f"expected): the camera averages frames in time (noise reduction), so that differences of frames show "
-        f"{(1.0 - share) / (1.0 + share):.0%} of the noise, and the gain is too small by as much: switch noise "
-        f"reduction off, and save raw frames",
-        refuses=share > _FILTERED,
-    )
-
-
-def _colour_mosaic(levels: Sequence[LevelStatistics]) -> Flag | None:
-    flats = _bright_flats(levels)
-    darks = [level.mean_dn for level in levels if level.kind == "dark"]
-    if not flats or not darks:
-        return None
-    flat = max(flats, key=lambda level: level.mean_dn)
-    contrast = flat.mosaic_contrast * flat.mean_dn / (flat.mean_dn - float(np.mean(darks)))
-    variance_dn2 = max(flat.spatial_variance_dn2, 0.0) + flat.temporal_variance_dn2 / flat.n_frames
-    error = np.sqrt(variance_dn2 * 4.0 / flat.n_pixels) / flat.mean_dn
-    if contrast < _MOSAIC or contrast < 2.0 * _SIGMA * error:
-        return None
-    return Flag(
-        name="colour_mosaic",
-        message=f"the four pixels of a 2 x 2 cell differ by {contrast:.0%} in their means, in even light (at most "
-        f"{_MOSAIC:.0%} is expected): these are frames of a sensor behind a mosaic of colour or polarization filters, "
-        f"and PRNU and saturation are those of the mixture: give the pixels of one colour (RAW files: --plane)",
-        refuses=contrast > _COLOURS,
-    )
-
-
-def _row_noise(levels: Sequence[LevelStatistics]) -> Flag | None:
-    darks = [level for level in levels if level.kind == "dark"]
-    if not darks:
-        return None
-    variances = np.mean([_of_lines(level) for level in darks], axis=0)
-    errors = np.mean([_errors_of_lines(level) for level in darks], axis=0)
-    total = float(np.mean([level.temporal_variance_dn2 for level in darks]))
-    shared = {
-        line: float(np.sqrt(variance))
-        for line, variance, error in zip(("row", "column"), variances, errors, strict=True)
-        if variance > _SIGMA * error and variance > _SHARED_VARIANCE * total
-    }
-    if not shared:
-        return None
-    sizes = ", ".join(f"{size_dn:.2g} DN by {line}" for line, size_dn in shared.items())
-    return Flag(
-        name="row_noise",
-        message=f"pixels of a line share noise that changes from frame to frame ({sizes}) in {level_names(darks)}: it "
-        f"is in the read noise, whose standard error is then too small, and stripes will show in dim scenes; better "
-        f"supply and shielding, or a correction by masked pixels, lower it",
-    )
-
-
-def _of_lines(level: LevelStatistics) -> FloatArray:
-    return np.array([level.row_column.row_variance_dn2, level.row_column.column_variance_dn2])
-
-
-def _errors_of_lines(level: LevelStatistics) -> FloatArray:
-    return np.array([level.row_column.row_std_error_dn2, level.row_column.column_std_error_dn2])
-
-
-def _banded_light(levels: Sequence[LevelStatistics]) -> Flag | None:
-    flats = _bright_flats(levels)
-    if not flats:
-        return None
-    # Lines that share noise in the dark are a finding of its own.
-    in_dark = np.mean([_of_lines(level) for level in levels if level.kind == "dark"], axis=0)
-    shares = np.mean([(_of_lines(flat) - in_dark) / _variance(flat) for flat in flats], axis=0)
-    errors = np.mean([_errors_of_lines(flat) / _variance(flat) for flat in flats], axis=0) / np.sqrt(len(flats))
-    worst = int(np.argmax(shares))
-    share = float(shares[worst])
-    if share < _BANDED or share < _SIGMA * errors[worst]:
-        return None
-    return Flag(
-        name="banded_light",
-        message=f"{share:.1%} of the noise in time of bright flats is common to whole rows or columns (at most "
-        f"{_BANDED:.0%} is expected): a lamp on alternating current lights the rows of a rolling shutter unevenly, and "
-        f"the gain is too large by as much: use a lamp on direct current, or exposures of whole periods",
-        refuses=share > _FILTERED,
-    )
-
-
-# Findings in the light of the levels that speak against a calibration, each by its own name
-
-_STEP = 0.01
-_STEP_SIGMA = 5.0
-_MIXED_STEP = 0.1
-# Whole frames of coarse counts differ by this by rounding alone; a level that wanders as all do is not mixed.
-_ROUNDING_DN, _WANDER_OF_ALL = 0.3, 8.0
-_FLICKER = 0.0015
-_PROPORTIONAL = 0.1
-_HALF = 0.5
-_LEAST_EXPOSURES = 5
-_BRIGHT_LEVEL_CHECKS = 0.2
-_OUTLIER_FRACTION = 1e-5
-_UNEVEN_SHARE = 0.25
-_UNEVEN_SIGMA = 5.0
-
-
-def level_flags(levels: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
-    """Return what is odd in how frames of a level, and levels, differ."""
-    found = (
-        _swapped(levels),
-        _unsteady(levels),
-        _flicker(levels),
-        _outlier_pixels(levels),
-        _uneven_light(levels),
-    )
-    return tuple(flag for flag in found if flag is not None)
-
-
-def light_course_flags(levels: Sequence[LevelStatistics], *, wrong: Sequence[LevelStatistics]) -> tuple[Flag, ...]:
-    """Return what is odd in the course of the light from level to level."""
-    others = [level for level in levels if not any(level is one for one in wrong)]
-    found = (_non_monotonic(levels, wrong), _not_proportional(others))
-    return tuple(flag for flag in found if flag is not None)
-
-
-def _spread_dn(level: LevelStatistics) -> float:
-    return max(level.frame_means_dn) - min(level.frame_means_dn)
-
-
-def _step(level: LevelStatistics) -> float:
-    """Return the spread of a level's frame means relative to its mean, 0 where noise or rounding explains it."""
-    spread = _spread_dn(level)
-    least = max(_STEP_SIGMA * np.sqrt(level.temporal_variance_dn2 / level.n_pixels), _ROUNDING_DN)
-    return spread / level.mean_dn if spread > least else 0.0
-
-
-def _all_wander(levels: Sequence[LevelStatistics], worst: LevelStatistics) -> bool:
-    """Return whether other flats wander by as many counts, as in the beat of a lamp on alternating current."""
-    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
-    if worst.kind == "dark" or len(flats) < _LEAST_EXPOSURES:
-        return False
-    return _spread_dn(worst) < _WANDER_OF_ALL * float(np.median([_spread_dn(flat) for flat in flats]))
-
-
-def _swapped(levels: Sequence[LevelStatistics]) -> Flag | None:
-    flats = [level.mean_dn for level in levels if level.kind == "flat"]
-    darks = [level for level in levels if level.kind == "dark"]
-    if not flats or not darks:
-        return None
-    brighter = [level for level in darks if level.mean_dn > np.median(flats)]
-    if len(brighter) <= len(darks) // 2:
-        return None
-    return Flag(
-        name="darks_brighter_than_flats",
-        message=f"{len(brighter)} of {len(darks)} dark levels are brighter than the middle of the flats "
-        f"({float(np.median(flats)):.4g} DN), such as {level_names(brighter[:1])}: dark and flat frames are mixed up, "
-        f"or the lens was open: check which is which",
-        refuses=True,
-    )
-
-
-def _unsteady(levels: Sequence[LevelStatistics]) -> Flag | None:
-    unsteady = [level for level in levels if _step(level) > _STEP]
-    if not unsteady:
-        return None
-    worst = max(_step(level) for level in unsteady)
-    if worst > _MIXED_STEP and not _all_wander(levels, max(unsteady, key=_step)):
-        return Flag(
-            name="mixed_level",
-            message=f"frames that should be alike differ by up to {worst:.1%} in their mean: {level_names(unsteady)}; "
-            f"that is another exposure, gain or lamp setting and no flicker (at most {_MIXED_STEP:.0%}): "
-            f"{_advice_on_mixing(unsteady)}",
-            refuses=True,
-        )
-    return Flag(
-        name="unsteady_level",
-        message=f"frames that should be alike differ by up to {worst:.1%} in their mean (more than {_STEP:.0%} and "
-        f"than noise): {level_names(unsteady)}; the gain does not suffer from flicker, black level and linearity may: "
-        f"let lamp and camera warm up",
-    )
-
-
-def _advice_on_mixing(levels: Sequence[LevelStatistics]) -> str:
-    if any(level.exposure_s is None for level in levels):
-        return (
-            "no exposure was recognised for them, so that frames of all exposures count as one level: write it in "
-            "their names with its unit (flat_10ms_001.png, exp000522us), state that of bare numbers (exp000522) with "
-            "--exposure-unit, or give a table (--table FILE.csv with the columns file, kind, exposure_ms)"
-        )
-    return "keep automatic exposure and gain off, and give frames of different light as different levels"
-
-
-def _flicker(levels: Sequence[LevelStatistics]) -> Flag | None:
-    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
-    if not flats:
-        return None
-    wander = [
-        (float(np.var(flat.frame_means_dn, ddof=1)) - flat.temporal_variance_dn2 / flat.n_pixels) / flat.mean_dn**2
-        for flat in flats
-    ]
-    noise = [flat.temporal_variance_dn2 / flat.n_pixels / flat.mean_dn**2 for flat in flats]
-    # Next to no light, what wanders is the black level.
-    bright = np.array([flat.mean_dn for flat in flats]) > _BRIGHT_LEVEL_CHECKS * max(flat.mean_dn for flat in flats)
-    variance = float(np.mean(np.array(wander)[bright]))
-    if variance < _FLICKER**2 or variance < _STEP_SIGMA * float(np.mean(np.array(noise)[bright])):
-        return None
-    return Flag(
-        name="lamp_flicker",
-        message=f"the light of flats wanders by {np.sqrt(variance):.2%} (rms) from frame to frame of a level, more "
-        f"than {_FLICKER:.2%} and than noise: the gain does not suffer, since the mean of each difference is taken "
-        f"off; the means, and with them linearity and quantum efficiency, are known less well: use a steadier lamp",
-    )
-
-
-def _non_monotonic(levels: Sequence[LevelStatistics], wrong: Sequence[LevelStatistics]) -> Flag | None:
-    flats = [level for level in levels if level.kind == "flat" and level.exposure_s is not None]
-    flats.sort(key=lambda level: (level.exposure_s or 0.0, level.mean_dn))
-    drops = [
-        after
-        for before, after in pairwise(flats)
-        if after.exposure_s != before.exposure_s and after.mean_dn < (1.0 - _STEP) * before.mean_dn
-    ]
-    if not drops:
-        return None
-    where, named = level_names(drops), wrong or [one for one in drops if _alone_is_dark(one, flats)]
-    if wrong:
-        where = f"that is by {level_names(wrong)}, which the others do not confirm"
-    return Flag(
-        name="non_monotonic_sweep",
-        level=describe_level(named[0]) if named else None,
-        message=f"the mean falls by more than {_STEP:.0%} although the exposure is longer: {where}; the "
-        f"light changed during the sweep, or a frame has another exposure than stated: check lamp and shutter",
-    )
-
-
-def _alone_is_dark(level: LevelStatistics, flats: Sequence[LevelStatistics]) -> bool:
-    """Return whether a flat is less than half as bright as both neighbours, which follow one another; by exposure."""
-    place = next(index for index, one in enumerate(flats) if one is level)
-    if not 0 < place < len(flats) - 1:
-        return False
-    before, after = flats[place - 1].mean_dn, flats[place + 1].mean_dn
-    return level.mean_dn < _HALF * before < _HALF * after
-
-
-def _below_saturation(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
-    """Return the flats that are neither at the ceiling nor above the one of largest variance."""
-    flats = [v for v in levels if v.kind == "flat" and v.samples.max_fraction < SATURATED_FRACTION]
-    peak = max(flats, key=lambda level: level.temporal_variance_dn2, default=None)
-    return [flat for flat in flats if peak is None or flat.mean_dn <= peak.mean_dn]
-
-
-def _not_proportional(levels: Sequence[LevelStatistics]) -> Flag | None:
-    darks = [level.mean_dn for level in levels if level.kind == "dark"]
-    flats = _below_saturation(levels)
-    exposures = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
-    if not darks or np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_EXPOSURES, len(flats) // 2):
-        return None
-    signal = np.array([flat.mean_dn for flat in flats]) - float(np.mean(darks))
-    if signal.min() <= 0.0:
-        return None
-    # Without the shortest exposures, which are often longer than stated by a fixed time, and which dark current bends.
-    bright = signal > _BRIGHT_LEVEL_CHECKS * signal.max()
-    if np.count_nonzero(bright) < _LEAST_EXPOSURES:
-        return None
-    rate = signal[bright] / exposures[bright]
-    off = float(np.abs(rate / np.median(rate) - 1.0).max())
-    if off < _PROPORTIONAL:
-        return None
-    return Flag(
-        name="light_not_constant",
-        message=f"the signal per exposure time differs by up to {off:.0%} between levels (at most "
-        f"{_PROPORTIONAL:.0%} is expected of a sensor): the light changed, an automatic gain or exposure is on, or "
-        f"exposures are not as "
-        f"stated; the gain does not suffer from the light, its linearity is not known",
-    )
-
-
-def _outlier_pixels(levels: Sequence[LevelStatistics]) -> Flag | None:
-    # Next to saturation only few pixels still change, which is no defect.
-    levels = [v for v in levels if v.kind == "dark" or v.samples.max_fraction < SATURATED_FRACTION]
-    n_all = [level.shape[0] * level.shape[1] for level in levels]
-    shares = [1.0 - level.n_pixels / n for level, n in zip(levels, n_all, strict=True)]
-    touched = [level for level, share in zip(levels, shares, strict=True) if share > _OUTLIER_FRACTION]
-    if not touched:
-        return None
-    return Flag(
-        name="outlier_pixels",
-        message=f"up to {max(shares):.2g} of the pixels jump by more than 6 standard deviations between two frames of "
-        f"{level_names(touched)} (cosmic hits, telegraph noise, defects); they are left out of these levels",
-    )
-
-
-def _uneven_light(levels: Sequence[LevelStatistics]) -> Flag | None:
-    flats = [
-        level
-        for level in levels
-        if level.kind == "flat" and level.spatial_variance_dn2 > _UNEVEN_SIGMA * level.spatial_std_error_dn2
-    ]
-    if not flats:
-        return None
-    # The level from which the fixed pattern is taken has the most frames; of those the brightest shows it best.
-    level = max(flats, key=lambda flat: (flat.n_frames, flat.spatial_variance_dn2))
-    share = 1.0 - level.small_scale_variance_dn2 / level.spatial_variance_dn2
-    if share < _UNEVEN_SHARE:
-        return None
-    return Flag(
-        name="uneven_light",
-        message=f"{share:.0%} of the spatial variance of {describe_level(level)} is smooth across the picture (at most "
-        f"{_UNEVEN_SHARE:.0%} is expected of pixels alone): uneven light of the lamp, or shading of the lens; it is "
-        f"left out of the best PRNU, that of EMVA 1288 holds it: use an integrating sphere without lens",
-    )
-
-
-# Findings in the samples themselves that speak against a calibration, each by its own name
-
-# The standard's own limit: more zeros than this in a dark frame and its lower half is cut off.
-_ZERO_FRACTION = 0.005
-_PILED_FRACTION = 0.5
+# Significance: a number over its standard error.
+_SIGMA, _BEND_SIGMA, _LEFT_SIGMA = 5.0, 3.0, 2.0
+# Limit of EMVA 1288: with more zeros in a dark frame, its noise is cut off from below.
+_ZERO_SHARE = 0.005
+_PILED_SHARE = 0.5
 _EIGHT_BITS = 255
 _MISSING_CODES, _STRETCHED = 0.05, 0.5
+# Relative spread of the frames of a level: unsteady, and too large for flicker.
+_UNSTEADY, _MIXED = 0.01, 0.1
+# Means of whole frames of coarse counts differ by this much from rounding alone.
+_ROUNDING_DN = 0.3
+# A level whose spread is below this many times that of the other flats is not mixed: they all flicker.
+_USUAL_SPREAD = 8.0
+_FLICKER = 0.0015
+_OUTLIER_SHARE = 1e-5
+_UNEVEN_SHARE = 0.25
+_NOT_PROPORTIONAL, _LEAST_LEVELS = 0.1, 5
+# Share of the brightest signal above which light, and not the black level, makes the signal.
+_LIT, _BRIGHT = 0.2, 0.25
+# Spreading charge correlates the noise of neighbours by at most a per cent.
+_CORRELATION, _FILTERED = 0.02, 0.1
+# Dark noise comes from the amplifiers: neighbours share none of it.
+_DARK_CORRELATION = 0.05
+# Lag of a detector leaves less than a per cent of a frame in the next.
+_LAG, _STEADY = 0.03, 0.05
+# Two readout channels differ by one or two per cent, pixels behind colour filters by tens.
+_MOSAIC, _COLOURS = 0.03, 0.1
+_SHARED_VARIANCE, _BANDED = 0.05, 0.01
+# Relative departure of the photon-transfer curve from its first slope: beyond that of photon noise, and worth a flag.
+_NO_LINE, _BEND = 0.3, 0.02
+# Beyond saturation the mean grows by little; where the variance falls while the mean goes on, there is a tone curve.
+_BEYOND_SATURATION = 1.5
+_SCATTER, _SCATTER_CHI2_PER_DOF = 0.005, 3.0
+_NOT_LINEAR, _LAMP = 0.01, 0.01
 
 
-def sample_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
-    """Return what is wrong with the samples as integers."""
-    ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
-    found = (
-        _left_justified(levels),
-        _wrong_bit_depth(levels, bit_depth),
-        _mixed_bit_depth(levels),
-        _low_ceiling(levels, ceiling_dn, bit_depth),
-        _clipped_black(levels),
-        _repeated_frames(levels),
-        _saturated_levels(levels, ceiling_dn),
-        _saturated_dark(levels, ceiling_dn),
-        _no_noise(levels, ceiling_dn),
-        _missing_codes(levels),
+def frame_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
+    """Return the findings in dark and flat levels themselves; at least one of each."""
+    frames = _Frames(levels=levels, bit_depth=bit_depth)
+    checks: tuple[Callable[[_Frames], Flag | None], ...] = (
+        _left_justified,
+        _wrong_bit_depth,
+        _mixed_bit_depth,
+        _low_ceiling,
+        _clipped_black,
+        _repeated_frames,
+        _saturated_levels,
+        _saturated_dark,
+        _no_noise,
+        _missing_codes,
+        _darks_brighter_than_flats,
+        _unsteady_level,
+        _lamp_flicker,
+        _outlier_pixels,
+        _uneven_light,
+        _correlated_noise,
+        _compressed_frames,
+        _frames_go_together,
+        _colour_mosaic,
+        _row_noise,
+        _banded_light,
     )
-    return tuple(flag for flag in found if flag is not None)
+    return _found(check(frames) for check in checks)
 
 
-def _used_bits(levels: Sequence[LevelStatistics]) -> int:
-    return int(np.bitwise_or.reduce([level.samples.used_bits for level in levels]))
-
-
-def _unused_low_bits(levels: Sequence[LevelStatistics]) -> int:
-    used = _used_bits(levels)
-    return (used & -used).bit_length() - 1 if used else 0
-
-
-def _left_justified(levels: Sequence[LevelStatistics]) -> Flag | None:
-    shift = _unused_low_bits(levels)
-    if shift == 0:
-        return None
-    largest = max(level.samples.max_dn for level in levels)
-    return Flag(
-        name="left_justified",
-        message=f"all samples are multiples of {2**shift}, up to {largest}: they are shifted to the left by {shift} "
-        f"bits, and a gain from them would be {2**shift} times too large; samples have to be right-justified: "
-        f"divide them by {2**shift} and state the camera's own bit depth",
-        refuses=True,
-    )
-
-
-def _wrong_bit_depth(levels: Sequence[LevelStatistics], bit_depth: int) -> Flag | None:
-    if _unused_low_bits(levels):
-        return None
-    full_scale = 2**bit_depth - 1
-    largest = max(level.samples.max_dn for level in levels)
-    if largest > full_scale:
-        return Flag(
-            name="wrong_bit_depth",
-            message=f"the largest sample is {largest}, but {bit_depth} bits are stated, which allow {full_scale}; "
-            f"state at least {largest.bit_length()} bits",
-            refuses=True,
+def curve_flags(
+    levels: Sequence[LevelStatistics],
+    flats: Sequence[LevelStatistics],
+    transfer: PhotonTransfer,
+    dark: DarkSignal,
+    match: DarkMatch,
+    *,
+    wrong: Sequence[LevelStatistics],
+) -> tuple[Flag, ...]:
+    """Return the findings in the curves through all levels; `wrong` are the flats with a flag of their own."""
+    return _found(
+        (
+            _non_monotonic_sweep(levels, wrong),
+            _light_not_constant([level for level in levels if not any(level is one for one in wrong)]),
+            _not_photon_noise(transfer),
+            _too_few_levels(transfer),
+            _saturation_not_reached(flats, transfer),
+            _bent_photon_transfer(transfer),
+            _scattered_photon_transfer(transfer),
+            _response_not_linear(transfer),
+            _unsteady_lamp(transfer),
+            _dark_exposure_missing(flats, transfer, match),
+            _single_dark_exposure(dark),
+            _dark_current_changed(dark),
+            _quantisation_limited(transfer, dark),
+            _black_clamp(transfer, dark),
         )
-    if largest > full_scale // 4:
-        return None
-    piled = any(level.samples.max_dn == largest and level.samples.max_fraction > SATURATED_FRACTION for level in levels)
-    real_ceiling = piled and largest == 2 ** largest.bit_length() - 1
-    reason = "where samples pile up" if real_ceiling else "less than a quarter of what they allow"
-    return Flag(
-        name="wrong_bit_depth",
-        message=f"{bit_depth} bits are stated, but the largest sample is {largest}, {reason}; saturated pixels would "
-        f"go unseen: state the camera's own bit depth (these samples fit into {largest.bit_length()} bits)"
-        + ("" if real_ceiling else ", or take brighter flats"),
-        refuses=real_ceiling,
     )
 
 
-def _of_fewer_bits(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
-    """Return flats most of whose samples are at full scale of fewer bits than others have."""
-    largest = max(level.samples.max_dn for level in levels)
-    return [
-        level
-        for level in levels
-        if level.kind == "flat"
-        and level.samples.max_fraction > _PILED_FRACTION
-        and _EIGHT_BITS <= level.samples.max_dn < largest
-        and level.samples.max_dn & (level.samples.max_dn + 1) == 0
-    ]
+def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
+    """Return the findings in results that no sensor has."""
+    current, efficiency = dark_current_e_per_s, quantum_efficiency
+    found = []
+    if current is not None and current.value <= -_SIGMA * current.std_error:
+        found.append(_flag("negative_dark_current", rate=number_with_error(-current.value, current.std_error)))
+    if efficiency is not None and efficiency.value - _SIGMA * efficiency.std_error >= 1.0:
+        words = number_with_error(efficiency.value, efficiency.std_error)
+        found.append(_flag("quantum_efficiency_above_one", efficiency=words))
+    return tuple(found)
 
 
-def _mixed_bit_depth(levels: Sequence[LevelStatistics]) -> Flag | None:
-    cut = _of_fewer_bits(levels)
+def _flag(name: str, *, refuses: bool = False, **words: object) -> Flag:
+    return Flag(name=name, message=_MESSAGES[name].format(**words), refuses=refuses)
+
+
+def _found(flags: Iterable[Flag | None]) -> tuple[Flag, ...]:
+    return tuple(flag for flag in flags if flag is not None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Frames:
+    """Levels as the checks of frames look at them."""
+
+    levels: Sequence[LevelStatistics]
+    bit_depth: int
+
+    @cached_property
+    def flats(self) -> list[LevelStatistics]:
+        return [level for level in self.levels if level.kind == "flat"]
+
+    @cached_property
+    def darks(self) -> list[LevelStatistics]:
+        return [level for level in self.levels if level.kind == "dark"]
+
+    @cached_property
+    def dark_dn(self) -> float:
+        return float(np.mean([dark.mean_dn for dark in self.darks]))
+
+    @cached_property
+    def open_flats(self) -> list[LevelStatistics]:
+        """Flats that are not saturated."""
+        return _open(self.flats)
+
+    @cached_property
+    def bright_flats(self) -> list[LevelStatistics]:
+        """Flats that are not saturated and whose noise is mostly that of photons."""
+        limit_dn = _BRIGHT * max((flat.mean_dn - self.dark_dn for flat in self.open_flats), default=0.0)
+        return [flat for flat in self.open_flats if flat.mean_dn - self.dark_dn >= limit_dn]
+
+    @cached_property
+    def largest_dn(self) -> int:
+        return max(level.samples.max_dn for level in self.levels)
+
+    @cached_property
+    def ceiling_dn(self) -> int:
+        return sample_ceiling_dn(self.levels, bit_depth=self.bit_depth)
+
+    @cached_property
+    def unused_low_bits(self) -> int:
+        used = int(np.bitwise_or.reduce([level.samples.used_bits for level in self.levels]))
+        return (used & -used).bit_length() - 1 if used else 0
+
+    @cached_property
+    def flats_of_fewer_bits(self) -> list[LevelStatistics]:
+        """Flats most of whose samples are at full scale of fewer bits than others have."""
+        return [
+            flat
+            for flat in self.flats
+            if flat.samples.max_fraction > _PILED_SHARE
+            and _EIGHT_BITS <= flat.samples.max_dn < self.largest_dn
+            and flat.samples.max_dn & (flat.samples.max_dn + 1) == 0
+        ]
+
+    def saturated(self, levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
+        return [level for level in levels if is_saturated(level, ceiling_dn=self.ceiling_dn)]
+
+
+def _open(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
+    return [level for level in levels if level.samples.max_fraction < SATURATED_FRACTION]
+
+
+def _left_justified(frames: _Frames) -> Flag | None:
+    bits = frames.unused_low_bits
+    if bits == 0:
+        return None
+    return _flag("left_justified", refuses=True, factor=2**bits, bits=bits, largest=frames.largest_dn)
+
+
+def _wrong_bit_depth(frames: _Frames) -> Flag | None:
+    full_scale, largest, least = 2**frames.bit_depth - 1, frames.largest_dn, frames.largest_dn.bit_length()
+    if frames.unused_low_bits or full_scale // 4 < largest <= full_scale:
+        return None
+    piled = [v.samples for v in frames.levels if v.samples.max_dn == largest]
+    is_full_scale = largest == 2**least - 1 and any(one.max_fraction > SATURATED_FRACTION for one in piled)
+    is_larger, instead = largest > full_scale, ""
+    if is_larger:
+        reason = f"and {full_scale} is the largest that they allow"
+    elif is_full_scale:
+        reason = "where samples pile up; saturated pixels would go unseen"
+    else:
+        reason = "less than a quarter of what they allow; saturated pixels would go unseen"
+        instead = ", or take brighter flats"
+    return _flag(
+        "wrong_bit_depth",
+        refuses=is_larger or is_full_scale,
+        bits=frames.bit_depth,
+        largest=largest,
+        least=least,
+        reason=reason,
+        instead=instead,
+    )
+
+
+def _mixed_bit_depth(frames: _Frames) -> Flag | None:
+    cut = frames.flats_of_fewer_bits
     if not cut:
         return None
-    bits, largest = cut[0].samples.max_dn.bit_length(), max(level.samples.max_dn for level in levels)
-    return Flag(
-        name="mixed_bit_depth",
-        message=f"most samples are {cut[0].samples.max_dn}, full scale of {bits} bits, in {level_names(cut)}, while "
-        f"others reach {largest}: some of the files were saved with {bits} bits and the others with more: save all "
-        f"frames with the camera's own",
-        refuses=True,
-    )
+    full_scale = cut[0].samples.max_dn
+    words = {"full_scale": full_scale, "bits": full_scale.bit_length(), "largest": frames.largest_dn}
+    return _flag("mixed_bit_depth", refuses=True, levels=level_names(cut), **words)
 
 
-def _clipped_black(levels: Sequence[LevelStatistics]) -> Flag | None:
-    clipped = [v for v in levels if v.kind == "dark" and v.samples.zero_fraction > _ZERO_FRACTION]
+def _low_ceiling(frames: _Frames) -> Flag | None:
+    full_scale, ceiling = 2**frames.bit_depth - 1, frames.ceiling_dn
+    if not full_scale // 4 < ceiling < full_scale or frames.unused_low_bits:
+        return None
+    return _flag("low_ceiling", ceiling=ceiling, full_scale=full_scale, bits=frames.bit_depth)
+
+
+def _clipped_black(frames: _Frames) -> Flag | None:
+    clipped = [dark for dark in frames.darks if dark.samples.zero_fraction > _ZERO_SHARE]
     if not clipped:
         return None
     share = max(level.samples.zero_fraction for level in clipped)
-    return Flag(
-        name="clipped_black",
-        message=f"up to {share:.2%} of the samples of dark frames are 0 in {level_names(clipped)}; at most "
-        f"{_ZERO_FRACTION:.1%} may be, else the noise below black is cut off: raise the camera's black level "
-        f"(offset) and take the frames again",
-        refuses=True,
-    )
+    return _flag("clipped_black", refuses=True, share=share, levels=level_names(clipped), limit=_ZERO_SHARE)
 
 
 def _rounding_hides_noise(level: LevelStatistics) -> bool:
@@ -555,211 +386,327 @@ def _rounding_hides_noise(level: LevelStatistics) -> bool:
     return level.spatial_variance_dn2 + level.temporal_variance_dn2 < QUANTISATION_LIMIT_DN2
 
 
-def _repeated_frames(levels: Sequence[LevelStatistics]) -> Flag | None:
+def _repeated_frames(frames: _Frames) -> Flag | None:
     # Where most samples are at one ceiling, or rounding hides all noise, two frames may well be the same.
-    varied = [v for v in levels if v.samples.max_fraction < _PILED_FRACTION and not _rounding_hides_noise(v)]
+    varied = [v for v in frames.levels if v.samples.max_fraction < _PILED_SHARE and not _rounding_hides_noise(v)]
     counts = Counter(digest for level in varied for digest in level.samples.digests)
     repeated = {digest for digest, count in counts.items() if count > 1}
     if not repeated:
         return None
     touched = [level for level in varied if repeated.intersection(level.samples.digests)]
-    return Flag(
-        name="repeated_frames",
-        message=f"frames are copies of another one, bit by bit ({sum(counts[d] - 1 for d in repeated)} of them), in "
-        f"{level_names(touched)}; two frames of a sensor never are: the same buffer was saved twice, or a file is "
-        f"listed twice; take these frames again",
-        refuses=True,
-    )
+    count = sum(counts[digest] - 1 for digest in repeated)
+    return _flag("repeated_frames", refuses=True, count=count, levels=level_names(touched))
 
 
-def _low_ceiling(levels: Sequence[LevelStatistics], ceiling_dn: int, bit_depth: int) -> Flag | None:
-    full_scale = 2**bit_depth - 1
-    if not full_scale // 4 < ceiling_dn < full_scale or _unused_low_bits(levels):
-        return None
-    return Flag(
-        name="low_ceiling",
-        message=f"samples pile up at {ceiling_dn} DN, below the {full_scale} DN that {bit_depth} bits allow: that is "
-        f"where this camera saturates (it takes its black level off, or its firmware stops there), and it is taken so "
-        f"here; pixels of scenes count as saturated at full scale only: keep them below {ceiling_dn} DN, "
-        f"or say `rigctl import --saturation-dn {ceiling_dn}`",
-    )
-
-
-def _saturated_levels(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None:
-    saturated = [level for level in levels if level.kind == "flat" and is_saturated(level, ceiling_dn=ceiling_dn)]
+def _saturated_levels(frames: _Frames) -> Flag | None:
+    saturated = frames.saturated(frames.flats)
     if not saturated:
         return None
-    return Flag(
-        name="saturated_levels",
-        message=f"more than {SATURATED_FRACTION:.1%} of the samples are at the ceiling ({ceiling_dn} DN) in "
-        f"{level_names(saturated)}; left out of the gain, they show where saturation is",
-    )
+    names = level_names(saturated)
+    return _flag("saturated_levels", limit=SATURATED_FRACTION, ceiling=frames.ceiling_dn, levels=names)
 
 
-def _saturated_dark(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None:
-    saturated = [level for level in levels if level.kind == "dark" and is_saturated(level, ceiling_dn=ceiling_dn)]
+def _saturated_dark(frames: _Frames) -> Flag | None:
+    saturated = frames.saturated(frames.darks)
     if not saturated:
         return None
-    return Flag(
-        name="saturated_dark",
-        message=f"more than {SATURATED_FRACTION:.1%} of the samples of dark frames are at the ceiling "
-        f"({ceiling_dn} DN) in {level_names(saturated)}: light got in, or dark current fills the pixels; "
-        f"cover the lens, or take shorter dark exposures",
-        refuses=True,
-    )
+    names = level_names(saturated)
+    return _flag("saturated_dark", refuses=True, limit=SATURATED_FRACTION, ceiling=frames.ceiling_dn, levels=names)
 
 
-def _no_noise(levels: Sequence[LevelStatistics], ceiling_dn: int) -> Flag | None:
+def _no_noise(frames: _Frames) -> Flag | None:
     # Above the flat of most noise the sensor saturates, perhaps at another value each exposure (black taken off).
-    noisy = [level for level in levels if level.kind == "flat" and level.temporal_variance_dn2 > 0.0]
-    peak_dn = max(noisy, key=lambda level: level.temporal_variance_dn2).mean_dn if noisy else np.inf
-    silent = [
-        level
-        for level in levels
-        if level.temporal_variance_dn2 == 0.0
-        and not any(level is one for one in _of_fewer_bits(levels))
-        and not (level.kind == "flat" and (is_saturated(level, ceiling_dn=ceiling_dn) or level.mean_dn > peak_dn))
-        and not (level.kind == "dark" and _rounding_hides_noise(level))
+    noisy = [flat for flat in frames.flats if flat.temporal_variance_dn2 > 0.0]
+    peak_dn = max(noisy, key=lambda flat: flat.temporal_variance_dn2).mean_dn if noisy else np.inf
+    explained = [*frames.flats_of_fewer_bits, *frames.saturated(frames.flats)]
+    explained += [flat for flat in frames.flats if flat.mean_dn > peak_dn]
+    explained += [dark for dark in frames.darks if _rounding_hides_noise(dark)]
+    still = [level for level in frames.levels if level.temporal_variance_dn2 == 0.0]
+    silent = [level for level in still if not any(level is one for one in explained)]
+    return _flag("no_noise", refuses=True, levels=level_names(silent)) if silent else None
+
+
+def _missing_codes(frames: _Frames) -> Flag | None:
+    combed = [v.samples.missing_codes for v in frames.levels if v.samples.missing_codes > _MISSING_CODES]
+    # A single level may lie where the converter itself has gaps.
+    if len(combed) <= len(frames.levels) // 2 or frames.unused_low_bits:
+        return None
+    share = float(np.median(combed))
+    return _flag("missing_codes", refuses=share > _STRETCHED, share=share)
+
+
+def _darks_brighter_than_flats(frames: _Frames) -> Flag | None:
+    middle_dn = float(np.median([flat.mean_dn for flat in frames.flats]))
+    brighter = [dark for dark in frames.darks if dark.mean_dn > middle_dn]
+    if len(brighter) <= len(frames.darks) // 2:
+        return None
+    words = {"brighter": len(brighter), "darks": len(frames.darks), "middle": middle_dn}
+    return _flag("darks_brighter_than_flats", refuses=True, level=level_names(brighter[:1]), **words)
+
+
+def _spread_dn(level: LevelStatistics) -> float:
+    return max(level.frame_means_dn) - min(level.frame_means_dn)
+
+
+def _relative_spread(level: LevelStatistics) -> float:
+    """Return the spread of a level's frame means relative to its mean, 0 where noise or rounding explains it."""
+    least_dn = max(_SIGMA * np.sqrt(level.temporal_variance_dn2 / level.n_pixels), _ROUNDING_DN)
+    return _spread_dn(level) / level.mean_dn if _spread_dn(level) > least_dn else 0.0
+
+
+def _unsteady_level(frames: _Frames) -> Flag | None:
+    unsteady = [level for level in frames.levels if _relative_spread(level) > _UNSTEADY]
+    if not unsteady:
+        return None
+    level = max(unsteady, key=_relative_spread)
+    worst, names = _relative_spread(level), level_names(unsteady)
+    if worst <= _MIXED or _is_usual_spread(frames, level):
+        return _flag("unsteady_level", worst=worst, levels=names, limit=_UNSTEADY)
+    advice = "keep automatic exposure and gain off, and give frames of different light as different levels"
+    if any(level.exposure_s is None for level in unsteady):
+        advice = (
+            "no exposure was recognised for them, so that frames of all exposures count as one level: write it in "
+            "their names with its unit (flat_10ms_001.png, exp000522us), state that of bare numbers (exp000522) with "
+            "--exposure-unit, or give a table (--table FILE.csv with the columns file, kind, exposure_ms)"
+        )
+    return _flag("mixed_level", refuses=True, worst=worst, levels=names, limit=_MIXED, advice=advice)
+
+
+def _is_usual_spread(frames: _Frames, level: LevelStatistics) -> bool:
+    """Return whether other flats wander by as many counts, as in the beat of a lamp on alternating current."""
+    if level.kind == "dark" or len(frames.open_flats) < _LEAST_LEVELS:
+        return False
+    return _spread_dn(level) < _USUAL_SPREAD * float(np.median([_spread_dn(flat) for flat in frames.open_flats]))
+
+
+def _lamp_flicker(frames: _Frames) -> Flag | None:
+    if not frames.open_flats:
+        return None
+    # In levels with next to no light, the black level wanders.
+    limit_dn = _LIT * max(flat.mean_dn for flat in frames.open_flats)
+    lit = [flat for flat in frames.open_flats if flat.mean_dn > limit_dn]
+    noise = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in lit])
+    squares = np.square([flat.mean_dn for flat in lit])
+    variance = float(np.mean((np.array([np.var(flat.frame_means_dn, ddof=1) for flat in lit]) - noise) / squares))
+    if variance < _FLICKER**2 or variance < _SIGMA * float(np.mean(noise / squares)):
+        return None
+    return _flag("lamp_flicker", wander=np.sqrt(variance), limit=_FLICKER)
+
+
+def _outlier_pixels(frames: _Frames) -> Flag | None:
+    # Next to saturation only few pixels still change, and these are no defects.
+    shares = [
+        (level, 1.0 - level.n_pixels / (level.shape[0] * level.shape[1]))
+        for level in frames.levels
+        if level.kind == "dark" or level.samples.max_fraction < SATURATED_FRACTION
     ]
-    if not silent:
+    touched = [level for level, share in shares if share > _OUTLIER_SHARE]
+    if not touched:
         return None
-    return Flag(
-        name="no_noise",
-        message=f"no pixel changes from frame to frame in {level_names(silent)}; a sensor has noise: these are "
-        f"computed pictures, or copies of one; give raw frames",
-        refuses=True,
-    )
+    return _flag("outlier_pixels", share=max(share for _, share in shares), levels=level_names(touched))
 
 
-def _missing_codes(levels: Sequence[LevelStatistics]) -> Flag | None:
-    combed = [level for level in levels if level.samples.missing_codes > _MISSING_CODES]
-    # One level may stand where a converter of its own has gaps.
-    if len(combed) <= len(levels) // 2 or _unused_low_bits(levels):
+def _uneven_light(frames: _Frames) -> Flag | None:
+    flats = [v for v in frames.flats if v.spatial_variance_dn2 > _SIGMA * v.spatial_std_error_dn2]
+    if not flats:
         return None
-    share = float(np.median([level.samples.missing_codes for level in combed]))
-    return Flag(
-        name="missing_codes",
-        message=f"{share:.0%} of the values amid the others never occur: samples were multiplied, or passed through a "
-        f"table, after the converter (digital gain, gamma, a change of bits), so that rounding makes more noise than "
-        f"1/12 DN^2, and a gain in these counts is not the converter's: switch digital gain, gamma and tone mapping "
-        f"off, and save samples with the bits that the converter has (not stretched to 16)",
-        refuses=share > _STRETCHED,
-    )
+    # The fixed pattern is taken from the level with the most frames; of several the brightest shows it best.
+    level = max(flats, key=lambda flat: (flat.n_frames, flat.spatial_variance_dn2))
+    share = 1.0 - level.small_scale_variance_dn2 / level.spatial_variance_dn2
+    if share < _UNEVEN_SHARE:
+        return None
+    return _flag("uneven_light", share=share, level=describe_level(level), limit=_UNEVEN_SHARE)
 
 
-# Findings in dark signal and photon-transfer curve that speak against a calibration, each by its own name
-
-# A curve that is off its own first slope by so much is no photon noise of a linear sensor.
-_NO_LINE = 0.3
-# Beyond saturation the mean grows by little; a curve whose variance falls while the mean goes on is a tone curve.
-_BEYOND_SATURATION = 1.5
-_BEND = 0.02
-_BEND_SIGMA = 3.0
-_LEFT_SIGMA = 2.0
-_SCATTER = 0.005
-_NOT_LINEAR = 0.01
-_LAMP = 0.01
-_SCATTER_CHI2_PER_DOF = 3.0
-_CLAMP_SIGMA = 5.0
+def _correlations(level: LevelStatistics) -> tuple[float, float]:
+    """Return the correlation of neighbours across and down, without the part that whole lines share."""
+    of, variance = level.row_column, level.temporal_variance_dn2 or 1.0
+    return of.horizontal - of.row_variance_dn2 / variance, of.vertical - of.column_variance_dn2 / variance
 
 
-def curve_flags(
-    flats: Sequence[LevelStatistics], transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch
-) -> tuple[Flag, ...]:
-    """Return what is odd in the fits."""
-    found = (
-        _not_photon_noise(transfer),
-        _too_few_levels(transfer),
-        _saturation_not_reached(flats, transfer),
-        _bent(transfer),
-        _scattered(transfer),
-        _not_linear(transfer),
-        _unsteady_lamp(transfer),
-        _uncovered(flats, transfer, match),
-        _single_dark_exposure(dark),
-        _dark_current_changed(dark),
-        _quantisation_limited(transfer, dark),
-        _black_clamp(transfer, dark),
-    )
-    return tuple(flag for flag in found if flag is not None)
+def _correlated_noise(frames: _Frames) -> Flag | None:
+    flats = frames.bright_flats
+    if not flats:
+        return None
+    across, down = (float(one) for one in np.mean([_correlations(flat) for flat in flats], axis=0))
+    error = float(np.mean([flat.row_column.std_error for flat in flats])) / np.sqrt(len(flats))
+    largest = max(abs(across), abs(down))
+    if largest < _CORRELATION or largest < _SIGMA * error:
+        return None
+    return _flag("correlated_noise", refuses=largest > _FILTERED, across=across, down=down, limit=_CORRELATION)
 
 
-def _relative_bend(transfer: PhotonTransfer) -> float:
-    """Return by which share the curve departs from its first slope, at the brightest point of the fit."""
-    top_dn = transfer.top_dn
-    return (transfer.bend + transfer.cubic * top_dn) * top_dn / transfer.gain_dn_per_e
+def _compressed_frames(frames: _Frames) -> Flag | None:
+    """Look at neighbours in dark noise, which lossy compression removes first."""
+    darks = [dark for dark in frames.darks if dark.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
+    smoothed = [
+        dark
+        for dark in darks
+        if max(np.abs(_correlations(dark))) > max(_DARK_CORRELATION, _SIGMA * dark.row_column.std_error)
+    ]
+    if not darks or len(smoothed) <= len(darks) // 2:
+        return None
+    across, down = (float(one) for one in np.median([_correlations(dark) for dark in darks], axis=0))
+    return _flag("compressed_frames", refuses=True, across=across, down=down, limit=_DARK_CORRELATION)
 
 
-def _relative_bend_error(transfer: PhotonTransfer) -> float:
-    """Return the standard error of the bend at the brightest point of the fit."""
-    top_dn = transfer.top_dn
+def _frames_go_together(frames: _Frames) -> Flag | None:
+    # Rounding that hides the noise leaves some of it in few pixels only.
+    noisy = [level for level in _open(frames.levels) if level.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
+    # Light that changes shows the response of each pixel in every difference.
+    steady = [level for level in noisy if np.ptp(level.frame_means_dn[:3]) < _STEADY * level.mean_dn]
+    stacks = [level.lag for level in steady if level.lag is not None]
+    if not stacks:
+        return None
+    share = float(np.mean([lag.share for lag in stacks]))
+    error = float(np.sqrt(np.sum([lag.std_error**2 for lag in stacks]))) / len(stacks)
+    if share < _LAG or share < _SIGMA * error:
+        return None
+    shown = (1.0 - share) / (1.0 + share)
+    return _flag("frames_go_together", refuses=share > _FILTERED, share=share, shown=shown, limit=_LAG)
+
+
+def _colour_mosaic(frames: _Frames) -> Flag | None:
+    if not frames.bright_flats:
+        return None
+    flat = max(frames.bright_flats, key=lambda level: level.mean_dn)
+    contrast = flat.mosaic_contrast * flat.mean_dn / (flat.mean_dn - frames.dark_dn)
+    variance_dn2 = max(flat.spatial_variance_dn2, 0.0) + flat.temporal_variance_dn2 / flat.n_frames
+    error = np.sqrt(variance_dn2 * 4.0 / flat.n_pixels) / flat.mean_dn
+    if contrast < _MOSAIC or contrast < 2.0 * _SIGMA * error:
+        return None
+    return _flag("colour_mosaic", refuses=contrast > _COLOURS, contrast=contrast, limit=_MOSAIC)
+
+
+def _line_variances(levels: Sequence[LevelStatistics]) -> FloatArray:
+    """Return the variances that rows and columns share, shape (n, 2) [DN^2]."""
+    return np.array([[v.row_column.row_variance_dn2, v.row_column.column_variance_dn2] for v in levels])
+
+
+def _line_errors(levels: Sequence[LevelStatistics]) -> FloatArray:
+    return np.array([[v.row_column.row_std_error_dn2, v.row_column.column_std_error_dn2] for v in levels])
+
+
+def _row_noise(frames: _Frames) -> Flag | None:
+    variances, errors = (np.mean(of(frames.darks), axis=0) for of in (_line_variances, _line_errors))
+    total = float(np.mean([dark.temporal_variance_dn2 for dark in frames.darks]))
+    sizes = [
+        f"{np.sqrt(variance):.2g} DN by {line}"
+        for line, variance, error in zip(("row", "column"), variances, errors, strict=True)
+        if variance > _SIGMA * error and variance > _SHARED_VARIANCE * total
+    ]
+    return _flag("row_noise", sizes=", ".join(sizes), levels=level_names(frames.darks)) if sizes else None
+
+
+def _banded_light(frames: _Frames) -> Flag | None:
+    flats = frames.bright_flats
+    if not flats:
+        return None
+    # Noise that lines share in the dark is a finding of its own.
+    in_dark = np.mean(_line_variances(frames.darks), axis=0)
+    noise = np.array([[flat.temporal_variance_dn2 or 1.0] for flat in flats])
+    shares = np.mean((_line_variances(flats) - in_dark) / noise, axis=0)
+    errors = np.mean(_line_errors(flats) / noise, axis=0) / np.sqrt(len(flats))
+    worst = int(np.argmax(shares))
+    share = float(shares[worst])
+    if share < _BANDED or share < _SIGMA * errors[worst]:
+        return None
+    return _flag("banded_light", refuses=share > _FILTERED, share=share, limit=_BANDED)
+
+
+def _non_monotonic_sweep(levels: Sequence[LevelStatistics], wrong: Sequence[LevelStatistics]) -> Flag | None:
+    flats = [level for level in levels if level.kind == "flat" and level.exposure_s is not None]
+    flats.sort(key=lambda level: (level.exposure_s or 0.0, level.mean_dn))
+    drops = [
+        after
+        for before, after in pairwise(flats)
+        if after.exposure_s != before.exposure_s and after.mean_dn < (1.0 - _UNSTEADY) * before.mean_dn
+    ]
+    if not drops:
+        return None
+    where, named = level_names(drops), wrong or [one for one in drops if _is_darker_than_neighbours(one, flats)]
+    if wrong:
+        where = f"that is by {level_names(wrong)}, which the others do not confirm"
+    message = _MESSAGES["non_monotonic_sweep"].format(limit=_UNSTEADY, where=where)
+    return Flag(name="non_monotonic_sweep", level=describe_level(named[0]) if named else None, message=message)
+
+
+def _is_darker_than_neighbours(level: LevelStatistics, flats: Sequence[LevelStatistics]) -> bool:
+    """Return whether a flat is less than half as bright as the one before, and that less than half as the one after."""
+    place = next(index for index, one in enumerate(flats) if one is level)
+    if not 0 < place < len(flats) - 1:
+        return False
+    before, after = flats[place - 1].mean_dn, flats[place + 1].mean_dn
+    return level.mean_dn < 0.5 * before < 0.5 * after
+
+
+def _light_not_constant(levels: Sequence[LevelStatistics]) -> Flag | None:
+    darks = [level.mean_dn for level in levels if level.kind == "dark"]
+    flats = _open([level for level in levels if level.kind == "flat"])
+    # Above the flat of most noise the sensor saturates.
+    peak_dn = max(flats, key=lambda flat: flat.temporal_variance_dn2).mean_dn if flats else 0.0
+    flats = [flat for flat in flats if flat.mean_dn <= peak_dn]
+    exposures = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
+    if np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_LEVELS, len(flats) // 2):
+        return None
+    signal = np.array([flat.mean_dn for flat in flats]) - float(np.mean(darks))
+    # The shortest exposures are often longer than stated by a fixed time, and dark current bends them.
+    is_lit = signal > _LIT * signal.max()
+    if signal.min() <= 0.0 or np.count_nonzero(is_lit) < _LEAST_LEVELS:
+        return None
+    rate = signal[is_lit] / exposures[is_lit]
+    off = float(np.abs(rate / np.median(rate) - 1.0).max())
+    return None if off < _NOT_PROPORTIONAL else _flag("light_not_constant", off=off, limit=_NOT_PROPORTIONAL)
+
+
+def _bend(transfer: PhotonTransfer) -> tuple[float, float]:
+    """Return the departure of the curve from its first slope at the brightest point of the fit, and its error."""
+    top_dn, gain = transfer.top_dn, transfer.gain_dn_per_e
     gradient = top_dn ** np.arange(1, len(transfer.fit.parameters))
-    own = gradient @ transfer.fit.covariance[1:, 1:] @ gradient
-    return float(np.sqrt(own)) / transfer.gain_dn_per_e
+    error = float(np.sqrt(gradient @ transfer.fit.covariance[1:, 1:] @ gradient)) / gain
+    return (transfer.bend + transfer.cubic * top_dn) * top_dn / gain, error
 
 
 def _not_photon_noise(transfer: PhotonTransfer) -> Flag | None:
-    bend = abs(_relative_bend(transfer))
-    is_line = transfer.gain_dn_per_e > 0.0 and (bend < _NO_LINE or bend < _BEND_SIGMA * _relative_bend_error(transfer))
-    if is_line and not _falls_early(transfer):
-        return None
-    signal, variance = transfer.points.signal_dn, transfer.points.variance_dn2
-    first, last = np.flatnonzero(transfer.used if not is_line else ~transfer.points.saturated)[[0, -1]]
-    return Flag(
-        name="not_photon_noise",
-        message=f"the temporal variance goes from {variance[first]:.4g} to {variance[last]:.4g} DN^2 while the signal "
-        f"goes from {signal[first]:.4g} to {signal[last]:.4g} DN; photon noise grows in proportion to the signal: "
-        f"switch gamma, tone mapping, noise reduction and compression off, and check kinds and exposures",
-        refuses=True,
+    bend, error = _bend(transfer)
+    is_line = transfer.gain_dn_per_e > 0.0 and (abs(bend) < _NO_LINE or abs(bend) < _BEND_SIGMA * error)
+    points, peak = transfer.points, transfer.saturation
+    # A variance that is largest at a signal far below that of others that are not saturated.
+    is_tone_curve = peak is not None and float(points.signal_dn[~points.saturated].max()) > (
+        _BEYOND_SATURATION * points.signal_dn[peak.upper]
     )
-
-
-def _falls_early(transfer: PhotonTransfer) -> bool:
-    """Return whether the variance is largest at a signal far below others that are not saturated."""
-    peak, open_ = transfer.saturation, transfer.points.signal_dn[~transfer.points.saturated]
-    return peak is not None and float(open_.max()) > _BEYOND_SATURATION * transfer.points.signal_dn[peak.upper]
+    if is_line and not is_tone_curve:
+        return None
+    ends = np.flatnonzero(~points.saturated if is_line else transfer.used)[[0, -1]]
+    words = {"variance": points.variance_dn2[ends].tolist(), "signal": points.signal_dn[ends].tolist()}
+    return _flag("not_photon_noise", refuses=True, **words)
 
 
 def _too_few_levels(transfer: PhotonTransfer) -> Flag | None:
-    n_used = int(np.count_nonzero(transfer.used))
-    if n_used >= BEND_LEVELS:
+    used = int(np.count_nonzero(transfer.used))
+    if used >= BEND_LEVELS:
         return None
-    return Flag(
-        name="too_few_levels",
-        message=f"{n_used} of {len(transfer.used)} flat levels can be used for the gain; with fewer than {BEND_LEVELS} "
-        f"neither bend nor scatter of the photon-transfer curve is seen, and a sensor that is not linear has a "
-        f"larger error than stated: take 10 levels or more between dark and 80 % of saturation",
-    )
+    return _flag("too_few_levels", used=used, all=len(transfer.used), limit=BEND_LEVELS)
 
 
 def _saturation_not_reached(flats: Sequence[LevelStatistics], transfer: PhotonTransfer) -> Flag | None:
     if transfer.saturation is not None:
         return None
     more = "go on with a brighter lamp" if is_lamp_sweep(flats) else "add longer exposures"
-    return Flag(
-        name="saturation_not_reached",
-        message=f"no rise and fall of the temporal variance is seen up to the brightest level "
-        f"({transfer.points.signal_dn.max():.4g} DN above dark), so saturation is not known: {more}, "
-        f"until most of the picture is saturated",
-    )
+    return _flag("saturation_not_reached", brightest=transfer.points.signal_dn.max(), more=more)
 
 
-def _bent(transfer: PhotonTransfer) -> Flag | None:
-    bend = _relative_bend(transfer)
-    if abs(bend) < _BEND or abs(bend) < _BEND_SIGMA * _relative_bend_error(transfer):
+def _bent_photon_transfer(transfer: PhotonTransfer) -> Flag | None:
+    bend, error = _bend(transfer)
+    if abs(bend) < _BEND or abs(bend) < _BEND_SIGMA * error:
         return None
-    return Flag(
-        name="bent_photon_transfer",
-        message=f"at {transfer.top_dn:.4g} DN the photon-transfer curve is {bend:+.1%} off its slope at no signal "
-        f"(more than {_BEND:.0%} and than noise): {_cause(transfer)}; the gain given is the one at no signal, and "
-        f"noise predicted for bright scenes is off by as much",
-    )
+    cause = _cause_of_bend(transfer, rises=bend > 0.0)
+    return _flag("bent_photon_transfer", top=transfer.top_dn, bend=bend, limit=_BEND, cause=cause)
 
 
-def _cause(transfer: PhotonTransfer) -> str:
-    """Return what bends the curve, as far as its direction and the response of the sensor tell."""
+def _cause_of_bend(transfer: PhotonTransfer, *, rises: bool) -> str:
+    """Return the cause of the bend, as far as its direction and the response of the sensor show it."""
     spreading, curve = brighter_fatter(transfer), transfer.linearity
-    rises = _relative_bend(transfer) > 0.0
     if spreading is None or curve is None:
         # Charge that spreads between pixels only ever takes variance away.
         return (
@@ -770,7 +717,7 @@ def _cause(transfer: PhotonTransfer) -> str:
     top_dn = transfer.top_dn
     response = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
     found = f"mean against {curve.light} is {response:+.2%} off its line there"
-    left = f"{percent_with_error(spreading.value, spreading.std_error)}"
+    left = percent_with_error(spreading.value, spreading.std_error)
     if abs(spreading.value) < _LEFT_SIGMA * spreading.std_error:
         return f"{found}, and what that does not explain ({left}) is within its error"
     if spreading.value > 0.0:
@@ -778,95 +725,54 @@ def _cause(transfer: PhotonTransfer) -> str:
     return f"{found}, and {left} is left for charge that spreads between pixels"
 
 
-def _scattered(transfer: PhotonTransfer) -> Flag | None:
-    scatter, chi2_per_dof = transfer.fit.scatter / abs(transfer.gain_dn_per_e), transfer.fit.chi2_per_dof
-    if chi2_per_dof is None or chi2_per_dof < _SCATTER_CHI2_PER_DOF or scatter < _SCATTER:
+def _scattered_photon_transfer(transfer: PhotonTransfer) -> Flag | None:
+    scatter, chi2 = transfer.fit.scatter / abs(transfer.gain_dn_per_e), transfer.fit.chi2_per_dof
+    if chi2 is None or chi2 < _SCATTER_CHI2_PER_DOF or scatter < _SCATTER:
         return None
-    return Flag(
-        name="scattered_photon_transfer",
-        message=f"the points scatter by {scatter:.1%} about the photon-transfer curve, more than their sampling "
-        f"explains (chi-squared {chi2_per_dof:.3g} per degree of freedom); the standard errors hold it: more "
-        f"exposures make the gain better, more frames at each do not",
-    )
+    return _flag("scattered_photon_transfer", scatter=scatter, chi2=chi2)
 
 
-def _not_linear(transfer: PhotonTransfer) -> Flag | None:
-    curve = transfer.linearity
+def _response_not_linear(transfer: PhotonTransfer) -> Flag | None:
+    curve, top_dn = transfer.linearity, transfer.top_dn
     if curve is None:
         return None
-    top_dn = transfer.top_dn
     off = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
     gradient = np.array([top_dn, top_dn**2])
     error = float(np.sqrt(gradient @ curve.covariance @ gradient))
     if abs(off) < _NOT_LINEAR or abs(off) < _BEND_SIGMA * error:
         return None
-    return Flag(
-        name="response_not_linear",
-        message=f"at {top_dn:.4g} DN the mean is {percent_with_error(off, error)} off its slope at no signal (more "
-        f"than {_NOT_LINEAR:.0%}): radiances of bright scenes are off by as much; the response is in the calibration, "
-        f"or expose so that scenes stay below {_NOT_LINEAR / abs(off) * top_dn:.0f} DN",
-    )
+    words, linear_dn = percent_with_error(off, error), _NOT_LINEAR / abs(off) * top_dn
+    return _flag("response_not_linear", top=top_dn, off=words, limit=_NOT_LINEAR, linear_dn=linear_dn)
 
 
 def _unsteady_lamp(transfer: PhotonTransfer) -> Flag | None:
     curve = transfer.linearity
     if curve is None or curve.relative_scatter < _LAMP:
         return None
-    return Flag(
-        name="unsteady_lamp",
-        message=f"the means of the levels scatter by {curve.relative_scatter:.1%} about a smooth response to the "
-        f"{curve.light} (more than {_LAMP:.0%}): the lamp flickers or drifts between levels, or exposures are not "
-        f"exact; the gain stands, with a larger error since the response is known less well: let the lamp warm up",
-    )
+    return _flag("unsteady_lamp", scatter=curve.relative_scatter, light=curve.light, limit=_LAMP)
 
 
-def _uncovered(flats: Sequence[LevelStatistics], transfer: PhotonTransfer, match: DarkMatch) -> Flag | None:
+def _dark_exposure_missing(flats: Sequence[LevelStatistics], transfer: PhotonTransfer, match: DarkMatch) -> Flag | None:
     uncovered = [flats[index] for index in np.flatnonzero(transfer.used & ~match.covered).tolist()]
-    if not uncovered:
-        return None
-    return Flag(
-        name="dark_exposure_missing",
-        message=f"there are no dark frames around the exposure of "
-        f"{level_names(uncovered)}; those of the nearest exposure were taken, and the difference in dark current "
-        f"counts as signal: take dark frames at the exposures of the flats, or at the shortest and the longest",
-    )
+    return _flag("dark_exposure_missing", levels=level_names(uncovered)) if uncovered else None
 
 
 def _single_dark_exposure(dark: DarkSignal) -> Flag | None:
-    if dark.has_slope or dark.is_curved:
-        return None
-    return Flag(
-        name="single_dark_exposure",
-        message="dark frames have one exposure, or exposures are not known: there is no dark current, and what it adds "
-        "within this exposure counts as black level and read noise; take dark frames at two or more exposures, the "
-        "longest as long as it may be",
-    )
+    return None if dark.has_slope or dark.is_curved else _flag("single_dark_exposure")
 
 
 def _dark_current_changed(dark: DarkSignal) -> Flag | None:
     if not dark.is_curved:
         return None
     bend, error = float(dark.mean_fit.parameters[2]), float(np.sqrt(dark.mean_fit.covariance[2, 2]))
-    return Flag(
-        name="dark_current_changed",
-        message=f"the mean of dark frames is no straight line of their exposure ("
-        f"{number_with_error(bend, error, sign='+')} DN/s^2): "
-        f"the sensor warmed up or cooled down while they were taken, or light got in: the dark current is not known, "
-        f"black level and read noise are those of a curve: let the camera warm up for half an hour, and take the dark "
-        f"frames in mixed order",
-    )
+    return _flag("dark_current_changed", bend=number_with_error(bend, error, sign="+"))
 
 
 def _quantisation_limited(transfer: PhotonTransfer, dark: DarkSignal) -> Flag | None:
     if not dark.quantisation_limited:
         return None
     limit_dn = np.sqrt(QUANTISATION_LIMIT_DN2)
-    return Flag(
-        name="quantisation_limited",
-        message=f"the temporal noise of dark frames is below {limit_dn:.2f} DN, where rounding to whole counts hides "
-        f"it: the read noise is only known to be below {limit_dn / abs(transfer.gain_dn_per_e):.3g} e-; raise the "
-        f"camera's gain to measure it",
-    )
+    return _flag("quantisation_limited", limit=limit_dn, limit_e=limit_dn / abs(transfer.gain_dn_per_e))
 
 
 def _black_clamp(transfer: PhotonTransfer, dark: DarkSignal) -> Flag | None:
@@ -875,43 +781,6 @@ def _black_clamp(transfer: PhotonTransfer, dark: DarkSignal) -> Flag | None:
         return None
     by_mean, by_variance = dark.mean_fit.parameters[1], fit.parameters[1] / transfer.gain_dn_per_e
     error = np.hypot(np.sqrt(dark.mean_fit.covariance[1, 1]), np.sqrt(fit.covariance[1, 1]) / transfer.gain_dn_per_e)
-    if abs(by_mean - by_variance) < _CLAMP_SIGMA * error:
+    if abs(by_mean - by_variance) < _SIGMA * error:
         return None
-    return Flag(
-        name="black_clamp",
-        message=f"with exposure the mean of dark frames grows by {by_mean:.4g} DN/s, their variance says "
-        f"{by_variance:.4g} DN/s (difference more than {_CLAMP_SIGMA:.0f} standard errors): the camera takes dark "
-        f"signal off by itself, or dark frames were not dark; the dark current given is that of the mean",
-    )
-
-
-# Findings in the parameters themselves: numbers that no sensor has, each by its own name
-
-
-def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
-    """Return what is odd in the parameters."""
-    found = (_negative(dark_current_e_per_s), _too_efficient(quantum_efficiency))
-    return tuple(flag for flag in found if flag is not None)
-
-
-def _negative(found: Estimate | None) -> Flag | None:
-    if found is None or found.value > -_SIGMA * found.std_error:
-        return None
-    return Flag(
-        name="negative_dark_current",
-        message=f"the dark mean falls with exposure, by "
-        f"{number_with_error(-found.value, found.std_error)} e-/s: the camera "
-        f"takes off more than its dark signal, its black level drifts, or exposures are mixed up; see the dark "
-        f"current by variance",
-    )
-
-
-def _too_efficient(found: Estimate | None) -> Flag | None:
-    if found is None or found.value - _SIGMA * found.std_error < 1.0:
-        return None
-    return Flag(
-        name="quantum_efficiency_above_one",
-        message=f"there are "
-        f"{number_with_error(found.value, found.std_error)} electrons a photon, of which there can be one "
-        f"at most: the photons are not those of one pixel and one exposure, or irradiance or pixel area are wrong",
-    )
+    return _flag("black_clamp", by_mean=by_mean, by_variance=by_variance, limit=_SIGMA)

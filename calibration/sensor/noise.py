@@ -28,14 +28,7 @@ from calibration.sensor.curves import (
     unusual_dark_current,
 )
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
-from calibration.sensor.findings import (
-    curve_flags,
-    level_flags,
-    light_course_flags,
-    parameter_flags,
-    row_column_flags,
-    sample_flags,
-)
+from calibration.sensor.findings import curve_flags, frame_flags, parameter_flags
 from calibration.sensor.judging import JudgedCurve, LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
 from calibration.sensor.levels import LevelStatistics, least_noise_dn2, small_scale_freedom, spatial_rounding_error_dn2
 from calibration.sensor.pattern import FixedPattern, left_out_flags, pattern_flags
@@ -699,7 +692,7 @@ def calibrate_noise(
     bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
     flats, all_darks = _sorted_levels(levels, bit_depth)
-    flags = (*sample_flags(levels, bit_depth=bit_depth), *level_flags(levels), *row_column_flags(levels))
+    flags = frame_flags(levels, bit_depth=bit_depth)
     flags += impossible_exposures(levels, stated=stated)
     _refuse_if_any(flags)
     darks, dark_flags = sound_darks(all_darks)
@@ -707,8 +700,7 @@ def calibrate_noise(
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
     curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
     wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
-    flags += (*dark_flags, *curve.flags, *light_course_flags(levels, wrong=wrong))
-    flags += curve_flags(flats, curve.transfer, dark, match)
+    flags += (*dark_flags, *curve.flags, *curve_flags(levels, flats, curve.transfer, dark, match, wrong=wrong))
     _refuse_if_any(flags)
     found = _Levels(flats=flats, darks=darks, dark=dark, match=match, curve=curve, ceiling_dn=ceiling_dn, stated=stated)
     return _numbers(found, flags)

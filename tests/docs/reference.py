@@ -119,11 +119,12 @@ def _functions(path: Path) -> Iterator[ast.FunctionDef]:
 
 def _messages(path: Path) -> Iterator[tuple[str, str]]:
     """Return the flags and messages of a module's table of them."""
-    for one in ast.parse(path.read_text()).body:
+    source = path.read_text()
+    for one in ast.parse(source).body:
         if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == "_MESSAGES":
-            yield from (
-                (name, _cell(re.sub(r"{\w+}", "...", said))) for name, said in ast.literal_eval(one.value).items()
-            )
+            for name, said in ast.literal_eval(one.value).items():
+                refuses = "; refuses" if f'"{name}", refuses=True' in source else ""
+                yield name, _cell(re.sub(r"{[^}]+}", "...", said)) + refuses
 
 
 def _flags_of(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
@@ -134,8 +135,8 @@ def _flags_of(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
         given = {one.arg: one.value for one in call.keywords}
         message = assigned.get(ast.unparse(given["message"]), given["message"])
         refuses = "; refuses" if isinstance(given.get("refuses"), ast.Constant) else ""
-        name = _template(given["name"])
-        if name != "...":
+        name, is_in_table = _template(given["name"]), "_MESSAGES[" in ast.unparse(message)
+        if name != "..." and not is_in_table:
             yield name, _said(message) + refuses
 
 
