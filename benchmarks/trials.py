@@ -15,6 +15,7 @@ from benchmarks.trial_damaged_runs import run_damaged
 from benchmarks.trial_day import run_day
 from benchmarks.trial_diagnosis import run_diagnoses
 from benchmarks.trial_effects import run_effects
+from benchmarks.trial_golden import run_golden
 from benchmarks.trial_hard_times import run_hard_times
 from benchmarks.trial_honesty import run_honesty
 from benchmarks.trial_inputs import run_inputs
@@ -62,7 +63,8 @@ def main() -> int:
     parser.add_argument("--archived-runs", type=int, default=2000)
     parser.add_argument("--folder", type=Path, default=None, help="Keeps the scores (scores.csv).")
     arguments = parser.parse_args()
-    sound = run_damaged(arguments.damaged)
+    sound = run_golden()
+    sound &= run_damaged(arguments.damaged)
     sound &= run_pointing(arguments.seeds)
     sound &= run_monkey(arguments.monkey_cases)
     sound &= run_study(arguments.cases, kills=10)

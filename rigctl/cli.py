@@ -166,7 +166,8 @@ def _run(tokens: list[str], flags: set[str]) -> int:
     except Exception as error:
         code, message = failure_of(error)
     if "--json" in flags:
-        sys.stdout.write(failure_json(code, visible(message), verb=tokens[0] if tokens else ""))
+        said, _, _ = message.partition("\nTry: ")  # JSON has that under "next"
+        sys.stdout.write(failure_json(code, visible(said), verb=tokens[0] if tokens else ""))
     _say(message)
     return code
 

@@ -18,10 +18,10 @@ _DIGITS = 12
 _LONGEST_SERIES = 8
 _LONGEST_TABLE = 6
 _MOST_TEXTS = 12
-# By the name of a key: times of the clock and of the machine, versions, hashes, places on this machine.
+# By the name of a key: times of the clock and of the machine, versions, hashes, places on this machine or in the code.
 _MASKED_KEY = re.compile(
     r"(^|[_/])(utc|monotonic_ns|sha256|checksum|versions?|hostname|host|host_folder|machine|platform|python|pid|user|by"
-    r"|created_by|program|expected_s|elapsed_s|wall_s|cpu_s|stage_s|seconds|settle_s|frame_s|cost_s|disk_free_mb|next)$"
+    r"|created_by|program|expected_s|elapsed_s|wall_s|cpu_s|stage_s|seconds(_of_\w+)?|settle_s|frame_s|cost_s|disk_free_mb|next|place)$"
     r"|^(DATE-.*|MONONS|SWVER|DATASUM|CHECKSUM|SETTLE)$"
 )
 _MASKED_TEXT = (
@@ -37,13 +37,15 @@ def digest_value(value: Any, folder: Path, key: str = "") -> Any:
     if _MASKED_KEY.search(key) and value is not None:
         return "<masked>"
     if isinstance(value, dict):
+        if key == "error" and {"code", "kind", "message"} <= value.keys():  # its words are for people
+            value = {name: one for name, one in value.items() if name not in ("message", "next")}
         return {mask(str(k), folder): digest_value(v, folder, str(k)) for k, v in value.items()}
     if isinstance(value, list | tuple):
         numbers = _numbers(value)
         if numbers is not None and numbers.size > _LONGEST_SERIES:
             return digest_array(numbers)
         if len(value) > _LONGEST_TABLE and all(isinstance(row, dict) for row in value):
-            return digest_table([_flat(row) for row in value], folder)
+            return digest_table([flat(row) for row in value], folder)
         return [digest_value(one, folder) for one in value]
     if isinstance(value, str):
         return mask(value, folder)
@@ -92,30 +94,36 @@ def digest_array(array: np.ndarray) -> dict[str, Any]:
 
 
 def digest_file(path: Path, folder: Path) -> Any:
-    """Return what is kept of a file: of pictures and pages only that they are there."""
-    kind = path.suffix.lower()
-    if kind == ".json":
-        text = path.read_text()
-        try:
-            return digest_value(json.loads(text), folder)
-        except ValueError:
-            return "<no JSON>"
-    if kind == ".jsonl":
-        rows = [_flat(json.loads(line)) for line in path.read_text().splitlines() if line.strip()]
-        return digest_table(rows, folder)
-    if kind == ".csv":
-        return _digest_csv(path.read_text(), folder)
-    if kind == ".toml":
-        return digest_value(json.loads(json.dumps(tomllib.loads(path.read_text()), default=str)), folder)
-    if kind in (".npy", ".npz"):
-        loaded = np.load(path, allow_pickle=False)
-        arrays = {name: loaded[name] for name in loaded.files} if kind == ".npz" else {"array": loaded}
-        return {name: _digest_npy(array, folder) for name, array in arrays.items()}
-    if kind in (".fits", ".fts"):
-        return _digest_fits(path, folder)
-    if kind in (".h5", ".hdf5"):
-        return _digest_hdf5(path)
-    return "<file>" if path.is_file() else "<folder>"
+    """Return what is kept of a file: of pictures, pages and copies of inputs only that they are there."""
+    read = _READERS.get(path.suffix.lower())
+    return "<file>" if read is None or path.parent.name == "inputs" else read(path, folder)
+
+
+def _digest_json(path: Path, folder: Path) -> Any:
+    try:
+        return digest_value(json.loads(path.read_text()), folder)
+    except ValueError:
+        return "<no JSON>"
+
+
+def _digest_jsonl(path: Path, folder: Path) -> Any:
+    return digest_table([flat(json.loads(line)) for line in path.read_text().splitlines() if line.strip()], folder)
+
+
+def _digest_toml(path: Path, folder: Path) -> Any:
+    return digest_value(json.loads(json.dumps(tomllib.loads(path.read_text()), default=str)), folder)
+
+
+def _digest_parquet(path: Path, folder: Path) -> Any:
+    from pyarrow import parquet
+
+    return digest_table([flat(row) for row in parquet.read_table(path).to_pylist()], folder)
+
+
+def _digest_arrays(path: Path, folder: Path) -> Any:
+    loaded = np.load(path, allow_pickle=False)
+    arrays = {name: loaded[name] for name in loaded.files} if path.suffix == ".npz" else {"array": loaded}
+    return {name: _digest_npy(array, folder) for name, array in arrays.items()}
 
 
 def _digest_npy(array: np.ndarray, folder: Path) -> Any:
@@ -127,8 +135,8 @@ def _digest_npy(array: np.ndarray, folder: Path) -> Any:
         return digest_array(array) if array.dtype.kind in "biuf" else digest_value(array.tolist(), folder)
 
 
-def _digest_csv(text: str, folder: Path) -> Any:
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
+def _digest_csv(path: Path, folder: Path) -> Any:
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     rows = [{k or "": _number(v) for k, v in row.items()} for row in csv.DictReader(io.StringIO("\n".join(lines)))]
     return digest_table(rows, folder)
 
@@ -137,14 +145,17 @@ def _digest_fits(path: Path, folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     with fits.open(path) as parts:
         for number, part in enumerate(parts):
-            header = {k: v for k, v in part.header.items() if k not in ("COMMENT", "HISTORY", "")}
-            found[f"header{number}"] = digest_value(header, folder)
+            if path.parent.name == "frames":  # their facts stand in the manifest
+                found[f"header{number}"] = " ".join(part.header)
+            else:
+                header = {k: v for k, v in part.header.items() if k not in ("COMMENT", "HISTORY", "")}
+                found[f"header{number}"] = digest_value(header, folder)
             if part.data is not None and part.data.dtype.names is None:
                 found[f"data{number}"] = digest_array(part.data)
     return found
 
 
-def _digest_hdf5(path: Path) -> dict[str, Any]:
+def _digest_hdf5(path: Path, folder: Path) -> dict[str, Any]:
     import h5py
 
     found: dict[str, Any] = {}
@@ -199,15 +210,28 @@ def _number(text: str | None) -> Any:
         return text
 
 
-def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return a record with its inner records' fields in it; lists as numbered fields."""
     found: dict[str, Any] = {}
     for key, value in row.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict):
-            found |= _flat(value, f"{name}.")
+            found |= flat(value, f"{name}.")
         elif isinstance(value, list):
-            found |= _flat({str(i): v for i, v in enumerate(value[:4])} | {"n": len(value)}, f"{name}.")
+            found |= flat({str(i): v for i, v in enumerate(value[:4])} | {"n": len(value)}, f"{name}.")
         else:
             found[name] = value
     return found
+
+
+_READERS = {
+    ".json": _digest_json,
+    ".jsonl": _digest_jsonl,
+    ".csv": _digest_csv,
+    ".toml": _digest_toml,
+    ".npy": _digest_arrays,
+    ".npz": _digest_arrays,
+    ".fits": _digest_fits,
+    ".h5": _digest_hdf5,
+    ".parquet": _digest_parquet,
+}

@@ -62,6 +62,12 @@ def small_rig(folder: Path) -> None:
     (folder / "session-flats.toml").write_text(flats + f"angles_deg = [0, 90, 45, 135]\n{_NO_QUEUE}")
 
 
+def rig_with_store(folder: Path) -> None:
+    """Write the small rig and an empty folder for its calibrations."""
+    small_rig(folder)
+    (folder / "calibrations").mkdir()
+
+
 def perturbed_rig(folder: Path) -> None:
     """Write the small rig, one whose polarizer is turned, and one whose sensor has a smaller gain."""
     small_rig(folder)
@@ -72,6 +78,8 @@ def perturbed_rig(folder: Path) -> None:
     ):
         shutil.copy(folder / "rig-sim.toml", folder / name)
         _edit(folder / name, (old, new))
+    fit, _, _ = (folder / "fit-black-panel.toml").read_text().replace("../runs/", "runs/").rpartition("[[observation]]")
+    (folder / "fit.toml").write_text(fit.replace("runs/morning", "runs/panels").replace('"n", ', ""))
 
 
 def calibration_rig(folder: Path) -> None:
@@ -90,6 +98,34 @@ def calibration_rig(folder: Path) -> None:
     (folder / "light.toml").write_text(f'[[regions]]\nname = "light"\n{_PLACES["white_panel"]}\n')
     _write_walk(folder)
     _write_boards(folder)
+
+
+def wrong_files(folder: Path) -> None:
+    """Write the examples, and some of them with one mistake each."""
+    examples(folder)
+    for name, original, old, new in (
+        ("key", "scene-panels.toml", "f_number = 2.0", "f_nummer = 2.0"),
+        ("text", "scene-panels.toml", "f_number = 2.0", 'f_number = "two"'),
+        ("number", "scene-panels.toml", "f_number = 2.0", "f_number = -2"),
+        ("toml", "scene-panels.toml", "[sensor]", "[sensor"),
+        ("missing", "scene-panels.toml", "[noise]", "[nose]"),
+        ("stokes", "scene-panels.toml", "[8.0, 2.777", "[8.0, 9.0"),
+        ("driver", "rig-sim.toml", '"ellx"', '"ELL14"'),
+        ("sense", "rig-sim.toml", "sense = -1", "sense = 2"),
+    ):
+        shutil.copy(folder / original, folder / f"wrong-{name}.toml")
+        _edit(folder / f"wrong-{name}.toml", (old, new))
+
+
+def real_regions(folder: Path) -> None:
+    """Write two regions that lie in every real picture."""
+    regions = ((50, 60), (120, 100))
+    (folder / "regions.toml").write_text(
+        "".join(
+            f'[[regions]]\nname = "at{x}"\nrectangle = {{ x = {x}, y = {y}, width = 40, height = 40 }}\n'
+            for x, y in regions
+        )
+    )
 
 
 def _write_walk(folder: Path) -> None:

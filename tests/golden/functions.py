@@ -1,5 +1,8 @@
 """Numbers of the Python functions whose names stay."""
 
+import math
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +13,15 @@ from model.processing.dolp import cdf, moments, pdf, quantile
 from model.processing.maps import polarization_maps
 from model.processing.reconstruction import design
 from model.surface.pbrdf import Surface, mueller
+from tests.golden.digest import digest_value
 
+_ESTIMATES = (
+    "gain_dn_per_e", "read_noise_e", "dark_current_e_per_s", "black_level_dn", "saturation_e", "prnu", "dsnu_e",
+)  # fmt: skip
+_WRONG_SETS = (
+    "wrong_photons", "mislabelled_stack", "one_other_gain", "averaged_frames", "lit_dark", "gain_changed",
+    "clipped_black", "left_justified", "compressed", "leak", "hardly_clipped", "warming", "coarse", "good_lamp",
+)  # fmt: skip
 _MEAN = np.array([[100.0, 20.0, 5.0], [100.0, 1.0, 0.5], [20.0, 6.0, -8.0], [5.0, 0.0, 0.0]])
 _COVARIANCE = np.diag([4.0, 6.0, 5.0]) + 0.5
 _BACKGROUND = np.array([90.0, 10.0, 4.0])
@@ -20,7 +31,52 @@ _ANGLES = np.radians([10.0, 50.0, 95.0, 140.0])
 def values() -> dict[str, Any]:
     """Return the numbers, each kept in full."""
     found = _dolp() | _detection() | _maps() | _surface() | _atmosphere()
-    return {name: {str(i): one for i, one in enumerate(np.ravel(numbers).tolist())} for name, numbers in found.items()}
+    return {
+        name: {str(i): _plain(one) for i, one in enumerate(np.ravel(numbers).tolist())}
+        for name, numbers in found.items()
+    }
+
+
+def noise_sets() -> dict[str, Any]:
+    """Return parameters, influence of the levels and flags of 93 simulated noise sets."""
+    from tests.calibration.sensor import drawn_sets, noise_sets
+
+    makers = [*noise_sets.GOOD, *(getattr(noise_sets, name) for name in _WRONG_SETS)]
+    makers += [*drawn_sets.DRAWN_GOOD, *drawn_sets.DRAWN_WRONG, drawn_sets.drawn_ten_errors]
+    return {
+        f"{number}-{maker.__name__}-{seed}": _noise_set(maker(seed))
+        for number, maker in enumerate(makers)
+        for seed in (3, 4, 11)
+    }
+
+
+def _noise_set(levels: Any) -> dict[str, Any]:
+    from calibration.errors import CalibrationError
+    from tests.calibration.sensor.noise_sets import calibrated
+
+    try:
+        found = calibrated(levels)
+    except CalibrationError as error:
+        return {"refused": True, "flags": _flags(getattr(error, "flags", ()))}
+    estimates = {name: getattr(found, name) for name in _ESTIMATES}
+    influence = digest_value([asdict(level) for level in found.influence], Path("/nowhere"))
+    return {
+        "estimates": {
+            name: None if one is None else {"value": one.value, "std_error": _plain(one.std_error)}
+            for name, one in estimates.items()
+        },
+        "influence": influence,
+        "flags": _flags(found.flags),
+    }
+
+
+def _flags(flags: Any) -> list[list[str]]:
+    return sorted([flag.name, flag.level or "", flag.message] for flag in flags)
+
+
+def _plain(value: Any) -> Any:
+    """Return a number that JSON has; others as text."""
+    return value if not isinstance(value, float) or math.isfinite(value) else str(value)
 
 
 def _dolp() -> dict[str, Any]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.cli import main
-from tests.golden.digest import digest_file, digest_value
+from tests.golden.digest import digest_file, digest_table, digest_value, flat
 
 STORED = Path(__file__).parent / "stored"
 #: A number may move by this share of itself, or of the standard error that is stated next to it.
@@ -39,6 +39,7 @@ class Chapter:
     values: Callable[[], dict[str, Any]] | None = None  #: numbers of Python functions, kept next to the commands
     relative: Mapping[str, float] = field(default_factory=dict)  #: wider tolerance of single commands
     floor: float = FLOOR
+    by_error: bool = False  #: numbers with a standard error next to them may move by 1e-9 of that only
 
 
 def run_chapter(chapter: Chapter, folder: Path) -> dict[str, Any]:
@@ -49,7 +50,7 @@ def run_chapter(chapter: Chapter, folder: Path) -> dict[str, Any]:
             chapter.prepare(folder)
         found = {name: _run(line, folder) for name, line in chapter.commands.items()}
     if chapter.values is not None:
-        found |= digest_value(chapter.values(), folder)
+        found |= json.loads(json.dumps(chapter.values()))
     return found
 
 
@@ -83,13 +84,13 @@ def _digests(folder: Path, written: list[str]) -> dict[str, Any]:
     frames: dict[str, list[Any]] = {}
     for name in written:
         found = digest_file(folder / name, folder)
-        series = re.sub(r"\d{6}_\w+\.fits$", "*.fits", name)
+        series = re.sub(r"(\d{6}_\w+\.fits|[0-9a-f]{64}\.npz)$", "*", name)
         if series != name:
             frames.setdefault(series, []).append(found)
         else:
             files[name] = found
     for series, found in frames.items():
-        files[series] = digest_value([frame | {"n": 1} for frame in found], folder)
+        files[series] = digest_table([flat(one) for one in found], folder)
     return {"files": files} if files else {}
 
 
@@ -119,6 +120,7 @@ class Comparison:
 
     relative: float = RELATIVE  #: share of a number, or of the standard error next to it
     floor: float = FLOOR  #: smaller differences are none
+    by_error: bool = False  #: where an error stands next to a number, only that counts
     prose: bool = False  #: whether sentences count
 
     def differences(self, stored: Any, found: Any, at: str = "", scale: float = 0.0) -> Iterator[str]:
@@ -130,7 +132,8 @@ class Comparison:
             for number, (one, other) in enumerate(zip(stored, found, strict=True)):
                 yield from self.differences(one, other, f"{at}/{number}", scale)
         elif _is_number(stored) and _is_number(found):
-            allowed = self.relative * max(abs(stored), scale) + self.floor
+            size = scale if self.by_error and scale else max(abs(stored), scale)
+            allowed = self.relative * size + self.floor
             if not abs(found - stored) <= allowed:
                 yield f"{at}: {found!r} (stored: {stored!r}, allowed difference {allowed:.2g})"
         elif stored != found and (self.prose or not (_is_prose(stored) and _is_prose(found))):
@@ -178,6 +181,11 @@ def check(name: str, chapter: Chapter, folder: Path, *, write: bool = False, pro
     changed = [f"/{command}: is new" for command in found.keys() - stored.keys()]
     changed += [f"/{command}: is gone" for command in stored.keys() - found.keys()]
     for command in stored.keys() & found.keys():
-        comparison = Comparison(relative=chapter.relative.get(command, RELATIVE), floor=chapter.floor, prose=prose)
+        comparison = Comparison(
+            relative=chapter.relative.get(command, RELATIVE),
+            floor=chapter.floor,
+            by_error=chapter.by_error,
+            prose=prose,
+        )
         changed += comparison.differences(stored[command], found[command], f"/{command}")
     return sorted(changed)
