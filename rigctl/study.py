@@ -10,7 +10,7 @@ Numbers of a study in the order of its cases, from its parts.
 
 The files of a study as others read them: one Zarr store for xarray, tables in Parquet.
 
-How much each uncertain input matters to each number: Sobol's indices or Morris' elementary effects.
+How much each uncertain input matters to each number: Sobol's indices.
 
 How much inputs matter to the numbers of a study, as tables for terminal, CSV and JSON.
 
@@ -45,7 +45,6 @@ from model.quantities import is_counts
 from rigctl import mapped as on_dask
 from rigctl.base.arrays import read_arrays
 from rigctl.base.durable import flush_folder, write_durably
-from rigctl.base.numbers import size, to_digits
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ROC_KINDS
 from rigctl.files.scene_file import load_scene
@@ -160,10 +159,6 @@ def code_version() -> str:
 
 FloatArray = NDArray[np.float64]
 
-# Levels of a Morris design, in shares of a law's probability: the middles of quarters. A step is two of them.
-MORRIS_LEVELS = np.array([0.125, 0.375, 0.625, 0.875])
-MORRIS_STEP = 0.5
-
 
 def cases_of(section: CasesSection, scenes: Sequence[Scene]) -> tuple[Case, ...]:
     """Return every case of a study: those of the first scene, then those of the second, and so on.
@@ -192,13 +187,12 @@ def cases_of(section: CasesSection, scenes: Sequence[Scene]) -> tuple[Case, ...]
 
 
 def unit_draws(kind: str, inputs: int, n: int, seed: int) -> FloatArray:
-    """Return draws in the unit cube, shape (cases, inputs); of sobol and morris in the order of their blocks.
+    """Return draws in the unit cube, shape (cases, inputs); of sobol in the order of its blocks.
 
     Notes
     -----
     Of "sobol" the rows are A, B, and for each input A with that input's column of B, n each (Saltelli et al., Comput.
-    Phys. Commun. 181 (2010) 259). Of "morris" each of n paths has inputs + 1 points (Morris, Technometrics 33 (1991)
-    161).
+    Phys. Commun. 181 (2010) 259).
     """
     rng = np.random.default_rng(seed)
     if kind == "latin":
@@ -208,19 +202,7 @@ def unit_draws(kind: str, inputs: int, n: int, seed: int) -> FloatArray:
         first, second = both[:, :inputs], both[:, inputs:]
         mixed = [np.where(np.arange(inputs) == k, second, first) for k in range(inputs)]
         return np.concatenate([first, second, *mixed])
-    if kind == "morris":
-        return np.concatenate([_path(inputs, rng) for _ in range(n)])
     return rng.random((n, inputs))
-
-
-def _path(inputs: int, rng: np.random.Generator) -> FloatArray:
-    """One path of Morris: from a point on the levels each input steps once, in a random order, up or down."""
-    points = [rng.choice(MORRIS_LEVELS, inputs)]
-    for k in rng.permutation(inputs):
-        point = points[-1].copy()
-        point[k] += MORRIS_STEP if point[k] < MORRIS_STEP else -MORRIS_STEP
-        points.append(point)
-    return np.array(points)
 
 
 def _parameters(section: CasesSection, scene: Scene) -> dict[str, Parameter]:
@@ -248,7 +230,7 @@ def _key_values(section: CasesSection, scene: Scene, found: Mapping[str, Paramet
     if section.kind == "list":
         return zip(*steps, strict=True)
     n = section.n or 0
-    _require_few(n * {"sobol": len(varied) + 2, "morris": len(varied) + 1}.get(section.kind, 1))
+    _require_few(n * (len(varied) + 2 if section.kind == "sobol" else 1))
     cube = unit_draws(section.kind, len(varied), n, section.seed)
     if section.kind in ("random", "latin"):
         cube = _going_together(cube, section, scene)
@@ -907,35 +889,6 @@ class SobolIndex:
     reason: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class MorrisEffect:
-    """What steps of one input through half of its law do to a number.
-
-    Attributes
-    ----------
-    number : Number
-        The number.
-    input : str
-        Key of the input.
-    mean, mean_error : float
-        Mean of the effects and its standard error, in the number's unit.
-    mean_size : float
-        Mean of their sizes: 0 for an input that does not matter.
-    deviation : float
-        Of the effects: 0 where the number is linear in this input and no other changes that.
-    reason : str
-        Why there are none; empty where there are.
-    """
-
-    number: Number
-    input: str
-    mean: float
-    mean_error: float
-    mean_size: float
-    deviation: float
-    reason: str
-
-
 def numbers_of(
     arrays: StudyArrays, scenes: Sequence[str], columns: Sequence[str]
 ) -> Iterator[tuple[Number, FloatArray]]:
@@ -1004,50 +957,6 @@ def _sobol_index(number: Number, key: str, *found: float) -> SobolIndex:
     )
 
 
-def morris_of(
-    number: Number, values: FloatArray, inputs: Sequence[str], *, n: int, seed: int
-) -> tuple[MorrisEffect, ...]:
-    """Return the effects of each input on a number.
-
-    Parameters
-    ----------
-    number : Number
-        Whose.
-    values : (n (d + 1),) array
-        Along the paths of `case_list.unit_draws`.
-    inputs : sequence of str
-        The d keys.
-    n, seed : int
-        Of the study.
-
-    References
-    ----------
-    Morris, Technometrics 33 (1991) 161, doi:10.1080/00401706.1991.10484804; sizes: Campolongo et al., Environ. Model.
-    Softw. 22 (2007) 1509, doi:10.1016/j.envsoft.2006.10.004.
-    """
-    reason = _why_none(values)
-    if reason:
-        gone = dict.fromkeys(("mean", "mean_error", "mean_size", "deviation"), math.nan)
-        return tuple(MorrisEffect(number=number, input=key, reason=reason, **gone) for key in inputs)
-    steps = np.diff(unit_draws("morris", len(inputs), n, seed).reshape(n, len(inputs) + 1, -1), axis=1)
-    changes = np.diff(values.reshape(n, len(inputs) + 1), axis=1)
-    # One input steps at a time: the sign of its step turns a change into an effect.
-    effects = np.einsum("ps,psk->pk", changes, np.sign(steps))
-    deviations = np.std(effects, axis=0, ddof=1) if n > 1 else np.full(len(inputs), math.nan)
-    return tuple(
-        MorrisEffect(
-            number=number,
-            input=key,
-            mean=float(np.mean(effects[:, k])),
-            mean_error=float(deviations[k] / math.sqrt(n)),
-            mean_size=float(np.mean(np.abs(effects[:, k]))),
-            deviation=float(deviations[k]),
-            reason="",
-        )
-        for k, key in enumerate(inputs)
-    )
-
-
 def _why_none(values: FloatArray) -> str:
     missing = int(np.count_nonzero(np.isnan(values)))
     if missing:
@@ -1076,22 +985,6 @@ def sobol_table(rows: Sequence[SobolIndex]) -> Table[SobolIndex]:
         ),
         rows=_ranked(rows, lambda row: row.total),
         title="share of the variance that each input makes, with 95 % limits",
-    )
-
-
-def morris_table(rows: Sequence[MorrisEffect]) -> Table[MorrisEffect]:
-    """Return the effects; of each number the input that matters most stands first."""
-    return Table(
-        columns=(
-            *_OF_NUMBER,
-            Column(title="mean size", key="mean_size", text=lambda row: size(row.mean_size)),
-            Column(title="mean", key="mean", text=lambda row: to_digits(row.mean, row.mean_error)),
-            Column(title="+-", key="mean_error", text=lambda row: size(row.mean_error)),
-            Column(title="deviation", key="deviation", text=lambda row: size(row.deviation)),
-            Column(title="why none", key="reason", left=True),
-        ),
-        rows=_ranked(rows, lambda row: row.mean_size),
-        title="what a step of each input through half of its law does",
     )
 
 
@@ -1139,17 +1032,6 @@ def _to_limits(row: SobolIndex, key: str) -> tuple[float, float]:
     return max(value - getattr(row, f"{key}_low"), 0.0), max(getattr(row, f"{key}_high") - value, 0.0)
 
 
-def morris_figure(rows: Sequence[MorrisEffect]) -> bytes:
-    """Return bars of the mean size of effects and of their deviation for each number, a panel each, at most twelve."""
-
-    def draw(ax: Axes, found: Sequence[MorrisEffect]) -> None:
-        _bars(ax, found, "mean_size", shift=-0.2, color=PREDICTED, label="mean size")
-        _bars(ax, found, "deviation", shift=0.2, color=MEASURED, label="deviation: bent, or joint")
-        ax.set_xlabel(f"effect on {found[0].number.quantity}")
-
-    return _panels(rows, draw, by="mean_size")
-
-
 def _bars(
     ax: Axes,
     found: Sequence[Any],
@@ -1192,31 +1074,18 @@ def _panels(rows: Sequence[Any], draw: Callable[[Axes, Sequence[Any]], None], *,
 SCHEMA_VERSION = 1
 
 
-def write_sensitivity(
-    sobol: Sequence[SobolIndex], morris: Sequence[MorrisEffect], out: Path, *, created_by: str
-) -> tuple[str, ...]:
-    """Write sensitivity.csv, sensitivity.json and sensitivity.png of one kind of index; return their names.
-
-    Parameters
-    ----------
-    sobol, morris : sequences
-        One of them holds something.
-    out : Path
-        Folder.
-    created_by : str
-        Program and version.
-    """
-    table = sobol_table(sobol) if sobol else morris_table(morris)
+def write_sensitivity(sobol: Sequence[SobolIndex], out: Path, *, created_by: str) -> tuple[str, ...]:
+    """Write sensitivity.csv, sensitivity.json and sensitivity.png into a folder; return their names."""
+    table = sobol_table(sobol)
     content: dict[str, Json] = {
         "schema_version": SCHEMA_VERSION,
         "created_by": created_by,
-        "method": "sobol" if sobol else "morris",
+        "method": "sobol",
         "rows": list(json_rows(table)),
     }
     files = {
         "sensitivity.csv": csv_rows(table),
         "sensitivity.json": json_file(content),
-        "sensitivity.png": sobol_figure(sobol) if sobol else morris_figure(morris),
+        "sensitivity.png": sobol_figure(sobol),
     }
-    write_folder(out, files)
-    return tuple(files)
+    return write_folder(out, files)

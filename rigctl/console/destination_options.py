@@ -28,7 +28,6 @@ from rigctl.console.options import options_of
 _FORCE, _ANONYMOUS = "force", "anonymous"
 # They decide how a result is told, and not what is in it.
 _TELLING = ("as_json", _FORCE)
-_STUDIED = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +61,6 @@ DESTINATIONS: dict[str, dict[str, _Place]] = {
     "dolp fig5": {"out": _folder("fig5.png")},
     "paper": {"out": _folder(*_PAPER)},
     "point": {"write": _Place(kind="edited")},
-    "study": {"out": _folder(*_STUDIED)},
 }
 
 

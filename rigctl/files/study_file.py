@@ -7,12 +7,10 @@ from pydantic import Field, model_validator
 
 from rigctl.files.toml import Section, load
 
-CaseKind = Literal["grid", "list", "latin", "random", "sobol", "morris"]
+CaseKind = Literal["grid", "list", "latin", "random", "sobol"]
 # Of these every number is drawn: a parameter needs a law.
-DrawnKind = Literal["latin", "random", "sobol", "morris"]
+DrawnKind = Literal["latin", "random", "sobol"]
 DRAWN: tuple[DrawnKind, ...] = get_args(DrawnKind)
-# Of these, how much each input matters is found as well.
-SENSITIVITY_KINDS: tuple[CaseKind, ...] = ("sobol", "morris")
 MOST_CASES = 10_000_000
 
 
@@ -62,7 +60,7 @@ class CasesSection(Section):
     """Which cases there are."""
 
     kind: CaseKind
-    """Every combination, lists side by side, or draws; `sobol` and `morris` also rank the inputs. Example: `"grid"`."""
+    """Every combination, lists side by side, or draws; `sobol` also ranks the inputs. Example: `"grid"`."""
     n: Annotated[int | None, Field(ge=1, le=MOST_CASES)] = None
     """Draws; of `sobol` a power of two, of which it takes (inputs + 2) times as many. Example: `256`."""
     seed: Annotated[int, Field(ge=0)] = 1
@@ -79,7 +77,7 @@ class CasesSection(Section):
         for key, one in self.parameters.items():
             if self.kind in ("grid", "list") and one.is_drawn:
                 raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs values, or start, stop and n')
-            if self.kind in SENSITIVITY_KINDS and not one.is_drawn:
+            if self.kind == "sobol" and not one.is_drawn:
                 raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs a law: range or std')
         sizes = {key: len(one.steps) for key, one in self.parameters.items()}
         if self.kind == "list" and len(set(sizes.values())) > 1:

@@ -72,7 +72,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "archive stokes": ("rigctl.verbs.archive:stokes", "Measure every run."),
         "archive verify": ("rigctl.verbs.archive:verify", "Check every checksum of every run."),
         "archive recalibrate": ("rigctl.verbs.archive:recalibrate", "Measure every run anew with other calibrations."),
-        "study": ("old", "Predict thousands of cases on dask: grids, draws, which input matters."),
+        "study": ("rigctl.verbs.study:study", "Predict thousands of cases on dask: grids, draws, which input matters."),
     },
 }
 

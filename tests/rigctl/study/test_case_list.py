@@ -6,7 +6,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.study_file import CasesSection
 from rigctl.predict.predict import ScenePredictor
-from rigctl.study import MORRIS_STEP, cases_of, unit_draws
+from rigctl.study import cases_of, unit_draws
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE
 
 
@@ -69,12 +69,6 @@ def test_blocks_of_sobol_share_columns():
         np.testing.assert_array_equal(cube[2 + k][:, k], cube[1][:, k])
         others = [j for j in range(3) if j != k]
         np.testing.assert_array_equal(cube[2 + k][:, others], cube[0][:, others])
-
-
-def test_each_input_of_a_path_of_morris_steps_once():
-    steps = np.diff(unit_draws("morris", 4, 6, 2).reshape(6, 5, 4), axis=1)
-    assert set(np.unique(np.abs(steps))) == {0.0, MORRIS_STEP}
-    np.testing.assert_array_equal(np.count_nonzero(steps, axis=1), 1)
 
 
 def test_all_problems_are_told_at_once(scene):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rigctl.study import Number, morris_of, sobol_of, unit_draws
+from rigctl.study import Number, sobol_of, unit_draws
 
 NUMBER = Number(scene="scene", region="region", quantity="dolp_mean")
 KEYS = ("a", "b", "c")
@@ -30,22 +30,6 @@ def test_an_input_that_changes_nothing_has_indices_of_0():
         assert row.total == pytest.approx(share, abs=5 / 1.96 * (row.total_high - row.total_low) / 2)
 
 
-def test_morris_of_a_line_is_exact():
-    u = unit_draws("morris", 3, 5, 1)
-    found = morris_of(NUMBER, 4.0 * u[:, 0] - 2.0 * u[:, 1] + 9.0, KEYS, n=5, seed=1)
-    # Half of the law is half of the unit interval.
-    assert [row.mean for row in found] == pytest.approx([2.0, -1.0, 0.0], abs=1e-12)
-    assert [row.mean_size for row in found] == pytest.approx([2.0, 1.0, 0.0], abs=1e-12)
-    assert [row.deviation for row in found] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
-
-
-def test_morris_tells_joint_inputs_by_their_deviation():
-    u = unit_draws("morris", 3, 40, 1) - 0.5
-    found = morris_of(NUMBER, u[:, 0] * u[:, 1], KEYS, n=40, seed=1)
-    assert found[0].deviation > 3.0 * abs(found[0].mean)
-    assert found[2].mean_size == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.parametrize(("spoil", "reason"), [(np.nan, "1 of 40 cases"), (None, "no input changes it")])
 def test_where_there_is_none_the_reason_stands(spoil, reason):
     values = np.ones(8 * 5)
@@ -53,4 +37,3 @@ def test_where_there_is_none_the_reason_stands(spoil, reason):
         values[3] = spoil
     rows = sobol_of(NUMBER, values, KEYS)
     assert all(reason in row.reason and np.isnan(row.total) for row in rows)
-    assert all(reason in row.reason for row in morris_of(NUMBER, values, KEYS, n=10, seed=1))

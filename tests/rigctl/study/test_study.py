@@ -15,24 +15,24 @@ pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 from rigctl import study as study_case
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.jobs.study import StudyRequest, run_study
 from rigctl.mapped import PARTS_FOLDER, Engine, client_of, held_folder, require_same_code
 from rigctl.predict.predict import ScenePredictor
 from rigctl.study import Batch, compute
+from rigctl.verbs.study import StudyResult, study
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE, GRID, study_file
 
 
 @pytest.fixture
-def engine():
-    """Return an engine on a scheduler and two workers in this process."""
+def scheduler():
+    """Return the address of a scheduler and two workers in this process."""
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
-        yield Engine(scheduler=cluster.scheduler_address, workers=1)
+        yield cluster.scheduler_address
 
 
-def request(path: Path, engine: Engine, **others: float) -> StudyRequest:
-    return StudyRequest(study=path, out=path.parent / "out", engine=engine, **others)
+def computed(path: Path, scheduler: str) -> StudyResult:
+    return study(path, out=path.parent / "out", scheduler=scheduler)
 
 
 def opened(path: Path):
@@ -41,9 +41,9 @@ def opened(path: Path):
     return xr.open_zarr(path.parent / "out" / "study.zarr")
 
 
-def test_a_grid_is_what_predict_says_bit_for_bit(tmp_path, engine):
+def test_a_grid_is_what_predict_says_bit_for_bit(tmp_path, scheduler):
     path = study_file(tmp_path, GRID)
-    found = run_study(request(path, engine))
+    found = computed(path, scheduler)
     assert (found.outcome, found.failed, found.done_before) == ("whole", 0, 0)
     store = opened(path)
     predictor = ScenePredictor(load_scene(tmp_path / "small.toml"), None)
@@ -61,9 +61,9 @@ def test_a_grid_is_what_predict_says_bit_for_bit(tmp_path, engine):
     assert store.attrs["created_by"] == f"rigctl {study_case.code_version()}"
 
 
-def test_others_read_the_tables(tmp_path, engine):
+def test_others_read_the_tables(tmp_path, scheduler):
     path = study_file(tmp_path, GRID)
-    run_study(request(path, engine))
+    computed(path, scheduler)
     import duckdb
     import pandas as pd
     import polars as pl
@@ -82,38 +82,38 @@ def test_others_read_the_tables(tmp_path, engine):
     assert one["p_detection"][0] == float(store.p_detection.sel(pair="left on right", p_false_alarm=1e-3).values[0])
 
 
-def test_what_is_done_is_not_done_again(tmp_path, engine):
+def test_what_is_done_is_not_done_again(tmp_path, scheduler):
     path = study_file(tmp_path, GRID)
-    run_study(request(path, engine))
+    computed(path, scheduler)
     parts = sorted((tmp_path / "out" / PARTS_FOLDER).iterdir())
     times = {part: part.stat().st_mtime_ns for part in parts}
     study_file(tmp_path, GRID.replace("[0.3, 0.5]", "[0.3, 0.4, 0.5]"))
-    more = run_study(request(path, engine))
+    more = computed(path, scheduler)
     assert (len(more.table.cases), more.done_before) == (15, 10)
     assert {part: part.stat().st_mtime_ns for part in parts} == times
     # Another scene is other cases.
     (tmp_path / "small.toml").write_text(
         (tmp_path / "small.toml").read_text().replace("f_number = 2.0", "f_number = 2.8")
     )
-    assert run_study(request(path, engine)).done_before == 0
+    assert computed(path, scheduler).done_before == 0
 
 
-def test_a_damaged_part_is_computed_again(tmp_path, engine):
+def test_a_damaged_part_is_computed_again(tmp_path, scheduler):
     path = study_file(tmp_path, GRID)
-    before = run_study(request(path, engine))
+    before = computed(path, scheduler)
     part = min((tmp_path / "out" / PARTS_FOLDER).iterdir())
     part.write_bytes(part.read_bytes()[:-40])
-    after = run_study(request(path, engine))
+    after = computed(path, scheduler)
     assert len(after.damaged) == 1
     assert 0 < after.done_before < 10
     np.testing.assert_array_equal(after.table.arrays.values, before.table.arrays.values)
 
 
-def test_a_case_that_fails_is_a_row_with_its_reason(tmp_path, engine):
+def test_a_case_that_fails_is_a_row_with_its_reason(tmp_path, scheduler):
     # Without light there is no DoLP; the scene's numbers allow it.
     cases = '\nkind = "list"\n[cases.parameters]\n"regions.left.stokes_radiance.0" = { values = [10.0, 2.0] }\n'
     path = study_file(tmp_path, cases)
-    found = run_study(request(path, engine))
+    found = computed(path, scheduler)
     # S0 = 2 with S1 = 3: more polarized light than light.
     assert found.failed == 1
     store = opened(path)
@@ -124,10 +124,10 @@ def test_a_case_that_fails_is_a_row_with_its_reason(tmp_path, engine):
     assert str(store.reason.values[0]) == ""
 
 
-def test_sobol_ranks_what_matters(tmp_path, engine):
+def test_sobol_ranks_what_matters(tmp_path, scheduler):
     cases = f'\nkind = "sobol"\nn = 32\n[cases.parameters]\n"{EXPOSURE}" = {{ range = [0.02, 0.03] }}\n'
     cases += f'"{EFFICIENCY}" = {{ std = 0.001 }}\n'
-    found = run_study(request(study_file(tmp_path, cases, quantities='["s0.mean"]'), engine))
+    found = computed(study_file(tmp_path, cases, quantities='["s0.mean"]'), scheduler)
     by_input = {row.input: row for row in found.sobol if row.number.region == "right"}
     assert by_input[EXPOSURE].total > 0.9
     assert by_input[EFFICIENCY].total < 0.1
@@ -136,9 +136,9 @@ def test_sobol_ranks_what_matters(tmp_path, engine):
     assert (tmp_path / "out" / "sensitivity.png").stat().st_size > 5000
 
 
-def test_an_unknown_quantity_is_refused_with_what_there_is(tmp_path, engine):
+def test_an_unknown_quantity_is_refused_with_what_there_is(tmp_path, scheduler):
     with pytest.raises(ConfigError, match=r"no scene gives dolq\.mean; there are .*dolp"):
-        run_study(request(study_file(tmp_path, GRID, quantities='["dolq.mean"]'), engine))
+        computed(study_file(tmp_path, GRID, quantities='["dolq.mean"]'), scheduler)
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path):
@@ -182,12 +182,12 @@ def test_workers_that_do_not_start_are_told(monkeypatch):
 def test_no_scheduler_is_a_clear_error(tmp_path, monkeypatch):
     monkeypatch.setattr("rigctl.mapped._CONNECT_S", 0.5)
     with pytest.raises(ConfigError, match="no scheduler of dask answers there"):
-        run_study(request(study_file(tmp_path, GRID), Engine(scheduler="tcp://127.0.0.1:9", workers=1)))
+        computed(study_file(tmp_path, GRID), "tcp://127.0.0.1:9")
 
 
-def test_a_folder_takes_one_study_at_a_time(tmp_path, engine):
+def test_a_folder_takes_one_study_at_a_time(tmp_path, scheduler):
     with held_folder(tmp_path / "out"), pytest.raises(DataError, match="another command"):
-        run_study(request(study_file(tmp_path, GRID), engine))
+        computed(study_file(tmp_path, GRID), scheduler)
 
 
 _SLOW = '\nkind = "random"\nn = 600\n[cases.parameters]\n"acquisition.exposure_ms" = { range = [0.01, 0.03] }\n'
