@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -57,10 +58,15 @@ class Engine:
 
 @cache
 def code_version(packages: tuple[str, ...]) -> str:
-    """Return the program's version with a hash of the code of packages, from which results follow."""
+    """Return the program's version with a hash of the code of packages and modules, from which results follow."""
     digest = hashlib.sha256()
     for package in packages:
-        for name, source in sorted(sources_of(files(package)).items()):
+        spec = find_spec(package)
+        if spec is None or spec.origin is None:
+            raise ModuleNotFoundError(package)
+        is_package = spec.submodule_search_locations is not None
+        sources = sources_of(files(package)) if is_package else {f"{package}.py": Path(spec.origin)}
+        for name, source in sorted(sources.items()):
             digest.update(f"{package}/{name}\0".encode() + source.read_bytes() + b"\0")
     return f"{VERSION}+{digest.hexdigest()[:_TOLD_DIGITS]}"
 

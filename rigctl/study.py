@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 
 
 # What a number hangs on, beside the inputs.
-PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.prediction", "rigctl.study")
+PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.predict", "rigctl.study")
 
 
 @dataclass(frozen=True, kw_only=True)
