@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.special import bdtrc
 
+from rigctl.files.choices import PERTURBATIONS, Perturbation
 from rigctl.files.rig_file import load_rig
-from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-from rigctl.rig.roof import PERTURBATIONS, Perturbation, perturbed
+from rigctl.rig.roof import perturbed
+from rigctl.verbs.calibrate import noise
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.demo import NOISE, NOISE_RUN, copy_examples, seeded, take
 
@@ -49,7 +50,7 @@ def one_seed(seed: int, perturbations: tuple[Perturbation, ...]) -> Outcome:
         copy_examples(out)
         rig = seeded(load_rig(out / "rig-sim.toml"), seed)
         take(rig, out, session="session-noise.toml", run=NOISE_RUN)
-        calibrate_noise(NoiseRequest(run=out / NOISE_RUN, out=out / NOISE))
+        noise(run=out / NOISE_RUN, out=out / NOISE)
         found = {}
         for what in (None, *perturbations):
             name = f"run-{what}"

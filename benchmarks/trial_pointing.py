@@ -20,15 +20,12 @@ from calibration.pointing.pose import (
     SunSeen,
     camera_axes,
     compass,
-    direction,
     fuse,
     joint_covariance,
     level,
-    level_panel,
     panel_stands,
     panel_tilt,
     positions,
-    shadow,
     sun_in_picture,
     wrapped_rad,
 )
@@ -85,34 +82,22 @@ def deviations(seed: int) -> Iterator[tuple[str, float]]:
     true, stated = true_lens(draws)
     angles = np.array([draws.uniform(0, 2 * np.pi), draws.uniform(-1.0, -0.35), draws.uniform(-0.1, 0.1)])
     forward = camera_axes(angles)[2]
-    sun_azimuth, sun_elevation = draws.uniform(0, 2 * np.pi), draws.uniform(0.3, 1.2)
-    sun = SunSeen(azimuth_rad=sun_azimuth, elevation_rad=sun_elevation, std_rad=0.0)
     std = np.radians([3.0, 0.4, 0.2])
     declination, declination_std = 0.2, np.radians(0.5)
     reading = angles[0] - declination + declination_std * draws.standard_normal() + std[0] * draws.standard_normal()
     tilted = angles[1:] + std[1] * draws.standard_normal(2)
     target = 30.0 * forward
     of_place = np.array([0.5, 0.5, 0.3])
-    lying = panel_corners(
-        32.0 * forward, std[2] * draws.standard_normal(), draws.uniform(0, 6), draws.uniform(0, 6), np.array([3.0, 2.0])
-    )
     leaning_tilt, leaning_azimuth = draws.uniform(0.3, 0.8), angles[0] + np.pi + draws.uniform(-0.7, 0.7)
     leaning = panel_corners(28.0 * forward, leaning_tilt, leaning_azimuth, draws.uniform(0, 6), np.array([3.0, 2.0]))
-    rod = 30.0 * forward + np.array([[0.0, 0.0, 0.0], -2.0 * direction(sun_azimuth, 0.0)])
 
     def pictured(points: FloatArray) -> FloatArray:
         return seen(points, angles, true) + CORNER_STD_PX * draws.standard_normal((len(points), 2))
 
-    likeliest = panel_stands(pictured(lying), 3.0, 2.0, CORNER_STD_PX, stated)
-    vertical = camera_axes(angles) @ np.array([0.0, 0.0, 1.0])
-    lies = max(likeliest, key=lambda stand: float(stand.normal @ vertical))
-    foot, tip = pictured(rod)
     sources = {
         "compass": compass(reading, std[0], declination_rad=declination, declination_std_rad=declination_std),
         "level": level(tilted[0], tilted[1], std[1]),
         "positions": positions(target + of_place * draws.standard_normal(3), of_place),
-        "panel": level_panel("white", lies, std[2]),
-        "shadow": shadow(foot, tip, CORNER_STD_PX, sun, stated),
     }
     toward = np.append(angles[0] + draws.uniform(-0.15, 0.15), 0.0)
     looking_up = np.array([toward[0], draws.uniform(0.3, 0.8), angles[2]])
@@ -123,8 +108,6 @@ def deviations(seed: int) -> Iterator[tuple[str, float]]:
     yield "azimuth by sun and level", float(wrapped_rad(up.angles_rad - looking_up)[0] / up.std_rad[0])
     for name, chosen in (
         ("compass, level", ("compass", "level")),
-        ("shadow, level", ("shadow", "level")),
-        ("shadow, panel", ("shadow", "panel")),
         ("all", tuple(sources)),
     ):
         found = fuse([sources[one] for one in chosen], stated.covariance)

@@ -152,7 +152,7 @@ def parsed(arguments: Sequence[str]) -> tuple[Callable[..., Any], inspect.BoundA
 
 
 def _run(tokens: list[str], flags: set[str]) -> int:
-    verb = " ".join(_verb_of(tokens))
+    verb, failed = " ".join(_verb_of(tokens)), None
     try:
         command, bound = parsed(tokens)
         return _call(command, bound, flags, verb=verb)
@@ -165,9 +165,10 @@ def _run(tokens: list[str], flags: set[str]) -> int:
         return finished.code if isinstance(finished.code, int) else 0
     except Exception as error:
         code, message = failure_of(error)
+        failed = error
     if "--json" in flags:
         said, _, _ = message.partition("\nTry: ")  # JSON has that under "next"
-        sys.stdout.write(failure_json(code, visible(said), verb=tokens[0] if tokens else ""))
+        sys.stdout.write(failure_json(code, visible(said), verb=tokens[0] if tokens else "", error=failed))
     _say(message)
     return code
 

@@ -17,7 +17,6 @@ from typer.core import TyperGroup
 from rigctl.base.numbers import with_options_in_range
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.destination_options import with_tried_destinations
-from rigctl.console.exclusion_option import with_exclusion_option
 from rigctl.console.failures import EXIT_INTERRUPTED, failure_json, failure_of
 from rigctl.errors import ConfigError
 from rigctl.verbs import HEADINGS
@@ -103,7 +102,7 @@ class LazyGroup(TyperGroup):
         if app is None:
             app = typer.Typer(add_completion=False, rich_markup_mode=None)
             app.command(cmd_name)(module.command)
-        command = with_exclusion_option(cmd_name, once_each(_in_range(typer.main.get_command(app))))
+        command = once_each(_in_range(typer.main.get_command(app)))
         return with_tried_destinations(cmd_name, command)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

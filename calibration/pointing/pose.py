@@ -698,13 +698,11 @@ def joint_covariance(pose: CameraPose, tilts: Sequence[PanelTilt]) -> FloatArray
     return np.asarray(own + by_angles @ pose.own_covariance @ by_angles.T + by_lens @ pose.lens_covariance @ by_lens.T)
 
 
-# Sources of a camera's direction: compass, level, positions, sun in a picture, shadow, a panel that lies level
+# Sources of a camera's direction: compass, level, positions, sun in a picture
 
 _STEP_SOURCES = 1e-3
 # Where a source says nothing its covariance has an inverse all the same.
 _LEAST_RAD = 1e-6
-# A ray has to fall by this share of its length to meet the ground.
-_LEAST_DOWN = 1e-3
 # The ellipsoid of WGS 84.
 _EQUATOR_M, _ECCENTRICITY_2 = 6_378_137.0, 6.694_379_990_14e-3
 
@@ -844,36 +842,6 @@ def sun_in_picture(pixel: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens
     return PoseSource(name="sun in the picture", residual=residual, covariance=covariance, by_lens=by_lens)
 
 
-def shadow(foot: FloatArray, tip: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens) -> PoseSource:
-    """Return what the shadow of an upright rod on level ground says: it points away from the sun.
-
-    Parameters
-    ----------
-    foot, tip : (2,) arrays
-        Where the shadow begins, at the rod, and where it ends [pixel].
-    pixel_std : float
-        Standard uncertainty of each [pixel].
-    """
-    seen = _SeenPoints(np.array([foot, tip]), pixel_std, lens)
-    variance = (sun.std_rad / np.cos(sun.elevation_rad)) ** 2 + _LEAST_RAD**2
-
-    def residual_of(local: FloatArray, angles: FloatArray) -> FloatArray:
-        looks = local @ camera_axes(angles)
-        # Below the horizon both meet the ground; above it there is none, and the residual is as large as can be.
-        if looks[0, 2] > -_LEAST_DOWN or looks[1, 2] > -_LEAST_DOWN:
-            return np.array([np.pi])
-        ground = looks[:, :2] / -looks[:, 2:]
-        east, north = ground[1] - ground[0]
-        return wrapped_rad(np.array([np.arctan2(east, north) - sun.azimuth_rad - np.pi]))
-
-    return PoseSource(
-        name="shadow",
-        residual=lambda angles: residual_of(seen.rays, angles),
-        covariance=lambda angles: seen.covariance(lambda local: residual_of(local, angles)) + variance,
-        by_lens=lambda angles: seen.by_lens(lambda local: residual_of(local, angles)),
-    )
-
-
 class _SeenPoints:
     """Points of a picture as rays, and those rays with each pixel and each number of the lens moved by a little."""
 
@@ -900,34 +868,6 @@ class _SeenPoints:
         return np.column_stack(
             [wrapped_rad(of(self.rays + _STEP_SOURCES * move) - base) / _STEP_SOURCES for move in moves]
         )
-
-
-def level_panel(name: str, stand: PanelStand, tilt_std_rad: float) -> PoseSource:
-    """Return what a panel says that lies level: its normal, in the camera's axes, is the vertical.
-
-    Parameters
-    ----------
-    name : str
-        Of the panel.
-    stand : PanelStand
-        How it stands before the camera.
-    tilt_std_rad : float
-        How level it lies, in each of two directions [rad].
-    """
-
-    def vertical(angles: FloatArray) -> FloatArray:
-        return np.asarray(camera_axes(angles)[:, 2])
-
-    def spread(angles: FloatArray) -> FloatArray:
-        basis = _basis(vertical(angles))
-        return basis @ stand.covariance @ basis.T + tilt_std_rad**2 * np.eye(2)
-
-    return PoseSource(
-        name=f"level panel {name}",
-        residual=lambda angles: _across(stand.normal, vertical(angles)),
-        covariance=spread,
-        by_lens=lambda angles: np.asarray(_basis(vertical(angles)) @ stand.by_lens),
-    )
 
 
 def _across(seen: FloatArray, expected: FloatArray) -> FloatArray:

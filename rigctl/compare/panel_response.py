@@ -1,6 +1,8 @@
 """Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +11,11 @@ from calibration.radiometric import PanelScale, panel_scale
 from model.prediction import predict
 from model.processing.agreement import input_jacobian
 from rigctl.calibrations.noise import NoiseParameters
+from rigctl.calibrations.radiometric import SCHEMA_VERSION
+from rigctl.calibrations.record import header_of, source_of, source_of_run
 from rigctl.compare.predict_run import one_exposure_s, run_readout, scene_of_run
 from rigctl.compare.scale import modelled_response, without_throughput
+from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile
 from rigctl.measure.measure import MeasuredRegion, Measurement
@@ -142,6 +147,50 @@ def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
             f"{_MOST_SATURATED:.1%}): what is left is not its mean; expose shorter, or draw the region within the panel"
         )
     return region
+
+
+def radiometric_json(
+    found: PanelResponse, measurement: Measurement, *, files: Mapping[str, Path], valid_days: float | None = None
+) -> dict[str, Json]:
+    """Return the content of radiometric.json; files are what else it was made from, such as {"scene": path}."""
+    run, records = measurement.run, [record for cycle in measurement.grid.records for record in cycle]
+    source = {"run": source_of_run(run)} | {what: source_of(path) for what, path in files.items()}
+    header = header_of("radiometric", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days)
+    scale, unit, cycles = found.scale, found.modelled_dn_per_radiance, measurement.grid.cycles
+
+    def response(ratio: float, error: float, frames: int) -> dict[str, Json]:
+        return {"value": ratio * unit, "std_error": error * unit, "n": frames}
+
+    channels: list[Json] = [
+        {
+            "name": name,
+            "polarizer_angle_deg": float(np.degrees(angle)) % 180.0,
+            "response_dn_per_radiance": response(ratio, error, cycles),
+        }
+        for name, angle, ratio, error in zip(
+            found.channel_names,
+            found.polarizer_angles_rad.tolist(),
+            scale.channel.tolist(),
+            scale.channel_error.tolist(),
+            strict=True,
+        )
+    ]
+    return asdict(header) | {
+        "panel": {
+            "name": found.panel,
+            "pixels": found.pixels,
+            "radiance_w_per_m2_sr": {"value": found.radiance, "std_error": found.radiance_error},
+        },
+        "exposure_s": found.exposure_s,
+        "f_number": found.f_number,
+        "response": "counts of a pixel and frame per W m-2 sr-1 of unpolarized light in band, dark level off",
+        "response_dn_per_radiance": response(scale.common, scale.common_error, cycles * measurement.grid.angles),
+        "channels": channels,
+        "channels_agree": scale.channels_agree,
+        "over_scene_file": {"value": scale.common, "std_error": scale.common_error},
+        "variance_shares": found.shares,
+        "remarks": found.remarks,
+    }
 
 
 def _prediction(measurement: Measurement, scene: Scene, light: SceneLight) -> FloatArray:

@@ -50,17 +50,9 @@ def _folder(*names: str) -> _Place:
 _PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
     "record": {"out": _FILE},
-    "calibrate axis": {"out": _FILE, "maps": _FILE, "report": _FILE, "write": _Place(kind="edited")},
-    "calibrate flat": {"out": _FILE},
-    "calibrate lens": {"out": _FILE},
-    "calibrate noise": {"out": _FILE, "plot": _FILE, "report": _FILE, "defects": _FILE},
-    "calibrate radiometric": {"out": _FILE},
-    "calibrate registration": {"out": _FILE},
-    "calibrations": {"history": _FILE},
     "dolp estimators": {"out": _folder("estimators.png")},
     "dolp fig5": {"out": _folder("fig5.png")},
     "paper": {"out": _folder(*_PAPER)},
-    "point": {"write": _Place(kind="edited")},
 }
 
 

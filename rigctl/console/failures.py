@@ -5,12 +5,17 @@ import json
 import re
 import tempfile
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
 
 from calibration.results import CalibrationError
 from drivers.errors import DeviceError
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
+
+Failure = TypeVar("Failure", bound=BaseException)
+_ANSWER = "answer_for_programs"
 
 # 0 (done) and 130 (interrupted) are the command line library's own.
 EXIT_USAGE = 2
@@ -86,9 +91,16 @@ def failure_of(error: Exception) -> tuple[int, str]:
     return EXIT_OWN_FAULT, text
 
 
-def failure_json(code: int, message: str, *, verb: str) -> str:
-    """Return a failure as a line of JSON, `failure_content` as text."""
-    return json.dumps(failure_content(code, message, verb=verb), indent=2) + "\n"
+def failure_json(code: int, message: str, *, verb: str, error: BaseException | None = None) -> str:
+    """Return a failure as JSON, `failure_content` as text; with what the error itself tells programs."""
+    answer = getattr(error, _ANSWER, {})
+    return json.dumps({**answer, **failure_content(code, message, verb=verb)}, indent=2) + "\n"
+
+
+def with_answer(error: Failure, content: Mapping[str, Json]) -> Failure:
+    """Return an error whose JSON has more than the message: what was found before it failed."""
+    setattr(error, _ANSWER, dict(content))
+    return error
 
 
 def failure_content(code: int, message: str, *, verb: str) -> dict[str, Json]:

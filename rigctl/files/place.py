@@ -102,7 +102,7 @@ class GeometrySection(Section):
 
 
 class PointingSection(Section):
-    """How the errors of the camera's and the panels' angles go together: `rigctl point --write` writes it.
+    """How the errors of the camera's and the panels' angles go together: `rigctl calibrate pointing --write` writes it.
 
     What finds the panels' tilt from a picture takes the camera's direction for it: both are then off together. Each
     number has its own standard uncertainty where it stands.

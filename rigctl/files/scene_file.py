@@ -914,7 +914,7 @@ def _with_material_found(region: SceneRegion, path: Path) -> SceneRegion:
 
 
 _HEADER = re.compile(r"^\[\[?([A-Za-z_][\w.]*)\]\]?[ \t]*(?:#[^\n]*)?$", re.MULTILINE)
-_OURS = "  # rigctl point"
+_OURS = "  # rigctl calibrate pointing"
 _BY_PHI = "phi_deg"
 # Behind the point, and more where a standard uncertainty would not show.
 _DIGITS = 4

@@ -38,13 +38,21 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "bundle": ("rigctl.verbs.bundle:bundle", "Pack a run for a report of a fault, without secrets."),
     },
     "Calibrate": {
-        "calibrate": ("old", "Calibrate the sensor's noise, and the polarizer's axis and throughput."),
+        "calibrate": (None, "Calibrate sensor, polarizer, optics and pointing, each number with its error."),
+        "calibrate noise": ("rigctl.verbs.calibrate:noise", "Gain, read noise, dark current, PRNU, DSNU of a sensor."),
+        "calibrate axis": ("rigctl.verbs.axis:axis", "Sense, axis offset and extinction of the polarizer."),
+        "calibrate flat": ("rigctl.verbs.calibrate:flat", "Flat fields behind each angle of the polarizer."),
+        "calibrate lens": ("rigctl.verbs.calibrate:lens", "Focal length, principal point, distortion of a lens."),
+        "calibrate radiometric": ("rigctl.verbs.calibrate:radiometric", "Counts per unit of radiance, by a panel."),
+        "calibrate registration": ("rigctl.verbs.calibrate:registration", "Shift of the picture at each angle."),
+        "calibrate doubling": ("rigctl.verbs.calibrate:doubling", "Rise of temperature that doubles the dark current."),
         "calibrate stage": (
             "rigctl.verbs.calibrate_stage:stage",
             "Measure a rotation stage: readback error, backlash, settling.",
         ),
-        "calibrations": ("old", "List the store of calibrations, and how their numbers move."),
-        "point": ("old", "Find where camera and panels point, from sun, shadow, outlines, compass, level."),
+        "calibrate pointing": ("rigctl.verbs.pointing:pointing", "Where camera and panels point."),
+        "calibrate list": ("rigctl.verbs.store:list_store", "List the store of calibrations, and which are picked."),
+        "calibrate history": ("rigctl.verbs.store:history", "How the numbers of calibrations have moved."),
     },
     "Measure": {
         "stokes": ("rigctl.verbs.stokes:stokes", "Measure Stokes parameters, DoLP and AoLP of a run and its regions."),
@@ -78,6 +86,8 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
 
 # Names that verbs had before, and what does their work now.
 MOVED = {
+    "calibrations": "calibrate list, or calibrate history --out FILE.png",
+    "point": "calibrate pointing RUN",
     "exclude": "note RUN --exclude FRAMES REASON",
     "info": "status RUN --contents",
     "log": "status RUN --log",

@@ -11,6 +11,7 @@ from cyclopts.validators import Number
 from rigctl.console.terminal import note
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Perturbation
+from rigctl.verbs import calibrate
 from rigctl.verbs.compare import ComparisonResult, compare_run
 from rigctl.verbs.options import FilePath, Writes
 
@@ -64,7 +65,6 @@ def demo(
         The folder is not empty.
     """
     from rigctl.files.rig_file import load_rig
-    from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
     from rigctl.rig.roof import perturbed
 
     if lost and not gige:
@@ -78,7 +78,7 @@ def demo(
     note("taking dark and flat frames")
     take(rig, folder, session="session-noise.toml", run=NOISE_RUN)
     note("calibrating the sensor's noise from them")
-    calibrate_noise(NoiseRequest(run=folder / NOISE_RUN, out=folder / NOISE))
+    calibrate.noise(run=folder / NOISE_RUN, out=folder / NOISE)
     if perturb is not None:
         note(f"changing the simulated rig: {perturb}")
         rig = perturbed(rig, perturb)

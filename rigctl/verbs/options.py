@@ -93,6 +93,9 @@ COMMA_SEPARATED = Parameter(converter=_words, n_tokens=1, allow_leading_hyphen=T
 #: Largest picture that is read [MB of samples].
 MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100_000))]
 
+#: For how many days a calibration holds; the kind says how long where it is not given.
+ValidDays: TypeAlias = Annotated[float | None, Parameter(validator=Number(gte=0.0))]
+
 
 def extend_help(group: type, *extended: type) -> None:
     """Add to the docstring of a group of options the parameters of the groups that it extends."""

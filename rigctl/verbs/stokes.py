@@ -55,7 +55,7 @@ def stokes(
     """Measure Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions.
 
     stokes.fits holds (S0, S1, S2) after the dark level, in DN, or in DN/s where exposures differ. Calibrations that are
-    not named are picked from the store beside the rig file, if there is one (rigctl calibrations).
+    not named are picked from the store beside the rig file, if there is one (rigctl calibrate list).
 
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
 

@@ -211,8 +211,8 @@ CHAPTERS = {
             "compare-panel": "compare runs/panels scene-panels.toml --noise noise.json --scale panel --radiometric"
             " radiometric.json --out compared --json",
             "predict": "predict scene-panels.toml --noise noise.json --radiometric radiometric.json --json",
-            "point": 'point runs/panels --focal-px "4217 +- 20" --compass "171 +- 2" --declination "-11.3 +- 0.3"'
-            ' --level "-35,0.4 +- 0.3" --json',
+            "point": 'calibrate pointing runs/panels --focal-px "4217 +- 20" --compass "171 +- 2"'
+            ' --declination "-11.3 +- 0.3" --level "-35,0.4 +- 0.3" --json',
         },
     ),
     "roof": Chapter(

@@ -18,8 +18,9 @@ archive index . --json
 archive find . "frames>1" --json
 archive health . --json
 calibrate lens images/0.png --out OUT.json
-calibrations . --for run --json
-point run --json
+calibrate list . --for run --json
+calibrate history . --out OUT.png --json
+calibrate pointing run --json
 study scene.toml --out OUT --workers 1 --json
 predict scene.toml --json
 predict scene.toml

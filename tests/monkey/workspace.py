@@ -9,9 +9,9 @@ import numpy as np
 
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
-from rigctl.jobs.calibrate_radiometric import RadiometricRequest, calibrate_radiometric
 from rigctl.session.take import take_session
 from rigctl.session.timing import SessionClock
+from rigctl.verbs.calibrate import radiometric
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.made_runs import at, make_run
 
@@ -112,10 +112,7 @@ def _write_run(folder: Path) -> None:
     rig, session = load_rig(folder / "rig.toml"), load_session(folder / "session.toml")
     files = {"rig": folder / "rig.toml", "session": folder / "session.toml"}
     take_session(rig, session, folder / "run", files=files, clock=SessionClock(sleep=lambda _seconds: None))
-    request = RadiometricRequest(
-        run=folder / "run", panel="left", scene=folder / "scene.toml", out=folder / "radiometric.json"
-    )
-    calibrate_radiometric(request)
+    radiometric(folder / "run", panel="left", scene=folder / "scene.toml", out=folder / "radiometric.json")
 
 
 def _write_levels(folder: Path) -> None:

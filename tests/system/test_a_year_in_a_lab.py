@@ -10,16 +10,16 @@ import pytest
 
 import rigctl
 from rigctl import cli
-from rigctl.jobs.calibrate_axis import AxisRequest, calibrate_axis
-from rigctl.jobs.calibrate_noise import NoiseRequest, calibrate_noise
-from rigctl.jobs.calibrations import CalibrationsRequest, look_at_calibrations
 from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
 from rigctl.runs.check import used_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
+from rigctl.verbs.axis import axis
+from rigctl.verbs.calibrate import noise
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
+from rigctl.verbs.store import history
 from tests.rigctl.calibrations.polarizer.polarizer_runs import SENSE
 
 START = datetime(2026, 1, 1, 9, tzinfo=UTC)
@@ -83,11 +83,9 @@ def _axis_run(path, day, offset_deg, light_deg):
 
 def _calibrate(lab, day, *, gain, offset_deg, name):
     store = lab / "calibrations"
-    calibrate_noise(NoiseRequest(out=store / f"noise-{name}.json", run=_noise_run(lab / f"n-{name}", day, gain)))
+    noise(out=store / f"noise-{name}.json", run=_noise_run(lab / f"n-{name}", day, gain))
     runs = tuple(_axis_run(lab / f"a-{name}-{light:.0f}", day, offset_deg, light) for light in (0.0, 30.0))
-    calibrate_axis(
-        AxisRequest(runs=runs, references_deg=(0.0, 30.0), axis_std_deg=0.05, out=store / f"axis-{name}.json")
-    )
+    axis(*runs, reference_deg=(0.0, 30.0), axis_std_deg=0.05, out=store / f"axis-{name}.json")
     return json.loads((store / f"axis-{name}.json").read_text())["offset_deg"]["value"]
 
 
@@ -117,9 +115,7 @@ def lab(tmp_path_factory):
         for place, day in enumerate(CALIBRATED_DAYS):
             offsets.append(_calibrate(lab, day, gain=GAINS[place], offset_deg=OFFSETS_DEG[place], name=f"{place}"))
         gain = 0.31  # of the new camera
-        calibrate_noise(
-            NoiseRequest(out=lab / "calibrations/noise-new.json", run=_noise_run(lab / "n-new", NEW_CAMERA_DAY, gain))
-        )
+        noise(out=lab / "calibrations/noise-new.json", run=_noise_run(lab / "n-new", NEW_CAMERA_DAY, gain))
         for day in RUN_DAYS:
             _run(lab / f"run-{day:03d}", day, offsets[_quarter(day)])
     return lab
@@ -195,7 +191,7 @@ def test_another_gain_setting_is_refused_with_its_reason_and_none_is_picked(lab,
 
 
 def test_drift_and_replacement_show_in_the_history(lab, tmp_path):
-    found = look_at_calibrations(CalibrationsRequest(folder=lab / "rig.toml", history=tmp_path / "h.png"))
+    found = history(lab / "rig.toml", out=tmp_path / "h.png")
     histories = {(one.quantity, one.device): one for one in found.histories}
     gain = histories["gain_dn_per_e", "camera A at 0 dB"]
     assert len(gain.points) == 3

@@ -125,14 +125,14 @@ def test_files_that_are_no_calibrations_are_said(folder, capsys):
     store = read_store(folder)
     assert [one.file.name for one in store.calibrations] == ["old.json", "n.json"]
     assert [one.file.name for one in store.unread] == ["empty.json", "flat.npz", "list.json"]
-    assert cli.main(["calibrations", str(folder), "--json"]) == 0
+    assert cli.main(["calibrate", "list", str(folder), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["not_read"]) == 3
 
 
 def test_a_store_that_is_not_there_is_a_usage_error(tmp_path):
     with pytest.raises(ConfigError, match="there is no such folder"):
         read_store(tmp_path / "none")
-    assert cli.main(["calibrations", str(tmp_path / "none")]) == 2
+    assert cli.main(["calibrate", "list", str(tmp_path / "none")]) == 2
 
 
 def test_plan_warns_of_what_is_missing_and_of_what_expires(folder, tmp_path):

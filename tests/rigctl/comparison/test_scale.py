@@ -13,13 +13,12 @@ from calibration.results import CalibrationError
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.compare.compare import Comparison, compare_with_scene
-from rigctl.compare.panel_response import panel_response
+from rigctl.compare.panel_response import panel_response, radiometric_json
 from rigctl.compare.rows import Row
 from rigctl.compare.scale import with_panel_scale
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
-from rigctl.jobs.calibrate_radiometric import radiometric_file
 from rigctl.measure.measure import measure
 from rigctl.predict.predict import ScenePredictor
 from rigctl.report.comparison import compared_json
@@ -39,7 +38,7 @@ def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> Ra
     run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
     measurement = measure(run, regions=list(told.regions))
     found = panel_response(measurement, scene=told, panel="white", noise=None)
-    content = radiometric_file(found, measurement, files={}).as_json()
+    content = radiometric_json(found, measurement, files={})
     return TypeAdapter(RadiometricResponse).validate_python(content)
 
 

@@ -1,27 +1,23 @@
-"""What a request says of where camera and panels point: texts of people and pixels in, sources with errors out."""
+"""Sources of where camera and panels point: texts of people and pixels in, sources with their errors out."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.pointing import pose
 from calibration.pointing.pose import (
     Lens,
     PanelStand,
     PoseSource,
     SunSeen,
-    compass,
-    level,
     panel_stands,
     plain_lens,
     positions,
     refraction_rad,
-    shadow,
-    sun_in_picture,
     way_between,
     wrapped_rad,
 )
@@ -40,7 +36,6 @@ FloatArray = NDArray[np.float64]
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _SIZE = re.compile(rf"(?P<name>[^=]+)=(?P<width>{_NUMBER})x(?P<height>{_NUMBER})")
-_LEVEL = re.compile(rf"(?P<name>[^=]+)=(?P<std>{_NUMBER})")
 _WITH_STD = re.compile(rf"(?P<values>.+?)\s*(?:\+-|\+/-|\u00b1)\s*(?P<std>{_NUMBER})")
 _EAST_WEST = re.compile(rf"\s*(?P<size>{_NUMBER})\s*(?P<side>[EeWw])\s*")
 # Half a minute of a clock that nobody set moves the sun by an eighth of a degree.
@@ -50,86 +45,34 @@ _CORNERS = 4
 _PLACE_LIMITS = (90.0, 360.0, 9000.0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PointRequest:
-    """What is known of where camera and panels point; angles in degrees, texts as the command line has them.
-
-    Attributes
-    ----------
-    run : Path
-        Run folder: time, site, size of the picture.
-    outlines : Path or None
-        Scene or regions file with the outlines of panels, four corners each.
-    lens, focal_px : Path or None, str or None
-        Lens calibration, or focal length with its error.
-    compass, declination, level : str or None
-        Reading of a compass, declination (east positive, or ``11.3 W``), elevation and roll by a level, with errors.
-    camera_at, target_at : str or None
-        Latitude, longitude, height, with the error of each in metres.
-    sun, shadow : str or None
-        Pixel of the sun; pixels of foot and tip of an upright rod's shadow.
-    pixel_std : float
-        Standard uncertainty of each coordinate of sun, shadow and corners [pixel].
-    at_ns : int or None
-        When the picture of sun or shadow was taken; None is the middle of the run.
-    panels, level_panels : tuple of str
-        ``NAME=WIDTHxHEIGHT`` in metres; ``NAME=STD`` of those that lie level within STD degrees.
-    write : Path or None
-        Scene file that the angles are written into.
-    """
-
-    run: Path
-    outlines: Path | None = None
-    lens: Path | None = None
-    focal_px: str | None = None
-    compass: str | None = None
-    declination: str | None = None
-    level: str | None = None
-    camera_at: str | None = None
-    target_at: str | None = None
-    sun: str | None = None
-    shadow: str | None = None
-    pixel_std: float = 0.5
-    at_ns: int | None = None
-    panels: tuple[str, ...] = ()
-    level_panels: tuple[str, ...] = ()
-    write: Path | None = None
-
-
-def stated_sources(request: PointRequest, run: Run, sun: SunSeen | None) -> Iterator[PoseSource]:
-    """Give what the request says of the camera's direction.
+def stated_sources(
+    *, compass: str | None, declination: str | None, level: str | None, camera_at: str | None, target_at: str | None
+) -> Iterator[PoseSource]:
+    """Yield what people measured of the camera's direction; texts are those of `rigctl calibrate pointing`.
 
     Raises
     ------
-    ConfigError, DataError
+    ConfigError
         A text is wrong, or half of what is needed.
     """
-    if (request.compass is None) != (request.declination is None):
+    if (compass is None) != (declination is None):
         raise ConfigError("--compass, --declination: give both; a compass shows magnetic north")
-    if request.compass is not None and request.declination is not None:
-        yield _compass(request.compass, request.declination)
-    if request.level is not None:
-        (elevation, roll), std = _numbers("--level", request.level, (90.0, 180.0))
-        yield level(*np.radians([elevation, roll, std]).tolist())
-    if (request.camera_at is None) != (request.target_at is None):
+    if compass is not None and declination is not None:
+        yield _compass(compass, declination)
+    if level is not None:
+        (elevation, roll), std = _numbers("--level", level, (90.0, 180.0))
+        yield pose.level(*np.radians([elevation, roll, std]).tolist())
+    if (camera_at is None) != (target_at is None):
         raise ConfigError("--camera-at, --target-at: give both")
-    if request.camera_at is not None and request.target_at is not None:
-        yield _positions(request.camera_at, request.target_at)
-    if request.sun is not None and sun is not None:
-        at = _pixels("--sun", request.sun, 2, run)
-        yield sun_in_picture(at[0], request.pixel_std, sun, lens_of(request, run))
-    if request.shadow is not None and sun is not None:
-        ends = _pixels("--shadow", request.shadow, 4, run)
-        if float(np.hypot(*(ends[1] - ends[0]))) <= request.pixel_std:
-            raise ConfigError("--shadow: foot and tip lie within --pixel-std of one another: no direction follows")
-        yield shadow(ends[0], ends[1], request.pixel_std, sun, lens_of(request, run))
+    if camera_at is not None and target_at is not None:
+        yield _positions(camera_at, target_at)
 
 
 def _compass(reading_text: str, declination_text: str) -> PoseSource:
     (reading,), std = _numbers("--compass", reading_text, (360.0,))
     (declination,), declination_std = _numbers("--declination", _signed(declination_text), (180.0,))
     angles = np.radians([reading, std, declination, declination_std]).tolist()
-    return compass(angles[0], angles[1], declination_rad=angles[2], declination_std_rad=angles[3])
+    return pose.compass(angles[0], angles[1], declination_rad=angles[2], declination_std_rad=angles[3])
 
 
 def _signed(text: str) -> str:
@@ -162,24 +105,24 @@ def _numbers(option: str, text: str, most: Sequence[float]) -> tuple[list[float]
     return values, std
 
 
-def _pixels(option: str, text: str, count: int, run: Run) -> FloatArray:
-    """Return points of a picture, a row each.
+def pixel_of_sun(text: str, run: Run) -> FloatArray:
+    """Return where the sun stands in the pictures of a run, as "X,Y" says.
 
     Raises
     ------
     ConfigError
-        They are no numbers, or lie outside of the run's pictures.
+        These are not two numbers, or they lie outside of the pictures.
     """
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
         values = []
-    if len(values) != count or not np.isfinite(values).all():
-        raise ConfigError(f"{option}: is {text!r}; write {count} numbers, pixels right and down, with commas")
-    points, (width, height) = np.array(values).reshape(-1, 2), _picture_size(run)
-    if np.any(points < -0.5) or np.any(points > np.array([width, height]) - 0.5):
-        raise ConfigError(f"{option}: {text} lies outside of the pictures, which have {width} x {height} pixels")
-    return points
+    if len(values) != 2 or not np.isfinite(values).all():
+        raise ConfigError(f"--sun: is {text!r}; write 2 numbers, pixels right and down, with commas")
+    point, (width, height) = np.array(values), _picture_size(run)
+    if np.any(point < -0.5) or np.any(point > np.array([width, height]) - 0.5):
+        raise ConfigError(f"--sun: {text} lies outside of the pictures, which have {width} x {height} pixels")
+    return point
 
 
 def _picture_size(run: Run) -> tuple[int, int]:
@@ -197,7 +140,7 @@ def _positions(camera: str, target: str) -> PoseSource:
     return positions(between, np.full(3, error))
 
 
-def lens_of(request: PointRequest, run: Run) -> Lens:
+def lens_of(file: Path | None, focal_px: str | None, run: Run) -> Lens:
     """Return the lens by its file or its focal length.
 
     Raises
@@ -206,23 +149,25 @@ def lens_of(request: PointRequest, run: Run) -> Lens:
         None is given, or it is of other pictures than the run's.
     """
     width, height = _picture_size(run)
-    if request.lens is not None:
-        found = read_lens_file(request.lens)
+    if file is not None:
+        found = read_lens_file(file)
         if (found.width, found.height) != (width, height):
             raise DataError(
-                f"{request.lens}: is of pictures of {found.width} x {found.height} pixels, those of the run have "
+                f"{file}: is of pictures of {found.width} x {found.height} pixels, those of the run have "
                 f"{width} x {height}"
             )
         return found.lens()
-    if request.focal_px is None:
+    if focal_px is None:
         raise ConfigError("--lens FILE, or --focal-px '1500 +- 20': pixels say nothing of directions without a lens")
-    (focal,), std = _numbers("--focal-px", request.focal_px, (1e7,))
+    (focal,), std = _numbers("--focal-px", focal_px, (1e7,))
     if not focal > 0.0:
         raise ConfigError(f"--focal-px: is {focal:g}; must be above 0")
     return plain_lens(focal, std, width, height)
 
 
-def panels_in_picture(request: PointRequest, run: Run) -> dict[str, tuple[PanelStand, ...]]:
+def panels_in_picture(
+    panels: Sequence[str], outlines: Path | None, *, pixel_std: float, lens: Callable[[], Lens]
+) -> dict[str, tuple[PanelStand, ...]]:
     """Return how each panel can stand before the camera, by its outline and size.
 
     Raises
@@ -230,13 +175,13 @@ def panels_in_picture(request: PointRequest, run: Run) -> dict[str, tuple[PanelS
     ConfigError, CalibrationError
         A text is wrong, there is no such outline, or it is none of a panel of this size.
     """
-    if not request.panels:
+    if not panels:
         return {}
-    if request.outlines is None:
+    if outlines is None:
         raise ConfigError("--outlines FILE: a scene or regions file with the four corners of each panel")
-    regions = {region.name: region for region in _regions(request.outlines)}
+    regions = {region.name: region for region in _regions(outlines)}
     found: dict[str, tuple[PanelStand, ...]] = {}
-    for text in request.panels:
+    for text in panels:
         size = _SIZE.fullmatch(text)
         if size is None or min(float(size["width"]), float(size["height"])) <= 0.0:
             raise ConfigError(f"--panel: is {text!r}; write its name and sides in metres, white_panel=0.6x0.4")
@@ -244,8 +189,8 @@ def panels_in_picture(request: PointRequest, run: Run) -> dict[str, tuple[PanelS
         if name in found:
             raise ConfigError(f"--panel: {name} is given twice")
         try:
-            corners = _corners(request.outlines, regions, name)
-            found[name] = panel_stands(corners, *sides, request.pixel_std, lens_of(request, run))
+            corners = _corners(outlines, regions, name)
+            found[name] = panel_stands(corners, *sides, pixel_std, lens())
         except CalibrationError as error:
             raise CalibrationError(f"panel {name}: {error}") from error
     return found
@@ -270,26 +215,7 @@ def _corners(path: Path, regions: Mapping[str, Region], name: str) -> FloatArray
     return np.array(polygon, dtype=np.float64)
 
 
-def level_panels(texts: Iterable[str]) -> dict[str, float]:
-    """Return the panels that lie level, and within how many degrees.
-
-    Raises
-    ------
-    ConfigError
-        A text is wrong, or names one twice.
-    """
-    levels: dict[str, float] = {}
-    for text in texts:
-        found = _LEVEL.fullmatch(text)
-        if found is None or not float(found["std"]) > 0.0:
-            raise ConfigError(f"--level-panel: is {text!r}; write its name and how level it lies in degrees, white=0.3")
-        if found["name"] in levels:
-            raise ConfigError(f"--level-panel: {found['name']} is given twice")
-        levels[found["name"]] = float(found["std"])
-    return levels
-
-
-def seen_sun(request: PointRequest, run: Run) -> SunSeen:
+def seen_sun(run: Run, *, at_ns: int | None, camera_at: str | None) -> SunSeen:
     """Return the sun as it is seen from the run's site, in the middle of the run or at the time that is given.
 
     What the sun moves within a run whose picture is not named by its time, and what is not known of the site, are in
@@ -300,8 +226,8 @@ def seen_sun(request: PointRequest, run: Run) -> SunSeen:
     ConfigError, DataError
         Site or time are not known, or the sun is below the horizon.
     """
-    site = _site(request, run)
-    first, last = _moments(request, run)
+    site = _site(run, camera_at)
+    first, last = _moments(run, at_ns)
     moment = first + (last - first) / 2
     ends = [sun_position(one, site.place) for one in (first, moment, last)]
     found, elevation = ends[1], 0.5 * np.pi - ends[1].zenith_rad
@@ -329,7 +255,7 @@ def _site_variance(site: SiteSection, moment: datetime) -> float:
     return float(np.radians(1.0) ** 2 * np.linalg.eigvalsh(covariance_deg2)[-1])
 
 
-def _site(request: PointRequest, run: Run) -> SiteSection:
+def _site(run: Run, camera_at: str | None) -> SiteSection:
     """Return the run's site, what its frames say of it, or where the camera is said to be."""
     if run.session.site is not None:
         return run.session.site
@@ -340,8 +266,8 @@ def _site(request: PointRequest, run: Run) -> SiteSection:
             longitude_deg=first.site_longitude_deg or 0.0,
             elevation_m=first.site_elevation_m or 0.0,
         )
-    if request.camera_at is not None:
-        (latitude, longitude, height), _ = _numbers("--camera-at", request.camera_at, _PLACE_LIMITS)
+    if camera_at is not None:
+        (latitude, longitude, height), _ = _numbers("--camera-at", camera_at, _PLACE_LIMITS)
         east = (longitude + 180.0) % 360.0 - 180.0
         return SiteSection(latitude_deg=latitude, longitude_deg=east, elevation_m=height)
     raise DataError(
@@ -349,10 +275,10 @@ def _site(request: PointRequest, run: Run) -> SiteSection:
     )
 
 
-def _moments(request: PointRequest, run: Run) -> tuple[datetime, datetime]:
+def _moments(run: Run, at_ns: int | None) -> tuple[datetime, datetime]:
     """Return between which moments the picture was taken."""
-    if request.at_ns is not None:
-        at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=request.at_ns // 1000)
+    if at_ns is not None:
+        at = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=at_ns // 1000)
         return at, at
     times = [utc_moment(one.start_utc) for one in run.frames if one.start_utc and is_utc_text(one.start_utc)]
     if not times:

@@ -1,0 +1,285 @@
+"""`rigctl calibrate axis`: sense, axis offset and extinction of the polarizer in its stage."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Unpack
+
+from cyclopts import Parameter, validators
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import ConfigError, DataError
+from rigctl.verbs.options import FilePath, RegionsPath, RunOptions, RunPath, ValidDays, Writes, path_of, regions_of
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.calibrations.polarizer import PolarizerNumbers
+    from rigctl.calibrations.polarizer_scan import KnownLight, PolarizerCalibration
+    from rigctl.calibrations.record import CalibrationFile
+    from rigctl.files.regions import Region
+    from rigctl.files.toml import Uncertain
+    from rigctl.runs.folder import Run as RunRecord
+
+# Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
+_DISAGREEING_RAD = math.radians(0.5)
+
+
+def axis(
+    *runs: RunPath,
+    reference_deg: Sequence[float] = (),
+    generator: FilePath | None = None,
+    dolp: float | None = None,
+    dolp_std: float = 0.0,
+    axis_std_deg: float = 0.0,
+    expect_offset_deg: float | None = None,
+    expect_std_deg: float = 5.0,
+    regions: RegionsPath | None = None,
+    out: Annotated[FilePath | None, Writes(), Parameter(required=True)] = None,
+    maps: Annotated[FilePath | None, Writes()] = None,
+    block: Annotated[int, Parameter(validator=validators.Number(gte=1))] = 8,
+    report: Annotated[FilePath | None, Writes()] = None,
+    valid_days: ValidDays = None,
+    write: Annotated[FilePath | None, Writes(kind="edited")] = None,
+    **frames: Unpack[RunOptions],
+) -> "AxisResult":
+    """Find sense of rotation and axis offset of the polarizer, and its extinction, each with its error.
+
+    Either scan the stage in front of a fixed polarizer of known direction (--reference-deg), or turn a second
+    polarizer, the generator, and take all stage angles at each of its angles (--generator). One reference fits
+    either sense: give two that are not at 90 deg to each other, or one that is not along or across the axis of the
+    stage's zero, with --expect-offset-deg. Angles are counter-clockwise from horizontal as the camera sees the scene.
+
+    A polarizer that is warped or tilted has another axis at each place: --regions gives each region its own numbers,
+    --maps each block of the picture. --report makes a page of it.
+
+    Example: rigctl calibrate axis runs/ref0 runs/ref30 --reference-deg 0 --reference-deg 30 --out polarizer.json
+
+    Parameters
+    ----------
+    runs : path or Run
+        Run folders, one for each reference, or one with a generator.
+    reference_deg : sequence of float
+        Direction of the fixed reference of each run [deg]. Repeatable.
+    generator : path
+        Angles of a turning generator: TOML or CSV.
+    dolp : float
+        DoLP of reference or generator, above 0 up to 1; gives the extinction.
+    dolp_std : float
+        Its standard uncertainty.
+    axis_std_deg : float
+        Standard uncertainty of the direction [deg].
+    expect_offset_deg : float
+        Offset as a mark on the mount says it, roughly [deg].
+    expect_std_deg : float
+        How well the mark says it [deg].
+    regions : path or sequence of Region
+        Regions file: the first region gives the result, and each has numbers of its own.
+    out : path
+        Calibration file to write, such as polarizer.json. Python may leave it out.
+    maps : path
+        Maps over the picture (.npz); with --generator.
+    block : int
+        Side of a block of the maps [pixel].
+    report : path
+        Page with curves, harmonics and maps (HTML).
+    valid_days : float
+        For how long it holds; 180 days unless given.
+    write : path
+        Rig file that sense, offset and extinction are written into too.
+    **frames
+        See `RunOptions`.
+
+    Returns
+    -------
+    AxisResult
+        The calibration, of the whole picture and of regions.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        A number or a file is wrong, the scans are unfit, or they do not tell the sense of rotation; nothing is written.
+    """
+    from rigctl.calibrations.polarizer import polarizer_file, require_writable_rig, write_into_rig
+    from rigctl.calibrations.polarizer_scan import load_generator, polarimeter_maps
+    from rigctl.calibrations.record import write_content, write_whole
+    from rigctl.console.failures import with_answer
+    from rigctl.runs.check import used_run
+
+    if write is not None:
+        require_writable_rig(Path(write))
+    known = _known_light(
+        reference_deg,
+        dolp=_dolp(dolp, dolp_std),
+        axis_std_deg=axis_std_deg,
+        expected_deg=expect_offset_deg,
+        expected_std_deg=expect_std_deg,
+    )
+    areas = [None] if regions is None else regions_of(regions)
+    records = [used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)) for run in runs]
+    turning = None if generator is None else Path(generator)
+    found, *_ = each = [_calibrated(records, reference_deg, turning, area, known) for area in areas]
+    by_region = {area.name: one for area, one in zip(areas, each, strict=True) if area}
+    file = polarizer_file(found, records, regions=by_region, valid_days=valid_days)
+    if not found.axis.is_decided:
+        raise with_answer(DataError(_undecided(found)), file.as_json())
+    if maps is not None and turning is None:
+        raise ConfigError("--maps: are made with a turning generator; give --generator FILE")
+    drawn = None
+    if maps is not None and turning is not None:
+        generator_dolp = 1.0 if known.dolp is None else known.dolp.value
+        drawn = polarimeter_maps(records[0], load_generator(turning), side_pixels=block, generator_dolp=generator_dolp)
+    if out is not None:
+        write_content(Path(out), file.as_json())
+    for line in () if write is None else write_into_rig(Path(write), found):
+        note(f"{write}: {line}")
+    if maps is not None and drawn is not None:
+        write_whole(Path(maps), drawn.npz())
+    if report is not None:
+        from rigctl.report.calibration import polarizer_report
+        from rigctl.report.output import report_file
+
+        page = polarizer_report(found, file, regions=by_region, maps=drawn)
+        write_whole(Path(report), report_file(page, Path(report)))
+    return AxisResult(
+        calibration=found,
+        regions=by_region,
+        file=file,
+        is_generator_taken_as_perfect=generator is not None and dolp is None,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisResult(Result):
+    """A polarizer calibration."""
+
+    calibration: "PolarizerCalibration"  #: of the first region, or of the whole picture
+    regions: "dict[str, PolarizerCalibration]"  #: of each region by itself
+    file: "CalibrationFile[PolarizerNumbers]"
+    is_generator_taken_as_perfect: bool  #: nothing was known of its DoLP
+
+    def content(self) -> Iterable[Part]:
+        """Return sense, offset, extinction and residual harmonics, and the lines for the rig file."""
+        from rigctl.calibrations.polarizer import rig_lines
+
+        found = self.calibration
+        yield f"sense {found.axis.best.sense:+d}, offset {_offset(found)}"
+        if found.axis.scatter_rad > _DISAGREEING_RAD:
+            yield (
+                f"the directions disagree by {math.degrees(found.axis.scatter_rad):.2f} deg (rms), which is in the "
+                f"error: check each, and that light and polarizers stayed as they were"
+            )
+        if found.extinction is not None:
+            upper = "no upper limit" if found.extinction.upper is None else f"{found.extinction.upper:.4g}"
+            ratio = "not measured" if found.extinction.ratio is None else f"{found.extinction.ratio:.4g}"
+            yield f"extinction ratio {ratio} (95 %: {found.extinction.lower:.4g} to {upper})"
+        yield from _harmonics(found)
+        for name, region in self.regions.items():
+            yield f"region {name}: offset {_offset(region)}"
+        yield "for the rig file:"
+        yield rig_lines(found)
+        if self.is_generator_taken_as_perfect:
+            yield "the generator is taken as perfect: what it leaks is in the extinction ratio; give --dolp"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the content of the calibration file."""
+        return self.file.as_json()
+
+
+def _offset(found: "PolarizerCalibration") -> str:
+    return f"{found.offset_deg.value:.4f} +- {found.offset_deg.std_error:.4f} deg"
+
+
+def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
+    from rigctl.calibrations.polarizer import HARMONIC_MEANING
+
+    for one in found.harmonics:
+        seen = f"seen: {HARMONIC_MEANING[one.order]}" if one.is_seen else "not seen"
+        yield f"residual, {one.order} cycles a turn: {one.amplitude:.2%} +- {one.std_error:.2%} ({seen})"
+    if found.harmonics and not found.harmonics_told_apart:
+        yield "a scan of half a turn does not tell these apart: take it over a whole turn to see which it is"
+
+
+def _known_light(
+    references_deg: Sequence[float],
+    *,
+    dolp: "Uncertain | None",
+    axis_std_deg: float,
+    expected_deg: float | None,
+    expected_std_deg: float,
+) -> "KnownLight":
+    from rigctl.calibrations.polarizer_scan import KnownLight
+
+    if not all(math.isfinite(angle) for angle in references_deg):
+        raise ConfigError(f"--reference-deg is {list(references_deg)}; allowed are finite angles")
+    for name, value in {"--axis-std-deg": axis_std_deg, "--expect-std-deg": expected_std_deg}.items():
+        if not 0.0 <= value < math.inf:
+            raise ConfigError(f"{name} is {value}; allowed is 0 or more")
+    return KnownLight(
+        axis_error_rad=math.radians(axis_std_deg),
+        dolp=dolp,
+        expected_rad=None if expected_deg is None else math.radians(expected_deg),
+        expected_error_rad=math.radians(expected_std_deg),
+    )
+
+
+def _dolp(value: float | None, std: float) -> "Uncertain | None":
+    from rigctl.files.toml import Uncertain
+
+    if value is None:
+        return None
+    if not 0.0 < value <= 1.0 or std < 0.0:
+        raise ConfigError(f"--dolp is {value}, --dolp-std is {std}; allowed are above 0 up to 1, and 0 or more")
+    return Uncertain(value=value, std=std)
+
+
+def _calibrated(
+    runs: "list[RunRecord]",
+    references_deg: Sequence[float],
+    generator: Path | None,
+    region: "Region | None",
+    known: "KnownLight",
+) -> "PolarizerCalibration":
+    from rigctl.calibrations.polarizer_scan import (
+        analyzer_scan,
+        from_generator,
+        from_references,
+        generator_scan,
+        load_generator,
+    )
+
+    if generator is not None and not references_deg and len(runs) == 1:
+        return from_generator(generator_scan(runs[0], region, load_generator(generator)), known)
+    if generator is None and len(references_deg) == len(runs) > 0:
+        scans = [analyzer_scan(run, region) for run in runs]
+        return from_references(scans, [math.radians(angle) for angle in references_deg], known)
+    raise ConfigError(
+        f"{len(runs)} runs and {len(references_deg)} reference directions are given; give one --reference-deg for each "
+        f"run, or --generator FILE with one run"
+    )
+
+
+def _undecided(found: "PolarizerCalibration") -> str:
+    axis = found.axis
+    (first, second) = (
+        f"sense {one.sense:+d} with offset {math.degrees(one.offset_rad):.3f} deg" for one in (axis.best, axis.other)
+    )
+    if axis.scatter_rad > _DISAGREEING_RAD:
+        return (
+            f"the directions contradict one another: {first} leaves {math.degrees(axis.scatter_rad):.2f} deg (rms) "
+            f"between them, far more than the noise of the scans, and the other sense fits no better: check each "
+            f"direction (counter-clockwise from horizontal as the camera sees the scene) and that it is of its own run"
+        )
+    if found.channels is not None:
+        return (
+            f"the sense of rotation is not found: {first} and {second} fit alike, since the stage stood at one axis "
+            f"only (angles that are 90 deg apart count as one): scan the generator at two stage angles or more, such "
+            f"as 0 and 45 deg"
+        )
+    return (
+        f"the sense of rotation is not found: {first} and {second} fit alike; a single reference cannot tell them "
+        f"apart without --expect-offset-deg (nor with it, if both are within five of its --expect-std-deg), and one "
+        f"along or across the axis of the stage's zero (horizontal or vertical) not even with it: add a run with a "
+        f"reference some 30 deg away (a second RUN and --reference-deg)"
+    )

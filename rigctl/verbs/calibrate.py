@@ -1,0 +1,720 @@
+"""`rigctl calibrate`: parameters of sensor, optics and lens from frames, each with its standard error.
+
+Each verb reads frames, calls `calibration` for the numbers, and writes one file; `calibrate axis` and
+`calibrate pointing` have modules of their own.
+"""
+
+import math
+import re
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
+
+from cyclopts import Parameter, validators
+
+from drivers.cameras.raw_planes import Plane
+from rigctl.base.durable import MOST_FRAME_MB
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, progress, warn
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import ExposureUnit
+from rigctl.verbs.options import (
+    FilePath,
+    MaxFrameMb,
+    RunOptions,
+    RunPath,
+    ScenePath,
+    ValidDays,
+    Writes,
+    path_of,
+    scene_file_of,
+)
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibration.pointing.pose import LensCalibration
+    from calibration.sensor.curves import DoublingTemperature
+    from rigctl.calibrations.flat import FlatAngle, FlatNumbers, RunFlat
+    from rigctl.calibrations.noise import NoiseParameters
+    from rigctl.calibrations.noise_calibration import FrameCalibration
+    from rigctl.calibrations.noise_frames import FrameSet
+    from rigctl.calibrations.record import CalibrationFile, MeasuredOverFrames
+    from rigctl.calibrations.registration import AngleShift, RunRegistration, Walk
+    from rigctl.compare.panel_response import PanelResponse
+
+_BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
+_LEAST_CORNERS = 3
+# A pattern of less is none.
+_LEAST_PATTERN = 1e-4
+# Causes of an error that are printed, and the least share of one.
+_MOST_CAUSES, _LEAST_SHARE = 6, 0.01
+
+
+def noise(
+    *,
+    out: Annotated[FilePath | None, Writes(), Parameter(required=True)] = None,
+    run: RunPath | None = None,
+    emva: FilePath | None = None,
+    folder: FilePath | None = None,
+    table: FilePath | None = None,
+    bit_depth: Annotated[int | None, Parameter(validator=validators.Number(gte=1, lte=16))] = None,
+    plane: Plane | None = None,
+    exposure_unit: ExposureUnit | None = None,
+    plot: Annotated[FilePath | None, Writes()] = None,
+    report: Annotated[FilePath | None, Writes()] = None,
+    defects: Annotated[FilePath | None, Writes()] = None,
+    max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
+    **frames: Unpack[RunOptions],
+) -> "NoiseResult":
+    """Find gain, read noise, dark current, black level, saturation, PRNU and DSNU, each with its standard error.
+
+    Take two flats and two darks at each of some ten exposures up to saturation, and a stack of 16 of each at one of
+    them. Frames that make every number wrong are refused by name (exit code 4), and no file is written.
+
+    The names of a folder's images say what they are (dark_10ms_001.png, flat/10ms/001.fits); a table says it of any
+    (columns file, kind, exposure_ms, photons, level). Both need --bit-depth.
+
+    Exposures are read in nanoseconds from a descriptor, milliseconds from a table, seconds from a header, and in the
+    unit that follows them in a name; --exposure-unit states another, and the unit of exp000522 in a name.
+
+    Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
+
+    Parameters
+    ----------
+    out : path
+        Calibration file to write, such as noise.json. Python may leave it out.
+    run : path or Run
+        Run folder with dark and flat frames.
+    emva : path
+        Descriptor of an EMVA 1288 data set.
+    folder : path
+        Folder of PNG, TIFF, FITS or RAW images.
+    table : path
+        Table of images as CSV: file, kind, exposure_ms, ...
+    bit_depth : int
+        Bits per sample of a folder's images.
+    plane : str
+        Colour of RAW files, such as green.
+    exposure_unit : {"ns", "us", "ms", "s"}
+        Unit of stated exposures, where it is not the usual one.
+    plot : path
+        Draw the photon-transfer curve (PNG).
+    report : path
+        Write a page with curves and maps (HTML).
+    defects : path
+        Write the map of defect pixels (PNG).
+    max_frame_mb : int
+        Refuse a picture of more MB of samples before memory is taken for it.
+    **frames
+        See `RunOptions`.
+
+    Returns
+    -------
+    NoiseResult
+        The calibration.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, or cannot be written.
+    RefusedFramesError
+        The frames are unfit, with the flags that say why; nothing is written.
+    """
+    from rich.progress import Progress
+
+    from calibration.results import RefusedFramesError
+    from rigctl.calibrations.noise import QUANTITIES
+    from rigctl.calibrations.noise_calibration import calibrate_frames, flags_json
+    from rigctl.calibrations.record import write_content, write_whole
+    from rigctl.console.failures import with_answer
+    from rigctl.images import ImageReading
+
+    written = [Path(path) for path in (out, plot, report, defects) if path is not None]
+    _require_folders(written)
+    most_bytes = max_frame_mb * 1_000_000
+    source = _noise_frames(
+        run=None if run is None else path_of(run),
+        emva=_maybe_path(emva),
+        folder=_maybe_path(folder),
+        table=_maybe_path(table),
+        bit_depth=bit_depth,
+        reading=ImageReading(plane=plane, most_bytes=most_bytes),
+        exposure_unit=exposure_unit,
+        ignore_exclusions=frames.get("ignore_exclusions", False),
+    )
+    try:
+        with Progress(console=progress(), transient=True) as bar:
+            task = bar.add_task("levels", total=None)
+            found = calibrate_frames(
+                source, level_done=lambda done, total: bar.update(task, completed=done, total=total)
+            )
+    except RefusedFramesError as error:
+        with_answer(error, {**dict.fromkeys(QUANTITIES), "flags": flags_json(error.flags)})
+        raise
+    result = NoiseResult(calibration=found, created_ns=time.time_ns())
+    if out is not None:
+        write_content(Path(out), result.as_json())
+    if plot is not None:
+        from rigctl.report.calibration import photon_transfer_png
+
+        write_whole(Path(plot), photon_transfer_png(found.noise))
+    if report is not None:
+        from rigctl.base.numbers import utc_text
+        from rigctl.report.calibration import calibration_report
+        from rigctl.report.output import report_file
+
+        page = calibration_report(found, created_utc=utc_text(result.created_ns))
+        write_whole(Path(report), report_file(page, Path(report)))
+    if defects is not None:
+        write_whole(Path(defects), _defects_png(Path(defects), found))
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseResult(Result):
+    """A noise calibration, and when it was made."""
+
+    calibration: "FrameCalibration"
+    created_ns: int  #: since 1970 UTC
+
+    def content(self) -> Iterable[Part]:
+        """Return the numbers that people ask for first, all of them as a table, what is unknown, and the flags."""
+        from calibration.sensor.noise import first_lines
+        from rigctl.report.calibration import calibration_rows, calibration_table, unknown_lines
+
+        found = self.calibration.noise
+        yield from first_lines(found)
+        yield calibration_table(calibration_rows(found))
+        yield from unknown_lines(found)
+        yield from (f"{flag.name}: {flag.message}" for flag in found.flags)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the content of the calibration file."""
+        return self.calibration.as_json(created_ns=self.created_ns)
+
+
+def _maybe_path(given: FilePath | None) -> Path | None:
+    return None if given is None else Path(given)
+
+
+def _require_folders(paths: Iterable[Path]) -> None:
+    missing = [f"{path}: there is no folder {path.parent}" for path in paths if not path.parent.is_dir()]
+    if missing:
+        raise ConfigError("\n".join(missing))
+
+
+def _noise_frames(
+    *,
+    run: Path | None,
+    emva: Path | None,
+    folder: Path | None,
+    table: Path | None,
+    bit_depth: int | None,
+    reading: Any,
+    exposure_unit: ExposureUnit | None,
+    ignore_exclusions: bool,
+) -> "FrameSet":
+    from rigctl.calibrations.noise_frames import emva_frames, folder_frames, run_frames, table_frames
+
+    if sum(given is not None for given in (run, emva, folder, table)) != 1:
+        raise ConfigError(
+            "give either --run RUN (a run folder), --emva FILE (the descriptor of an EMVA 1288 data set), "
+            "--folder DIR (images) or --table FILE.csv (a list of images)"
+        )
+    if run is not None:
+        if exposure_unit is not None:
+            raise ConfigError(
+                "--exposure-unit: a run folder has its exposures in seconds, as they were taken; leave it"
+            )
+        return run_frames(run, ignore_exclusions=ignore_exclusions)
+    if emva is not None:
+        return emva_frames(emva, exposure_unit=exposure_unit, most_bytes=reading.most_bytes)
+    if bit_depth is None:
+        raise ConfigError("images do not say how many bits the camera has: give --bit-depth, such as --bit-depth 12")
+    if folder is not None:
+        return folder_frames(folder, bit_depth=bit_depth, reading=reading, exposure_unit=exposure_unit)
+    return table_frames(table or Path(), bit_depth=bit_depth, reading=reading, exposure_unit=exposure_unit)
+
+
+def _defects_png(path: Path, calibration: "FrameCalibration") -> bytes:
+    import cv2
+
+    if calibration.pattern is None:
+        raise DataError(f"{path}: there is no defect map, since no flat is brighter than its dark")
+    done, encoded = cv2.imencode(".png", calibration.pattern.defects.mask)
+    if not done:
+        raise ConfigError(f"{path}: a map of this size cannot be written as PNG")
+    return encoded.tobytes()
+
+
+def doubling(
+    *files: FilePath,
+    temperature_c: Sequence[float] = (),
+    by_variance: bool = False,
+) -> "DoublingResult":
+    """Find the rise of temperature that doubles the dark current, with its standard error (EMVA 1288).
+
+    Example: rigctl calibrate doubling noise_20c.json noise_30c.json noise_40c.json
+
+    Parameters
+    ----------
+    files : path
+        Noise calibrations of one camera, two or more.
+    temperature_c : sequence of float
+        Temperature of each file, where the frames do not say it. Repeatable.
+    by_variance : bool
+        Take the dark current by variance: for cameras that clamp their black level.
+
+    Returns
+    -------
+    DoublingResult
+        Doubling interval with its standard error.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        Too few files, or one without temperature or dark current, or of another camera.
+    """
+    import numpy as np
+
+    from calibration.sensor.curves import doubling_temperature
+    from rigctl.calibrations.noise import read_noise_file
+
+    paths = [Path(file) for file in files]
+    if len(paths) < 2:
+        raise ConfigError("give two calibrations or more, of one camera at different temperatures")
+    if temperature_c and len(temperature_c) != len(paths):
+        raise ConfigError(f"--temperature-c is given {len(temperature_c)} times for {len(paths)} files")
+    read = [read_noise_file(path) for path in paths]
+    known = temperature_c or [_temperature_c(*one) for one in zip(paths, read, strict=True)]
+    currents = [_dark_current(path, one, by_variance) for path, one in zip(paths, read, strict=True)]
+    serials = {one.made_for.camera_serial for one in read if one.made_for is not None} - {None}
+    if len(serials) > 1:
+        named = ", ".join(sorted(map(str, serials)))
+        raise DataError(f"these are calibrations of different cameras: serial numbers {named}")
+    found = doubling_temperature(
+        np.array(known),
+        np.array([current.value for current in currents]),
+        np.array([current.std_error for current in currents]),
+    )
+    return DoublingResult(found=found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoublingResult(Result):
+    """Rise of temperature that doubles the dark current."""
+
+    found: "DoublingTemperature"
+
+    def content(self) -> Iterable[Part]:
+        """Return it in a sentence."""
+        one = self.found
+        yield (
+            f"the dark current doubles every {one.value_k:.2f} +- {one.std_error_k:.2f} K "
+            f"({one.n_temperatures} temperatures)"
+        )
+
+    def as_json(self) -> dict[str, Json]:
+        """Return value, standard error and number of temperatures."""
+        return asdict(self.found)
+
+
+def _temperature_c(path: Path, found: "NoiseParameters") -> float:
+    known = None if found.made_for is None else found.made_for.temperature_c
+    if known is None:
+        raise ConfigError(f"{path}: its frames did not say how warm the camera was: give --temperature-c for each file")
+    return known
+
+
+def _dark_current(path: Path, found: "NoiseParameters", by_variance: bool) -> "MeasuredOverFrames[float]":
+    current = found.dark_current_e_per_s
+    if by_variance:
+        current = None if found.performance is None else found.performance.dark_current_variance_e_per_s
+    if current is None:
+        raise DataError(f"{path}: has no dark current; it needs dark frames at two exposures or more")
+    return current
+
+
+def flat(
+    run: RunPath,
+    /,
+    *,
+    out: Annotated[FilePath | None, Writes(), Parameter(required=True)] = None,
+    valid_days: ValidDays = None,
+    **frames: Unpack[RunOptions],
+) -> "FlatResult":
+    """Measure flat fields, one for each polarizer angle, each pixel with its error, from frames of even light.
+
+    `rigctl stokes --flat FILE` and `rigctl compare --flat FILE` divide by them. Dividing adds the noise of the flats as
+    a pattern that differs from angle to angle: it is stated, and goes into predictions; take many bright frames.
+
+    Example: rigctl calibrate flat runs/flats --out flat.npz
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder with flat frames at each angle, and darks.
+    out : path
+        File to write, such as flat.npz. Python may leave it out.
+    valid_days : float
+        For how long it holds; 30 days unless given.
+    **frames
+        See `RunOptions`.
+
+    Returns
+    -------
+    FlatResult
+        Flat fields, and the numbers of their file.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        The file cannot be written, or the frames are unfit.
+    """
+    from rigctl.calibrations.flat import flat_file, flat_npz, flat_of_run
+    from rigctl.calibrations.record import write_whole
+    from rigctl.runs.check import used_run
+
+    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    found = flat_of_run(record)
+    file = flat_file(found, record, valid_days=valid_days)
+    if out is not None:
+        write_whole(Path(out), flat_npz(found, file))
+    result = FlatResult(found=found, file=file)
+    if result.doubt is not None:
+        warn(result.doubt)
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlatResult(Result):
+    """Flat fields of each polarizer angle."""
+
+    found: "RunFlat"
+    file: "CalibrationFile[FlatNumbers]"  #: what their file states in addition to the pictures
+
+    @property
+    def doubt(self) -> str | None:
+        """That flats have more noise than pattern; None where they do not."""
+        worse = [one for one in self.found.flats if one.noise_rms > one.pattern_rms]
+        if not worse:
+            return None
+        largest = max(one.noise_rms / max(one.pattern_rms, _LEAST_PATTERN) for one in worse)
+        return (
+            f"{len(worse)} of {len(self.found.flats)} flats have more noise of their own than pattern: dividing by "
+            f"them makes single pixels worse, and dust and vignetting alone better; take {largest**2:.0f} times as "
+            f"many frames or more, or brighter ones"
+        )
+
+    def content(self) -> Iterable[Part]:
+        """Return throughput, pattern and noise of each angle."""
+        from rigctl.report.table import Column, Table
+
+        columns: tuple[Column[FlatAngle], ...] = (
+            Column(title="angle [deg]", text=lambda row: f"{row.polarizer_angle_deg:.1f}"),
+            Column(title="frames", text=lambda row: str(row.frames)),
+            Column(title="mean [DN]", text=lambda row: f"{row.mean_dn:.1f}"),
+            Column(title="light over mean", text=lambda row: f"{row.throughput.value:.5f}"),
+            Column(title="std error", text=lambda row: f"{row.throughput.std_error:.2g}"),
+            Column(title="pattern [%]", text=lambda row: f"{100.0 * row.pattern_rms:.3f}"),
+            Column(title="own noise [%]", text=lambda row: f"{100.0 * row.noise_rms:.3f}"),
+        )
+        yield Table(columns=columns, rows=self.found.rows())
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the numbers of the file."""
+        return self.file.as_json()
+
+
+def lens(
+    *pictures: FilePath,
+    board: str,
+    square_mm: Annotated[float, Parameter(validator=validators.Number(gte=0.001))],
+    out: Annotated[FilePath | None, Writes(), Parameter(required=True)] = None,
+) -> "LensResult":
+    """Find focal length, principal point and distortion of a lens from pictures of a chessboard, each with its error.
+
+    Ten pictures or more, the board over all of the field and tilted by 20 to 40 deg in different directions, at the
+    focus of use. `rigctl calibrate pointing` takes the file.
+
+    Example: rigctl calibrate lens board-01.png board-02.png board-03.png --board 9x6 --square-mm 25 --out lens.json
+
+    Parameters
+    ----------
+    pictures : path
+        Images of the board, tilted differently in each; three or more.
+    board : str
+        Inner corners along its sides, such as 9x6.
+    square_mm : float
+        Side of a square [mm].
+    out : path
+        Calibration file to write, such as lens.json. Python may leave it out.
+
+    Returns
+    -------
+    LensResult
+        The lens, and the content of its file.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        A picture cannot be read, or too few show the board.
+    """
+    from calibration.pointing.pose import calibrate_lens
+    from rigctl.calibrations.lens import lens_json
+    from rigctl.calibrations.record import write_content
+
+    sides = _BOARD.fullmatch(board)
+    if sides is None or min(int(sides[1]), int(sides[2])) < _LEAST_CORNERS:
+        raise ConfigError(f"--board: is {board!r}; write its inner corners like 9x6, 3 or more along each side")
+    paths = [Path(picture) for picture in pictures]
+    found = calibrate_lens(
+        [_upright_image(path) for path in paths],
+        columns=int(sides[1]),
+        rows=int(sides[2]),
+        square_m=square_mm / 1000.0,
+    )
+    result = LensResult(found=found, file=lens_json(found, paths))
+    if out is not None:
+        write_content(Path(out), result.file)
+    for place in found.unused:
+        warn(f"{paths[place]}: does not show the whole board, left out")
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LensResult(Result):
+    """A lens as pictures of a chessboard show it."""
+
+    found: "LensCalibration"
+    file: dict[str, Json]
+
+    def content(self) -> Iterable[Part]:
+        """Return how well the corners fit, focal lengths and principal point."""
+        yield f"{len(self.found.used)} pictures, corners {self.found.rms_px:.3f} pixel about where they should be"
+        values = self.found.lens.parameters[:4].tolist()
+        variances = self.found.lens.covariance.diagonal()[:4].tolist()
+        names = ("focal length right", "focal length down", "axis right", "axis down")
+        for name, value, variance in zip(names, values, variances, strict=True):
+            yield f"{name:<20} {value:.2f} +- {variance**0.5:.2f} pixel"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the content of the file."""
+        return self.file
+
+
+def _upright_image(path: Path) -> "NDArray[Any]":
+    from rigctl.images import read_image
+
+    image = read_image(path)
+    return image.counts if image.first_row == "top" else image.counts[::-1]
+
+
+def radiometric(
+    run: RunPath,
+    /,
+    *,
+    panel: str,
+    scene: ScenePath,
+    out: Annotated[FilePath | None, Writes(), Parameter(required=True)] = None,
+    noise: FilePath | None = None,
+    valid_days: ValidDays = None,
+    **frames: Unpack[RunOptions],
+) -> "RadiometricResult":
+    """Find the counts per unit of radiance, for each polarizer angle and for all, with their errors.
+
+    The radiance of the panel is predicted from its material and the sun of the run (or is given by the scene file as
+    stokes_radiance), with the uncertainties that the scene file states: they are most of the error.
+    `rigctl compare --scale panel --radiometric FILE` uses it.
+
+    Example: rigctl calibrate radiometric runs/panels --panel white_panel --scene scene.toml --out radiometric.json
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder with the panel in its pictures.
+    panel : str
+        Region of the scene file that is the panel.
+    scene : path or SceneFile
+        Scene file: what the panel is made of, and the light.
+    out : path
+        Calibration file to write, such as radiometric.json. Python may leave it out.
+    noise : path
+        Noise calibration of the camera.
+    valid_days : float
+        For how long it holds; 90 days unless given.
+    **frames
+        See `RunOptions`.
+
+    Returns
+    -------
+    RadiometricResult
+        Counts per unit of radiance.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        A file is wrong or cannot be written, or the run is unfit.
+    """
+    from rigctl.calibrations.noise import read_fitting_noise
+    from rigctl.calibrations.record import write_content
+    from rigctl.compare.panel_response import panel_response, radiometric_json
+    from rigctl.files.rig_file import unset_polarizer
+    from rigctl.measure.measure import measure
+    from rigctl.runs.check import used_run
+
+    content = scene_file_of(scene)
+    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    calibrated, doubts = (None, ()) if noise is None else read_fitting_noise(Path(noise), record)
+    regions = [region for region in content.regions if region.name == panel]
+    measurement = measure(record, regions=list(regions), noise=calibrated)
+    found = panel_response(measurement, scene=content, panel=panel, noise=calibrated)
+    files = {"scene": scene, "noise": noise}
+    named = {what: Path(path) for what, path in files.items() if isinstance(path, str | Path)}
+    file = radiometric_json(found, measurement, files=named, valid_days=valid_days)
+    if out is not None:
+        write_content(Path(out), file)
+    for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
+        warn(doubt)
+    for remark in found.remarks:
+        note(remark)
+    return RadiometricResult(found=found, file=file)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RadiometricResult(Result):
+    """Counts per unit of radiance, by a panel of known reflectance."""
+
+    found: "PanelResponse"
+    file: dict[str, Json]
+
+    def content(self) -> Iterable[Part]:
+        """Return the response of each angle, its ratio to that of the scene file, and the causes of its error."""
+        from rigctl.report.table import Table, text_columns
+
+        scale, unit = self.found.scale, self.found.modelled_dn_per_radiance
+        angles = [f"{math.degrees(angle) % 180.0:.2f}" for angle in self.found.polarizer_angles_rad.tolist()]
+        numbers = zip(
+            (*angles, "all"),
+            (*scale.channel.tolist(), scale.common),
+            (*scale.channel_error.tolist(), scale.common_error),
+            strict=True,
+        )
+        rows = tuple((name, f"{ratio * unit:.5g}", f"{error * unit:.2g}") for name, ratio, error in numbers)
+        yield Table(columns=text_columns("angle [deg]", "DN per W m-2 sr-1", "std error", left=()), rows=rows)
+        yield f"{scale.common:.4g} +- {scale.common_error:.2g} times what the scene file says of the sensor"
+        shares = [(name, part) for name, part in self.found.shares.items() if part >= _LEAST_SHARE]
+        if shares:
+            yield "variance: " + ", ".join(f"{part:.0%} {name}" for name, part in shares[:_MOST_CAUSES])
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the content of the file."""
+        return self.file
+
+
+def registration(
+    run: RunPath,
+    /,
+    *,
+    cycle: int | None = None,
+    out: Annotated[FilePath | None, Writes()] = None,
+    valid_days: ValidDays = None,
+    force_registration: bool = False,
+    **frames: Unpack[RunOptions],
+) -> "RegistrationResult":
+    """Measure the shift of the picture at each angle, and the circle of a wedged polarizer.
+
+    A shift of 0.1 pixel makes a false DoLP of 0.003 on a natural scene, and up to 0.05 at edges. With --out the shifts
+    are kept, and `rigctl stokes --register FILE` and `rigctl compare --register FILE` move frames back by them. Where
+    edges do not lie better on one another for a shift, in tiles that it was not fitted on, it is refused (4).
+
+    Example: rigctl calibrate registration runs/panels --out walk.json
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder of a scene with shapes in it.
+    cycle : int
+        Repeat of the set of angles, from 0; the first unless given.
+    out : path
+        File for --register of stokes and compare, such as walk.json.
+    valid_days : float
+        For how long it holds; 180 days unless given.
+    force_registration : bool
+        Keep it though the pictures are not plainly shifted.
+    **frames
+        See `RunOptions`.
+
+    Returns
+    -------
+    RegistrationResult
+        Shift of each angle.
+
+    Raises
+    ------
+    ConfigError, DataError, CalibrationError
+        The file cannot be written, or the pictures are unfit.
+    """
+    from rigctl.calibrations.record import write_content
+    from rigctl.calibrations.registration import register_run, registration_file
+    from rigctl.runs.check import used_run
+
+    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    found = register_run(record, cycle=cycle)
+    file = registration_file(found, record, valid_days=valid_days)
+    is_refused = found.doubt is not None and not force_registration
+    if out is not None and not is_refused:
+        write_content(Path(out), file.as_json())
+    if found.doubt is not None:
+        warn(found.doubt + ("; --force-registration keeps it" if is_refused else ""))
+    return RegistrationResult(found=found, file=file, is_refused=is_refused)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RegistrationResult(Result):
+    """Shift of the picture at each polarizer angle."""
+
+    found: "RunRegistration"
+    file: "CalibrationFile[Walk]"
+    is_refused: bool  #: the pictures are not plainly shifted; no file was written
+
+    @property
+    def exit_code(self) -> int:
+        """4 where it was refused."""
+        from rigctl.console.failures import EXIT_DATA
+
+        return EXIT_DATA if self.is_refused else 0
+
+    def content(self) -> Iterable[Part]:
+        """Return the shift of each angle, edges that it leaves apart, and the circle of a wedge."""
+        from rigctl.calibrations.registration import before_and_after
+        from rigctl.report.table import Column, Table
+
+        def errors(row: "AngleShift") -> str:
+            x_error, y_error = row.std_error_pixels or (0.0, 0.0)
+            return f"{x_error:.3f}, {y_error:.3f}"
+
+        columns: tuple[Column[AngleShift], ...] = (
+            Column(title="angle [deg]", text=lambda row: f"{row.angle_deg:.2f}"),
+            Column(title="right [pixel]", text=lambda row: f"{row.shift_pixels[0]:+.3f}"),
+            Column(title="down [pixel]", text=lambda row: f"{row.shift_pixels[1]:+.3f}"),
+            Column(title="std errors [pixel]", text=errors),
+        )
+        found = self.found
+        yield Table(columns=columns, rows=found.rows())
+        for index in found.shifted:
+            text = f"edges at {found.angle_deg[index]:.1f} deg that do not lie on one another: "
+            yield text + before_and_after(found.found, index)
+        if found.wander is not None:
+            radius = abs(found.wander.turning_pixels)
+            yield f"circle of {radius:.3f} pixel, residual {found.wander.residual_pixels:.3f} pixel"
+        if found.finding is not None:
+            yield found.finding
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the content of the file."""
+        return self.file.as_json()

@@ -1,0 +1,226 @@
+"""`rigctl calibrate list` and `rigctl calibrate history`: the store of calibrations."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from rigctl.base.numbers import time_option, utc_text
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, warn
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import FilePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.calibrations.made_for import MadeFor
+    from rigctl.calibrations.store import CalibrationStore, Choice, History, StoredCalibration
+
+
+def list_store(
+    folder: FilePath | None = None,
+    /,
+    *,
+    used_by: Annotated[FilePath | None, Parameter(name="--for")] = None,
+    at: str | None = None,
+) -> "StoreResult":
+    """List the store of calibrations: of which devices, from when, and how long each holds.
+
+    The store is the folder `calibrations` beside the rig file: whatever `rigctl calibrate` writes there. Where it
+    exists, `acquire`, `stokes`, `compare` and `predict` pick from it what is not named.
+
+    Example: rigctl calibrate list --for runs/2026-05-04
+
+    Parameters
+    ----------
+    folder : path
+        The store, or the rig file that it stands beside; ./calibrations unless given.
+    used_by : path
+        Which of them this run folder or rig file is given, and why.
+    at : str
+        Ages as of this time, with a zone; now unless given.
+
+    Returns
+    -------
+    StoreResult
+        Calibrations with their ages, and the choices for a run or rig.
+
+    Raises
+    ------
+    ConfigError, DataError
+        There is no such folder, run or rig file.
+    """
+    from rigctl.calibrations.made_for import MadeFor
+    from rigctl.calibrations.store import read_store
+
+    store = read_store(_folder(folder))
+    now_ns = time_option("--at", at) or time.time_ns()
+    now = MadeFor(taken_utc=utc_text(now_ns))
+    for unread in store.unread:
+        warn(f"{unread.file}: {unread.problem}")
+    return StoreResult(
+        store=store,
+        rows=tuple(_row(one, now) for one in store.calibrations),
+        choices=None if used_by is None else _choices(Path(used_by), store.folder, now_ns),
+    )
+
+
+def history(folder: FilePath | None = None, /, *, out: Annotated[FilePath | None, Writes()] = None) -> "HistoryResult":
+    """Show how gain, read noise, dark current and axis have moved from calibration to calibration.
+
+    Example: rigctl calibrate history --out history.png
+
+    Parameters
+    ----------
+    folder : path
+        The store, or the rig file that it stands beside; ./calibrations unless given.
+    out : path
+        Draw them with control limits (PNG).
+
+    Returns
+    -------
+    HistoryResult
+        Each quantity with its values, and whether it has moved.
+
+    Raises
+    ------
+    ConfigError, DataError
+        There is no such folder, or nothing to draw.
+    """
+    from rigctl.calibrations.record import write_whole
+    from rigctl.calibrations.store import histories_of, read_store
+
+    store = read_store(_folder(folder))
+    found = HistoryResult(folder=store.folder, histories=tuple(histories_of(store)))
+    if out is not None:
+        if not found.histories:
+            raise ConfigError(f"--out: {store.folder} holds no noise and no polarizer calibration with a date")
+        write_whole(Path(out), found.picture())
+        note(f"history: {out}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredRow:
+    """A calibration with its age, and whether it still holds."""
+
+    calibration: "StoredCalibration"
+    sha256: str
+    age_days: float | None
+    holds: bool
+
+    def as_json(self) -> dict[str, Json]:
+        """Return it as JSON holds it."""
+        one = self.calibration
+        return {
+            "kind": one.kind,
+            "parts": list(one.parts),
+            "file": str(one.file),
+            "sha256": self.sha256,
+            "age_days": self.age_days,
+            "holds": self.holds,
+            "made_for": one.made_for.as_json(),
+            "numbers": {name: asdict(number) for name, number in one.numbers.items()},
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreResult(Result):
+    """What a store holds, and what it has for a run or rig where that was asked."""
+
+    store: "CalibrationStore"
+    rows: tuple[StoredRow, ...]
+    choices: "tuple[Choice, ...] | None" = None
+
+    def content(self) -> Iterable[Part]:
+        """Return the calibrations as a table, and which are picked."""
+        from rigctl.report.table import Column, Table
+
+        columns: tuple[Column[StoredRow], ...] = (
+            Column(title="kind", text=lambda row: "+".join(row.calibration.parts), left=True),
+            Column(title="taken", text=lambda row: (row.calibration.made_for.taken_utc or "not known")[:10], left=True),
+            Column(title="age [d]", text=lambda row: "" if row.age_days is None else f"{row.age_days:.0f}"),
+            Column(title="holds [d]", text=_holds),
+            Column(title="camera", text=lambda row: row.calibration.made_for.camera_serial or "not stated", left=True),
+            Column(title="stage", text=lambda row: row.calibration.made_for.stage_serial or "", left=True),
+            Column(title="gain [dB]", text=lambda row: _number(row.calibration.made_for.gain_db)),
+            Column(title="deg C", text=lambda row: _number(row.calibration.made_for.temperature_c)),
+            Column(title="file", text=lambda row: str(row.calibration.file.relative_to(self.store.folder)), left=True),
+        )
+        yield Table(columns=columns, rows=self.rows)
+        yield from (one.line for one in self.choices or () if one.pick is not None or one.others)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return calibrations, files that cannot be read, history and choices."""
+        from rigctl.calibrations.store import choices_json, histories_of
+
+        content: dict[str, Json] = {
+            "folder": str(self.store.folder),
+            "stored": [row.as_json() for row in self.rows],
+            "not_read": [{"file": str(one.file), "problem": one.problem} for one in self.store.unread],
+            "history": [one.as_json() for one in histories_of(self.store)],
+        }
+        return content if self.choices is None else content | choices_json(self.choices, ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class HistoryResult(Result):
+    """How the numbers of a store have moved."""
+
+    folder: Path
+    histories: "tuple[History, ...]"
+
+    def content(self) -> Iterable[Part]:
+        """Return a line for each quantity, and the picture."""
+        yield from (one.line for one in self.histories)
+        if self.histories:
+            yield self.picture
+
+    def picture(self) -> bytes:
+        """Return the quantities against time with their control limits (PNG)."""
+        from rigctl.report.calibration import history_png
+
+        return history_png(self.histories)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the values of each quantity."""
+        return {"folder": str(self.folder), "history": [one.as_json() for one in self.histories]}
+
+
+def _folder(given: FilePath | None) -> Path:
+    from rigctl.calibrations.store import STORE_FOLDER
+
+    path = Path(STORE_FOLDER if given is None else given)
+    return path.parent / STORE_FOLDER if path.is_file() and path.suffix == ".toml" else path
+
+
+def _row(one: "StoredCalibration", now: "MadeFor") -> StoredRow:
+    from rigctl.base.durable import sha256_of
+    from rigctl.calibrations.made_for import age_days
+
+    age, valid = age_days(one.made_for, now), one.made_for.valid_days
+    holds = age is None or valid is None or age <= valid
+    return StoredRow(calibration=one, sha256=sha256_of(one.file), age_days=age, holds=holds)
+
+
+def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
+    from rigctl.calibrations.store import KINDS, picked_for_rig
+    from rigctl.files.rig_file import load_rig
+    from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
+    from rigctl.runs.check import used_run
+
+    if used_by.is_dir():
+        return picked_for_run(CalibrationPaths(picks=True, store=folder), used_run(used_by), KINDS).choices
+    rig = load_rig(used_by)
+    return picked_for_rig(rig, used_by, now_ns=now_ns, store=folder, named=dict.fromkeys(KINDS)).choices
+
+
+def _holds(row: StoredRow) -> str:
+    return f"{row.calibration.made_for.valid_days:g}{'' if row.holds else ' EXPIRED'}"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
