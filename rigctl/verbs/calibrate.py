@@ -39,10 +39,11 @@ if TYPE_CHECKING:
     from calibration.pointing.pose import LensCalibration
     from calibration.sensor.curves import DoublingTemperature
     from rigctl.calibrations.flat import FlatAngle, FlatNumbers, RunFlat
+    from rigctl.calibrations.made_for import MeasuredOverFrames
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSet
-    from rigctl.calibrations.record import CalibrationFile, MeasuredOverFrames
+    from rigctl.calibrations.record import CalibrationFile
     from rigctl.calibrations.registration import AngleShift, RunRegistration, Walk
     from rigctl.compare.panel_response import PanelResponse
 
@@ -136,17 +137,17 @@ def noise(
     written = [Path(path) for path in (out, plot, report, defects) if path is not None]
     _require_folders(written)
     most_bytes = max_frame_mb * 1_000_000
-    source = _noise_frames(
-        run=None if run is None else path_of(run),
-        emva=_maybe_path(emva),
-        folder=_maybe_path(folder),
-        table=_maybe_path(table),
-        bit_depth=bit_depth,
-        reading=ImageReading(plane=plane, most_bytes=most_bytes),
-        exposure_unit=exposure_unit,
-        ignore_exclusions=frames.get("ignore_exclusions", False),
-    )
     try:
+        source = _noise_frames(
+            run=None if run is None else path_of(run),
+            emva=_maybe_path(emva),
+            folder=_maybe_path(folder),
+            table=_maybe_path(table),
+            bit_depth=bit_depth,
+            reading=ImageReading(plane=plane, most_bytes=most_bytes),
+            exposure_unit=exposure_unit,
+            ignore_exclusions=frames.get("ignore_exclusions", False),
+        )
         with Progress(console=progress(), transient=True) as bar:
             task = bar.add_task("levels", total=None)
             found = calibrate_frames(
