@@ -37,7 +37,7 @@ CASES = [
     (("sweep", SCENE, "sun.zenith_deg=10:80:8"), 2, "does not state the number 'sun.zenith_deg'", ()),
     (("predict", SCENE, "--without", "textur"), 2, "did you mean texture?", ()),
     (("surface", "black-pant"), 2, "did you mean black-paint?", ()),
-    (("demo", "--perturb", "nothing"), 2, "allowed are gain", ()),
+    (("demo", "--perturb", "nothing"), 2, 'Choose from: "gain"', ()),
     (("preview", "sim:gc780", "--exposure-ms", "-1"), 2, "Must be > 0", ()),
     (("devices", "--port", "/dev/nowhere"), 2, "there is no such port", ()),
     (("new", ".", "--simulated"), 2, "is not empty", ()),
