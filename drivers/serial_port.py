@@ -158,13 +158,7 @@ class SerialPort:
         return str(self._port.port)
 
     def read_some(self, *, timeout_s: float) -> bytes:
-        """Return what has come in, waiting at most this long [s] for the first byte; empty when nothing came.
-
-        Raises
-        ------
-        NotConnectedError
-            The port has gone away, or was closed.
-        """
+        """Return what has come in, waiting at most this long [s] for the first byte; empty when nothing came."""
         try:
             self._port.timeout = timeout_s
             first = self._port.read(1)
@@ -176,15 +170,7 @@ class SerialPort:
         return came
 
     def write(self, data: bytes) -> None:
-        """Send all of it.
-
-        Raises
-        ------
-        NotConnectedError
-            The port has gone away, or was closed.
-        DeviceTimeoutError
-            The port did not take the bytes within a second.
-        """
+        """Send all of it."""
         self._tell(data, from_host=True)
         try:
             self._port.write(data)
@@ -220,20 +206,7 @@ class SerialPort:
 
 
 def open_serial_port(path: str, *, baud: int) -> SerialPort:
-    """Return the port at ``path``, opened for this program alone: 8 data bits, no parity, 1 stop bit.
-
-    Parameters
-    ----------
-    path : str
-        A device file, best one of ``/dev/serial/by-id``, which keeps its name when devices are replugged.
-    baud : int
-        Bits per second.
-
-    Raises
-    ------
-    NotConnectedError
-        There is no such port, or it may not be opened, or another program holds it.
-    """
+    """Return the port at ``path``, opened for this program alone: 8 data bits, no parity, 1 stop bit."""
     try:
         return SerialPort(serial.Serial(path, baud, exclusive=True, write_timeout=_WRITE_TIMEOUT_S), _LISTENERS)
     except (OSError, termios.error, ValueError) as error:

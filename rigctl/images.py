@@ -40,13 +40,7 @@ _MOST_PICTURES = 1000
 
 
 def require_size(sample_bytes: int, most_bytes: int) -> None:
-    """Refuse a picture whose samples take more memory than is allowed.
-
-    Raises
-    ------
-    DataError
-        They do.
-    """
+    """Refuse a picture whose samples take more memory than is allowed."""
     if sample_bytes > most_bytes:
         raise DataError(
             f"would take {sample_bytes / _BYTES_PER_MB:.4g} MB by its header, and at most "
@@ -57,13 +51,6 @@ def require_size(sample_bytes: int, most_bytes: int) -> None:
 def png_bytes(data: bytes) -> tuple[int, int]:
     """Return bytes of all samples, and bits a sample, of a PNG file.
 
-    Raises
-    ------
-    DataError
-        The file ends before its header does, or has no pixels.
-
-    References
-    ----------
     W3C, Portable Network Graphics (PNG) Specification, third edition, section 11.2.1.
     """
     if len(data) < _PNG_HEADER_END:
@@ -78,13 +65,6 @@ def png_bytes(data: bytes) -> tuple[int, int]:
 def tiff_bytes(data: bytes) -> int:
     """Return bytes of all samples of all pictures of a TIFF or BigTIFF file.
 
-    Raises
-    ------
-    DataError
-        A directory lies outside of the file, has no size, or they come round in a circle.
-
-    References
-    ----------
     Adobe, TIFF revision 6.0, section 2; Aware Systems, The BigTIFF file format proposal.
     """
     try:
@@ -156,15 +136,7 @@ class RawSettings:
 
 
 def raw_picture(path: Path, *, plane: Plane | None) -> RawPicture:
-    """Return a RAW file's picture.
-
-    Raises
-    ------
-    ConfigError
-        ``--plane`` has to be said, or does not fit.
-    DataError
-        The file is damaged or no RAW file.
-    """
+    """Return a RAW file's picture."""
     try:
         return read_raw(path, plane=plane)
     except LimitError as error:
@@ -190,15 +162,7 @@ def raw_settings(picture: RawPicture) -> RawSettings:
 
 
 def unlike_settings(stack: Sequence[tuple[Path, RawSettings]], *, same_exposure: bool) -> list[str]:
-    """Return what differs between the first file of a stack and the others, and must not.
-
-    Parameters
-    ----------
-    stack : sequence of (path, settings)
-        The RAW files.
-    same_exposure : bool
-        The user says that all exposures are alike.
-    """
+    """Return what differs between the first file of a stack and the others, and must not."""
     problems = []
     for path, settings in stack[1:]:
         first_path, first = stack[0]
@@ -248,13 +212,6 @@ class _Layout:
 def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None:
     """Return the samples of a grey PNG file of 8 or 16 bits whose rows have no filter; None for any other.
 
-    Parameters
-    ----------
-    data : bytes
-        The file. A damaged one gives None too: what reads every kind of PNG then says so.
-
-    References
-    ----------
     W3C, Portable Network Graphics (PNG) Specification, third edition.
     """
     try:
@@ -342,33 +299,15 @@ _ROW_ORDERS: dict[str, FirstRow] = {"TOP-DOWN": "top", "BOTTOM-UP": "bottom"}
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFile:
-    """An image as its file has it.
+    """An image as its file has it."""
 
-    Attributes
-    ----------
-    counts : (H, W) array of uint16
-        Samples, rows in the order of the file.
-    sample_bits : {8, 16}
-        Bits that a sample takes in the file; a camera may fill fewer of them.
-    first_row : {"top", "bottom"}
-        Which row comes first, as the file says or as its format has it.
-    first_row_stated : bool
-        The file itself says so.
-    header : mapping
-        Value by keyword; empty where the format has none.
-    remarks : tuple of str
-        What else one has to know of the file.
-    raw : RawSettings or None
-        How a still camera was set; None for what is no RAW file.
-    """
-
-    counts: NDArray[np.uint16]
-    sample_bits: int
-    first_row: FirstRow
-    first_row_stated: bool
-    header: Mapping[str, HeaderValue]
-    remarks: tuple[str, ...] = ()
-    raw: RawSettings | None = None
+    counts: NDArray[np.uint16]  #: Samples, rows in the order of the file.
+    sample_bits: int  #: Bits that a sample takes in the file; a camera may fill fewer of them.
+    first_row: FirstRow  #: Which row comes first, as the file says or as its format has it.
+    first_row_stated: bool  #: The file itself says so.
+    header: Mapping[str, HeaderValue]  #: Value by keyword; empty where the format has none.
+    remarks: tuple[str, ...] = ()  #: What else one has to know of the file.
+    raw: RawSettings | None = None  #: How a still camera was set; None for what is no RAW file.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -380,26 +319,7 @@ class ImageReading:
 
 
 def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST_FRAME_BYTES) -> ImageFile:
-    """Return the image of a file.
-
-    Parameters
-    ----------
-    path : Path
-        A FITS file (its first image is taken), a PNG or TIFF file of one grey picture, or a camera's RAW file.
-    plane : str or None
-        Which colour of a RAW file.
-    most_bytes : int
-        A picture whose header declares more bytes of samples, and a file that has or unpacks to more, is refused before
-        memory is taken for it.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is too large, is no such image, is damaged, has colours or several pictures, or
-        samples that are not whole numbers from 0 to 65535.
-    ConfigError
-        A colour is said and the file is not RAW, or the other way round.
-    """
+    """Return the image of a file."""
     if path.suffix.lower() in RAW_SUFFIXES:
         return _read_raw(path, plane, most_bytes)
     if plane is not None:

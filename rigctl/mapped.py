@@ -73,22 +73,7 @@ def code_version(packages: tuple[str, ...]) -> str:
 
 @contextmanager
 def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Iterator[Any]:
-    """Hold a client of dask; workers of this machine end with it.
-
-    Parameters
-    ----------
-    engine : Engine
-        Where.
-    command : str
-        Which one needs dask, for messages.
-    packages : tuple of str
-        Whose code has to be the same on all workers.
-
-    Raises
-    ------
-    ConfigError
-        dask is not installed, no scheduler answers, or a worker has another version of the program.
-    """
+    """Hold a client of dask; workers of this machine end with it."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -114,13 +99,7 @@ def client_of(engine: Engine, *, command: str, packages: tuple[str, ...]) -> Ite
 
 
 def _local_cluster(kind: Any, workers: int) -> Any:
-    """Return workers of this machine; nothing listens beyond it.
-
-    Raises
-    ------
-    DataError
-        They do not start.
-    """
+    """Return workers of this machine; nothing listens beyond it."""
     try:
         return kind(
             n_workers=workers,
@@ -212,30 +191,7 @@ def compute_all(
     parts: Callable[[TaskT], Sequence[TaskT]],
     lost: Callable[[TaskT, str], ResultT],
 ) -> None:
-    """Do tasks, and keep the result of each as it comes; which comes first is not said.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        From `client_of`.
-    work : callable
-        Does a task on a worker.
-    tasks : iterator
-        As many as there are; only some for each worker are taken from it at a time.
-    keep : callable
-        Takes a task and its result; called in this thread.
-    parts : callable
-        A task that ends its workers to smaller ones, of which one alone may be to blame; itself where it is one.
-    lost : callable
-        Gives the result of a task that nothing smaller is made of and that ends its workers, with the reason.
-
-    Raises
-    ------
-    ConfigError
-        A worker is of another version.
-    DataError
-        The scheduler or all of its workers are gone.
-    """
+    """Do tasks, and keep the result of each as it comes; which comes first is not said."""
     from distributed import KilledWorker, as_completed
     from distributed.client import FutureCancelledError
 
@@ -302,13 +258,7 @@ _LOCK_FILE = ".lock"
 
 @contextmanager
 def held_folder(out: Path) -> Iterator[None]:
-    """Hold a folder of results, which is made where it is not there: no other command writes into it meanwhile.
-
-    Raises
-    ------
-    DataError
-        Another command holds it.
-    """
+    """Hold a folder of results, which is made where it is not there: no other command writes into it meanwhile."""
     (out / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
     descriptor = os.open(out / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
     try:

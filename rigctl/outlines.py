@@ -22,21 +22,7 @@ _DARKEST, _LIGHTEST = 0.1, 99.9
 
 
 def search_markers(picture: NDArray[np.uint8], dictionary: Dictionary) -> list[Marker]:
-    """Return the markers of a dictionary that a picture shows, by their number.
-
-    Parameters
-    ----------
-    picture : (H, W) array
-        Greys.
-    dictionary : Dictionary
-        Which family of markers was printed.
-
-    Returns
-    -------
-    list of Marker
-        Corners to a fraction of a pixel, (0, 0) being the centre of the top left pixel. A marker that is seen twice
-        is left out: it would be unknown which one is meant.
-    """
+    """Return the markers of a dictionary that a picture shows, by their number."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary.upper()}"))
@@ -53,13 +39,7 @@ def search_markers(picture: NDArray[np.uint8], dictionary: Dictionary) -> list[M
 
 
 def grey_picture(run: Run) -> NDArray[np.uint8]:
-    """Return the mean of a run over all angles, shape (H, W), stretched to 0..255.
-
-    Raises
-    ------
-    DataError
-        The frames cannot give Stokes parameters.
-    """
+    """Return the mean of a run over all angles, shape (H, W), stretched to 0..255."""
     return stretched(measure(run, regions=[]).channels.mean(axis=0))
 
 
@@ -81,41 +61,17 @@ _SAFE_DEVIATIONS = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class FollowedRegion:
-    """A region where it is now.
+    """A region where it is now."""
 
-    Attributes
-    ----------
-    region : Region
-        Its outline in the new picture; `edge_px` has grown by what the outline is uncertain.
-    shift_px, std_error_px : float
-        How far its centre went, and the largest standard error of a corner [pixel].
-    markers : tuple of int
-        Which ones led it.
-    """
-
-    region: Region
-    shift_px: float
+    region: Region  #: Its outline in the new picture; `edge_px` has grown by what the outline is uncertain.
+    shift_px: float  #: How far its centre went, and the largest standard error of a corner [pixel].
     std_error_px: float
-    markers: tuple[int, ...]
+    markers: tuple[int, ...]  #: Which ones led it.
 
 
 def follow_markers(drawn: RegionsFile, now: list[Marker]) -> list[FollowedRegion]:
     """Return the regions of a file where the markers say that they are now.
 
-    Parameters
-    ----------
-    drawn : RegionsFile
-        With the markers as they were.
-    now : list of Marker
-        As they are in the new picture.
-
-    Raises
-    ------
-    DataError
-        A region has lost all its markers, or they do not move as one plane would: all such regions at once.
-
-    Notes
-    -----
     Each region moves by the affine map that fits the corners of its markers best. The perspective of a camera that
     went far is not in it; the residual shows that.
     """

@@ -104,13 +104,7 @@ class DigitisedPoint:
 
 
 def read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
-    """Return the points of a CSV file with the columns figure, panel, label, x, y.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read, lacks a column, or a row is no point.
-    """
+    """Return the points of a CSV file with the columns figure, panel, label, x, y."""
     try:
         rows = list(csv.DictReader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
@@ -153,18 +147,10 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True)
 class Test:
-    """An inequality that a statement says: `margin` is above 0 where it is so.
+    """An inequality that a statement says: `margin` is above 0 where it is so."""
 
-    Attributes
-    ----------
-    numbers : tuple of Number
-        That are compared.
-    margin, error : float
-        By how much, and the numerical error of that, in the unit of the numbers.
-    """
-
-    numbers: tuple[Number, ...]
-    margin: float
+    numbers: tuple[Number, ...]  #: That are compared.
+    margin: float  #: By how much, and the numerical error of that, in the unit of the numbers.
     error: float
 
     @property
@@ -268,21 +254,11 @@ class LowLight:
 
 @dataclass(frozen=True, kw_only=True)
 class Description:
-    """A sentence that says what a figure shows or how it was made.
+    """A sentence that says what a figure shows or how it was made."""
 
-    Attributes
-    ----------
-    figure : int
-        Its number.
-    sentence : str
-        The paper's words.
-    here : str
-        What the figure of this program has of it.
-    """
-
-    figure: int
-    sentence: str
-    here: str
+    figure: int  #: Its number.
+    sentence: str  #: The paper's words.
+    here: str  #: What the figure of this program has of it.
 
 
 def _said(figure: int, sentence: str, here: str) -> Description:
@@ -471,11 +447,6 @@ class Airborne:
         """Take a scene with the regions black_paint, asphalt and white_paint.
 
         `tolerance` None takes the settings of the file, without errors.
-
-        Raises
-        ------
-        ConfigError
-            One of these regions is not there, or a number is outside its range.
         """
         names = {region.name for region in scene.regions}
         missing = {TARGET, BACKGROUND, WHITE} - names
@@ -490,20 +461,7 @@ class Airborne:
         self._curves: dict[object, PairDetection] = {}
 
     def snr(self, at: Geometry, *, source: Source = "total", turned: bool = False, label: str = "") -> Number:
-        """Return the DoLP SNR of the target.
-
-        Parameters
-        ----------
-        at : Geometry
-            Where.
-        source : {"total", "reflected", "path"}
-            Which light.
-        turned : bool
-            Whether the path radiance is that of the opposite azimuth, as if its azimuth were counted from the other
-            side.
-        label : str
-            What it is called.
-        """
+        """Return the DoLP SNR of the target."""
         found = self._turned(at, source) if turned and source != "reflected" else self._target(at, source)
         statistic = "mean" if self.snr_form == "exact" else "first_order"
         # Wholly unpolarised light has no first-order ratio: it is 0.
@@ -736,26 +694,14 @@ class PaperScenes:
 
 @dataclass(frozen=True, kw_only=True)
 class Statement:
-    """A sentence and its check.
+    """A sentence and its check."""
 
-    Attributes
-    ----------
-    id, figure : str
-        Its own name, and that of the figure.
-    sentence : str
-        The paper's words.
-    geometry, check : str
-        Where, and what is compared.
-    readings : callable
-        Scenes to the readings of the sentence.
-    """
-
-    id: str
+    id: str  #: Its own name, and that of the figure.
     figure: str
-    sentence: str
-    geometry: str
+    sentence: str  #: The paper's words.
+    geometry: str  #: Where, and what is compared.
     check: str
-    readings: Callable[[PaperScenes], tuple[Understanding, ...]]
+    readings: Callable[[PaperScenes], tuple[Understanding, ...]]  #: Scenes to the readings of the sentence.
 
 
 def one_reading(*tests: Test) -> tuple[Understanding, ...]:
@@ -1466,23 +1412,12 @@ IN_WORDS: dict[Verdict, str] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A statement and what comes out.
+    """A statement and what comes out."""
 
-    Attributes
-    ----------
-    statement : Statement
-        The sentence.
-    materials : str
-        Which set.
-    readings : tuple of Reading
-        Each with its numbers.
-    as_paper : tuple of Reading
-        The same, computed as the authors did; empty where that was not asked for.
-    """
-
-    statement: Statement
-    materials: str
-    readings: tuple[Understanding, ...]
+    statement: Statement  #: The sentence.
+    materials: str  #: Which set.
+    readings: tuple[Understanding, ...]  #: Each with its numbers.
+    #: The same, computed as the authors did; empty where that was not asked for.
     as_paper: tuple[Understanding, ...] = ()
 
     @property
@@ -1558,19 +1493,7 @@ def results(
     *,
     as_paper: PaperScenes | None = None,
 ) -> tuple[Result, ...]:
-    """Return what comes out of statements.
-
-    Parameters
-    ----------
-    scenes : PaperScenes
-        Of one set of materials.
-    materials : str
-        Its name.
-    statements : iterable of Statement
-        Which.
-    as_paper : PaperScenes or None
-        The same set, computed as the authors did.
-    """
+    """Return what comes out of statements."""
     # What is said of all geometries is asked last, when they are there.
     ordered = sorted(statements, key=lambda one: " to " in one.figure)
     found = {
@@ -1626,21 +1549,6 @@ def search(
 ) -> Search:
     """Return what comes out of random sets of materials, normal about those of a scene with their uncertainties.
 
-    Parameters
-    ----------
-    scene : SceneFile
-        Whose materials they are about.
-    start : PaperScenes
-        Its scenes, whose computed skies are used again; they are the first set that is tried.
-    sets : int
-        How many are tried beside it.
-    seed : int
-        Of the draws.
-    progress : callable or None
-        Told after each.
-
-    Notes
-    -----
     Settings of the scene file, without a tolerance: a verdict of a search is to be confirmed with `--materials`.
     """
     generator = np.random.default_rng(seed)
@@ -1698,27 +1606,13 @@ class MaterialSet:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperResult:
-    """What was found, by set of materials.
+    """What was found, by set of materials."""
 
-    Attributes
-    ----------
-    sets : tuple of MaterialSet
-        In the order of the request.
-    figures : tuple of int
-        Which were asked for.
-    search : Search or None
-        About the first set.
-    points : tuple of DigitisedPoint
-        Of the paper's figures, where somebody has them.
-    remarks : tuple of str
-        What is to be said.
-    """
-
-    sets: tuple[MaterialSet, ...]
-    figures: tuple[int, ...]
-    search: Search | None
-    points: tuple[DigitisedPoint, ...]
-    remarks: tuple[str, ...]
+    sets: tuple[MaterialSet, ...]  #: In the order of the request.
+    figures: tuple[int, ...]  #: Which were asked for.
+    search: Search | None  #: About the first set.
+    points: tuple[DigitisedPoint, ...]  #: Of the paper's figures, where somebody has them.
+    remarks: tuple[str, ...]  #: What is to be said.
 
     @property
     def results(self) -> tuple[Result, ...]:
@@ -1945,17 +1839,7 @@ _MADE: dict[int, Callable[[PaperScenes], PaperFigure]] = {
 
 
 def curves_of(number: int, scenes: PaperScenes, *, as_paper: PaperScenes | None = None) -> PaperFigure | None:
-    """Return the curves of a figure; None for Figs 2, 6 and 8, which are pictures and laws.
-
-    Parameters
-    ----------
-    number : int
-        Of the figure.
-    scenes : PaperScenes
-        Of one set of materials.
-    as_paper : PaperScenes or None
-        The same computed as the authors did: dashed curves beside the others.
-    """
+    """Return the curves of a figure; None for Figs 2, 6 and 8, which are pictures and laws."""
     made = _MADE.get(number)
     if made is None:
         return None
@@ -2144,15 +2028,7 @@ def tally(found: Sequence[Result]) -> str:
 
 
 def statements_page(found: Sequence[Result], materials: Sequence[str]) -> str:
-    """Return the page of docs/ on the statements.
-
-    Parameters
-    ----------
-    found : sequence of Result
-        Of every statement and set.
-    materials : sequence of str
-        Names of the sets, in the order of the columns.
-    """
+    """Return the page of docs/ on the statements."""
     by_key = {(one.materials, one.statement.id): one for one in found}
     head = "| figure | id | sentence | where | check | " + " | ".join(materials) + " |\n"
     rule = "|---" * (5 + len(materials)) + "|\n"
@@ -2364,15 +2240,7 @@ _MEANING = (
 
 
 def paper_report(found: PaperResult, pictures: Mapping[str, bytes]) -> Report:
-    """Return the report on the paper.
-
-    Parameters
-    ----------
-    found : PaperResult
-        What came out.
-    pictures : mapping
-        File name to picture, as `rigctl.paper` has them.
-    """
+    """Return the report on the paper."""
     return Report(
         title="[MK14] figure by figure and sentence by sentence",
         source="Meng & Kerekes, An Analytical Model for Optical Polarimetric Imaging Systems, IEEE TGRS 2014",

@@ -75,43 +75,22 @@ PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.predict", "rigctl.s
 
 @dataclass(frozen=True, kw_only=True)
 class StudyScene:
-    """A scene of a study; two are one where their digests are.
+    """A scene of a study; two are one where their digests are."""
 
-    Attributes
-    ----------
-    digest : str
-        SHA-256 of the file and of the files that it names.
-    name : str
-        The file's name without ending: what cases are told by.
-    file : SceneFile
-        Its content. Files that it names are read where a case is computed, under the same paths.
-    """
-
-    digest: str
-    name: str = field(compare=False)
+    digest: str  #: SHA-256 of the file and of the files that it names.
+    name: str = field(compare=False)  #: The file's name without ending: what cases are told by.
+    #: Its content. Files that it names are read where a case is computed, under the same paths.
     file: SceneFile = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What is computed of every case.
+    """What is computed of every case."""
 
-    Attributes
-    ----------
-    columns : tuple of (str, str)
-        Quantity and statistic of each region.
-    detection : bool
-        Whether every ordered pair's probability of detection and area under the curve is wanted.
-    roc : str or None
-        Pair whose whole curves are wanted.
-    tolerance : float or None
-        Largest numerical error; None: the settings of the scene file.
-    """
-
-    columns: tuple[tuple[str, str], ...]
-    detection: bool
-    roc: str | None
-    tolerance: float | None
+    columns: tuple[tuple[str, str], ...]  #: Quantity and statistic of each region.
+    detection: bool  #: Whether every ordered pair's probability of detection and area under the curve is wanted.
+    roc: str | None  #: Pair whose whole curves are wanted.
+    tolerance: float | None  #: Largest numerical error; None: the settings of the scene file.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,13 +109,7 @@ def case_hash(case: Case, scene: StudyScene, wanted: Wanted) -> str:
 
 
 def study_scene(path: Path) -> StudyScene:
-    """Return a scene with its digest.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read or has problems.
-    """
+    """Return a scene with its digest."""
     file = load_scene(path)
     return StudyScene(digest=scene_digest(file), name=path.stem, file=file)
 
@@ -161,21 +134,7 @@ FloatArray = NDArray[np.float64]
 
 
 def cases_of(section: CasesSection, scenes: Sequence[Scene]) -> tuple[Case, ...]:
-    """Return every case of a study: those of the first scene, then those of the second, and so on.
-
-    Parameters
-    ----------
-    section : CasesSection
-        Which there are.
-    scenes : sequence of Scene
-        The scenes as their files have them.
-
-    Raises
-    ------
-    ConfigError
-        A scene has no such number, a listed value is outside its range, a law has no deviation, or there are too many
-        cases; all problems at once.
-    """
+    """Return every case of a study: those of the first scene, then those of the second, and so on."""
     parameters = [_parameters(section, scene) for scene in scenes]
     tables = [_key_values(section, scene, found) for scene, found in zip(scenes, parameters, strict=True)]
     rows = ((place, row) for place, table in enumerate(tables) for row in table)
@@ -189,8 +148,6 @@ def cases_of(section: CasesSection, scenes: Sequence[Scene]) -> tuple[Case, ...]
 def unit_draws(kind: str, inputs: int, n: int, seed: int) -> FloatArray:
     """Return draws in the unit cube, shape (cases, inputs); of sobol in the order of its blocks.
 
-    Notes
-    -----
     Of "sobol" the rows are A, B, and for each input A with that input's column of B, n each (Saltelli et al., Comput.
     Phys. Commun. 181 (2010) 259).
     """
@@ -298,56 +255,23 @@ class Batch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchResult:
-    """What came of a batch, n cases.
+    """What came of a batch, n cases."""
 
-    Attributes
-    ----------
-    numbers : tuple of int
-        The cases.
-    regions, pairs : tuple of str
-        Regions of the scene in the order of its file, R of them, and its ordered pairs as ``TARGET on BACKGROUND``.
-    values : (n, R, Q) array
-        Of the wanted columns; NaN where there is none.
-    p_detection : (n, P, K) array
-        At the rates of a sweep; empty where it is not wanted, as are the next two.
-    auc : (n, P) array
-        Areas under the curves.
-    roc : (n, 2, L) array
-        Probability of detection on Stokes parameters and on counts, at `ROC_RATES`.
-    seconds : (n,) array
-        Time of each case; of the first of a sky with that sky.
-    is_new_sky : (n,) array
-        Whether the case before was under another sky, or there was none.
-    reasons : tuple of str
-        Why a case failed; empty where it did not.
-    """
-
-    numbers: tuple[int, ...]
+    numbers: tuple[int, ...]  #: The cases.
+    #: Regions of the scene in the order of its file, R of them, and its ordered pairs as ``TARGET on BACKGROUND``.
     regions: tuple[str, ...]
     pairs: tuple[str, ...]
-    values: FloatArray
-    p_detection: FloatArray
-    auc: FloatArray
-    roc: FloatArray
-    seconds: FloatArray
-    is_new_sky: NDArray[np.bool_]
-    reasons: tuple[str, ...]
+    values: FloatArray  #: Of the wanted columns; NaN where there is none.
+    p_detection: FloatArray  #: At the rates of a sweep; empty where it is not wanted, as are the next two.
+    auc: FloatArray  #: Areas under the curves.
+    roc: FloatArray  #: Probability of detection on Stokes parameters and on counts, at `ROC_RATES`.
+    seconds: FloatArray  #: Time of each case; of the first of a sky with that sky.
+    is_new_sky: NDArray[np.bool_]  #: Whether the case before was under another sky, or there was none.
+    reasons: tuple[str, ...]  #: Why a case failed; empty where it did not.
 
 
 def batches_of(cases: Sequence[Case], scenes: Sequence[StudyScene], wanted: Wanted, *, workers: int) -> Iterator[Batch]:
-    """Yield batches; those of one sky come one after another, and are cut only where there are many.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        In any order.
-    scenes : sequence of StudyScene
-        The scenes that they are of.
-    wanted : Wanted
-        What is computed.
-    workers : int
-        How many share them, 1 or more.
-    """
+    """Yield batches; those of one sky come one after another, and are cut only where there are many."""
     most = max(1, min(_MOST_CASES, math.ceil(len(cases) / (workers * _ROUNDS))))
     ordered = sorted(cases, key=lambda case: (case.scene, sky_of(case), case.number))
     skies = [list(group) for _, group in groupby(ordered, key=lambda case: (case.scene, sky_of(case)))]
@@ -373,13 +297,7 @@ def _batch(cases: Sequence[Case], scene: StudyScene, wanted: Wanted) -> Batch:
 
 
 def compute(batch: Batch) -> BatchResult:
-    """Return what the model says of each case of a batch; a case that fails is told, and ends no other.
-
-    Raises
-    ------
-    ConfigError
-        This program is of another version than the batch, or files that the scene names differ here.
-    """
+    """Return what the model says of each case of a batch; a case that fails is told, and ends no other."""
     if batch.code != code_version():
         raise ConfigError(f"a worker has rigctl {code_version()}, the study {batch.code}: install the same on both")
     predictor = _predictor(batch.scene)
@@ -517,13 +435,7 @@ class DoneCases:
 
 
 def write_part(out: Path, result: BatchResult, hashes: Sequence[str]) -> None:
-    """Return once a batch is on the disk, under the hash of its first case.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Return once a batch is on the disk, under the hash of its first case."""
     data = io.BytesIO()
     np.savez(
         data,
@@ -581,55 +493,24 @@ UNDONE = "not computed yet"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StudyArrays:
-    """Numbers of N cases.
+    """Numbers of N cases."""
 
-    Attributes
-    ----------
-    regions, pairs : tuple of str
-        Those of all scenes, each once, in the order of the scenes; a case whose scene has none of them holds NaN there.
-    values : (N, R, Q) array
-        Of the wanted columns.
-    p_detection : (N, P, K) array
-        At the rates of a sweep; without pairs where it is not wanted, as is the next.
-    auc : (N, P) array
-        Areas under the curves.
-    roc : (N, 2, L) array or None
-        Probability of detection on Stokes parameters and on counts, where it is wanted.
-    seconds : (N,) array
-        Time of each case; NaN where it is not done.
-    is_new_sky : (N,) array
-        Whether that time holds a sky.
-    reasons : tuple of str
-        Why a case has no numbers; empty where it has.
-    """
-
+    #: Those of all scenes, each once, in the order of the scenes; a case whose scene has none of them holds NaN there.
     regions: tuple[str, ...]
     pairs: tuple[str, ...]
-    values: FloatArray
-    p_detection: FloatArray
-    auc: FloatArray
-    roc: FloatArray | None
-    seconds: FloatArray
-    is_new_sky: NDArray[np.bool_]
-    reasons: tuple[str, ...]
+    values: FloatArray  #: Of the wanted columns.
+    p_detection: FloatArray  #: At the rates of a sweep; without pairs where it is not wanted, as is the next.
+    auc: FloatArray  #: Areas under the curves.
+    roc: FloatArray | None  #: Probability of detection on Stokes parameters and on counts, where it is wanted.
+    seconds: FloatArray  #: Time of each case; NaN where it is not done.
+    is_new_sky: NDArray[np.bool_]  #: Whether that time holds a sky.
+    reasons: tuple[str, ...]  #: Why a case has no numbers; empty where it has.
 
 
 def arrays_of(
     cases: Sequence[Case], hashes: Sequence[str], done: DoneCases, wanted: Wanted, *, rates: int, curve: int
 ) -> StudyArrays:
-    """Return the numbers of all cases; those that are not done hold NaN.
-
-    Parameters
-    ----------
-    cases, hashes : sequences
-        The study's, N of each.
-    done : DoneCases
-        What was computed, of this study or of an earlier one in the same folder.
-    wanted : Wanted
-        What was asked for.
-    rates, curve : int
-        How many probabilities of false alarm there are for pairs, and for whole curves.
-    """
+    """Return the numbers of all cases; those that are not done hold NaN."""
     used = {done.places[one][0] for one in hashes if one in done.places}
     parts = [done.parts[k] for k in sorted(used)]
     regions = tuple(dict.fromkeys(name for part in parts for name in part.regions))
@@ -694,30 +575,14 @@ class Axis:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StudyTable:
-    """A study as its files hold it.
+    """A study as its files hold it."""
 
-    Attributes
-    ----------
-    scenes : tuple of str
-        Names.
-    axes : tuple of Axis
-        What is varied; each with its values where all combinations are there, else with none.
-    columns : tuple of (str, str)
-        Quantity and statistic.
-    cases : tuple of Case
-        N of them.
-    arrays : StudyArrays
-        Their numbers.
-    said : mapping
-        Attributes of the store: version, inputs, conventions.
-    """
-
-    scenes: tuple[str, ...]
-    axes: tuple[Axis, ...]
-    columns: tuple[tuple[str, str], ...]
-    cases: tuple[Case, ...]
-    arrays: StudyArrays
-    said: Mapping[str, str]
+    scenes: tuple[str, ...]  #: Names.
+    axes: tuple[Axis, ...]  #: What is varied; each with its values where all combinations are there, else with none.
+    columns: tuple[tuple[str, str], ...]  #: Quantity and statistic.
+    cases: tuple[Case, ...]  #: N of them.
+    arrays: StudyArrays  #: Their numbers.
+    said: Mapping[str, str]  #: Attributes of the store: version, inputs, conventions.
 
     @property
     def is_grid(self) -> bool:
@@ -731,13 +596,7 @@ def column_name(column: tuple[str, str]) -> str:
 
 
 def write_zarr(out: Path, table: StudyTable) -> None:
-    """Write the store; one that is there is replaced once the new one is whole.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write the store; one that is there is replaced once the new one is whole."""
     part, store = out / f"{ZARR}.part", out / ZARR
     shutil.rmtree(part, ignore_errors=True)
     dataset(table).to_zarr(part, mode="w", zarr_format=2, consolidated=True)
@@ -749,13 +608,7 @@ def write_zarr(out: Path, table: StudyTable) -> None:
 
 
 def dataset(table: StudyTable) -> Any:
-    """Return the numbers as an `xarray.Dataset`: over scene and axes of a grid, else over cases.
-
-    Parameters
-    ----------
-    table : StudyTable
-        The study.
-    """
+    """Return the numbers as an `xarray.Dataset`: over scene and axes of a grid, else over cases."""
     import xarray as xr
 
     arrays = table.arrays
@@ -807,13 +660,7 @@ def _texts(words: Sequence[str]) -> Any:
 
 
 def write_parquet(out: Path, table: StudyTable) -> None:
-    """Write a row for each case and region and, where it is wanted, one for each case, pair and rate.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write a row for each case and region and, where it is wanted, one for each case, pair and rate."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -862,31 +709,17 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True)
 class SobolIndex:
-    """Shares of a number's variance that one input makes.
+    """Shares of a number's variance that one input makes."""
 
-    Attributes
-    ----------
-    number : Number
-        The number.
-    input : str
-        Key of the input.
-    first, total : float
-        By this input alone, and with all that it makes together with others; NaN where `reason` says why.
-    first_low, first_high, total_low, total_high : float
-        95 % limits by bootstrap.
-    reason : str
-        Why there is none; empty where there is.
-    """
-
-    number: Number
-    input: str
-    first: float
-    first_low: float
+    number: Number  #: The number.
+    input: str  #: Key of the input.
+    first: float  #: By this input alone, and with all that it makes together with others; NaN where `reason` says why.
+    first_low: float  #: 95 % limits by bootstrap.
     first_high: float
     total: float
     total_low: float
     total_high: float
-    reason: str
+    reason: str  #: Why there is none; empty where there is.
 
 
 def numbers_of(
@@ -905,17 +738,6 @@ def numbers_of(
 def sobol_of(number: Number, values: FloatArray, inputs: Sequence[str]) -> tuple[SobolIndex, ...]:
     """Return the indices of a number to each input.
 
-    Parameters
-    ----------
-    number : Number
-        Whose.
-    values : (n (d + 2),) array
-        In the order of `case_list.unit_draws`.
-    inputs : sequence of str
-        The d keys.
-
-    References
-    ----------
     Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, doi:10.1016/j.cpc.2009.09.018, as scipy has it.
     """
     reason = _why_none(values)

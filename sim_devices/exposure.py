@@ -128,25 +128,15 @@ class Detector:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedPattern:
-    """Differences of the pixels of one camera, the same in every frame; None where they do not.
+    """Differences of the pixels of one camera, the same in every frame; None where they do not."""
 
-    Attributes
-    ----------
-    response : (H, W) array or None
-        Factor of the light, with expectation 1.
-    offset_e : (H, W) array or None
-        Added when a pixel is read, with expectation 0 [e-].
-    """
-
-    response: FloatArray | None
-    offset_e: FloatArray | None
+    response: FloatArray | None  #: Factor of the light, with expectation 1.
+    offset_e: FloatArray | None  #: Added when a pixel is read, with expectation 0 [e-].
 
 
 def draw_fixed_pattern(detector: Detector, *, generator: np.random.Generator) -> FixedPattern:
     """Return a fixed pattern with normal deviations of the detector's `prnu` and `dsnu_e`.
 
-    Notes
-    -----
     It is the expectation of response and offset, not their mean over the drawn map, that is 1 and 0.
     The offset is the same whether there is PRNU or not.
     """
@@ -160,8 +150,6 @@ def draw_fixed_pattern(detector: Detector, *, generator: np.random.Generator) ->
 def electrons_per_radiance_s(lens: Lens, detector: Detector) -> float:
     """Return the photo-electrons that a radiance of 1 W m^-2 sr^-1 behind the polarizer makes in a second.
 
-    Notes
-    -----
     On axis everywhere: no natural vignetting. Seen from a pixel the pupil is a disk of half angle theta' with
     tan(theta') = (diameter / 2) / focal length, which sends light from a projected solid angle of
     pi sin^2(theta').
@@ -458,19 +446,6 @@ def exposure_effects(
 ) -> tuple[Act, ...]:
     """Return what happens to light on its way to counts, in order.
 
-    Parameters
-    ----------
-    lens, detector, pattern
-        The truth about the camera.
-    exposure_s
-        Integration time, > 0.
-    gain_db
-        The camera's gain setting: counts an electron grow by 10^(gain_db / 20), the black level stays.
-    rendering
-        What the rig file names beside; each acts at its place, those of one place in this order.
-
-    Notes
-    -----
     In order: expected photo-electrons, [light], response of each pixel, [expected charge], dark electrons, Poisson
     draw of both, [charge], full well, offset of each pixel, [read-out], read noise, gain and black level. `counts_of`
     rounds and saturates.

@@ -7,15 +7,9 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class LineNoise:
-    """Probability that a byte meets each kind of damage.
+    """Probability that a byte meets each kind of damage."""
 
-    Attributes
-    ----------
-    drop, double, flip : float
-        Probability, per byte, that it is lost, sent twice, or changed in one of its bits.
-    """
-
-    drop: float = 0.0
+    drop: float = 0.0  #: Probability, per byte, that it is lost, sent twice, or changed in one of its bits.
     double: float = 0.0
     flip: float = 0.0
 

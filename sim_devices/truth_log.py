@@ -12,34 +12,16 @@ _BEGINNING = b'{"sequence": '
 
 @dataclass(frozen=True, kw_only=True)
 class TrueFrame:
-    """One exposure as it truly was.
+    """One exposure as it truly was."""
 
-    Attributes
-    ----------
-    sequence : int
-        The camera's number of the frame.
-    subject : str
-        What was in front of the camera: "scene", "dark" or "flat".
-    polarizer_angle_deg : float
-        Where the transmission axis truly pointed at the start, in [0, 180).
-    exposure_s : float
-        Integration time.
-    gain_db : float
-        Gain setting.
-    start_utc_ns, start_monotonic_ns : int
-        Start by the clocks of the host.
-    fault : str or None
-        What the simulation did to the frame on purpose.
-    """
-
-    sequence: int
-    subject: str
-    polarizer_angle_deg: float
-    exposure_s: float
-    gain_db: float
-    start_utc_ns: int
+    sequence: int  #: The camera's number of the frame.
+    subject: str  #: What was in front of the camera: "scene", "dark" or "flat".
+    polarizer_angle_deg: float  #: Where the transmission axis truly pointed at the start, in [0, 180).
+    exposure_s: float  #: Integration time.
+    gain_db: float  #: Gain setting.
+    start_utc_ns: int  #: Start by the clocks of the host.
     start_monotonic_ns: int
-    fault: str | None
+    fault: str | None  #: What the simulation did to the frame on purpose.
 
 
 class TruthLog:
@@ -86,13 +68,7 @@ def _is_log(path: Path) -> bool:
 
 
 def read_truth(path: Path) -> tuple[TrueFrame, ...]:
-    """Return the frames of a truth log in the order in which they were exposed.
-
-    Raises
-    ------
-    ValueError
-        A line is no frame.
-    """
+    """Return the frames of a truth log in the order in which they were exposed."""
     lines = path.read_text(encoding="ascii").splitlines()
     try:
         return tuple(TrueFrame(**json.loads(line)) for line in lines)

@@ -34,15 +34,7 @@ _MISSING = (
 
 
 class AravisError(Exception):
-    """Words of libaravis on a call that failed.
-
-    Attributes
-    ----------
-    is_of_device : bool
-        The error comes from the link to the device; otherwise from the camera's own list of features.
-    code : int
-        Number within these errors.
-    """
+    """Words of libaravis on a call that failed."""
 
     def __init__(self, message: str, *, is_of_device: bool, code: int) -> None:
         super().__init__(message)
@@ -139,13 +131,7 @@ class AravisLibrary:
             self._functions[name] = _declared(aravis, name, result, (*arguments, ctypes.POINTER(_ERROR)))
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Return what the function ``arv_<name>`` returns.
-
-        Raises
-        ------
-        AravisError
-            The library tells a failure.
-        """
+        """Return what the function ``arv_<name>`` returns."""
         if name in _SURE:
             return self._functions[name](*arguments)
         error = _ERROR()
@@ -180,13 +166,7 @@ class AravisLibrary:
 
 
 def load_aravis() -> AravisLibrary:
-    """Return libaravis, from where ARAVIS_LIBRARY says or from where the system has it.
-
-    Raises
-    ------
-    NotConnectedError
-        The library is not installed; the text names its package.
-    """
+    """Return libaravis, from where ARAVIS_LIBRARY says or from where the system has it."""
     stated = os.environ.get("ARAVIS_LIBRARY")
     name = stated or "libaravis-0.8.so.0"
     try:
@@ -211,22 +191,7 @@ _OF_THE_LINK = (_TIMEOUT, _NOT_CONNECTED, _NOT_FOUND, _NOT_CONTROLLER)
 
 
 class GigeFeatures:
-    """The features of one open camera.
-
-    Parameters
-    ----------
-    library : AravisLibrary
-        The library.
-    device : int
-        Its device, which whoever opened it keeps open.
-    name : str
-        What messages call the camera.
-
-    Attributes
-    ----------
-    used : dict
-        Value as text of every feature that was written, under the camera's own name of it.
-    """
+    """The features of one open camera."""
 
     def __init__(self, library: AravisLibrary, device: int, *, name: str) -> None:
         self._library, self._device, self._name = library, device, name
@@ -416,32 +381,17 @@ _STATUS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Received:
-    """A picture as it came in.
+    """A picture as it came in."""
 
-    Attributes
-    ----------
-    first_packet_utc_ns : int
-        When its first packet came in, by the host's clock [ns since 1970, UTC].
-    damage : str or None
-        What is wrong with it; None for a picture that is complete. A damaged one has nothing else.
-    data : bytes
-        Its bytes.
-    width, height, pixel_format_code : int
-        What it says of itself.
-    frame_id : int
-        The camera's number of it.
-    stamp_ns : int or None
-        Its time by the camera's own clock; None where it bears none [ns].
-    """
-
-    first_packet_utc_ns: int
+    first_packet_utc_ns: int  #: When its first packet came in, by the host's clock [ns since 1970, UTC].
+    #: What is wrong with it; None for a picture that is complete. A damaged one has nothing else.
     damage: str | None = None
-    data: bytes = b""
-    width: int = 0
+    data: bytes = b""  #: Its bytes.
+    width: int = 0  #: What it says of itself.
     height: int = 0
     pixel_format_code: int = 0
-    frame_id: int = 0
-    stamp_ns: int | None = None
+    frame_id: int = 0  #: The camera's number of it.
+    stamp_ns: int | None = None  #: Its time by the camera's own clock; None where it bears none [ns].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -457,19 +407,7 @@ class PacketCounts:
 
 
 class GigeStream:
-    """A stream of one camera, which is started and stopped with the camera's acquisition.
-
-    Parameters
-    ----------
-    library : AravisLibrary
-        The library.
-    camera : int
-        Its camera.
-    name : str
-        What messages call the camera.
-    packet_size : int or None
-        Bytes of a packet with all its headers, of a camera on the network; None: of another one.
-    """
+    """A stream of one camera, which is started and stopped with the camera's acquisition."""
 
     def __init__(self, library: AravisLibrary, camera: int, *, name: str, packet_size: int | None) -> None:
         self._library, self._camera, self._name = library, camera, name
@@ -524,8 +462,6 @@ class GigeStream:
     def packets(self) -> PacketCounts:
         """Return what became of the packets since the stream was made; nothing of a camera that sends none.
 
-        Notes
-        -----
         Of a picture that stays incomplete, libaravis calls everything missing that stands behind the first gap: so
         each such picture is looked at up to its gap, and shows one loss.
         """
@@ -629,21 +565,11 @@ class Moment:
 
 @dataclass(frozen=True, kw_only=True)
 class PtpState:
-    """State of a camera's clock that follows a master.
+    """State of a camera's clock that follows a master."""
 
-    Attributes
-    ----------
-    offset_ns : int
-        How far it is from its master, as it says [ns].
-    ahead_s : int
-        How many whole seconds its clock is ahead of UTC: those of TAI, or 0.
-    host_behind_ns : int
-        How far the host's UTC is behind the master's [ns].
-    """
-
-    offset_ns: int
-    ahead_s: int
-    host_behind_ns: int
+    offset_ns: int  #: How far it is from its master, as it says [ns].
+    ahead_s: int  #: How many whole seconds its clock is ahead of UTC: those of TAI, or 0.
+    host_behind_ns: int  #: How far the host's UTC is behind the master's [ns].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -654,22 +580,7 @@ class _Look:
 
 
 class CameraClock:
-    """The clock of one open camera.
-
-    Parameters
-    ----------
-    features : GigeFeatures
-        Of the camera.
-    ptp : bool or None
-        Whether it is to follow a PTP master; None leaves that as it is.
-    now_ns, utc_ns : callable
-        The host's clocks.
-
-    Raises
-    ------
-    LimitError
-        It is to follow a master, and cannot.
-    """
+    """The clock of one open camera."""
 
     def __init__(
         self,
@@ -693,13 +604,7 @@ class CameraClock:
         self.look()
 
     def look(self) -> None:
-        """Hold the camera's clock against the host's, where that was not done lately.
-
-        Raises
-        ------
-        NotConnectedError, DeviceTimeoutError
-            The camera does not answer.
-        """
+        """Hold the camera's clock against the host's, where that was not done lately."""
         if self._latch is None or not self._is_due():
             return
         try:

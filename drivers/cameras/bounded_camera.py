@@ -21,20 +21,7 @@ from drivers.interfaces import Camera, CameraFacts, CameraSettings, DeviceIdenti
 
 
 def split_place(text: str, readers: Mapping[str, Callable[[str], Any]]) -> tuple[str, dict[str, Any]]:
-    """Return the place and the values behind it.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``192.168.0.5?pixel_format=Mono12Packed&width=640``.
-    readers : mapping
-        What turns the text of each allowed key into its value; it raises ValueError where it cannot.
-
-    Raises
-    ------
-    LimitError
-        The place is empty, or keys are unknown or their values unfit: all of them are named.
-    """
+    """Return the place and the values behind it."""
     place, _, tail = text.partition("?")
     values: dict[str, Any] = {}
     problems = [] if place else ["there is nothing before the '?'"]
@@ -109,22 +96,7 @@ _left: dict[str, threading.Thread] = {}
 
 
 class BoundedCamera:
-    """A camera that is open.
-
-    Parameters
-    ----------
-    open_camera : callable
-        Opens it, again where it was given up.
-    name : str
-        What messages call it; one camera, one name.
-    now_s : callable
-        The time [s].
-
-    Raises
-    ------
-    DeviceError
-        It cannot be opened, or not in time.
-    """
+    """A camera that is open."""
 
     def __init__(
         self, open_camera: Callable[[], OpenCamera], *, name: str, now_s: Callable[[], float] = time.monotonic
@@ -163,27 +135,13 @@ class BoundedCamera:
         return self._before if self._camera is None else _sum(self._before, self._camera.tally())
 
     def features(self) -> dict[str, str]:
-        """Return what was set, what was found and left, and what it measures.
-
-        Raises
-        ------
-        DeviceError
-            The camera does not answer, or not in time.
-        """
+        """Return what was set, what was found and left, and what it measures."""
         self._refuse_closed()
         camera = self._here(deadline_s=self._now_s() + _TELLING_S)
         return self._call(camera.features, within_s=_TELLING_S, what="telling its features")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what was read back.
-
-        Raises
-        ------
-        LimitError
-            A value is outside of what the camera allows; then nothing is changed.
-        DeviceError
-            The camera does not answer, or not in time.
-        """
+        """Set exposure and gain; return what was read back."""
         self._refuse_closed()
         camera = self._here(deadline_s=self._now_s() + _SETTING_S)
         self._settings = self._call(
@@ -193,15 +151,7 @@ class BoundedCamera:
         return self._settings
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return a picture whose exposure began after this call.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            No picture came in time, or the camera fell silent: then the next call opens it anew.
-        DeviceError
-            As the camera says.
-        """
+        """Return a picture whose exposure began after this call."""
         self._refuse_closed()
         deadline_s = self._now_s() + timeout_s
         camera = self._here(deadline_s=deadline_s)

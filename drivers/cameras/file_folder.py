@@ -33,24 +33,12 @@ _Looks = dict[Path, tuple[int, int]]
 
 @dataclass(frozen=True, kw_only=True)
 class FolderOptions:
-    """Content of an address ``FOLDER?key=value``.
+    """Content of an address ``FOLDER?key=value``."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where the files appear. Nothing is written there.
-    plane : str or None
-        Colour of RAW files.
-    bit_depth : int or None
-        Bits of the camera; needed for PNG and TIFF, which do not tell.
-    justified : {"right", "left"}
-        At which end of 16 bits the samples of PNG and TIFF stand.
-    """
-
-    folder: Path
-    plane: Plane | None = None
-    bit_depth: int | None = None
-    justified: Justified = "right"
+    folder: Path  #: Where the files appear. Nothing is written there.
+    plane: Plane | None = None  #: Colour of RAW files.
+    bit_depth: int | None = None  #: Bits of the camera; needed for PNG and TIFF, which do not tell.
+    justified: Justified = "right"  #: At which end of 16 bits the samples of PNG and TIFF stand.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +51,6 @@ class _Still:
 class FolderCamera:
     """A camera that is run by another program, which writes a file for every picture; `open_folder` makes one.
 
-    Notes
-    -----
     `configure` changes nothing on the camera: it says what the person at that program has set. Where files tell their
     exposure, another one than that is refused; where they do not, it is believed.
 
@@ -105,13 +91,7 @@ class FolderCamera:
         )
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Note what the camera was set to by its own program; gain must be 0, since nothing is known of it.
-
-        Raises
-        ------
-        LimitError
-            The exposure is not above 0, or longer than an hour, or the gain is not 0.
-        """
+        """Note what the camera was set to by its own program; gain must be 0, since nothing is known of it."""
         self._refuse_closed()
         if not 0.0 < exposure_s <= _LONGEST_EXPOSURE_S:
             raise LimitError(f"{self._name}: exposure_s is {exposure_s} s; it has to be above 0 and at most 3600 s")
@@ -133,17 +113,7 @@ class FolderCamera:
         return {} if self._options.plane is None else {"plane": self._options.plane}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return the picture of the next file whose exposure began after this call.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            No such file appeared in time.
-        LimitError
-            It tells another exposure than was configured.
-        ProtocolError
-            It is damaged, or of another size than the files before.
-        """
+        """Return the picture of the next file whose exposure began after this call."""
         self._refuse_closed()
         asked_utc_ns, asked_monotonic_ns = time.time_ns(), time.monotonic_ns()
         deadline_s = self._now_s() + timeout_s

@@ -56,75 +56,39 @@ Link = Literal["gige", "usb3", "any"]
 
 @dataclass(frozen=True, kw_only=True)
 class GigeOptions:
-    """Content of an address. None: the camera's largest picture, its best format, its own black level.
+    """Content of an address. None: the camera's largest picture, its best format, its own black level."""
 
-    Attributes
-    ----------
-    place : str
-        IP address, serial number, or name.
-    link : {"gige", "usb3", "any"}
-        How it is reached.
-    pixel_format : str or None
-        As PFNC names it.
-    plane : str or None
-        What is taken of a Bayer format: see `drivers.cameras.samples`.
-    width, height : int or None
-        Size of the region [pixels after binning].
-    offset_x, offset_y : int
-        Its first column and row.
-    binning : int
-        Pixels that are added, in both directions.
-    reverse_x, reverse_y : bool
-        The camera mirrors its pictures. A mirrored picture changes the sign of the angle of polarization: this is
-        for undoing a mirror in the path of light.
-    black_level_dn : int or None
-        The camera's own black level setting.
-    trigger : {"software", "free"}
-        Each picture is asked for, or the camera runs by itself and pictures that began too early are thrown away.
-    frame_rate_hz : float
-        Where it runs by itself.
-    packet_size : int, "probe" or None
-        Bytes of a packet with all its headers; at most what the interface sends in one piece. "probe": the largest
-        with which a whole picture comes.
-    bandwidth_mb_per_s : float or None
-        How much of the line the camera may take, where several share it [MB/s].
-    bit_depth : int or None
-        True bits of a sample where the format has room for more, as Mono16 has.
-    justified, byte_order : str
-        Where these bits stand, which byte comes first.
-    exposure_step_us : float or None
-        What a step of an exposure is that the camera counts without telling in what [us].
-    gain_step_db : float or None
-        What a step of the camera's whole-numbered gain is [dB], where its maker is not one that is known.
-    ptp : bool or None
-        Whether the camera's clock follows a PTP master; None: as it was found.
-    retakes : int
-        How often a damaged picture is taken again before that is an error.
-    """
-
-    place: str
-    link: Link = "gige"
-    pixel_format: str | None = None
-    plane: Plane | None = None
-    width: int | None = None
+    place: str  #: IP address, serial number, or name.
+    link: Link = "gige"  #: How it is reached.
+    pixel_format: str | None = None  #: As PFNC names it.
+    plane: Plane | None = None  #: What is taken of a Bayer format: see `drivers.cameras.samples`.
+    width: int | None = None  #: Size of the region [pixels after binning].
     height: int | None = None
-    offset_x: int = 0
+    offset_x: int = 0  #: Its first column and row.
     offset_y: int = 0
-    binning: int = 1
+    binning: int = 1  #: Pixels that are added, in both directions.
+    #: The camera mirrors its pictures. A mirrored picture changes the sign of the angle of polarization: this is for
+    #: undoing a mirror in the path of light.
     reverse_x: bool = False
     reverse_y: bool = False
-    black_level_dn: int | None = None
+    black_level_dn: int | None = None  #: The camera's own black level setting.
+    #: Each picture is asked for, or the camera runs by itself and pictures that began too early are thrown away.
     trigger: Trigger = "software"
-    frame_rate_hz: float = 20.0
+    frame_rate_hz: float = 20.0  #: Where it runs by itself.
+    #: Bytes of a packet with all its headers; at most what the interface sends in one piece. "probe": the largest with
+    #: which a whole picture comes.
     packet_size: int | Literal["probe"] | None = None
+    #: How much of the line the camera may take, where several share it [MB/s].
     bandwidth_mb_per_s: float | None = None
-    bit_depth: int | None = None
-    justified: Justified = "right"
+    bit_depth: int | None = None  #: True bits of a sample where the format has room for more, as Mono16 has.
+    justified: Justified = "right"  #: Where these bits stand, which byte comes first.
     byte_order: ByteOrder = "little"
+    #: What a step of an exposure is that the camera counts without telling in what [us].
     exposure_step_us: float | None = None
+    #: What a step of the camera's whole-numbered gain is [dB], where its maker is not one that is known.
     gain_step_db: float | None = None
-    ptp: bool | None = None
-    retakes: int = 20
+    ptp: bool | None = None  #: Whether the camera's clock follows a PTP master; None: as it was found.
+    retakes: int = 20  #: How often a damaged picture is taken again before that is an error.
 
     @property
     def camera_name(self) -> str:
@@ -164,13 +128,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
 
 
 def read_gige_place(text: str, *, link: Link = "gige") -> GigeOptions:
-    """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys.
-
-    Raises
-    ------
-    LimitError
-        A key or value is not allowed; all are named.
-    """
+    """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys."""
     place, values = split_place(text, _READERS)
     return GigeOptions(place=place, link=link, **values)
 
@@ -196,55 +154,25 @@ _GIGABIT_NS_PER_BYTE, _PAUSE_TOLERANCE = 8.0, 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class GigeSetup:
-    """Settings of a camera that is set up.
+    """Settings of a camera that is set up."""
 
-    Attributes
-    ----------
-    pixel_format : PixelFormat
-        Of its samples.
-    pixel_format_code : int
-        The number that each picture bears.
-    sent_width, sent_height : int
-        Size of the pictures that it sends.
-    width, height, bit_depth : int
-        Of counts: half as large, and of more bits, where several colours are summed.
-    plane : str or None
-        What is taken of a mosaic of colours.
-    linear : bool or None
-        What bends counts is off; None where the camera has nothing of that kind to be asked for.
-    exposure_feature : str
-        The camera's own name of the exposure.
-    exposure_step_us : float
-        What a step of it is [us]; 1 where it is in microseconds.
-    gain_feature : str or None
-        The camera's own name of the gain; None for a camera that has none.
-    gain_step_db : float or None
-        What a step of it is [dB]; None where it is in dB and need not be whole.
-    """
-
-    pixel_format: PixelFormat
-    pixel_format_code: int
-    sent_width: int
+    pixel_format: PixelFormat  #: Of its samples.
+    pixel_format_code: int  #: The number that each picture bears.
+    sent_width: int  #: Size of the pictures that it sends.
     sent_height: int
-    width: int
+    width: int  #: Of counts: half as large, and of more bits, where several colours are summed.
     height: int
     bit_depth: int
-    plane: Plane | None
-    linear: bool | None
-    exposure_feature: str
-    exposure_step_us: float
-    gain_feature: str | None
-    gain_step_db: float | None
+    plane: Plane | None  #: What is taken of a mosaic of colours.
+    linear: bool | None  #: What bends counts is off; None where the camera has nothing of that kind to be asked for.
+    exposure_feature: str  #: The camera's own name of the exposure.
+    exposure_step_us: float  #: What a step of it is [us]; 1 where it is in microseconds.
+    gain_feature: str | None  #: The camera's own name of the gain; None for a camera that has none.
+    gain_step_db: float | None  #: What a step of it is [dB]; None where it is in dB and need not be whole.
 
 
 def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
-    """Write everything but exposure and gain; return what the camera then is.
-
-    Raises
-    ------
-    LimitError
-        The camera refuses a value, takes another one, or has something automatic that cannot be switched off.
-    """
+    """Write everything but exposure and gain; return what the camera then is."""
     linear = _switch_off(features)
     sent = _set_region(features, options)
     pixel_format, code = _set_pixel_format(features, options)
@@ -277,13 +205,7 @@ def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
 def set_packet_size(
     library: AravisLibrary, camera: int, features: GigeFeatures, *, address: str, asked: int | None
 ) -> int:
-    """Set how large packets are: what was asked for, or what every Ethernet carries; return what it is [bytes].
-
-    Raises
-    ------
-    LimitError
-        More was asked for than the interface to the camera sends in one piece.
-    """
+    """Set how large packets are: what was asked for, or what every Ethernet carries; return what it is [bytes]."""
     mtu = path_mtu(address)
     size = asked or min(mtu, _ETHERNET_MTU)
     if size > mtu:
@@ -301,13 +223,7 @@ def set_packet_size(
 def set_bandwidth(
     library: AravisLibrary, camera: int, features: GigeFeatures, *, asked_mb_per_s: float, packet_size: int | None
 ) -> None:
-    """Let the camera take a part of its line only, by a limit of its own, or by pauses between packets.
-
-    Raises
-    ------
-    LimitError
-        It has neither, or takes another value.
-    """
+    """Let the camera take a part of its line only, by a limit of its own, or by pauses between packets."""
     limit = features.first_of(*_BANDWIDTH)
     if limit is not None:
         if features.has(_BANDWIDTH_MODE):
@@ -501,15 +417,7 @@ def find_cameras(library: AravisLibrary, *, link: Link = "gige") -> list[FoundCa
 
 
 class GigeLink:
-    """An open camera with all of its settings written and its acquisition running.
-
-    Raises
-    ------
-    NotConnectedError, DeviceTimeoutError
-        It is not there, or belongs to another program.
-    LimitError
-        It cannot be set to what was asked for.
-    """
+    """An open camera with all of its settings written and its acquisition running."""
 
     def __init__(self, library: AravisLibrary, options: GigeOptions) -> None:
         self.name = options.camera_name
@@ -698,8 +606,6 @@ def device_of(library: AravisLibrary, options: GigeOptions) -> str:
 def address_of(library: AravisLibrary, place: str) -> str:
     """Return the IP address of a camera that is given by address, serial number or name.
 
-    Notes
-    -----
     A camera is always opened by its address: opened by name, it may be reached through another interface than the
     one that its pictures come through, and then none come.
     """
@@ -745,19 +651,11 @@ _ARRIVAL: StartSource = "arrival"
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """Moment at which a picture was asked for.
+    """Moment at which a picture was asked for."""
 
-    Attributes
-    ----------
-    utc_ns, monotonic_ns : int
-        By both clocks of the host.
-    error_ns : int
-        How far from each other they may have been read.
-    """
-
-    utc_ns: int
+    utc_ns: int  #: By both clocks of the host.
     monotonic_ns: int
-    error_ns: int = 0
+    error_ns: int = 0  #: How far from each other they may have been read.
 
     def was_clock_set(self) -> bool:
         """Return whether the host's clock has been set since then."""
@@ -812,24 +710,6 @@ def frame_of(
 ) -> Frame:
     """Return a whole picture as a frame.
 
-    Parameters
-    ----------
-    received, setup, settings, sequence
-        The picture, and what is known of it.
-    asked : Asked
-        When it was asked for.
-    clock : CameraClock
-        Of the camera.
-    free_period_s : float or None
-        From one picture to the next of a camera that runs by itself; None: it was triggered [s].
-
-    Raises
-    ------
-    ProtocolError
-        It is of another size or format than the camera was set to, or its samples use bits that they do not have.
-
-    Notes
-    -----
     The exposure begins when the picture's own time stamp says, if the camera's clock can be held against the host's.
     Else that of a camera that is triggered is taken to begin at the trigger, and cannot have begun later than an
     exposure before the first packet came in; of one that runs by itself, an exposure before its first packet, and not
@@ -868,8 +748,6 @@ def _start_of(received: Received, exposure_ns: int, asked: Asked, free_period_ns
 def _by_stamp(received: Received, start: _Start, exposure_ns: int, asked: Asked, clock: CameraClock) -> _Start:
     """Return a start by the camera's clock, where the picture's stamp lies in the time in which it must have begun.
 
-    Notes
-    -----
     Cameras stamp the beginning of an exposure, and some its end. A stamp that can only be one of them is taken as
     that. Where it can be both, the start is between, and known to half an exposure more.
     """
@@ -932,15 +810,6 @@ _NO_PICTURES = (
 class GigeCamera:
     """A camera that is open; `open_gige`, `open_usb3` and `open_aravis` make one, and see to its deadlines.
 
-    Parameters
-    ----------
-    library : AravisLibrary
-        The library.
-    options : GigeOptions
-        Where the camera is and how it is to be used.
-
-    Notes
-    -----
     A picture is taken at a software trigger after the call, or, where the camera runs by itself, accepted only if the
     host received its first packet so late that its exposure began after the call: by one exposure and one frame
     period at least. What a camera with a memory of its own sends late cannot be known in that mode.
@@ -986,15 +855,7 @@ class GigeCamera:
         return self._identity
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what was read back.
-
-        Raises
-        ------
-        LimitError
-            A value is outside of what the camera allows; then nothing is changed.
-        NotConnectedError, DeviceTimeoutError
-            The camera does not answer.
-        """
+        """Set exposure and gain; return what was read back."""
         self._settings = self._opened().configure(exposure_s=exposure_s, gain_db=gain_db)
         return self._settings
 
@@ -1025,19 +886,7 @@ class GigeCamera:
         return used if clock is None else used | {"clock": clock}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return a picture whose exposure began after this call, complete and with the settings that it names.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            No picture came in time.
-        ProtocolError
-            Picture after picture comes in damaged.
-        NotConnectedError
-            The camera is gone, or belongs to another program now.
-        LimitError
-            It came back and cannot be set as it was.
-        """
+        """Return a picture whose exposure began after this call, complete and with the settings that it names."""
         self._opened()
         if self._settings.exposure_s > timeout_s:
             raise DeviceTimeoutError(
@@ -1247,13 +1096,7 @@ def _open(place: str, *, link: Link) -> BoundedCamera:
 
 
 def network_address(place: str) -> str:
-    """Return the IP address of a camera, by its place as `open_gige` takes it; the camera is not opened.
-
-    Raises
-    ------
-    NotConnectedError
-        It is not there, or libaravis is not installed.
-    """
+    """Return the IP address of a camera, by its place as `open_gige` takes it; the camera is not opened."""
     return address_of(load_aravis(), place.partition("?")[0])
 
 

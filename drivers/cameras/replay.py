@@ -17,15 +17,6 @@ _OPENED: Counter[Path] = Counter()
 class ReplayedCamera:
     """A camera out of a recording.
 
-    Parameters
-    ----------
-    place : str
-        The file, for messages.
-    opened : OpenedDevices
-        What was recorded.
-
-    Notes
-    -----
     Calls are answered in their order. Settings that were asked for earlier or later are found; a frame beyond the last
     one that was taken at these settings is none. Times of exposures keep their distances and begin anew.
     """
@@ -52,15 +43,7 @@ class ReplayedCamera:
         return self._identity
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Return what the recorded camera took for these settings.
-
-        Raises
-        ------
-        LimitError
-            They were never asked for.
-        DeviceError
-            What it raised.
-        """
+        """Return what the recorded camera took for these settings."""
         self._require_open()
         wanted = (exposure_s, gain_db)
         order = [*range(self._next, len(self._calls)), *range(self._next)]
@@ -78,15 +61,7 @@ class ReplayedCamera:
         return call.settings
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return the next frame that was recorded at these settings.
-
-        Raises
-        ------
-        NotConnectedError
-            There is none left.
-        DeviceError
-            What the camera raised there.
-        """
+        """Return the next frame that was recorded at these settings."""
         self._require_open()
         call = self._next_picture()
         if call.failure is not None:

@@ -24,54 +24,27 @@ _GROUPS_AT_A_TIME = 32768
 
 @dataclass(frozen=True, kw_only=True)
 class Packing:
-    """Samples that share bytes.
+    """Samples that share bytes."""
 
-    Attributes
-    ----------
-    group_bytes, group_pixels : int
-        How many bytes hold how many samples.
-    moves : tuple of (byte, mask, shift)
-        Where the bits go: these bits of this byte, shifted left so far, are part of a word in which the samples of a
-        group stand side by side, 16 bits each, the first one lowest.
-    """
-
-    group_bytes: int
+    group_bytes: int  #: How many bytes hold how many samples.
     group_pixels: Literal[2, 4]
+    #: Where the bits go: these bits of this byte, shifted left so far, are part of a word in which the samples of a
+    #: group stand side by side, 16 bits each, the first one lowest.
     moves: tuple[tuple[int, int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PixelFormat:
-    """Layout of a camera's samples in bytes.
+    """Layout of a camera's samples in bytes."""
 
-    Attributes
-    ----------
-    name : str
-        As the camera's own standard calls it.
-    bit_depth : int
-        Bits that a sample has.
-    sample_bytes : {1, 2}
-        Bytes of a sample that shares none.
-    byte_order : {"little", "big"}
-        Of samples of two bytes.
-    justified : {"right", "left"}
-        At which end of its bytes an unpacked sample stands.
-    packing : Packing or None
-        Where samples share bytes.
-    cell : str or None
-        Colours of the mosaic's cell of 2 x 2 samples, row by row; None for grey.
-    is_polarized : bool
-        Its samples stand behind polarizers, four angles in a cell of 2 x 2.
-    """
-
-    name: str
-    bit_depth: int
-    sample_bytes: Literal[1, 2] = 2
-    byte_order: ByteOrder = "little"
-    justified: Justified = "right"
-    packing: Packing | None = None
-    cell: str | None = None
-    is_polarized: bool = False
+    name: str  #: As the camera's own standard calls it.
+    bit_depth: int  #: Bits that a sample has.
+    sample_bytes: Literal[1, 2] = 2  #: Bytes of a sample that shares none.
+    byte_order: ByteOrder = "little"  #: Of samples of two bytes.
+    justified: Justified = "right"  #: At which end of its bytes an unpacked sample stands.
+    packing: Packing | None = None  #: Where samples share bytes.
+    cell: str | None = None  #: Colours of the mosaic's cell of 2 x 2 samples, row by row; None for grey.
+    is_polarized: bool = False  #: Its samples stand behind polarizers, four angles in a cell of 2 x 2.
 
 
 def unpack(
@@ -84,31 +57,6 @@ def unpack(
 ) -> NDArray[np.uint16]:
     """Return the counts of a picture, right-justified, in an array of its own.
 
-    Parameters
-    ----------
-    data : bytes-like
-        The picture; bytes behind it are not looked at.
-    pixel_format : PixelFormat
-        How samples stand in it.
-    width, height : int
-        Pixels, each >= 1.
-    row_bytes : int or None
-        Bytes from one row to the next, where each row begins anew (V4L2). None: samples follow one another through
-        the whole picture, a group of packed ones may go on in the next row (GigE Vision).
-
-    Returns
-    -------
-    counts : (height, width) array of uint16
-        0 to ``2**bit_depth - 1``.
-
-    Raises
-    ------
-    ProtocolError
-        The picture is too short, or a sample uses bits that its format does not have: then byte order, depth or
-        justification are other than stated.
-
-    Notes
-    -----
     The last group of packed samples may be cut short after the last byte that holds a bit of a sample.
     """
     stream = np.frombuffer(data, np.uint8)
@@ -255,8 +203,6 @@ _POLARIZED_NAME = re.compile(r"Polariz(?:e|ed)(?:Mono)?(\d+(?:p|Packed)?)")
 def polarized_format(name: str) -> PixelFormat | None:
     """Return a format of samples behind polarizers by its name, such as PolarizeMono12p or Polarized8; else None.
 
-    Notes
-    -----
     Its samples stand as those of the Mono format of the same ending. Formats of computed pictures, such as
     PolarizedDolp_Mono8, are none of these.
     """
@@ -345,13 +291,7 @@ def places_of(plane: Plane, *, cell: str) -> tuple[tuple[int, int], ...]:
 
 
 def bit_depth_of(plane: Plane, *, bit_depth: int) -> int:
-    """Return the bits of a plane, whose samples have `bit_depth` bits.
-
-    Raises
-    ------
-    LimitError
-        A sum would not fit 16 bits.
-    """
+    """Return the bits of a plane, whose samples have `bit_depth` bits."""
     depth = bit_depth + (samples_of(plane) - 1).bit_length()
     if depth > 16:
         raise LimitError(
@@ -366,31 +306,6 @@ def take_plane(
 ) -> NDArray[np.uint16]:
     """Return a plane of a mosaic, in an array of its own.
 
-    Parameters
-    ----------
-    counts : (H, W) array of uint16
-        The mosaic; its first sample is the first of a cell.
-    cell : str
-        Colours of a cell row by row, such as "RGGB".
-    plane : str
-        What is wanted.
-    saturation_dn : int
-        A sample at or above this is saturated [DN].
-    saturated_as_dn : int
-        What a sum of which one sample is saturated is set to [DN].
-
-    Returns
-    -------
-    (ceil(H / 2), ceil(W / 2)) or smaller array of uint16
-        One colour has every sample of it. A sum has the whole cells only.
-
-    Raises
-    ------
-    LimitError
-        `saturated_as_dn` does not fit 16 bits.
-
-    Notes
-    -----
     A sum loses the colours, and range: where light fills one colour's sample, the others' light in this cell is lost
     with it, since the sum is known no more. Its variance is the sum of the samples' variances.
     """
@@ -427,13 +342,7 @@ def counts_of_picture(
 
 
 def size_of_counts(pixel_format: PixelFormat, *, plane: Plane | None, width: int, height: int) -> tuple[int, int, int]:
-    """Return width, height and bits of the counts that a camera's pictures of a size are made into.
-
-    Raises
-    ------
-    LimitError
-        A plane is asked for where there are no colours, or none where there are.
-    """
+    """Return width, height and bits of the counts that a camera's pictures of a size are made into."""
     if pixel_format.cell is None and plane is None:
         return width, height, pixel_format.bit_depth
     if pixel_format.cell is None or plane is None:

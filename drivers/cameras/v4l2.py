@@ -321,33 +321,15 @@ _CLOCK_STEP_NS = 2_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """Moment at which a picture was asked for.
+    """Moment at which a picture was asked for."""
 
-    Attributes
-    ----------
-    monotonic_ns : int
-        By the host's monotonic clock.
-    to_utc_ns : int
-        How far the time of day was ahead of it.
-    error_ns : int
-        How far from each other the two may have been read.
-    """
-
-    monotonic_ns: int
-    to_utc_ns: int
-    error_ns: int
+    monotonic_ns: int  #: By the host's monotonic clock.
+    to_utc_ns: int  #: How far the time of day was ahead of it.
+    error_ns: int  #: How far from each other the two may have been read.
 
 
 class V4l2Stamps:
-    """Memory of the stamps of one device.
-
-    Parameters
-    ----------
-    name : str
-        What messages call the device.
-    now_ns, utc_ns : callable
-        The host's clocks.
-    """
+    """Memory of the stamps of one device."""
 
     def __init__(self, name: str, *, now_ns: Callable[[], int], utc_ns: Callable[[], int]) -> None:
         self._name, self._now_ns, self._utc_ns = name, now_ns, utc_ns
@@ -363,13 +345,6 @@ class V4l2Stamps:
     def start_of(self, buffer: Buffer, asked: Asked, *, exposure_ns: int) -> tuple[int, int | None]:
         """Return when a picture's exposure began, and by how much that may be off; None for not known yet [ns].
 
-        Raises
-        ------
-        ProtocolError
-            Its stamp is of neither clock.
-
-        Notes
-        -----
         A stamp of the picture's end leaves open how long it took to come: not longer than from one picture to the next,
         which is measured.
         """
@@ -383,8 +358,6 @@ class V4l2Stamps:
     def _monotonic_ns(self, buffer: Buffer, asked: Asked) -> int:
         """Return a picture's time stamp on the monotonic clock.
 
-        Notes
-        -----
         Of a stamp of the time of day the flags say "unknown", or "monotonic" where the driver was told to use that
         clock later (uvcvideo's parameter ``clock``): its size tells. Where the time of day was set meanwhile, such a
         stamp counts as of long ago.
@@ -410,40 +383,20 @@ class V4l2Stamps:
 
 @dataclass(frozen=True, kw_only=True)
 class V4l2Options:
-    """Content of an address ``/dev/video0?key=value``.
+    """Content of an address ``/dev/video0?key=value``."""
 
-    Attributes
-    ----------
-    path : str
-        The device file.
-    pixel_format : str
-        Its four letters, without the space at the end that some have.
-    width, height : int or None
-        Size of a picture; None: as the device has it.
-    plane : str or None
-        What is taken of a Bayer format: see `drivers.cameras.samples`.
-    bit_depth : int or None
-        True bits, where a format of 16 has fewer.
-    justified : str
-        Where these stand.
-    exposure_control : {"device", "none"}
-        "none": the device has none, and what the caller configures is what somebody has set by other means.
-    gain_step_db : float or None
-        What a step of the gain is [dB]. None: nobody knows; then the gain is the smallest, which is called 0 dB.
-    retakes : int
-        How many damaged pictures in a row are an error.
-    """
-
-    path: str
-    pixel_format: str = "Y12"
-    width: int | None = None
+    path: str  #: The device file.
+    pixel_format: str = "Y12"  #: Its four letters, without the space at the end that some have.
+    width: int | None = None  #: Size of a picture; None: as the device has it.
     height: int | None = None
-    plane: Plane | None = None
-    bit_depth: int | None = None
-    justified: Justified = "right"
+    plane: Plane | None = None  #: What is taken of a Bayer format: see `drivers.cameras.samples`.
+    bit_depth: int | None = None  #: True bits, where a format of 16 has fewer.
+    justified: Justified = "right"  #: Where these stand.
+    #: "none": the device has none, and what the caller configures is what somebody has set by other means.
     exposure_control: str = "device"
+    #: What a step of the gain is [dB]. None: nobody knows; then the gain is the smallest, which is called 0 dB.
     gain_step_db: float | None = None
-    retakes: int = 20
+    retakes: int = 20  #: How many damaged pictures in a row are an error.
 
 
 _READERS: dict[str, Callable[[str], Any]] = {
@@ -460,13 +413,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
 
 
 def read_v4l2_place(text: str) -> V4l2Options:
-    """Return what an address says; see `V4l2Options` for its keys.
-
-    Raises
-    ------
-    LimitError
-        A key or value is not allowed, or a colour is missing or has no place; all are named.
-    """
+    """Return what an address says; see `V4l2Options` for its keys."""
     path, values = split_place(text, _READERS)
     options = V4l2Options(path=path, **values)
     if (_known(options).cell is None) != (options.plane is None):
@@ -491,13 +438,7 @@ _EXPOSURE_STEP_S = 100e-6
 
 
 class V4l2Controls:
-    """The controls of one device.
-
-    Attributes
-    ----------
-    used : dict
-        Name and value of every control that was set.
-    """
+    """The controls of one device."""
 
     def __init__(self, node: VideoNode, options: V4l2Options) -> None:
         self._node, self._options = node, options
@@ -513,13 +454,7 @@ class V4l2Controls:
             )
 
     def set(self, *, exposure_s: float, gain_db: float) -> None:
-        """Set exposure and gain; a refusal changes nothing.
-
-        Raises
-        ------
-        LimitError
-            A value is outside of what the device allows, or not a step of it.
-        """
+        """Set exposure and gain; a refusal changes nothing."""
         steps = self._exposure_steps(exposure_s)
         gain = self._gain(gain_db)
         if steps is not None:
@@ -635,8 +570,6 @@ class _Picture:
 class V4l2Camera:
     """A video device that is open and streams; `open_v4l2` makes one.
 
-    Notes
-    -----
     The device runs by itself. A picture is accepted if the driver's own time stamp, of the monotonic clock or of the
     time of day, says that its exposure began after the call: the stamp itself where it marks the start of the exposure,
     else the stamp minus the exposure; then the exposure may have begun earlier by as long as the picture took to come,
@@ -678,13 +611,7 @@ class V4l2Camera:
         return self._identity
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
-        """Set exposure and gain; return what was read back.
-
-        Raises
-        ------
-        LimitError
-            A value is outside of what the device allows; then nothing is changed.
-        """
+        """Set exposure and gain; return what was read back."""
         self._refuse_closed()
         self._controls.set(exposure_s=exposure_s, gain_db=gain_db)
         self._settings = self._read_settings()
@@ -706,19 +633,7 @@ class V4l2Camera:
         return plane | self._controls.used | self._controls.found()
 
     def take_frame(self, *, timeout_s: float) -> Frame:
-        """Return a complete picture whose exposure began after this call.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            None came in time.
-        ProtocolError
-            Picture after picture is damaged, or the device does not say when they are taken.
-        NotConnectedError
-            The device was unplugged.
-        LimitError
-            Something automatic was switched on meanwhile, or a setting changed.
-        """
+        """Return a complete picture whose exposure began after this call."""
         self._refuse_closed()
         asked = self._stamps.asked_now()
         deadline_ns = asked.monotonic_ns + round(timeout_s * 1e9)

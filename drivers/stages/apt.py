@@ -64,30 +64,14 @@ class HomeParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class AptModel:
-    """A controller with its stage.
+    """A controller with its stage."""
 
-    Attributes
-    ----------
-    name : str
-        What people call the two.
-    is_stepper : bool
-        Whether it speaks the messages of stepper motors, else those of DC servo motors.
-    counts_per_deg : float
-        Counts of a degree.
-    speed_deg_per_s : float
-        What moves and homing are set to.
-    velocity : VelocityParameters
-        Set at every start, since some controllers forget theirs at power-off.
-    home : HomeParameters
-        Likewise.
-    """
-
-    name: str
-    is_stepper: bool
-    counts_per_deg: float
-    speed_deg_per_s: float
-    velocity: VelocityParameters
-    home: HomeParameters
+    name: str  #: What people call the two.
+    is_stepper: bool  #: Whether it speaks the messages of stepper motors, else those of DC servo motors.
+    counts_per_deg: float  #: Counts of a degree.
+    speed_deg_per_s: float  #: What moves and homing are set to.
+    velocity: VelocityParameters  #: Set at every start, since some controllers forget theirs at power-off.
+    home: HomeParameters  #: Likewise.
 
 
 def _k10cr(name: str) -> AptModel:
@@ -120,22 +104,7 @@ _DC_CONTROLLERS = ("KDC101", "TDC001")
 
 
 def find_model(controller: str, *, stage_id: int, actuator: str | None) -> AptModel:
-    """Return the model that a controller and its stage are.
-
-    Parameters
-    ----------
-    controller : str
-        What the controller calls itself, such as "K10CR1".
-    stage_id : int
-        What it says of the stage that is plugged into it.
-    actuator : str or None
-        "PRM1-Z8" where the person at the rig says so, since the controller does not.
-
-    Raises
-    ------
-    ProtocolError
-        It is none of the known ones: its counts would be a guess, and every angle with them.
-    """
+    """Return the model that a controller and its stage are."""
     if controller in _BUILT_IN:
         return _BUILT_IN[controller]
     if controller in _DC_CONTROLLERS and (stage_id == PRM1_STAGE_ID or actuator == "PRM1-Z8"):
@@ -475,17 +444,7 @@ class AptLink(Line):
         self._port.write(message)
 
     def ask(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
-        """Return the answer to a question, asking up to six times.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            The controller is silent (about 3 s).
-        ProtocolError
-            Its answers are damaged.
-        DeviceFaultError
-            It reports trouble.
-        """
+        """Return the answer to a question, asking up to six times."""
         return self.repeated(lambda: self._exchange(question, answer), tries=_TRIES_ON_THE_LINE)
 
     def ask_until_two_agree(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
@@ -570,8 +529,6 @@ _HIGHEST_COUNTS = (1 << 31) - 1
 class AptStage(SerialStage):
     """The stage behind a link. `open_apt` and `connect_apt` make one.
 
-    Notes
-    -----
     Whether it was homed since its power-up is known to the controller (status bit 0x400) and asked before each move.
     Motions are watched by asking for the status: the messages HOMED and MOVE_COMPLETED may be missing, and the
     position in them may be wrong. The readback of a K10CR is what its motor was told: it has no encoder.
@@ -588,15 +545,7 @@ class AptStage(SerialStage):
         return self._identity
 
     def home(self) -> StagePosition:
-        """Search the reference mark; return the readback.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault.
-        DeviceTimeoutError
-            The controller is silent, or the stage does not get home within 90 s, or never says that it is home.
-        """
+        """Search the reference mark; return the readback."""
         for _ in range(_TRIES):
             self._link.tell(home())
             if self._homing_begins() and self._await_rest(deadline_s=self._link.now_s() + _HOME_S).homed:
@@ -607,13 +556,7 @@ class AptStage(SerialStage):
         )
 
     def position(self) -> StagePosition:
-        """Return the position, once two in a row agree: a message carries no checksum.
-
-        Raises
-        ------
-        ProtocolError
-            Readings keep differing by more than the tolerance: the line is bad, or the stage turns.
-        """
+        """Return the position, once two in a row agree: a message carries no checksum."""
         return self._agreed_position(self._read_position)
 
     def status(self) -> StageStatus:
@@ -714,28 +657,7 @@ def connect_apt(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> AptStage:
-    """Return the stage on an open link, once it has told what it is and taken its parameters.
-
-    Parameters
-    ----------
-    port : BytePort
-        A link at 115200 bits/s; the stage closes it.
-    tolerance_deg : float
-        How far a readback may lie from its target [deg], above half a count.
-    actuator : str or None
-        "PRM1-Z8" for a KDC101 or TDC001 that does not tell its stage.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Raises
-    ------
-    DeviceTimeoutError
-        Nothing answers.
-    ProtocolError
-        What answers is no known stage, does not keep its parameters, or cannot be understood.
-    LimitError
-        The tolerance is outside of its range.
-    """
+    """Return the stage on an open link, once it has told what it is and taken its parameters."""
     link = AptLink(port, now_s=now_s, sleep=sleep)
     link.tell(no_flash_programming())
     link.tell(stop_updates())

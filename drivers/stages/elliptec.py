@@ -73,29 +73,15 @@ _LONGEST_UNREAD = 1024  # bytes; the longest reply has 35
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """Answer of a stage on what it is (``IN``).
-
-    Attributes
-    ----------
-    stage_type : int
-        The number in the model's name: 14 for an ELL14.
-    serial_number, firmware : str
-        As printed in the reply.
-    year : str
-        Year of manufacture.
-    travel : int
-        Degrees for a rotation stage, millimetres for others.
-    pulses : int
-        Counts over the whole travel.
-    """
+    """Answer of a stage on what it is (``IN``)."""
 
     address: str
-    stage_type: int
-    serial_number: str
-    year: str
+    stage_type: int  #: The number in the model's name: 14 for an ELL14.
+    serial_number: str  #: As printed in the reply.
+    year: str  #: Year of manufacture.
     firmware: str
-    travel: int
-    pulses: int
+    travel: int  #: Degrees for a rotation stage, millimetres for others.
+    pulses: int  #: Counts over the whole travel.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,14 +166,7 @@ def move_relative(address: str, *, counts: int) -> bytes:
 
 
 def pulses_per_revolution(information: Information) -> int:
-    """Return the encoder counts of a full turn, once the stage is plausibly a rotation stage.
-
-    Raises
-    ------
-    ProtocolError
-        The type is no rotation stage that is known here, its travel is not 360 degrees, or the pulses are
-        outside of 2**15 to 2**22 a turn. A wrong number here would make every angle wrong in silence.
-    """
+    """Return the encoder counts of a full turn, once the stage is plausibly a rotation stage."""
     lowest, highest = _PULSES_RANGE
     known = ", ".join(ROTATION_STAGES.values())
     if information.stage_type not in ROTATION_STAGES:
@@ -200,20 +179,7 @@ def pulses_per_revolution(information: Information) -> int:
 
 
 def counts_from_angle(angle_deg: float, *, pulses: int) -> int:
-    """Return the encoder reading nearest to an angle, in [0, pulses).
-
-    Parameters
-    ----------
-    angle_deg : float
-        Mechanical angle [deg], any finite number; taken modulo 360.
-    pulses : int
-        Counts of a full turn.
-
-    Raises
-    ------
-    LimitError
-        The angle is not finite.
-    """
+    """Return the encoder reading nearest to an angle, in [0, pulses)."""
     if not math.isfinite(angle_deg):
         raise LimitError(f"angle {angle_deg} deg: must be a finite number")
     return round(angle_deg % 360.0 * pulses / 360.0) % pulses
@@ -344,17 +310,7 @@ class EllxLink(Line):
             self.notes.add(f"left from before: status {_in_words(code)}")
 
     def ask(self, command: bytes, answer: type[AnswerT]) -> AnswerT:
-        """Return the answer to a command that moves nothing, asking up to three times.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            The stage is silent (about 4 s), or busy for longer than its busy timeout.
-        ProtocolError
-            Its answers are damaged.
-        DeviceFaultError
-            It answers with a fault.
-        """
+        """Return the answer to a command that moves nothing, asking up to three times."""
         self._get_in_step()
         for _ in range(_TRIES - 1):
             try:
@@ -365,21 +321,7 @@ class EllxLink(Line):
         return self._exchange(command, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
 
     def run_motion(self, command: bytes, *, timeout_s: float) -> bool:
-        """Send a command that moves the stage, once, and wait for the motion's end.
-
-        Returns
-        -------
-        bool
-            Whether the stage answered with its position. If not, the command or its answer was damaged: the
-            stage rests, but not for certain where it should.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            The stage is silent, or still busy after ``timeout_s`` [s].
-        DeviceFaultError
-            It reports a fault, such as a stall.
-        """
+        """Send a command that moves the stage, once, and wait for the motion's end."""
         self._get_in_step()
         self.sleep(max(0.0, self._last_heard_s + _GAP_S - self.now_s()))
         deadline_s = self.now_s() + timeout_s
@@ -566,8 +508,6 @@ _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
 class EllxStage(SerialStage):
     """The stage behind a link. `open_elliptec` and `connect_elliptec` make one.
 
-    Notes
-    -----
     Moves are refused until `home` has been called on this connection, and again after the stage was seen to
     restart: the protocol does not tell whether the
     stage has found its reference mark since power-up, and without it every angle is off by an unknown amount.
@@ -592,15 +532,7 @@ class EllxStage(SerialStage):
         )
 
     def home(self) -> StagePosition:
-        """Search the reference mark; return the readback.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault, such as a stall.
-        DeviceTimeoutError
-            The stage is silent, or does not get home within 38 s, three times.
-        """
+        """Search the reference mark; return the readback."""
         self._homed = False
         for _ in range(_TRIES):
             if self._link.run_motion(home(self._link.address), timeout_s=_FULL_TURN_S):
@@ -613,13 +545,7 @@ class EllxStage(SerialStage):
         )
 
     def position(self) -> StagePosition:
-        """Return the encoder's reading, once two in a row agree: a single reply carries no checksum.
-
-        Raises
-        ------
-        ProtocolError
-            Readings keep differing by more than the tolerance: the line is bad, or something turns the stage.
-        """
+        """Return the encoder's reading, once two in a row agree: a single reply carries no checksum."""
         return self._agreed_position(self._read_encoder)
 
     def status(self) -> StageStatus:
@@ -687,28 +613,7 @@ def connect_elliptec(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> EllxStage:
-    """Return the stage on an open link, once it has told twice over the same what it is.
-
-    Parameters
-    ----------
-    port : BytePort
-        A link at 9600 bits/s; the stage closes it.
-    address : str
-        One character, 0-9 or A-F.
-    tolerance_deg : float
-        How far a readback may lie from its target [deg], above half an encoder count.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Raises
-    ------
-    DeviceTimeoutError
-        Nothing answers at this address.
-    ProtocolError
-        What answers is no rotation stage of a known type, or cannot be understood.
-    LimitError
-        The address or the tolerance is outside of its range.
-    """
+    """Return the stage on an open link, once it has told twice over the same what it is."""
     link = EllxLink(port, address=address, busy_timeout_s=_FULL_TURN_S, now_s=now_s, sleep=sleep)
     link.begin()
     return EllxStage(link, _ask_information(link), tolerance_deg=tolerance_deg)

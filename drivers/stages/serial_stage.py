@@ -23,24 +23,7 @@ EventT = TypeVar("EventT", covariant=True)
 
 
 def open_stage_on(path: str, *, baud: int, connect: Callable[[SerialPort], StageT]) -> StageT:
-    """Return the stage on a serial port; the port is closed again where none can be made.
-
-    Parameters
-    ----------
-    path : str
-        Of the port.
-    baud : int
-        Bit rate of the family [1/s].
-    connect : callable
-        Makes the stage on the open port, and closes it with the stage.
-
-    Raises
-    ------
-    NotConnectedError
-        There is no such port, or it may not be opened, or another program holds it.
-    DeviceError
-        What `connect` raises.
-    """
+    """Return the stage on a serial port; the port is closed again where none can be made."""
     port = open_serial_port(path, baud=baud)
     try:
         return connect(port)
@@ -99,21 +82,12 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True, kw_only=True)
 class StageProbe:
-    """Means of finding a family; its module, which the entry point names, holds one as ``PROBE``.
+    """Means of finding a family; its module, which the entry point names, holds one as ``PROBE``."""
 
-    Attributes
-    ----------
-    baud : int
-        Bit rate [1/s].
-    usb_ids : tuple of (int, int or None)
-        Vendor and product behind which hardly anything else can be; a product of None is any of the vendor's.
-    ask : callable
-        Returns the stages on an open line.
-    """
-
-    baud: int
+    baud: int  #: Bit rate [1/s].
+    #: Vendor and product behind which hardly anything else can be; a product of None is any of the vendor's.
     usb_ids: tuple[tuple[int, int | None], ...]
-    ask: Callable[[BytePort], list[Answer]]
+    ask: Callable[[BytePort], list[Answer]]  #: Returns the stages on an open line.
 
 
 def events_after(
@@ -146,19 +120,7 @@ def _understood(parser: Parser[EventT], data: bytes) -> list[EventT]:
 
 
 class Line:
-    """The line to one stage: what waits is read or thrown away, and every wait has a deadline.
-
-    Parameters
-    ----------
-    port : BytePort
-        Open; the line closes it.
-    name : str
-        What messages call the stage.
-    parser
-        Of the family's language; it can `reset`.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-    """
+    """The line to one stage: what waits is read or thrown away, and every wait has a deadline."""
 
     def __init__(
         self, port: BytePort, parser: ResettableParser, *, name: str, now_s: Clock, sleep: Callable[[float], None]
@@ -230,18 +192,6 @@ class SerialStage:
         """Go to a mechanical angle (any real number, taken modulo 360), and return once it is there.
 
         It turns, reads back and corrects itself by the short way, three times at most.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault, such as a stall, or refuses the command.
-        DeviceTimeoutError
-            The stage is silent, or slower than its family's deadline.
-        ProtocolError
-            Its answers are damaged, time after time.
-        LimitError
-            The stage was not homed; or the angle is not finite, or outside of the stage's limits; or the readback
-            stays further from the target than the tolerance.
         """
         require_finite(angle_deg)
         start_s = self._line.now_s()
@@ -311,17 +261,7 @@ def require_finite(angle_deg: float) -> float:
 
 
 def route_deg(from_deg: float, angle_deg: float, *, way: Way, near_deg: float) -> float:
-    """Return by how much to turn [deg] to get from one angle to another.
-
-    Parameters
-    ----------
-    from_deg, angle_deg : float
-        Any finite angles [deg].
-    way : {"short", "forward", "backward"}
-        Which way round.
-    near_deg : float
-        Angles that are as near as this are reached by the short way, whatever was asked for.
-    """
+    """Return by how much to turn [deg] to get from one angle to another."""
     short_deg = wrapped_deg(angle_deg - from_deg)
     if abs(short_deg) <= near_deg or way == "short":
         return short_deg
@@ -333,24 +273,7 @@ def route_deg(from_deg: float, angle_deg: float, *, way: Way, near_deg: float) -
 def target_within_deg(
     from_deg: float, angle_deg: float, *, way: Way, near_deg: float, lowest_deg: float, highest_deg: float
 ) -> float:
-    """Return where to go on a scale that counts on through full turns [deg], within the limits of that scale.
-
-    Parameters
-    ----------
-    from_deg : float
-        Where the stage is on that scale.
-    angle_deg : float
-        Where it is to point; any finite angle.
-    way, near_deg
-        See `route_deg`. The short way gives in to the limits; a way that was asked for does not.
-    lowest_deg, highest_deg : float
-        The limits.
-
-    Raises
-    ------
-    LimitError
-        The limits do not let it point there, or not by that way.
-    """
+    """Return where to go on a scale that counts on through full turns [deg], within the limits of that scale."""
     target_deg = from_deg + route_deg(from_deg, angle_deg, way=way, near_deg=near_deg)
     if lowest_deg <= target_deg <= highest_deg:
         return target_deg

@@ -97,34 +97,16 @@ _LONGEST_UNREAD = 1024  # bytes; a reply has 80 at most
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """The answer to one command.
+    """The answer to one command."""
 
-    Attributes
-    ----------
-    device, axis : int
-        Who answers; axis 0 is the device itself.
-    message_id : int or None
-        Of the command that is answered.
-    accepted : bool
-        Whether the command was accepted; else `data` is the reason.
-    busy : bool
-        Whether the axis moves.
-    flag : str
-        The most severe flag of `FLAG_MEANINGS`, or "--".
-    data : str
-        What was asked for.
-    checked : bool
-        Whether a checksum came with it.
-    """
-
-    device: int
+    device: int  #: Who answers; axis 0 is the device itself.
     axis: int
-    message_id: int | None
-    accepted: bool
-    busy: bool
-    flag: str
-    data: str
-    checked: bool
+    message_id: int | None  #: Of the command that is answered.
+    accepted: bool  #: Whether the command was accepted; else `data` is the reason.
+    busy: bool  #: Whether the axis moves.
+    flag: str  #: The most severe flag of `FLAG_MEANINGS`, or "--".
+    data: str  #: What was asked for.
+    checked: bool  #: Whether a checksum came with it.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,17 +133,7 @@ def checksum(text: str) -> str:
 
 
 def command(words: str, *, device: int, axis: int, message_id: int) -> bytes:
-    """Return a command as it goes over the line.
-
-    Parameters
-    ----------
-    words : str
-        Such as ``get pos``; empty asks for the status.
-    device, axis : int
-        Whom it is for; axis 0 is the device itself.
-    message_id : int
-        0 to 99; the reply will carry it.
-    """
+    """Return a command as it goes over the line."""
     text = f"{device} {axis} {message_id:02d} {words}".rstrip()
     return f"/{text}:{checksum(text)}\n".encode("ascii")
 
@@ -268,27 +240,11 @@ class ZaberLink(Line):
         self._next_id = 0
 
     def begin(self) -> None:
-        """Make the device add a checksum to all that it says from now on.
-
-        Raises
-        ------
-        DeviceTimeoutError, ProtocolError
-            Nothing answers, or what answers is no Zaber device.
-        """
+        """Make the device add a checksum to all that it says from now on."""
         self._ask("set comm.checksum 1", axis=0, unchecked=True)
 
     def ask(self, words: str, *, axis: int = 1) -> Reply:
-        """Return the reply to a command, which may be sent up to six times.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            The device is silent (about 3 s).
-        ProtocolError
-            Its answers are damaged.
-        DeviceFaultError
-            It refuses; the code is its reason, such as BADDATA.
-        """
+        """Return the reply to a command, which may be sent up to six times."""
         return self._ask(words, axis=axis, unchecked=False)
 
     def get_or_none(self, setting: str, *, axis: int = 1) -> str | None:
@@ -379,32 +335,18 @@ _TURN_RANGE = (1 << 12, 1 << 28)  # microsteps a turn; 0.09 to 0.0000013 degrees
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Relation of microsteps and angles of a stage, as read from it.
+    """Relation of microsteps and angles of a stage, as read from it."""
 
-    Attributes
-    ----------
-    counts_per_turn : int
-        Microsteps of a full turn.
-    lowest_deg, highest_deg : float
-        Limits of the position, counted on through full turns.
-    speed_deg_per_s : float
-        The stage's own top speed.
-    reading : str
-        The setting that tells where the ring is: the encoder's where there is one.
-    """
-
-    counts_per_turn: int
-    lowest_deg: float
+    counts_per_turn: int  #: Microsteps of a full turn.
+    lowest_deg: float  #: Limits of the position, counted on through full turns.
     highest_deg: float
-    speed_deg_per_s: float
-    reading: str
+    speed_deg_per_s: float  #: The stage's own top speed.
+    reading: str  #: The setting that tells where the ring is: the encoder's where there is one.
 
 
 class ZaberStage(SerialStage):
     """The stage behind a link. `open_zaber` and `connect_zaber` make one.
 
-    Notes
-    -----
     Whether it was homed since its power-up is known to the stage itself (flags WR and WH) and asked before each move.
     Without an encoder the readback is what the motor was told: a slipping gear does not show in it.
     """
@@ -420,15 +362,7 @@ class ZaberStage(SerialStage):
         return self._identity
 
     def home(self) -> StagePosition:
-        """Search the reference mark; return the readback.
-
-        Raises
-        ------
-        DeviceFaultError
-            The stage reports a fault, or still says that it has no reference.
-        DeviceTimeoutError
-            The stage is silent, or does not get home within 120 s.
-        """
+        """Search the reference mark; return the readback."""
         self._link.ask("home")
         self._await_rest(deadline_s=self._link.now_s() + _HOME_S)
         for flag in sorted(NOT_HOMED & set(self._take_flags())):
@@ -515,31 +449,7 @@ def connect_zaber(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> ZaberStage:
-    """Return the stage on an open link, once it has told what it is and how it counts.
-
-    Parameters
-    ----------
-    port : BytePort
-        A link at 115200 bits/s; the stage closes it.
-    address : str
-        1 to 99.
-    tolerance_deg : float
-        How far a readback may lie from its target [deg], above half a microstep.
-    steps_per_turn : int or None
-        Motor steps of a full turn of the ring, from the data sheet. Needed where the firmware does not tell the
-        microsteps of a turn (``limit.cycle.dist``), checked where it does.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Raises
-    ------
-    DeviceTimeoutError
-        Nothing answers at this address.
-    ProtocolError
-        What answers cannot be understood, or its counts of a turn are not plausible.
-    LimitError
-        The address or the tolerance is outside of its range, or the counts of a turn are not known.
-    """
+    """Return the stage on an open link, once it has told what it is and how it counts."""
     link = ZaberLink(port, address=address, now_s=now_s, sleep=sleep)
     link.begin()
     return ZaberStage(

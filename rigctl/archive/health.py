@@ -25,46 +25,20 @@ _LOST = ("damaged", "too old", "never came")
 
 @dataclass(frozen=True, kw_only=True)
 class RunHealth:
-    """Numbers of a run that should stay what they are.
+    """Numbers of a run that should stay what they are."""
 
-    Attributes
-    ----------
-    run : str
-        Its folder, from the archive's root.
-    utc : str
-        Start of its first frame.
-    camera, stage : str
-        Serial numbers.
-    stage_error_deg : float or None
-        Rms of where the stage stood beside its targets [deg].
-    stage_tries : float or None
-        Moves that an angle took, the mean.
-    lost_frames : int or None
-        Pictures that the camera counted and the run does not have, as its tally says.
-    dark_dn : float or None
-        Mean of the first dark frame [DN].
-    gain_dn_per_e : float or None
-        Of the noise calibration that the session was watched with.
-    axis_deg : float or None
-        Offset of the polarizer by the rig file [deg].
-    clock_ppm : float or None
-        By how much the host's clock ran faster than its monotonic one.
-    temperature_c : float or None
-        Of the camera, the mean [deg C].
-    """
-
-    run: str
-    utc: str
-    camera: str
+    run: str  #: Its folder, from the archive's root.
+    utc: str  #: Start of its first frame.
+    camera: str  #: Serial numbers.
     stage: str
-    stage_error_deg: float | None
-    stage_tries: float | None
-    lost_frames: int | None
-    dark_dn: float | None
-    gain_dn_per_e: float | None
-    axis_deg: float | None
-    clock_ppm: float | None
-    temperature_c: float | None
+    stage_error_deg: float | None  #: Rms of where the stage stood beside its targets [deg].
+    stage_tries: float | None  #: Moves that an angle took, the mean.
+    lost_frames: int | None  #: Pictures that the camera counted and the run does not have, as its tally says.
+    dark_dn: float | None  #: Mean of the first dark frame [DN].
+    gain_dn_per_e: float | None  #: Of the noise calibration that the session was watched with.
+    axis_deg: float | None  #: Offset of the polarizer by the rig file [deg].
+    clock_ppm: float | None  #: By how much the host's clock ran faster than its monotonic one.
+    temperature_c: float | None  #: Of the camera, the mean [deg C].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,15 +85,7 @@ _NUMBERS = ("stage_error_deg", "stage_tries", "lost_frames", "dark_dn", "gain_dn
 
 
 def health_of(root: Path, folders: Sequence[Path]) -> ArchiveHealth:
-    """Return the health of a rig over runs.
-
-    Parameters
-    ----------
-    root : Path
-        Where they lie below.
-    folders : sequence of Path
-        Run folders.
-    """
+    """Return the health of a rig over runs."""
     found: list[tuple[RunHealth, dict[str, str]]] = []
     unread = {}
     for folder in folders:

@@ -32,24 +32,12 @@ Level = Literal["run", "comparison", "region"]
 
 @dataclass(frozen=True, kw_only=True)
 class IndexColumn:
-    """A column that can be asked for.
+    """A column that can be asked for."""
 
-    Attributes
-    ----------
-    name : str
-        As in expressions, CSV and JSON.
-    kind : {"text", "number"}
-        With what it can be compared.
-    level : {"run", "comparison", "region"}
-        Of what it is.
-    meaning : str
-        One line, with the unit.
-    """
-
-    name: str
-    kind: Kind
-    level: Level
-    meaning: str
+    name: str  #: As in expressions, CSV and JSON.
+    kind: Kind  #: With what it can be compared.
+    level: Level  #: Of what it is.
+    meaning: str  #: One line, with the unit.
 
 
 def _run(name: str, kind: Kind, meaning: str) -> IndexColumn:
@@ -140,18 +128,7 @@ class _Token:
 
 
 def parse(expression: str) -> Condition:
-    """Return the condition that an expression states.
-
-    Parameters
-    ----------
-    expression : str
-        Such as ``sun_zenith < 40 and region = 'asphalt' and not verdict = 'agrees'``.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read; names a column that there is not; or compares a number with a text.
-    """
+    """Return the condition that an expression states."""
     reader = _Reader(expression, _tokens(expression))
     found = reader.any_of(0)
     reader.require_end()
@@ -292,13 +269,7 @@ def fingerprint(run: Path) -> str:
 
 
 def facts_of(run: Path) -> dict[str, Fact]:
-    """Return a run's columns; of a damaged one, those that can be had, and what is damaged.
-
-    Parameters
-    ----------
-    run : Path
-        Its folder.
-    """
+    """Return a run's columns; of a damaged one, those that can be had, and what is damaged."""
     try:
         contents = read_contents(run)
     except DataError as error:
@@ -383,20 +354,7 @@ class Indexed:
 
 
 def update_index(root: Path) -> Indexed:
-    """Bring the index of an archive to what its folders hold; one that is not there, or of old, is made.
-
-    Parameters
-    ----------
-    root : Path
-        The archive: runs at any depth below it.
-
-    Raises
-    ------
-    ConfigError
-        There is no such folder, or the index cannot be written.
-    DataError
-        A file of the index's name is something else.
-    """
+    """Bring the index of an archive to what its folders hold; one that is not there, or of old, is made."""
     require_folder(root)
     runs, comparisons = found_below(root)
     with _opened(root) as index:
@@ -421,15 +379,7 @@ def update_index(root: Path) -> Indexed:
 
 
 def find(root: Path, condition: Condition) -> list[dict[str, Fact]]:
-    """Return the rows of an archive that a condition holds of: a run and, where it was compared, one of its regions.
-
-    Raises
-    ------
-    ConfigError
-        The archive has no index.
-    DataError
-        The index is damaged, or of another version.
-    """
+    """Return the rows of an archive that a condition holds of: a run and, where it was compared, one of its regions."""
     require_folder(root)
     if not (root / INDEX_FILE).is_file():
         raise ConfigError(f"{root}: has no index; make it: rigctl archive index {root}")

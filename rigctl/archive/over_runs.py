@@ -20,69 +20,33 @@ Verb = Literal["compare", "stokes", "verify", "recalibrate"]
 
 @dataclass(frozen=True, kw_only=True)
 class RegionNumbers:
-    """Numbers of a region in a run; None is not known, or not of this job.
+    """Numbers of a region in a run; None is not known, or not of this job."""
 
-    Attributes
-    ----------
-    region, verdict : str
-        Its name, and the verdict on it alone.
-    dolp, dolp_sigma : float or None
-        Measured DoLP and its standard error.
-    aolp_deg, aolp_sigma_deg : float or None
-        Measured AoLP and its standard error [deg].
-    dolp_predicted, dolp_z : float or None
-        DoLP of the model; measured less predicted in standard errors.
-    dolp_before, aolp_before_deg : float or None
-        Of the run without the calibrations.
-    """
-
-    region: str
+    region: str  #: Its name, and the verdict on it alone.
     verdict: str = ""
-    dolp: float | None = None
+    dolp: float | None = None  #: Measured DoLP and its standard error.
     dolp_sigma: float | None = None
-    aolp_deg: float | None = None
+    aolp_deg: float | None = None  #: Measured AoLP and its standard error [deg].
     aolp_sigma_deg: float | None = None
-    dolp_predicted: float | None = None
+    dolp_predicted: float | None = None  #: DoLP of the model; measured less predicted in standard errors.
     dolp_z: float | None = None
-    dolp_before: float | None = None
+    dolp_before: float | None = None  #: Of the run without the calibrations.
     aolp_before_deg: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRow:
-    """What came of one run.
+    """What came of one run."""
 
-    Attributes
-    ----------
-    run : str
-        Its folder, from the archive's root.
-    utc : str
-        Start of its first frame, empty where it cannot be read.
-    sun_zenith : float or None
-        Angle of the sun from the zenith at the middle frame [deg].
-    exit_code : int
-        What the command of a single run ends with.
-    verdict : str
-        In a word; "failed" where there is no result.
-    reason : str
-        Why it failed, or what the verdict rests on.
-    calibrations : str
-        Files that were used, each with the beginning of its hash.
-    seconds : float
-        Time that it took.
-    regions : tuple of RegionNumbers
-        Its regions.
-    """
-
-    run: str
-    utc: str = ""
-    sun_zenith: float | None = None
-    exit_code: int
-    verdict: str
-    reason: str = ""
-    calibrations: str = ""
-    seconds: float = 0.0
-    regions: tuple[RegionNumbers, ...] = ()
+    run: str  #: Its folder, from the archive's root.
+    utc: str = ""  #: Start of its first frame, empty where it cannot be read.
+    sun_zenith: float | None = None  #: Angle of the sun from the zenith at the middle frame [deg].
+    exit_code: int  #: What the command of a single run ends with.
+    verdict: str  #: In a word; "failed" where there is no result.
+    reason: str = ""  #: Why it failed, or what the verdict rests on.
+    calibrations: str = ""  #: Files that were used, each with the beginning of its hash.
+    seconds: float = 0.0  #: Time that it took.
+    regions: tuple[RegionNumbers, ...] = ()  #: Its regions.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,13 +61,7 @@ _ROWS: TypeAdapter[dict[str, RunRow]] = TypeAdapter(dict[str, RunRow])
 
 
 def write_rows(out: Path, rows: Mapping[str, RunRow]) -> None:
-    """Return once rows are on the disk, under the hash of the first.
-
-    Raises
-    ------
-    OSError
-        They cannot be written.
-    """
+    """Return once rows are on the disk, under the hash of the first."""
     write_durably(out / PARTS_FOLDER / f"{next(iter(rows))}.json", _ROWS.dump_json(dict(rows)))
 
 
@@ -123,15 +81,7 @@ def read_rows(out: Path) -> KeptRows:
 
 
 def inputs_hash(run: Path, settings: str) -> str:
-    """Return what the row of a run is known by: its journals, sizes and times of its frames, and the settings.
-
-    Parameters
-    ----------
-    run : Path
-        The folder.
-    settings : str
-        All else that the row follows from.
-    """
+    """Return what the row of a run is known by: its journals, sizes and times of its frames, and the settings."""
     digest = sha256(settings.encode())
     for name in KEPT_FILES:
         try:

@@ -165,15 +165,7 @@ _Panel = tuple[str, Callable[[RegionNumbers], float | None], Callable[[RegionNum
 
 
 def archive_figure(rows: Sequence[RunRow], verb: Verb) -> bytes | None:
-    """Return the regions' numbers against time; None where no run has a time and a number.
-
-    Parameters
-    ----------
-    rows : sequence of RunRow
-        What came of the runs.
-    verb : str
-        The job, by which is chosen what is drawn.
-    """
+    """Return the regions' numbers against time; None where no run has a time and a number."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     points: dict[str, _Points] = {}
@@ -241,21 +233,7 @@ _GOOD = {"agrees", "agrees_with_reservations", "sound", "flagged", "whole"}
 
 
 def write_archive_rows(rows: Sequence[RunRow], verb: Verb, out: Path, *, runs: int, alpha: float) -> None:
-    """Write archive.csv, archive.json and archive.html.
-
-    Parameters
-    ----------
-    rows : sequence of RunRow
-        Of the runs that were tried.
-    verb : str
-        The job.
-    out : Path
-        Folder.
-    runs : int
-        How many runs match.
-    alpha : float
-        Chance of a false disagreement, of each comparison.
-    """
+    """Write archive.csv, archive.json and archive.html."""
     table = archive_table(rows, verb)
     content: dict[str, Json] = {
         "schema_version": SCHEMA_VERSION,

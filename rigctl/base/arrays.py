@@ -17,21 +17,7 @@ _MOST_HEADER_BYTES = 4096
 
 
 def read_arrays(path: Path, *, only: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an archive by their names.
-
-    Parameters
-    ----------
-    path : Path
-        The archive.
-    only : collection of str or None
-        Which arrays; None is all of them.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is no such archive, is damaged, or its arrays would take more memory than its parts
-        have bytes, or more than is allowed.
-    """
+    """Return the arrays of an archive by their names."""
     try:
         data = read_bounded(path, MOST_RECORD_BYTES)
     except OSError as error:

@@ -31,18 +31,10 @@ _MARK = b"rigctl"
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Origin of results: a command, and what it read.
+    """Origin of results: a command, and what it read."""
 
-    Attributes
-    ----------
-    command : str
-        The verb.
-    digest : str
-        Of its options and of the content of its inputs.
-    """
-
-    command: str
-    digest: str
+    command: str  #: The verb.
+    digest: str  #: Of its options and of the content of its inputs.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +46,7 @@ class Remembered:
 
 
 def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
-    """Return what results come from.
-
-    Parameters
-    ----------
-    command : str
-        The verb.
-    options : mapping
-        All that decides the results beside the inputs.
-    inputs : iterable of Path
-        Files and folders that are read; a run by its session file and manifest.
-    """
+    """Return what results come from."""
     found = hashlib.sha256(repr(sorted((key, str(value)) for key, value in options.items())).encode())
     for path in inputs:
         for file in sorted(_files_of_input(path)):
@@ -141,25 +123,14 @@ Kind = Literal["file", "folder", "new", "edited", "run", "absent"]
 
 @dataclass(frozen=True, kw_only=True)
 class Destination:
-    """Place that a command writes to.
+    """Place that a command writes to."""
 
-    Attributes
-    ----------
-    option : str
-        The option that names it.
-    path : Path
-        As it was given.
-    kind : {"file", "folder", "new", "edited", "run", "absent"}
-        One file, files in a folder, a folder that must not hold anything yet, a file that the command is to change, a
-        run that is made or added to, or what must not be there at all.
-    names : tuple of str
-        The files of a folder, in it or in the folders of it; ``*`` stands for any text.
-    """
-
-    option: str
-    path: Path
+    option: str  #: The option that names it.
+    path: Path  #: As it was given.
+    #: One file, files in a folder, a folder that must not hold anything yet, a file that the command is to change, a
+    #: run that is made or added to, or what must not be there at all.
     kind: Kind
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  #: The files of a folder, in it or in the folders of it; ``*`` stands for any text.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,13 +162,6 @@ def results_of(origin: Origin, *, force: bool) -> Iterator[None]:
 def require_replaceable(files: Iterable[Path]) -> None:
     """Refuse files of a person, and results that are not those of the running command, before any is written.
 
-    Raises
-    ------
-    ConfigError
-        One of them may not be replaced.
-
-    Notes
-    -----
     Outside of a command, as a program calls, results of rigctl are replaced.
     """
     running = _RUNNING.get() or _Command(origin=Origin(command="", digest=""), force=True)
@@ -209,13 +173,7 @@ def require_replaceable(files: Iterable[Path]) -> None:
 
 
 def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs: Iterable[Path], force: bool) -> None:
-    """Refuse what cannot be written, or would replace what is not this program's to replace; nothing is changed.
-
-    Raises
-    ------
-    ConfigError
-        Every problem of every destination.
-    """
+    """Refuse what cannot be written, or would replace what is not this program's to replace; nothing is changed."""
     sources = {source.resolve() for source in inputs}
     problems = []
     seen: set[Path] = set()
@@ -246,13 +204,7 @@ def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
 
 
 def keep_old(before: Mapping[Path, bytes]) -> None:
-    """Keep each file that was edited as it was, under its name with .bak; earlier ones stay.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be kept.
-    """
+    """Keep each file that was edited as it was, under its name with .bak; earlier ones stay."""
     for path, content in before.items():
         kept = path.with_name(f"{path.name}.bak")
         number = 1

@@ -30,20 +30,7 @@ MOST_OWN_FRAME_BYTES = 801 * _BYTES_PER_MB
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """Return the content of a file, judged before it is read.
-
-    Parameters
-    ----------
-    path : Path
-        The file. A FIFO or a device is refused: reading it could last for ever.
-    most_bytes : int
-        A larger file is refused, whether or not its bytes take room on the disk.
-
-    Raises
-    ------
-    OSError
-        It cannot be read, is no plain file, or is too large; `strerror` says so.
-    """
+    """Return the content of a file, judged before it is read."""
     facts = _judged(path, most_bytes)
     with path.open("rb") as file:
         # One byte more than it had, to see whether it has grown meanwhile; then one more than allowed.
@@ -69,16 +56,6 @@ def read_for_now(path: Path, most_bytes: int) -> memoryview:
 
     The memory is taken again by the next call: new memory for each of a thousand pictures takes longer than to read
     them from the cache of the system, and a memory map, whose pages come one by one, takes longer than this too.
-
-    Parameters
-    ----------
-    path, most_bytes
-        As `read_bounded` takes them.
-
-    Raises
-    ------
-    OSError
-        As `read_bounded`; or the file grows while it is read.
     """
     size = _judged(path, most_bytes).st_size
     if len(_KEPT.buffer) <= size:
@@ -120,13 +97,7 @@ STALLED_S = 30.0
 
 
 class DiskCalls:
-    """Makes calls in a thread of its own, which is left behind with a disk that hangs.
-
-    Parameters
-    ----------
-    stalled_s : float or None
-        A call that takes longer is not waited for any more; None: as `STALLED_S` says.
-    """
+    """Makes calls in a thread of its own, which is left behind with a disk that hangs."""
 
     def __init__(self, *, stalled_s: float | None = None) -> None:
         self.stalled_s = STALLED_S if stalled_s is None else stalled_s
@@ -134,15 +105,7 @@ class DiskCalls:
         self._caller: Caller | None = None
 
     def call(self, job: Callable[[], Result]) -> Result:
-        """Return what a call returns.
-
-        Raises
-        ------
-        RunFolderError
-            It does not come back in time, or an earlier one did not.
-        Exception
-            What it raises.
-        """
+        """Return what a call returns."""
         if self.is_hung:
             raise RunFolderError(self.told())
         if self._caller is None:
@@ -189,21 +152,6 @@ PART_SUFFIX = ".part"
 def write_durably(path: Path, data: bytes) -> None:
     """Return once the data are on the disk under their name.
 
-    Parameters
-    ----------
-    path : Path
-        The file's final name; an existing file is replaced in one step. Its folder must exist.
-    data : bytes
-        The whole content.
-
-    Raises
-    ------
-    OSError
-        The data could not be written (disk full, no permission). Nothing is left behind, and a file that was
-        there before is untouched.
-
-    Notes
-    -----
     Written beside its place as ``NAME.part``, flushed to the disk, renamed, and the folder flushed too. Without
     the first flush a rename can leave an empty file under a good name; without the second the last file may be
     missing after a power cut.

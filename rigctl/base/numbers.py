@@ -23,15 +23,7 @@ AngleT = TypeVar("AngleT", float, "NDArray[np.float64]")
 
 
 def wrapped(angle: AngleT, *, turn: float) -> AngleT:
-    """Return an angle, such as a difference of two, brought into [-turn / 2, turn / 2).
-
-    Parameters
-    ----------
-    angle : float or array
-        Any finite angle.
-    turn : float
-        After which it comes back to itself, in its unit: 360 deg for directions, 180 deg for a polarizer's axis.
-    """
+    """Return an angle, such as a difference of two, brought into [-turn / 2, turn / 2)."""
     half = turn / 2.0
     return (angle + half) % turn - half
 
@@ -58,15 +50,7 @@ def range_problem(value: float) -> str | None:
 
 
 def wild_numbers(content: object, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield key and problem of every number of a nested table that is out of range.
-
-    Parameters
-    ----------
-    content : object
-        Tables, lists and values, times among them, as a TOML or JSON file gives them.
-    key : str
-        Where it stands.
-    """
+    """Yield key and problem of every number of a nested table that is out of range."""
     if isinstance(content, Mapping):
         for name, value in content.items():
             yield from wild_numbers(value, f"{key}.{name}" if key else str(name))
@@ -94,15 +78,7 @@ _SHOWN = 200
 
 
 def with_options_in_range(command: Callable[..., Any], refuse: Callable[[str], Exception]) -> Callable[..., Any]:
-    """Return a command that refuses options whose numbers are out of range, before it does anything.
-
-    Parameters
-    ----------
-    command : callable
-        Called with the options by their names.
-    refuse : callable
-        Makes the error out of a message.
-    """
+    """Return a command that refuses options whose numbers are out of range, before it does anything."""
 
     @wraps(command)
     def checked(*arguments: Any, **options: Any) -> Any:
@@ -177,13 +153,6 @@ _EPOCH = datetime.fromisoformat("1970-01-01T00:00:00Z")
 def utc_text(unix_ns: int) -> str:
     """Return a point in time as ISO 8601 text in UTC, with all nine digits of its nanoseconds.
 
-    Parameters
-    ----------
-    unix_ns : int
-        Nanoseconds since 1970-01-01T00:00:00Z, leap seconds not counted.
-
-    Notes
-    -----
     The text ends in ``Z`` and sorts as the times do: ``2026-05-04T10:00:00.250000000Z``.
     """
     seconds, nanoseconds = divmod(unix_ns, NS_PER_S)
@@ -197,13 +166,7 @@ def unix_ns(time: datetime) -> int:
 
 
 def utc_moment(text: str) -> datetime:
-    """Return the time that a UTC text says, to the second.
-
-    Raises
-    ------
-    ValueError
-        It is no time.
-    """
+    """Return the time that a UTC text says, to the second."""
     # Nanoseconds are more than the standard library reads.
     return datetime.fromisoformat(text[:19] + "+00:00")
 

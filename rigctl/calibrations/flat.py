@@ -34,50 +34,24 @@ _MOST_SATURATED = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class FlatAngle:
-    """Numbers of the flat field at one polarizer angle, in the order in which its file has them.
+    """Numbers of the flat field at one polarizer angle, in the order in which its file has them."""
 
-    Attributes
-    ----------
-    polarizer_angle_deg : float
-        0 to 180 [deg].
-    frames : int
-        Of the angle.
-    mean_dn : float
-        Mean count, dark level off [DN].
-    throughput : Measured
-        Light of the angle over the mean of all angles.
-    pattern_rms, noise_rms : float
-        Relative deviation over the pixels, of the response and of its error.
-    """
-
-    polarizer_angle_deg: float
-    frames: int
-    mean_dn: float
-    throughput: Measured[float]
-    pattern_rms: float
+    polarizer_angle_deg: float  #: 0 to 180 [deg].
+    frames: int  #: Of the angle.
+    mean_dn: float  #: Mean count, dark level off [DN].
+    throughput: Measured[float]  #: Light of the angle over the mean of all angles.
+    pattern_rms: float  #: Relative deviation over the pixels, of the response and of its error.
     noise_rms: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunFlat:
-    """Flat fields by polarizer angle.
+    """Flat fields by polarizer angle."""
 
-    Attributes
-    ----------
-    angles_deg : (N,) array
-        Polarizer angles, 0 to 180 [deg].
-    flats : tuple of FlatField
-        One each.
-    exposure_s : float
-        Of the frames [s].
-    records : tuple of FrameRecord
-        The frames.
-    """
-
-    angles_deg: FloatArray
-    flats: tuple[FlatField, ...]
-    exposure_s: float
-    records: tuple[FrameRecord, ...]
+    angles_deg: FloatArray  #: Polarizer angles, 0 to 180 [deg].
+    flats: tuple[FlatField, ...]  #: One each.
+    exposure_s: float  #: Of the frames [s].
+    records: tuple[FrameRecord, ...]  #: The frames.
 
     def rows(self) -> tuple[FlatAngle, ...]:
         """Return the numbers of each angle."""
@@ -104,15 +78,7 @@ class RunFlat:
 
 
 def flat_of_run(run: Run) -> RunFlat:
-    """Return the flat fields of a run, of its longest exposure that does not saturate.
-
-    Raises
-    ------
-    DataError
-        There are no flat frames with a polarizer angle, none is below saturation, or no dark level is known.
-    CalibrationError
-        An angle has one frame only, or no light.
-    """
+    """Return the flat fields of a run, of its longest exposure that does not saturate."""
     flats = [one for one in run.frames if one.kind == "flat" and one.polarizer_angle_deg is not None]
     usable = [one for one in flats if one.saturated_fraction <= _MOST_SATURATED and one.exposure_s is not None]
     if not usable:
@@ -187,26 +153,11 @@ class FlatFacts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatFields:
-    """Flat fields as their file holds them.
+    """Flat fields as their file holds them."""
 
-    Attributes
-    ----------
-    facts : FlatFacts
-        What they were made for.
-    angles_deg : (N,) array
-        Polarizer angles [deg].
-    response, std_error : (N, H, W) arrays
-        Of each pixel over the mean of its angle.
-
-    Raises
-    ------
-    ValueError
-        Pictures and angles do not belong together, or hold what is no number.
-    """
-
-    facts: FlatFacts
-    angles_deg: FloatArray
-    response: FloatArray
+    facts: FlatFacts  #: What they were made for.
+    angles_deg: FloatArray  #: Polarizer angles [deg].
+    response: FloatArray  #: Of each pixel over the mean of its angle.
     std_error: FloatArray
 
     def __post_init__(self) -> None:
@@ -222,13 +173,7 @@ class FlatFields:
             raise ValueError("std_error is below 0 somewhere")
 
     def place(self, polarizer_deg: float) -> int:
-        """Return which flat is that of a polarizer angle.
-
-        Raises
-        ------
-        DataError
-            There is none.
-        """
+        """Return which flat is that of a polarizer angle."""
         apart = np.abs(wrapped(self.angles_deg - polarizer_deg, turn=180.0))
         nearest = int(np.argmin(apart))
         if apart[nearest] > _NEAR_DEG:
@@ -272,13 +217,7 @@ def flat_npz(found: RunFlat, file: CalibrationFile[FlatNumbers]) -> bytes:
 
 
 def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...]]:
-    """Return flat fields for the scene frames of a run, and what is doubtful about them, in words.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is none, is of another version, camera, stage, size or binning.
-    """
+    """Return flat fields for the scene frames of a run, and what is doubtful about them, in words."""
     flats = _read(path)
     frames = [record for record in run.frames if record.kind == "scene"]
     sizes = {(record.height, record.width) for record in frames}
@@ -290,13 +229,7 @@ def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...
 
 
 def read_flat_facts(path: Path) -> FlatFacts:
-    """Return what a file of flat fields says beside its pictures.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is none, or is of another version.
-    """
+    """Return what a file of flat fields says beside its pictures."""
     try:
         return _facts(path, read_arrays(path, only=("facts",))["facts"].tobytes())
     except KeyError as error:

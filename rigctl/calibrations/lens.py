@@ -69,11 +69,5 @@ def lens_json(
 
 
 def read_lens_file(path: Path) -> LensFile:
-    """Return a lens calibration.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is none, or is of another version.
-    """
+    """Return a lens calibration."""
     return read_record(path, LensFile, made_by="a lens calibration is made by `rigctl calibrate lens`")

@@ -76,42 +76,20 @@ Count = Annotated[int, Field(ge=1)]
 
 @dataclass(frozen=True, kw_only=True)
 class MadeFor:
-    """Devices, settings and time of frames; None is "not known", or differs from frame to frame.
+    """Devices, settings and time of frames; None is "not known", or differs from frame to frame."""
 
-    Attributes
-    ----------
-    camera_model, camera_serial, stage_model, stage_serial : str or None
-        Which devices.
-    gain_db : float or None
-        The camera's gain setting [dB].
-    bit_depth : int or None
-        Bits of a sample.
-    pixel_format : str or None
-        How samples come over the wire, such as Mono12Packed.
-    binning : int or None
-        Pixels of the sensor that make one of the picture, along each side.
-    temperature_c : float or None
-        Of the camera, as it says itself; the mean over the frames [deg C].
-    taken_utc : str or None
-        Start of the last frame.
-    valid_days : float or None
-        For how long its maker trusts it.
-    exposure_range_s : (shortest, longest) or None
-        Exposures of the frames [s].
-    """
-
-    camera_model: str | None = None
+    camera_model: str | None = None  #: Which devices.
     camera_serial: str | None = None
     stage_model: str | None = None
     stage_serial: str | None = None
-    gain_db: Bounded | None = None
-    bit_depth: Count | None = None
-    pixel_format: str | None = None
-    binning: Count | None = None
-    temperature_c: Bounded | None = None
-    taken_utc: UtcText | None = None
-    valid_days: NotNegative | None = None
-    exposure_range_s: tuple[NotNegative, NotNegative] | None = None
+    gain_db: Bounded | None = None  #: The camera's gain setting [dB].
+    bit_depth: Count | None = None  #: Bits of a sample.
+    pixel_format: str | None = None  #: How samples come over the wire, such as Mono12Packed.
+    binning: Count | None = None  #: Pixels of the sensor that make one of the picture, along each side.
+    temperature_c: Bounded | None = None  #: Of the camera, as it says itself; the mean over the frames [deg C].
+    taken_utc: UtcText | None = None  #: Start of the last frame.
+    valid_days: NotNegative | None = None  #: For how long its maker trusts it.
+    exposure_range_s: tuple[NotNegative, NotNegative] | None = None  #: Exposures of the frames [s].
 
     def as_json(self) -> dict[str, Json]:
         """Return it as calibration files hold it, under ``made_for``."""
@@ -119,15 +97,7 @@ class MadeFor:
 
 
 def made_for(run: "Run", records: Sequence["FrameRecord"]) -> MadeFor:
-    """Return what some frames of a run were made with.
-
-    Parameters
-    ----------
-    run : Run
-        Its session says how the camera was reached, where that is known.
-    records : sequence of FrameRecord
-        The frames in question.
-    """
+    """Return what some frames of a run were made with."""
     options = _options(run.session.camera_address)
     temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
     exposures_s = [one.exposure_s for one in records if one.exposure_s is not None]
@@ -148,15 +118,7 @@ def made_for(run: "Run", records: Sequence["FrameRecord"]) -> MadeFor:
 
 
 def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
-    """Return what frames of a rig will be taken with, as far as its file says so.
-
-    Parameters
-    ----------
-    rig : RigFile
-        The rig.
-    now_utc : str
-        When.
-    """
+    """Return what frames of a rig will be taken with, as far as its file says so."""
     options = _options(rig.camera.address)
     return MadeFor(
         camera_serial=rig.camera.serial_number,
@@ -185,17 +147,7 @@ class CameraOfVersion1:
 
 
 def made_for_of_file(made_for: MadeFor | None, *, created_utc: str | None, valid_days: float) -> MadeFor:
-    """Return what a calibration was made for, completed by what is known of its file.
-
-    Parameters
-    ----------
-    made_for : MadeFor or None
-        As the file says it.
-    created_utc : str or None
-        When the file was written: taken where it does not say when the frames were.
-    valid_days : float
-        Taken where the file does not say for how long it holds [days].
-    """
+    """Return what a calibration was made for, completed by what is known of its file."""
     found = MadeFor() if made_for is None else made_for
     if found.valid_days is None:
         found = replace(found, valid_days=valid_days)
@@ -236,24 +188,7 @@ _SECONDS_A_DAY = 86400.0
 def require_fit(
     what: str, calibration: MadeFor, used: MadeFor, *, stage: bool = False, gain: bool = True
 ) -> tuple[str, ...]:
-    """Return what is doubtful about using a calibration for frames, in words.
-
-    Parameters
-    ----------
-    what : str
-        Name of the calibration in messages, such as "noise calibration".
-    calibration, used : MadeFor
-        What it was made for, and what it is to be used for. What one of the two does not know is not compared.
-    stage : bool
-        Whether it is one of the stage too.
-    gain : bool
-        Whether it depends on the camera's gain and format; that of a polarizer does not.
-
-    Raises
-    ------
-    DataError
-        It is of another camera, stage, gain, bit depth or binning.
-    """
+    """Return what is doubtful about using a calibration for frames, in words."""
     wrong = misfits(calibration, used, stage=stage, gain=gain)
     if wrong:
         raise DataError(

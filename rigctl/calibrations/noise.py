@@ -98,26 +98,11 @@ class Performance:
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseParameters:
-    """A noise calibration as its file holds it.
-
-    Attributes
-    ----------
-    gain_dn_per_e, read_noise_e, dark_current_e_per_s, black_level_dn, saturation_e, prnu, dsnu_e : estimate or None
-        Each in the unit that its name ends in; None is not known, or known by a bound only
-        (``{"bound": "<", "value": 4.2}``). What cannot be below 0 may be, by its error.
-    covariance : JointErrors or None
-        Of their errors.
-    performance : Performance or None
-        Figures of merit.
-    flags : tuple of Flag
-        What was odd in the frames.
-    made_for : MadeFor or None
-        Devices, settings and time; files of version 1 have ``camera`` instead.
-    created_utc : str or None
-        When the file was written.
-    """
+    """A noise calibration as its file holds it."""
 
     schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
+    #: Each in the unit that its name ends in; None is not known, or known by a bound only (``{"bound": "<", "value":
+    #: 4.2}``). What cannot be below 0 may be, by its error.
     gain_dn_per_e: Gain
     read_noise_e: _Known[StatedEstimate | None]
     dark_current_e_per_s: _Known[StatedEstimate | None]
@@ -125,12 +110,12 @@ class NoiseParameters:
     saturation_e: _Known[StatedEstimate | None]
     prnu: _Known[Ratio | None]
     dsnu_e: _Known[StatedEstimate | None]
-    covariance: JointErrors | None = None
-    performance: Performance | None = None
-    flags: tuple[Flag, ...] = ()
-    made_for: MadeFor | None = None
+    covariance: JointErrors | None = None  #: Of their errors.
+    performance: Performance | None = None  #: Figures of merit.
+    flags: tuple[Flag, ...] = ()  #: What was odd in the frames.
+    made_for: MadeFor | None = None  #: Devices, settings and time; files of version 1 have ``camera`` instead.
     camera: CameraOfVersion1 | None = None
-    created_utc: UtcText | None = None
+    created_utc: UtcText | None = None  #: When the file was written.
 
     @property
     def known(self) -> dict[str, StatedEstimate]:
@@ -189,30 +174,11 @@ def read_noise_file(path: str | Path) -> NoiseParameters:
 
 
 def require_noise_fits(noise: NoiseParameters, used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful about using a noise calibration for frames, in words.
-
-    Parameters
-    ----------
-    noise : NoiseParameters
-        The calibration.
-    used : MadeFor
-        What the frames were, or will be, taken with.
-
-    Raises
-    ------
-    DataError
-        It is of another camera, gain, bit depth or binning.
-    """
+    """Return what is doubtful about using a noise calibration for frames, in words."""
     return require_fit("noise calibration", noise.origin, used)
 
 
 def read_fitting_noise(path: Path, run: Run) -> tuple[NoiseParameters, tuple[str, ...]]:
-    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words.
-
-    Raises
-    ------
-    DataError
-        As `read_noise_file` and `require_noise_fits`.
-    """
+    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words."""
     noise = read_noise_file(path)
     return noise, require_noise_fits(noise, made_for(run, [one for one in run.frames if one.kind == "scene"]))

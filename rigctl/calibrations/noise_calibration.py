@@ -32,17 +32,7 @@ _LISTED = 1000
 def noise_json(
     calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
 ) -> dict[str, Json]:
-    """Return the content of the file.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        The calibration.
-    frames : FrameSet
-        What it was made from.
-    utc_ns : callable
-        The clock that dates it [ns].
-    """
+    """Return the content of the file."""
     estimates = {name: getattr(calibration, name) for name in QUANTITIES}
     return {
         "schema_version": SCHEMA_VERSION,
@@ -199,21 +189,11 @@ LevelDone = Callable[[int, int], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameCalibration:
-    """A noise calibration, and the frames that it was made from.
+    """A noise calibration, and the frames that it was made from."""
 
-    Attributes
-    ----------
-    noise : NoiseCalibration
-        The numbers.
-    pattern : FixedPattern or None
-        The fixed pattern pixel by pixel; None where no flat is brighter than its dark.
-    frames : FrameSet
-        What it was made from.
-    """
-
-    noise: NoiseCalibration
-    pattern: FixedPattern | None
-    frames: FrameSet
+    noise: NoiseCalibration  #: The numbers.
+    pattern: FixedPattern | None  #: The fixed pattern pixel by pixel; None where no flat is brighter than its dark.
+    frames: FrameSet  #: What it was made from.
 
     def as_json(self, *, created_ns: int) -> dict[str, Json]:
         """Return the content of noise.json, made at a time [ns since 1970 UTC]."""
@@ -225,22 +205,6 @@ class FrameCalibration:
 def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -> FrameCalibration:
     """Return the noise calibration of a set of frames.
 
-    Parameters
-    ----------
-    frames : FrameSet
-        Dark and flat frames.
-    level_done : callable or None
-        Told after each level how many of how many are done.
-
-    Raises
-    ------
-    DataError
-        A frame cannot be read.
-    CalibrationError
-        The frames are unfit; a ``RefusedFramesError`` holds the flags.
-
-    Notes
-    -----
     Each frame is read once. Where several levels have as many frames as the one that the fixed pattern is taken from,
     that one's are read a second time, so that memory does not grow with the number of levels.
     """

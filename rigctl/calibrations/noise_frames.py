@@ -47,63 +47,27 @@ _COMMENT = "#"
 
 @dataclass(frozen=True, kw_only=True)
 class EmvaGroup:
-    """Images of one exposure and one light.
+    """Images of one exposure and one light."""
 
-    Attributes
-    ----------
-    kind : {"dark", "flat"}
-        A ``d`` or a ``b`` line.
-    exposure_s : float
-        Exposure time [s].
-    photons : float or None
-        Mean photons a pixel, as stated; None for dark images.
-    files : tuple of Path
-        In the order of the descriptor.
-    """
-
-    kind: Literal["dark", "flat"]
-    exposure_s: float
-    photons: float | None
-    files: tuple[Path, ...]
+    kind: Literal["dark", "flat"]  #: A ``d`` or a ``b`` line.
+    exposure_s: float  #: Exposure time [s].
+    photons: float | None  #: Mean photons a pixel, as stated; None for dark images.
+    files: tuple[Path, ...]  #: In the order of the descriptor.
 
 
 @dataclass(frozen=True, kw_only=True)
 class EmvaDescriptor:
-    """An EMVA 1288 data set.
+    """An EMVA 1288 data set."""
 
-    Attributes
-    ----------
-    bit_depth : int
-        Bits per sample.
-    width, height : int
-        Pixels.
-    groups : tuple of EmvaGroup
-        In the order of the descriptor.
-    """
-
-    bit_depth: int
-    width: int
+    bit_depth: int  #: Bits per sample.
+    width: int  #: Pixels.
     height: int
-    groups: tuple[EmvaGroup, ...]
+    groups: tuple[EmvaGroup, ...]  #: In the order of the descriptor.
 
 
 def read_emva_descriptor(path: Path) -> EmvaDescriptor:
     """Return what an EMVA 1288 descriptor says, once all of it has been found right.
 
-    Parameters
-    ----------
-    path : Path
-        Text file of lines ``v VERSION``, ``n BITS WIDTH HEIGHT``, ``b NANOSECONDS PHOTONS``, ``d NANOSECONDS`` and
-        ``i FILE``; a file belongs to the ``b`` or ``d`` line above it. Lines that begin with ``#`` are comments.
-        File names are relative to the descriptor, with slashes or backslashes, and stay within its folder.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, or is wrong: every problem with its line.
-
-    References
-    ----------
     EMVA1288/emva1288 on GitHub, data set format.
     """
     try:
@@ -233,13 +197,7 @@ _DRIFT_C = 3.0
 
 
 def record_flags(records: Sequence[FrameRecord]) -> tuple[Flag, ...]:
-    """Return what is odd in how frames were taken.
-
-    Parameters
-    ----------
-    records : sequence of FrameRecord
-        Dark and flat frames, in the order in which they were taken.
-    """
+    """Return what is odd in how frames were taken."""
     found = (_too_close(records), _temperature_drift(records))
     return tuple(flag for flag in found if flag is not None)
 
@@ -277,24 +235,12 @@ Loader = Callable[[], NDArray[np.uint16]]
 
 @dataclass(frozen=True, kw_only=True)
 class FrameGroup:
-    """Frames that differ by noise only.
+    """Frames that differ by noise only."""
 
-    Attributes
-    ----------
-    kind : {"dark", "flat"}
-        Without light, or with even light.
-    exposure_s : float or None
-        Exposure time [s].
-    photons : float or None
-        Mean photons a pixel, where somebody measured them.
-    loaders : tuple of callables
-        Each reads one frame, in the order in which they were taken.
-    """
-
-    kind: LevelKind
-    exposure_s: float | None
-    loaders: tuple[Loader, ...]
-    photons: float | None = None
+    kind: LevelKind  #: Without light, or with even light.
+    exposure_s: float | None  #: Exposure time [s].
+    loaders: tuple[Loader, ...]  #: Each reads one frame, in the order in which they were taken.
+    photons: float | None = None  #: Mean photons a pixel, where somebody measured them.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,24 +255,13 @@ class CameraSetting:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSource:
-    """Origin of frames.
+    """Origin of frames."""
 
-    Attributes
-    ----------
-    kind : {"run", "emva", "folder", "table"}
-        A run folder, an EMVA 1288 data set, a folder of images, or a table of them.
-    path : str
-        Folder, descriptor or table.
-    sha256 : str
-        Of the run's manifest, of the descriptor or table, or of the names of the images.
-    frames_sha256 : str
-        Over the SHA-256 of every frame's file, in the order of use.
-    """
-
+    #: A run folder, an EMVA 1288 data set, a folder of images, or a table of them.
     kind: Literal["run", "emva", "folder", "table"]
-    path: str
-    sha256: str
-    frames_sha256: str
+    path: str  #: Folder, descriptor or table.
+    sha256: str  #: Of the run's manifest, of the descriptor or table, or of the names of the images.
+    frames_sha256: str  #: Over the SHA-256 of every frame's file, in the order of use.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,22 +277,7 @@ class FrameSet:
 
 
 def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
-    """Return the dark and flat frames of a run, by kind, exposure and polarizer angle.
-
-    Parameters
-    ----------
-    path : Path
-        Run folder.
-    ignore_exclusions : bool
-        Take excluded frames, too.
-
-    Raises
-    ------
-    RunFolderError
-        It is none, or is damaged.
-    DataError
-        It has no dark and flat frames, or they were not all taken with one setting of one camera.
-    """
+    """Return the dark and flat frames of a run, by kind, exposure and polarizer angle."""
     run = used_run(path, ignore_exclusions=ignore_exclusions)
     _refuse_interpolated(run)
     groups: dict[tuple[LevelKind, float | None, float | None], list[Shot]] = defaultdict(list)
@@ -446,22 +366,7 @@ def _common_setting(path: Path, records: Sequence[FrameRecord]) -> CameraSetting
 def emva_frames(
     path: Path, *, exposure_unit: ExposureUnit | None = None, most_bytes: int = MOST_FRAME_BYTES
 ) -> FrameSet:
-    """Return the frames of an EMVA 1288 data set.
-
-    Parameters
-    ----------
-    path : Path
-        Its descriptor file.
-    exposure_unit : str or None
-        Unit of its exposures; None is nanoseconds, as the format wants.
-    most_bytes : int
-        A picture of more bytes of samples is refused.
-
-    Raises
-    ------
-    ConfigError
-        The descriptor is wrong.
-    """
+    """Return the frames of an EMVA 1288 data set."""
     descriptor = read_emva_descriptor(path)
     factor = SECONDS_PER_UNIT[exposure_unit or "ns"] / SECONDS_PER_UNIT["ns"]
     shape = (descriptor.height, descriptor.width)
@@ -537,54 +442,19 @@ _KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
 
 @dataclass(frozen=True, kw_only=True)
 class ListedImage:
-    """An image and what is known of it.
+    """An image and what is known of it."""
 
-    Attributes
-    ----------
-    path : Path
-        File.
-    kind : {"dark", "flat"}
-        Without light, or with even light.
-    exposure_s : float or None
-        Exposure time [s].
-    photons : float or None
-        Mean photons a pixel, where somebody measured them.
-    level : str
-        Frames of one kind and exposure with another level are of another light.
-    """
-
-    path: Path
-    kind: LevelKind
-    exposure_s: float | None
-    photons: float | None
-    level: str
+    path: Path  #: File.
+    kind: LevelKind  #: Without light, or with even light.
+    exposure_s: float | None  #: Exposure time [s].
+    photons: float | None  #: Mean photons a pixel, where somebody measured them.
+    level: str  #: Frames of one kind and exposure with another level are of another light.
 
 
 def folder_frames(
     folder: Path, *, bit_depth: int, reading: ImageReading = _PLAIN, exposure_unit: ExposureUnit | None = None
 ) -> FrameSet:
-    """Return the dark and flat frames of a folder of images, subfolders included.
-
-    Parameters
-    ----------
-    folder : Path
-        PNG, TIFF, FITS or RAW files. Whether one is dark or flat is a word of its path (dark, bias, flat, bright,
-        light) or, in FITS, ``IMAGETYP``. Its exposure stands in its path as a number with ns, us, ms or s, or in the
-        header as ``EXPTIME``. Flats of one exposure in different subfolders are of different light.
-    bit_depth : int
-        Bits per sample of the camera.
-    reading : ImageReading
-        Which colour of RAW files, and how large a picture may be.
-    exposure_unit : str or None
-        Unit of exposures in headers, and of numbers in names that have none, such as ``exp000522``.
-
-    Raises
-    ------
-    ConfigError
-        There are none, or it cannot be told what some are: every problem at once.
-    RefusedFramesError
-        Some are compressed with loss.
-    """
+    """Return the dark and flat frames of a folder of images, subfolders included."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder")
     # Names that begin with a point are what other systems leave behind beside an image.
@@ -616,21 +486,7 @@ def frame_set(
     source: Callable[..., FrameSource],
     stated: StatedExposures,
 ) -> FrameSet:
-    """Return a set of frames from images of which all is known.
-
-    Parameters
-    ----------
-    images : sequence of ListedImage
-        In the order in which they were taken, within a level.
-    bit_depth : int
-        Bits per sample of the camera.
-    reading : ImageReading
-        Which colour of RAW files, and how large a picture may be.
-    source : callable
-        Makes the source, given ``frames_sha256``.
-    stated : StatedExposures
-        Where the exposures are from.
-    """
+    """Return a set of frames from images of which all is known."""
     groups: dict[tuple[LevelKind, float | None, str], list[ListedImage]] = defaultdict(list)
     for image in images:
         groups[image.kind, image.exposure_s, image.level].append(image)
@@ -726,26 +582,7 @@ _KINDS: dict[str, LevelKind] = {"dark": "dark", "flat": "flat"}
 def table_frames(
     path: Path, *, bit_depth: int, reading: ImageReading = _PLAIN, exposure_unit: ExposureUnit | None = None
 ) -> FrameSet:
-    """Return the dark and flat frames that a table lists.
-
-    Parameters
-    ----------
-    path : Path
-        CSV file with the columns ``file`` (relative to the table), ``kind`` (dark or flat), and, where they are known,
-        ``exposure_ms``, ``photons`` (mean a pixel) and ``level`` (frames of one exposure and another light have another
-        level; any text). Rows of a level in the order in which its frames were taken.
-    bit_depth : int
-        Bits per sample of the camera.
-    reading : ImageReading
-        Which colour of RAW files, and how large a picture may be.
-    exposure_unit : str or None
-        Unit of the column ``exposure_ms`` where it is another.
-
-    Raises
-    ------
-    ConfigError
-        The table cannot be read, or is wrong: every problem with its line.
-    """
+    """Return the dark and flat frames that a table lists."""
     try:
         text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline="")))

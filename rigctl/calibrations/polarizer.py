@@ -59,29 +59,16 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class PolarizerParameters:
-    """A polarizer calibration as its file holds it.
-
-    Attributes
-    ----------
-    sense : {1, -1}
-        Of the polarizer angle against the stage angle.
-    offset_deg : Measured
-        Polarizer angle where the stage stands at 0 [deg].
-    channels : tuple of Channel or None
-        Each stage angle by itself; None where fixed references were used, which do not measure throughput.
-    made_for : MadeFor or None
-        Devices, settings and time; files of version 1 have ``devices`` instead.
-    created_utc : str or None
-        When the file was written.
-    """
+    """A polarizer calibration as its file holds it."""
 
     schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
-    sense: Literal[1, -1]
-    offset_deg: Angle
+    sense: Literal[1, -1]  #: Of the polarizer angle against the stage angle.
+    offset_deg: Angle  #: Polarizer angle where the stage stands at 0 [deg].
+    #: Each stage angle by itself; None where fixed references were used, which do not measure throughput.
     channels: Annotated[tuple[Channel, ...], at_least(1)] | None = None
-    made_for: MadeFor | None = None
+    made_for: MadeFor | None = None  #: Devices, settings and time; files of version 1 have ``devices`` instead.
     devices: MadeFor | None = None
-    created_utc: UtcText | None = None
+    created_utc: UtcText | None = None  #: When the file was written.
 
     @property
     def origin(self) -> MadeFor:
@@ -103,13 +90,7 @@ def read_polarizer_file(path: str | Path) -> PolarizerParameters:
 
 
 def read_fitting_polarizer(path: Path, run: Run) -> tuple[PolarizerParameters, tuple[str, ...]]:
-    """Return a polarizer calibration for the scene frames of a run, and what is doubtful about it, in words.
-
-    Raises
-    ------
-    DataError
-        As `read_polarizer_file` and `require_polarizer_fits`.
-    """
+    """Return a polarizer calibration for the scene frames of a run, and what is doubtful about it, in words."""
     found = read_polarizer_file(path)
     used = made_for(run, [record for record in run.frames if record.kind == "scene"])
     doubts = require_polarizer_fits(found, used, polarizer=run.session.polarizer)
@@ -123,22 +104,7 @@ def read_fitting_polarizer(path: Path, run: Run) -> tuple[PolarizerParameters, t
 def require_polarizer_fits(
     calibration: PolarizerParameters, used: MadeFor, *, polarizer: PolarizerSection | PolarizerAsTaken
 ) -> tuple[str, ...]:
-    """Return what is doubtful about frames of a rig by its polarizer calibration, in words.
-
-    Parameters
-    ----------
-    calibration : PolarizerParameters
-        The calibration.
-    used : MadeFor
-        What the frames were, or will be, taken with.
-    polarizer : PolarizerSection or PolarizerAsTaken
-        Sense and offset that the rig file states; where it does not, they are not compared.
-
-    Raises
-    ------
-    DataError
-        It is of another camera or stage, or the rig file states another sense or offset.
-    """
+    """Return what is doubtful about frames of a rig by its polarizer calibration, in words."""
     doubts = require_fit("polarizer calibration", calibration.origin, used, stage=True, gain=False)
     if polarizer.sense is not None and polarizer.offset_deg is not None:
         _require_same_axis(calibration, polarizer.sense, polarizer.offset_deg)
@@ -339,30 +305,13 @@ _PLACEHOLDER = "# a placeholder"
 
 
 def require_writable_rig(path: Path) -> None:
-    """Refuse a file that a calibration cannot be written into, before there is one.
-
-    Raises
-    ------
-    ConfigError
-        The file is no rig file, or has no table [polarizer] of its own.
-    """
+    """Refuse a file that a calibration cannot be written into, before there is one."""
     load_rig(path)
     _polarizer_table(path)
 
 
 def write_into_rig(path: Path, found: PolarizerCalibration) -> tuple[str, ...]:
-    """Write sense, offset with its error, and extinction ratio into a rig file; its comments stay.
-
-    Returns
-    -------
-    tuple of str
-        The lines that went, behind a minus, and those that came, behind a plus.
-
-    Raises
-    ------
-    ConfigError
-        As `require_writable_rig`.
-    """
+    """Write sense, offset with its error, and extinction ratio into a rig file; its comments stay."""
     require_writable_rig(path)
     text = _text(path)
     table = _polarizer_table(path)

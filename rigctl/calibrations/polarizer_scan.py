@@ -61,20 +61,7 @@ class _GeneratorFile(Section):
 
 
 def load_generator(path: Path) -> GeneratorAngle:
-    """Return what says a frame's generator angle [deg].
-
-    Parameters
-    ----------
-    path : Path
-        ``.csv`` with the columns ``angle_deg`` and either ``cycle`` or ``sequence`` (the frame's number in the run);
-        or TOML with ``angle_deg = [...]``, one for each cycle of the run. Angles are of the transmission axis,
-        counter-clockwise from horizontal as the camera sees the scene.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, or is wrong.
-    """
+    """Return what says a frame's generator angle [deg]."""
     key, table = _read_csv(path) if path.suffix.lower() == ".csv" else ("cycle", _read_toml(path))
 
     def angle_deg(record: FrameRecord) -> float:
@@ -139,13 +126,7 @@ class GeneratorScan:
 
 
 def analyzer_scan(run: Run, region: Region | None) -> AnalyzerScan:
-    """Return the scan of the stage in front of a fixed reference.
-
-    Raises
-    ------
-    DataError
-        Frames lack stage angles or a dark level, or are saturated in the region.
-    """
+    """Return the scan of the stage in front of a fixed reference."""
     records = scene_frames(run)
     return AnalyzerScan(
         stage_rad=np.radians([_stage_deg(run, record) for record in records]),
@@ -155,13 +136,7 @@ def analyzer_scan(run: Run, region: Region | None) -> AnalyzerScan:
 
 
 def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngle) -> GeneratorScan:
-    """Return the scan of a generator, at each of the stage's angles; repeats are averaged.
-
-    Raises
-    ------
-    DataError
-        As `analyzer_scan`; or some stage angle lacks a generator angle that others have.
-    """
+    """Return the scan of a generator, at each of the stage's angles; repeats are averaged."""
     records = scene_frames(run)
     cells = generator_cells(run, records, generator_deg)
     signals = _signals_dn(run, records, region)
@@ -183,13 +158,7 @@ class GeneratorCells:
 
 
 def generator_cells(run: Run, records: Sequence[FrameRecord], generator_deg: GeneratorAngle) -> GeneratorCells:
-    """Return which frames of a generator scan belong to which pair of angles.
-
-    Raises
-    ------
-    DataError
-        Some stage angle lacks a generator angle that others have, or a frame has no angle.
-    """
+    """Return which frames of a generator scan belong to which pair of angles."""
     groups, stages_deg = _one_angle(np.array([_stage_deg(run, record) for record in records]))
     cells: dict[tuple[float, int], list[int]] = defaultdict(list)
     for index, (record, group) in enumerate(zip(records, groups, strict=True)):
@@ -224,13 +193,7 @@ def _one_angle(angles_deg: FloatArray) -> tuple[list[int], FloatArray]:
 
 
 def scene_frames(run: Run) -> list[FrameRecord]:
-    """Return the scene frames of a run, which have one exposure.
-
-    Raises
-    ------
-    DataError
-        There are none, or they have several exposures.
-    """
+    """Return the scene frames of a run, which have one exposure."""
     records = [record for record in run.frames if record.kind == "scene"]
     if not records:
         raise DataError(f"{run.path}: has no scene frames")
@@ -297,55 +260,27 @@ _SEEN_SIGMAS = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class KnownLight:
-    """Light of a scan, as far as it is known beforehand.
+    """Light of a scan, as far as it is known beforehand."""
 
-    Attributes
-    ----------
-    axis_error_rad : float
-        Standard error of the direction of reference or generator [rad].
-    dolp : Uncertain or None
-        Degree of linear polarization of reference or generator.
-    expected_rad, expected_error_rad : float or None, float
-        The offset, roughly, and how well [rad].
-    """
-
-    axis_error_rad: float = 0.0
-    dolp: Uncertain | None = None
-    expected_rad: float | None = None
+    axis_error_rad: float = 0.0  #: Standard error of the direction of reference or generator [rad].
+    dolp: Uncertain | None = None  #: Degree of linear polarization of reference or generator.
+    expected_rad: float | None = None  #: The offset, roughly, and how well [rad].
     expected_error_rad: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScanCurve:
-    """Light against the angle of what turned, and the law fitted to it.
+    """Light against the angle of what turned, and the law fitted to it."""
 
-    Attributes
-    ----------
-    label : str
-        What stood still, such as "stage at 45.0 deg".
-    angle_rad, signal_dn : (K,) arrays
-        Points of the scan.
-    fit : FourierFit
-        Malus' law.
-    harmonics : tuple of Harmonic
-        What the law leaves.
-    """
-
-    label: str
-    angle_rad: FloatArray
+    label: str  #: What stood still, such as "stage at 45.0 deg".
+    angle_rad: FloatArray  #: Points of the scan.
     signal_dn: FloatArray
-    fit: FourierFit
-    harmonics: tuple[Harmonic, ...]
+    fit: FourierFit  #: Malus' law.
+    harmonics: tuple[Harmonic, ...]  #: What the law leaves.
 
     @classmethod
     def of(cls, label: str, angle_rad: FloatArray, signal_dn: FloatArray) -> "ScanCurve":
-        """Return the curve of a scan.
-
-        Raises
-        ------
-        DataError
-            It has no light, or its light does not change with the angle.
-        """
+        """Return the curve of a scan."""
         fit = fit_fourier(angle_rad, signal_dn)
         if float(fit.terms[0]) < _SEEN_SIGMAS * float(fit.mean_error()):
             raise DataError(f"{label}: there is no light above the dark level: check dark frames and region")
@@ -365,40 +300,18 @@ class ScanCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizerCalibration:
-    """A polarizer in its stage; None is what the scans cannot tell.
+    """A polarizer in its stage; None is what the scans cannot tell."""
 
-    Attributes
-    ----------
-    axis : AxisFit
-        Sense and offset.
-    extinction : Extinction or None
-        Extinction ratio.
-    diattenuation, diattenuation_error : float or None
-        Of the polarizer.
-    channels : AnalyzerChannels or None
-        Each analyzer angle by itself.
-    stage_rad : (N,) array or None
-        Stage angles of the channels [rad].
-    reduction : DataReduction or None
-        W, for intensities over twice their mean.
-    harmonics : tuple of Harmonic
-        What is left of Malus' law; of the scan that shows each best.
-    curves : tuple of ScanCurve
-        The scans.
-    frames : int
-        Frames it was made from.
-    """
-
-    axis: AxisFit
-    extinction: Extinction | None
-    diattenuation: float | None
+    axis: AxisFit  #: Sense and offset.
+    extinction: Extinction | None  #: Extinction ratio.
+    diattenuation: float | None  #: Of the polarizer.
     diattenuation_error: float | None
-    channels: AnalyzerChannels | None
-    stage_rad: FloatArray | None
-    reduction: DataReduction | None
-    harmonics: tuple[Harmonic, ...]
-    curves: tuple[ScanCurve, ...]
-    frames: int
+    channels: AnalyzerChannels | None  #: Each analyzer angle by itself.
+    stage_rad: FloatArray | None  #: Stage angles of the channels [rad].
+    reduction: DataReduction | None  #: W, for intensities over twice their mean.
+    harmonics: tuple[Harmonic, ...]  #: What is left of Malus' law; of the scan that shows each best.
+    curves: tuple[ScanCurve, ...]  #: The scans.
+    frames: int  #: Frames it was made from.
 
     @property
     def offset_deg(self) -> Measured[float]:
@@ -517,24 +430,12 @@ _BAND_BYTES = 256_000_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarimeterMaps:
-    """Each block of the picture by itself.
+    """Each block of the picture by itself."""
 
-    Attributes
-    ----------
-    side_pixels : int
-        Of a block.
-    lit : (h, w) array of bool
-        Blocks that have light and are not saturated; V of them.
-    stage_rad : (N,) array
-        Stage angles [rad].
-    channels : AnalyzerChannels
-        Of the V blocks, row by row: arrays (N, V).
-    """
-
-    side_pixels: int
-    lit: BoolArray
-    stage_rad: FloatArray
-    channels: AnalyzerChannels
+    side_pixels: int  #: Of a block.
+    lit: BoolArray  #: Blocks that have light and are not saturated; V of them.
+    stage_rad: FloatArray  #: Stage angles [rad].
+    channels: AnalyzerChannels  #: Of the V blocks, row by row: arrays (N, V).
 
     def picture(self, values: FloatArray) -> FloatArray:
         """Return numbers of the lit blocks (..., V) as pictures (..., h, w); not a number where there is no light."""
@@ -573,27 +474,7 @@ class PolarimeterMaps:
 def polarimeter_maps(
     run: Run, generator_deg: GeneratorAngle, *, side_pixels: int, generator_dolp: float
 ) -> PolarimeterMaps:
-    """Return the maps of a generator scan.
-
-    Parameters
-    ----------
-    run : Run
-        Of one exposure, with dark frames of it or a black level.
-    generator_deg : callable
-        Generator angle of a frame [deg].
-    side_pixels : int
-        Of a block; 1 for each pixel by itself. Beyond 256 MB the picture is fitted in bands of rows, and each frame is
-        read twice for every band.
-    generator_dolp : float
-        Degree of linear polarization that the generator makes.
-
-    Raises
-    ------
-    DataError
-        Pairs of angles have no frame, there is no dark level, or no block has light.
-    CalibrationError
-        Blocks do not fit into the picture, or angles do not determine the fit.
-    """
+    """Return the maps of a generator scan."""
     records = scene_frames(run)
     cells = generator_cells(run, records, generator_deg)
     dark = _dark(run, records[0], side_pixels)

@@ -34,32 +34,17 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True)
 class RadiometricResponse:
-    """A radiometric calibration as its file holds it.
-
-    Attributes
-    ----------
-    exposure_s : float
-        Of its frames [s].
-    f_number : float
-        Of its lens.
-    response_dn_per_radiance : MeasuredOverFrames
-        Counts of a frame per unit of unpolarized radiance in band [DN per W m-2 sr-1].
-    panel : Panel
-        What it was made on.
-    made_for : MadeFor
-        Devices, settings and time.
-    created_utc : str or None
-        When the file was written.
-    """
+    """A radiometric calibration as its file holds it."""
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["radiometric"]
-    made_for: MadeFor
-    exposure_s: Positive
-    f_number: Positive
+    made_for: MadeFor  #: Devices, settings and time.
+    exposure_s: Positive  #: Of its frames [s].
+    f_number: Positive  #: Of its lens.
+    #: Counts of a frame per unit of unpolarized radiance in band [DN per W m-2 sr-1].
     response_dn_per_radiance: Response
-    panel: Panel = Panel()
-    created_utc: UtcText | None = None
+    panel: Panel = Panel()  #: What it was made on.
+    created_utc: UtcText | None = None  #: When the file was written.
 
     @property
     def origin(self) -> MadeFor:
@@ -68,36 +53,18 @@ class RadiometricResponse:
 
 
 def read_radiometric_file(path: Path) -> RadiometricResponse:
-    """Return a radiometric calibration.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is no radiometric calibration, or is of another version: every problem at once.
-    """
+    """Return a radiometric calibration."""
     return read_record(
         path, RadiometricResponse, made_by="a radiometric calibration is made by `rigctl calibrate radiometric`"
     )
 
 
 def require_radiometric_fits(calibration: RadiometricResponse, used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful about using a radiometric calibration for frames, in words.
-
-    Raises
-    ------
-    DataError
-        It is of another camera, gain, bit depth or binning.
-    """
+    """Return what is doubtful about using a radiometric calibration for frames, in words."""
     return require_fit("radiometric calibration", calibration.origin, used)
 
 
 def read_fitting_radiometric(path: Path, run: Run) -> tuple[RadiometricResponse, tuple[str, ...]]:
-    """Return a radiometric calibration for the scene frames of a run, and what is doubtful about it, in words.
-
-    Raises
-    ------
-    DataError
-        As `read_radiometric_file` and `require_radiometric_fits`.
-    """
+    """Return a radiometric calibration for the scene frames of a run, and what is doubtful about it, in words."""
     found = read_radiometric_file(path)
     return found, require_radiometric_fits(found, made_for(run, [one for one in run.frames if one.kind == "scene"]))

@@ -39,28 +39,15 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationHeader:
-    """What every calibration file says of itself, in the order in which it stands there.
+    """What every calibration file says of itself, in the order in which it stands there."""
 
-    Attributes
-    ----------
-    schema_version : int
-        Of this kind of file.
-    kind : str
-        "flat", "polarizer", "radiometric" or "registration".
-    created_by, created_utc : str
-        Program and time.
-    source : Source, tuple of Source, or mapping
-        What it was made from; a mapping has it by what it is.
-    made_for : MadeFor
-        Devices, settings and time.
-    """
-
-    schema_version: int
-    kind: str
-    created_by: str
+    schema_version: int  #: Of this kind of file.
+    kind: str  #: "flat", "polarizer", "radiometric" or "registration".
+    created_by: str  #: Program and time.
     created_utc: str
+    #: What it was made from; a mapping has it by what it is.
     source: Source | tuple[Source, ...] | Mapping[str, Source]
-    made_for: MadeFor
+    made_for: MadeFor  #: Devices, settings and time.
 
     def sources(self) -> tuple[Source, ...]:
         """Return all that it was made from."""
@@ -101,21 +88,7 @@ def header_of(
     valid_days: float | None,
     utc_ns: Callable[[], int] = time.time_ns,
 ) -> CalibrationHeader:
-    """Return the header of a new file.
-
-    Parameters
-    ----------
-    kind, version
-        Of the file.
-    source
-        What it is made from.
-    run, records
-        Frames whose devices and settings it is for.
-    valid_days : float or None
-        For how long it holds; None leaves that to whoever reads it.
-    utc_ns : callable
-        The clock that dates it [ns].
-    """
+    """Return the header of a new file."""
     return CalibrationHeader(
         schema_version=version,
         kind=kind,
@@ -127,24 +100,12 @@ def header_of(
 
 
 def write_content(path: Path, content: Mapping[str, Json]) -> None:
-    """Write a calibration: whole under its name, or not at all. A file that is there is replaced.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be written there.
-    """
+    """Write a calibration: whole under its name, or not at all. A file that is there is replaced."""
     write_whole(path, (json.dumps(told_content(content), indent=2, allow_nan=False) + "\n").encode("ascii"))
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file of a calibration: whole under its name, or not at all.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be written there.
-    """
+    """Write a file of a calibration: whole under its name, or not at all."""
     try:
         write_durably(path, data)
     except OSError as error:
@@ -156,22 +117,7 @@ _adapter: Callable[..., TypeAdapter[Any]] = functools.cache(TypeAdapter)
 
 
 def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
-    """Return the record of a calibration file.
-
-    Parameters
-    ----------
-    path : Path
-        The file. Keys that the record does not have are for those who put them there.
-    record : type
-        A frozen dataclass: its annotations say what has to be right.
-    made_by : str
-        What makes such a file, for the message, such as "a noise calibration is made by `rigctl calibrate noise`".
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, or is not as the record says: every problem at once, each with its key.
-    """
+    """Return the record of a calibration file."""
     try:
         text = read_bounded(path, MOST_RECORD_BYTES)
     except OSError as error:

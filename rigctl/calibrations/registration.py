@@ -52,24 +52,12 @@ class AngleShift:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunRegistration:
-    """Angles of a run and the shifts of their pictures.
+    """Angles of a run and the shifts of their pictures."""
 
-    Attributes
-    ----------
-    angle_deg : (N,) array
-        Stage angle, polarizer angle where a run has no stage [deg].
-    records : tuple of FrameRecord
-        The frames.
-    found : Registration
-        Shifts against the first angle.
-    wander : Wander or None
-        The circle through them; None with fewer than three angles. Its sense is the better one.
-    """
-
-    angle_deg: FloatArray
-    records: tuple[FrameRecord, ...]
-    found: Registration
-    wander: Wander | None
+    angle_deg: FloatArray  #: Stage angle, polarizer angle where a run has no stage [deg].
+    records: tuple[FrameRecord, ...]  #: The frames.
+    found: Registration  #: Shifts against the first angle.
+    wander: Wander | None  #: The circle through them; None with fewer than three angles. Its sense is the better one.
 
     def rows(self) -> tuple[AngleShift, ...]:
         """Return the shift at each angle."""
@@ -131,22 +119,7 @@ def before_and_after(found: Registration, index: int) -> str:
 
 
 def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
-    """Return the walk of a run's picture.
-
-    Parameters
-    ----------
-    run : Run
-        Its scene frames are taken.
-    cycle : int or None
-        The repeat of the set of angles to take; None takes the first.
-
-    Raises
-    ------
-    DataError
-        There are no scene frames at two angles, or they lack angles.
-    CalibrationError
-        Pictures are too small, or have no edges in common.
-    """
+    """Return the walk of a run's picture."""
     scenes = [record for record in run.frames if record.kind == "scene"]
     wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
     records = [record for record in scenes if record.cycle == wanted]
@@ -179,13 +152,7 @@ def usable_pixels(record: FrameRecord, counts: FloatArray) -> NDArray[np.bool_]:
 
 
 def angle_deg(run: Run, record: FrameRecord) -> float:
-    """Return the angle by which a frame's shift goes: of the stage, of the polarizer where there is no stage [deg].
-
-    Raises
-    ------
-    DataError
-        It has neither.
-    """
+    """Return the angle by which a frame's shift goes: of the stage, of the polarizer where there is no stage [deg]."""
     angle = record.stage_angle_deg if record.stage_angle_deg is not None else record.polarizer_angle_deg
     if angle is None:
         raise DataError(f"{run.path}: frame {record.sequence} has no angle; registration goes by angle")
@@ -217,26 +184,14 @@ class Circle:
 
 @dataclass(frozen=True, kw_only=True)
 class ImageRegistration:
-    """A registration as its file holds it.
-
-    Attributes
-    ----------
-    angles : tuple of AngleShift
-        What was measured.
-    wander : Circle or None
-        Through the shifts; None of two angles.
-    made_for : MadeFor
-        Devices, settings and time.
-    created_utc : str or None
-        When the file was written.
-    """
+    """A registration as its file holds it."""
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["registration"]
-    made_for: MadeFor
-    angles: Annotated[tuple[AngleShift, ...], at_least(2)]
-    wander: Circle | None
-    created_utc: UtcText | None = None
+    made_for: MadeFor  #: Devices, settings and time.
+    angles: Annotated[tuple[AngleShift, ...], at_least(2)]  #: What was measured.
+    wander: Circle | None  #: Through the shifts; None of two angles.
+    created_utc: UtcText | None = None  #: When the file was written.
 
     @property
     def origin(self) -> MadeFor:
@@ -244,18 +199,7 @@ class ImageRegistration:
         return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
 
     def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:
-        """Return the shift (x, y) of the picture at one angle against that at another.
-
-        Parameters
-        ----------
-        angle_deg, against_deg : float
-            Stage angles; polarizer angles where there is no stage [deg].
-
-        Raises
-        ------
-        DataError
-            No circle describes the shifts, and an angle is not among those that were measured.
-        """
+        """Return the shift (x, y) of the picture at one angle against that at another."""
         circle = self.wander
         if circle is not None and circle.residual_pixels <= _CIRCLE_PIXELS:
             wander = Wander(
@@ -324,26 +268,14 @@ def _circle(wander: Wander) -> WalkCircle:
 
 
 def read_registration_file(path: Path) -> ImageRegistration:
-    """Return a registration.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is none, or is of another version: every problem at once.
-    """
+    """Return a registration."""
     return read_record(
         path, ImageRegistration, made_by="a registration is made by `rigctl calibrate registration RUN --out FILE`"
     )
 
 
 def read_fitting_registration(path: Path, run: Run) -> tuple[ImageRegistration, tuple[str, ...]]:
-    """Return a registration for the scene frames of a run, and what is doubtful about it, in words.
-
-    Raises
-    ------
-    DataError
-        As `read_registration_file`; or it is of another camera or stage.
-    """
+    """Return a registration for the scene frames of a run, and what is doubtful about it, in words."""
     found = read_registration_file(path)
     used = made_for(run, [record for record in run.frames if record.kind == "scene"])
     return found, require_fit("registration", found.origin, used, stage=True, gain=False)

@@ -48,26 +48,13 @@ Numbers = Mapping[str, Measured[float]]
 
 @dataclass(frozen=True, kw_only=True)
 class StoredCalibration:
-    """A calibration of a store.
+    """A calibration of a store."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    file : Path
-        Where it stands.
-    made_for : MadeFor
-        Devices, settings, time, and for how long it holds.
-    numbers : mapping
-        What its history is drawn of: gain, read noise, dark current, offset of the axis [deg].
-    parts : tuple of str
-        What it holds: a polarizer calibration has the axis, and the throughput unless fixed references were used.
-    """
-
-    kind: CalibrationKind
-    file: Path
-    made_for: MadeFor
-    numbers: Numbers
+    kind: CalibrationKind  #: One of `KINDS`.
+    file: Path  #: Where it stands.
+    made_for: MadeFor  #: Devices, settings, time, and for how long it holds.
+    numbers: Numbers  #: What its history is drawn of: gain, read noise, dark current, offset of the axis [deg].
+    #: What it holds: a polarizer calibration has the axis, and the throughput unless fixed references were used.
     parts: tuple[str, ...]
 
 
@@ -110,13 +97,7 @@ def store_beside(file: Path) -> Path | None:
 
 
 def read_store(folder: Path) -> CalibrationStore:
-    """Return what a store holds, its subfolders included.
-
-    Raises
-    ------
-    ConfigError
-        There is no such folder, or it holds thousands of files.
-    """
+    """Return what a store holds, its subfolders included."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder; a store of calibrations is a folder of their files")
     files = sorted(_files(folder))
@@ -145,13 +126,7 @@ def _files(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
 
 
 def read_stored(file: Path) -> StoredCalibration:
-    """Return a calibration of any kind, without what only its own reader needs.
-
-    Raises
-    ------
-    DataError
-        It cannot be read, or is none.
-    """
+    """Return a calibration of any kind, without what only its own reader needs."""
     if file.suffix not in _READERS:
         raise DataError(f"{file}: is no calibration; they are .json files, flat fields .npz")
     return _READERS[file.suffix](file)
@@ -198,13 +173,7 @@ _READERS: dict[str, Callable[[Path], StoredCalibration]] = {".json": _read_json,
 
 
 def _kind_of(file: Path) -> CalibrationKind:
-    """Return which kind a JSON file is; noise and polarizer calibrations say it by what they hold.
-
-    Raises
-    ------
-    DataError
-        It is none.
-    """
+    """Return which kind a JSON file is; noise and polarizer calibrations say it by what they hold."""
     try:
         content = json.loads(read_bounded(file, MOST_RECORD_BYTES))
     except OSError as error:
@@ -228,49 +197,26 @@ _SECONDS_A_YEAR = 365.25 * 86400.0
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryPoint:
-    """A number of one calibration.
+    """A number of one calibration."""
 
-    Attributes
-    ----------
-    utc : str
-        When its frames were taken.
-    value, std_error : float
-        In the unit that the number's name ends in; an axis is followed over half turns.
-    limits : (lower, upper)
-        Control limits: where it would lie 997 times in 1000 if nothing moved, by its own stated error and that of the
-        mean of all of this device.
-    is_inside : bool
-        It lies within them.
-    file : Path
-        The calibration.
-    """
-
-    utc: str
-    value: float
+    utc: str  #: When its frames were taken.
+    value: float  #: In the unit that the number's name ends in; an axis is followed over half turns.
     std_error: float
+    #: Control limits: where it would lie 997 times in 1000 if nothing moved, by its own stated error and that of the
+    #: mean of all of this device.
     limits: tuple[float, float]
-    is_inside: bool
-    file: Path
+    is_inside: bool  #: It lies within them.
+    file: Path  #: The calibration.
 
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """A number of one device through time.
+    """A number of one device through time."""
 
-    Attributes
-    ----------
-    quantity, device : str
-        Its name, and of which camera or stage.
-    points : tuple of HistoryPoint
-        The oldest first.
-    drift_per_year, drift_error : float or None
-        Slope of a straight line through them and its standard error, widened by their scatter; None of fewer than
-        three.
-    """
-
-    quantity: str
+    quantity: str  #: Its name, and of which camera or stage.
     device: str
-    points: tuple[HistoryPoint, ...]
+    points: tuple[HistoryPoint, ...]  #: The oldest first.
+    #: Slope of a straight line through them and its standard error, widened by their scatter; None of fewer than three.
     drift_per_year: float | None
     drift_error: float | None
 
@@ -352,27 +298,13 @@ _SHOWN = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Pick:
-    """A calibration that was picked.
+    """A calibration that was picked."""
 
-    Attributes
-    ----------
-    kind : str
-        Of `rigctl.calibrations.store.KINDS`.
-    file : Path
-        Where it stands.
-    sha256 : str
-        Of its content.
-    why : str
-        Why this one.
-    age_days : float or None
-        Days between it and the frames, below 0 where it came after; None is not known.
-    """
-
-    kind: CalibrationKind
-    file: Path
-    sha256: str
-    why: str
-    age_days: float | None
+    kind: CalibrationKind  #: Of `rigctl.calibrations.store.KINDS`.
+    file: Path  #: Where it stands.
+    sha256: str  #: Of its content.
+    why: str  #: Why this one.
+    age_days: float | None  #: Days between it and the frames, below 0 where it came after; None is not known.
 
     def as_json(self) -> dict[str, Json]:
         """Return it as results hold it."""
@@ -436,19 +368,6 @@ def choose(
 ) -> Choice:
     """Return which calibration of a kind fits frames best: the newest that is not younger than they are.
 
-    Parameters
-    ----------
-    store : CalibrationStore
-        What there is.
-    kind : str
-        Which kind.
-    used : MadeFor
-        What the frames were, or will be, taken with. What one side does not know is not compared.
-    require_usable : callable or None
-        Raises DataError where a file cannot be used for the frames after all.
-
-    Notes
-    -----
     Refused are other devices and settings, and what is too old. One at the temperature and exposures of use goes before
     one that is not, one whose devices are stated before one that says nothing of them, one before the frames before
     one after them; then the nearest in time.
@@ -607,24 +526,7 @@ def picked_for_rig(
     store: Path | None = None,
     named: Mapping[CalibrationKind, Path | None],
 ) -> RigPicks:
-    """Return what the store has for a rig.
-
-    Parameters
-    ----------
-    rig, rig_path
-        The rig file; the store beside it is taken unless another is named.
-    now_ns : int
-        When frames are to be taken [ns since 1970 UTC].
-    store : Path or None
-        The store; ``none`` picks nothing.
-    named : mapping
-        The kinds that can be used; those that have a file are not picked.
-
-    Raises
-    ------
-    ConfigError
-        The store that is named is no folder.
-    """
+    """Return what the store has for a rig."""
     found = _store(rig_path, store)
     if found is None:
         return RigPicks()
@@ -683,24 +585,7 @@ def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[P
 
 
 def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, named: Path | None) -> RigPicks:
-    """Return the noise calibration that a prediction takes where none is named.
-
-    Parameters
-    ----------
-    scene : Path or None
-        The scene file: the store beside it is taken unless another is named.
-    used : MadeFor
-        Format and time; a prediction names no camera.
-    store : Path or None
-        The store; ``none`` picks nothing.
-    named : Path or None
-        The noise calibration that is named.
-
-    Raises
-    ------
-    ConfigError
-        The store that is named is no folder.
-    """
+    """Return the noise calibration that a prediction takes where none is named."""
     found = None if named is not None or (store is None and scene is None) else _store(scene or Path(), store)
     if found is None:
         return RigPicks()

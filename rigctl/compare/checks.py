@@ -54,27 +54,13 @@ _PAIRS_RULE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One check of a run.
+    """One check of a run."""
 
-    Attributes
-    ----------
-    name : str
-        Such as "pair sums".
-    verdict : str
-        "sound", "flagged", "refused" or "not testable".
-    text : str
-        What was found, and what is allowed.
-    region : str or None
-        That it is of; None where it is of the whole run.
-    size, rule : str
-        Of a check that every region has: what was found in a few words, and what holds for all of them.
-    """
-
-    name: str
-    verdict: Verdict
-    text: str
-    region: str | None = None
-    size: str = ""
+    name: str  #: Such as "pair sums".
+    verdict: Verdict  #: "sound", "flagged", "refused" or "not testable".
+    text: str  #: What was found, and what is allowed.
+    region: str | None = None  #: That it is of; None where it is of the whole run.
+    size: str = ""  #: Of a check that every region has: what was found in a few words, and what holds for all of them.
     rule: str = ""
 
     @property
@@ -316,17 +302,7 @@ class RegionVerdict:
 def region_verdicts(
     rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]
 ) -> dict[str, RegionVerdict]:
-    """Return the verdict of every region.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        With their decisions.
-    checks : sequence of Check
-        What the run says of itself.
-    unjudged : mapping
-        Region to why nothing can be said of it.
-    """
+    """Return the verdict of every region."""
     names = dict.fromkeys([*(row.region for row in rows), *unjudged])
     return {name: _of_region(name, rows, checks, unjudged) for name in names}
 
@@ -463,32 +439,15 @@ _OF_LAW = ("dolp_pixels", "dolp_snr")
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """Where the disagreements point.
+    """Where the disagreements point."""
 
-    Attributes
-    ----------
-    points_to : tuple of str
-        Causes that would show as these rows do; empty where all rows agree.
-    advice : tuple of str
-        A sentence for each.
-    """
-
-    points_to: tuple[Cause, ...]
-    advice: tuple[str, ...]
+    points_to: tuple[Cause, ...]  #: Causes that would show as these rows do; empty where all rows agree.
+    advice: tuple[str, ...]  #: A sentence for each.
 
 
 def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> Diagnosis:
     """Return where the disagreeing rows point.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        With their decisions.
-    is_of_law : bool
-        DoLP of pixels was predicted from these very pixels, by a law alone.
-
-    Notes
-    -----
     What a cause cannot touch tells it apart: a scale leaves s1, s2, DoLP and AoLP alone, a turned axis leaves S0 and
     DoLP alone, and only noise leaves every mean alone.
     """
@@ -531,20 +490,11 @@ _LEAST_NUMBERS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Trend:
-    """One row of numbers in order, by the model and by the frames.
+    """One row of numbers in order, by the model and by the frames."""
 
-    Attributes
-    ----------
-    quantity : str
-        Of what, such as "dolp".
-    over : str
-        Along what: "angles of black_panel", "regions", "runs of asphalt".
-    order : RankCorrelation
-        Kendall's tau, pairs that are known in spite of their errors, and the chance of so good an order.
-    """
-
-    quantity: str
-    over: str
+    quantity: str  #: Of what, such as "dolp".
+    over: str  #: Along what: "angles of black_panel", "regions", "runs of asphalt".
+    #: Kendall's tau, pairs that are known in spite of their errors, and the chance of so good an order.
     order: RankCorrelation
 
     @property
@@ -555,17 +505,7 @@ class Trend:
 
 
 def trends_of(rows: Sequence[Row], cov: FloatArray | None, measurement: Measurement) -> tuple[Trend, ...]:
-    """Return the trends within one run: of counts over angles, and of each scale-free quantity over regions.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        Of the comparison.
-    cov : (m, m) array or None
-        Covariance of their predictions.
-    measurement : Measurement
-        The run.
-    """
+    """Return the trends within one run: of counts over angles, and of each scale-free quantity over regions."""
     predicted_cov = np.zeros((len(rows), len(rows))) if cov is None else cov
     return (*_over_angles(rows, predicted_cov, measurement), *_over_regions(rows, predicted_cov))
 

@@ -93,30 +93,14 @@ _LONGEST_S = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NumericalAccuracy:
-    """A prediction of a run to a tolerance, and what its errors are beside those of the rows.
+    """A prediction of a run to a tolerance, and what its errors are beside those of the rows."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Of effects that are left out and numerical settings together.
-    found : AccuratePrediction
-        Settings, and errors as they were estimated.
-    effects : EffectPlan
-        What the run calls for.
-    left_out : frozenset of Effect
-        Effects of the light that the plan leaves out, and that are there.
-    share : float
-        Largest numerical error over the standard error of its row; 0 where no row has one.
-    row : NumberKey or None
-        Where that is.
-    """
-
-    tolerance: float
-    found: AccuratePrediction
-    effects: EffectPlan
-    left_out: frozenset[Effect]
-    share: float = 0.0
-    row: NumberKey | None = None
+    tolerance: float  #: Of effects that are left out and numerical settings together.
+    found: AccuratePrediction  #: Settings, and errors as they were estimated.
+    effects: EffectPlan  #: What the run calls for.
+    left_out: frozenset[Effect]  #: Effects of the light that the plan leaves out, and that are there.
+    share: float = 0.0  #: Largest numerical error over the standard error of its row; 0 where no row has one.
+    row: NumberKey | None = None  #: Where that is.
 
     @property
     def is_kept(self) -> bool:
@@ -155,15 +139,7 @@ class NumericalAccuracy:
         return f"{text}; wanted were {ALLOWED_SHARE:g}, but {why}"
 
     def beside(self, rows: Iterable[Row], predictions: Mapping[str, RegionPrediction]) -> "NumericalAccuracy":
-        """Return this beside the rows of a comparison that was made with its settings.
-
-        Parameters
-        ----------
-        rows : iterable of Row
-            With their errors.
-        predictions : mapping
-            Region to the prediction that they compare.
-        """
+        """Return this beside the rows of a comparison that was made with its settings."""
         errors = {row.key: error_of_both(row) for row in rows if row.agrees is not None}
         shares = {
             key: self._error(key, predictions[key.region]) / error for key, error in errors.items() if error > 0.0
@@ -213,22 +189,7 @@ class NumericalAccuracy:
 
 
 def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
-    """Return the prediction of a run to a tolerance.
-
-    Parameters
-    ----------
-    run : RunPredictor
-        The run; what is solved is kept in its light.
-    tolerance : float
-        1e-6 to 0.1.
-    rule : {"safe", "estimated", "all"}
-        Which effects of the light are left out; those behind the lens cost nothing, and act.
-
-    Raises
-    ------
-    ConfigError
-        A number of the scene is outside its range.
-    """
+    """Return the prediction of a run to a tolerance."""
     scene = run.inputs.scene
     planned = plan_effects(
         scene,
@@ -375,37 +336,7 @@ def compare_with_scene(
     light: SceneLight | None = None,
     coarser: Comparison | None = None,
 ) -> Comparison:
-    """Return what a scene file predicts for a run beside what the run shows.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        With the regions of the scene file.
-    scene : SceneFile
-        What the model is told. Angles, cycles and exposure are the run's own.
-    noise : NoiseParameters or None
-        A noise calibration.
-    alpha : float
-        Family-wise error rate: chance of any false disagreement.
-    scale : {"absolute", "panel", "free"}
-        What the counts are scaled by: the scene file, a radiometric calibration, or the run itself.
-    radiometric : RadiometricResponse or None
-        A radiometric calibration, for "panel".
-    settings : Settings or None
-        Numerical settings in place of those of the scene file.
-    light : SceneLight or None
-        Keeps skies between calls.
-    coarser : Comparison or None
-        The same with coarser settings, from which is taken what the inputs' uncertainties make of the rows: most of
-        the time goes into that, and few of its digits count.
-
-    Raises
-    ------
-    ConfigError
-        Scale and calibration do not go together.
-    DataError
-        The run cannot be predicted: exposures differ or are not known.
-    """
+    """Return what a scene file predicts for a run beside what the run shows."""
     predictor = run_predictor(measurement, scene=scene, noise=noise)
     predictor = replace(predictor, settings=settings, light=predictor.light if light is None else light)
     predicted = predictor.predictions
@@ -485,23 +416,7 @@ _ONE_NUMBER = "so far above the noise that the law gives back what it was made f
 
 
 def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
-    """Return what each region's own channel means and texture predict beside what its pixels show.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        With one region at least.
-    noise : NoiseParameters or None
-        A noise calibration: it predicts the temporal deviations. Without it only the law of
-        DoLP is tested.
-    alpha : float
-        Family-wise error rate: chance of any false disagreement.
-
-    Raises
-    ------
-    DataError
-        A calibration is given and cannot predict, or the exposure is not known.
-    """
+    """Return what each region's own channel means and texture predict beside what its pixels show."""
     calibrated = None if noise is None else temporal_noise(noise)
     rows: list[Row] = []
     remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
@@ -729,13 +644,7 @@ class ComparedSeries:
 
 
 def require_one_instrument(runs: Sequence[Run]) -> None:
-    """Refuse runs that are not of one camera as it was set, one stage, and one axis of the polarizer.
-
-    Raises
-    ------
-    DataError
-        With every run that does not belong, and in what it differs from the first.
-    """
+    """Refuse runs that are not of one camera as it was set, one stage, and one axis of the polarizer."""
     first = _instrument(runs[0])
     strangers = []
     for run in runs[1:]:
@@ -764,8 +673,6 @@ def mean_row(point: SeriesPoint, region: str, quantity: str) -> Row | None:
 def drifts_of(points: Sequence[SeriesPoint]) -> tuple[SeriesDrift, ...]:
     """Return how residuals drift with time, per hour; nothing with fewer than three runs or without their times.
 
-    Notes
-    -----
     Errors are those of the measurement: those of the inputs are common to all runs, and move all residuals alike.
     """
     hours = hours_of(points)

@@ -24,49 +24,27 @@ _POINTS = 200
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RxOnRun:
-    """RX detection of a target on one cycle of a run.
+    """RX detection of a target on one cycle of a run."""
 
-    Attributes
-    ----------
-    statistic : (H, W) array
-        D of each pixel, from mean and covariance of the background region; NaN where it has no meaning.
-    n_background, n_target : int
-        Pixels of the regions.
-    p_false_alarm : (K,) array
-        Of the curves below, ascending.
-    threshold : (K,) array
-        For a pixel outside of the background region, whose moments are estimated from its n pixels.
-    empirical_p_detection, band_low, band_high : (K,) array
-        Share of the target's pixels above the threshold, with its 95 % band (Clopper-Pearson, for the number of
-        independent pixels).
-    empirical_p_false_alarm : (K,) array
-        Share of the background's own pixels above the threshold for pixels of the sample: what p_false_alarm came to.
-    predicted_p_detection : (K,) array
-        By the exact distribution.
-    auc : float
-        Area under the predicted curve of a known background.
-    predicted_from : str
-        Where the moments of the prediction come from.
-    warnings : tuple of str
-        What limits the result.
-    band_level : float
-        Of the band.
-    """
-
+    #: D of each pixel, from mean and covariance of the background region; NaN where it has no meaning.
     statistic: FloatArray
-    n_background: int
+    n_background: int  #: Pixels of the regions.
     n_target: int
-    p_false_alarm: FloatArray
+    p_false_alarm: FloatArray  #: Of the curves below, ascending.
+    #: For a pixel outside of the background region, whose moments are estimated from its n pixels.
     threshold: FloatArray
+    #: Share of the target's pixels above the threshold, with its 95 % band (Clopper-Pearson, for the number of
+    #: independent pixels).
     empirical_p_detection: FloatArray
     band_low: FloatArray
     band_high: FloatArray
+    #: Share of the background's own pixels above the threshold for pixels of the sample: what p_false_alarm came to.
     empirical_p_false_alarm: FloatArray
-    predicted_p_detection: FloatArray
-    auc: float
-    predicted_from: str
-    warnings: tuple[str, ...]
-    band_level: float = BAND_LEVEL
+    predicted_p_detection: FloatArray  #: By the exact distribution.
+    auc: float  #: Area under the predicted curve of a known background.
+    predicted_from: str  #: Where the moments of the prediction come from.
+    warnings: tuple[str, ...]  #: What limits the result.
+    band_level: float = BAND_LEVEL  #: Of the band.
 
 
 def detect(
@@ -77,25 +55,7 @@ def detect(
     target: str,
     predicted: dict[str, Moments] | None = None,
 ) -> RxOnRun:
-    """Return what the RX detector does with two regions of a run.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        With both regions.
-    stokes : (3, H, W) array
-        Stokes parameters of one cycle, for the map.
-    background, target : str
-        Names of regions.
-    predicted : mapping or None
-        Region to moments of the Stokes parameters of one cycle, from a scene; None takes the regions' own sample
-        moments: the curve then tests whether their pixels are Gaussian, and not the scene.
-
-    Raises
-    ------
-    DataError
-        A region is not there, or the background has too few pixels or a singular covariance.
-    """
+    """Return what the RX detector does with two regions of a run."""
     pixels = {name: _pixels(measurement, name) for name in (background, target)}
     mean, cov = pixels[background].mean(axis=1), np.cov(pixels[background])
     n = pixels[background].shape[1]

@@ -23,26 +23,17 @@ _STOKES = ("s0", "s1", "s2")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """Rows that are not functions of one another.
+    """Rows that are not functions of one another."""
 
-    Attributes
-    ----------
-    places : (n,) array
-        Positions among the rows of the comparison: mean counts of every channel, their temporal deviations, and the
-        spatial deviations of the Stokes parameters. All other rows follow from these.
-    cov : (n, n) array
-        Covariance of the measurement.
-    """
-
+    #: Positions among the rows of the comparison: mean counts of every channel, their temporal deviations, and the
+    #: spatial deviations of the Stokes parameters. All other rows follow from these.
     places: NDArray[np.intp]
-    cov: FloatArray
+    cov: FloatArray  #: Covariance of the measurement.
 
 
 def gather_evidence(rows: Sequence["Row"], measurement: "Measurement") -> Evidence:
     """Return the rows that an attribution is sought from.
 
-    Notes
-    -----
     Sample means and deviations of Gaussian pixels are independent. Means of one region share pixels; those of all
     regions share the error of the dark level. Temporal deviations are of frames that are independent; spatial ones of
     Stokes parameters go together as far as their pixels do.
@@ -114,40 +105,21 @@ _NAMED = 4
 
 @dataclass(frozen=True, kw_only=True)
 class InputMove:
-    """One input, and what its move would do.
+    """One input, and what its move would do."""
 
-    Attributes
-    ----------
-    name : str
-        As in the scene file.
-    value, std : float
-        As stated, in the units of the file.
-    move_std : float
-        How far it would have to move to remove what it can of the disagreement, in its own standard uncertainties.
-    moved_value : float
-        Where that is.
-    score : float
-        Standard normal where everything stated is right: the root of the fall in chi-square that the move makes.
-    p_value_left : float
-        Chance of what is left after the move.
-    removes : bool
-        Whether what is left is what chance makes.
-    seen : float
-        Share of its stated variance that the data resolve, 0 to 1.
-    indistinguishable_from : tuple of str
-        Inputs that could look the same: were this one off by five standard uncertainties, they would outrank it in more
-        than 5 % of cases.
-    """
-
-    name: str
-    value: float
+    name: str  #: As in the scene file.
+    value: float  #: As stated, in the units of the file.
     std: float
+    #: How far it would have to move to remove what it can of the disagreement, in its own standard uncertainties.
     move_std: float
-    moved_value: float
+    moved_value: float  #: Where that is.
+    #: Standard normal where everything stated is right: the root of the fall in chi-square that the move makes.
     score: float
-    p_value_left: float
-    removes: bool
-    seen: float
+    p_value_left: float  #: Chance of what is left after the move.
+    removes: bool  #: Whether what is left is what chance makes.
+    seen: float  #: Share of its stated variance that the data resolve, 0 to 1.
+    #: Inputs that could look the same: were this one off by five standard uncertainties, they would outrank it in more
+    #: than 5 % of cases.
     indistinguishable_from: tuple[str, ...]
 
 
@@ -163,29 +135,15 @@ class FittedInput:
 
 @dataclass(frozen=True, kw_only=True)
 class InputAttribution:
-    """Residuals of a comparison, attributed to inputs.
+    """Residuals of a comparison, attributed to inputs."""
 
-    Attributes
-    ----------
-    chi_square, degrees_of_freedom, p_value
-        Of the residuals, in the errors of measurement and inputs together.
-    moves : tuple of InputMove
-        The input that explains most first. Empty where no input has an uncertainty.
-    fitted : tuple of FittedInput
-        All inputs updated at once, each held by its stated uncertainty.
-    unseen : tuple of str
-        Inputs of which the data say nothing.
-    remark : str
-        What to know of it.
-    """
-
-    chi_square: float
+    chi_square: float  #: Of the residuals, in the errors of measurement and inputs together.
     degrees_of_freedom: int
     p_value: float
-    moves: tuple[InputMove, ...]
-    fitted: tuple[FittedInput, ...]
-    unseen: tuple[str, ...]
-    remark: str
+    moves: tuple[InputMove, ...]  #: The input that explains most first. Empty where no input has an uncertainty.
+    fitted: tuple[FittedInput, ...]  #: All inputs updated at once, each held by its stated uncertainty.
+    unseen: tuple[str, ...]  #: Inputs of which the data say nothing.
+    remark: str  #: What to know of it.
 
     @property
     def best(self) -> InputMove | None:
@@ -196,19 +154,7 @@ class InputAttribution:
 def attribute_residuals(
     rows: Sequence[Row], *, propagation: Propagation, inputs: Inputs, measurement: Measurement
 ) -> InputAttribution | None:
-    """Return what would explain the residuals of rows; None where no input has an uncertainty.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        All rows of the comparison.
-    propagation : Propagation
-        Of the uncertain inputs to these rows.
-    inputs : Inputs
-        The uncertain ones alone.
-    measurement : Measurement
-        The run.
-    """
+    """Return what would explain the residuals of rows; None where no input has an uncertainty."""
     if not inputs.names:
         return None
     evidence = gather_evidence(rows, measurement)

@@ -31,72 +31,29 @@ _MOST_SATURATED = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelResponse:
-    """The counts that a radiance makes, by a panel.
+    """The counts that a radiance makes, by a panel."""
 
-    Attributes
-    ----------
-    panel : str
-        Its region.
-    exposure_s : float
-        Of each frame [s].
-    f_number : float
-        As the scene file has it.
-    channel_names : tuple of str
-        Of the N polarizer angles.
-    polarizer_angles_rad : (N,) array
-        Those [rad].
-    modelled_dn_per_radiance : float
-        Counts per unit of unpolarized radiance as the scene file's sensor has it [DN per W m-2 sr-1].
-    scale : PanelScale
-        Measured over that, by channel and for all.
-    radiance, radiance_error : float
-        S0 of the panel at the aperture as it was predicted, and its standard error [W m-2 sr-1].
-    shares : mapping
-        Uncertain input to the share of the variance of the common scale that comes from it alone; "measurement" is
-        one of them. Where inputs are correlated they do not add up to 1.
-    pixels : int
-        Of the panel.
-    remarks : tuple of str
-        What was assumed, overruled or found on the way.
-    """
-
-    panel: str
-    exposure_s: float
-    f_number: float
-    channel_names: tuple[str, ...]
-    polarizer_angles_rad: FloatArray
+    panel: str  #: Its region.
+    exposure_s: float  #: Of each frame [s].
+    f_number: float  #: As the scene file has it.
+    channel_names: tuple[str, ...]  #: Of the N polarizer angles.
+    polarizer_angles_rad: FloatArray  #: Those [rad].
+    #: Counts per unit of unpolarized radiance as the scene file's sensor has it [DN per W m-2 sr-1].
     modelled_dn_per_radiance: float
-    scale: PanelScale
-    radiance: float
+    scale: PanelScale  #: Measured over that, by channel and for all.
+    radiance: float  #: S0 of the panel at the aperture as it was predicted, and its standard error [W m-2 sr-1].
     radiance_error: float
+    #: Uncertain input to the share of the variance of the common scale that comes from it alone; "measurement" is one
+    #: of them. Where inputs are correlated they do not add up to 1.
     shares: dict[str, float]
-    pixels: int
-    remarks: tuple[str, ...]
+    pixels: int  #: Of the panel.
+    remarks: tuple[str, ...]  #: What was assumed, overruled or found on the way.
 
 
 def panel_response(
     measurement: Measurement, *, scene: SceneFile, panel: str, noise: NoiseParameters | None
 ) -> PanelResponse:
-    """Return the counts that a radiance makes, by a panel of known reflectance.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        Of a run, with the panel among its regions.
-    scene : SceneFile
-        Says what the panel is made of, or which radiance it sends; the sun is that of the run.
-    panel : str
-        Name of its region.
-    noise : NoiseParameters or None
-        A noise calibration.
-
-    Raises
-    ------
-    ConfigError
-        The scene has no such region.
-    DataError
-        The panel is saturated, or the run cannot be predicted: exposures differ or are not known.
-    """
+    """Return the counts that a radiance makes, by a panel of known reflectance."""
     alone = _alone(scene, panel)
     alone, moved = scene_of_run(alone, measurement.run, measurement.grid.frames)
     measured = _unsaturated(measurement, panel)

@@ -51,22 +51,6 @@ _ANYWHERE = Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
 def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[SceneFile, tuple[str, ...]]:
     """Return the scene with the sun and the camera's place that the run states, and each difference in words.
 
-    Parameters
-    ----------
-    scene : SceneFile
-        What the model is told.
-    run : Run
-        Its rig and session may hold [site] and [geometry].
-    frames : iterable of FrameRecord
-        Those that are compared.
-
-    Raises
-    ------
-    DataError
-        The run's description of its place is damaged.
-
-    Notes
-    -----
     The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun, unless it lit a
     simulated roof. Where the run states a number as exact, the scene file's standard uncertainty of it stays.
     """
@@ -82,17 +66,7 @@ def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> t
 
 
 def sun_used(stated: SceneFile, used: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[str, ...]:
-    """Return in one line which sun a comparison of a run takes, when, and whence; nothing without materials.
-
-    Parameters
-    ----------
-    stated, used : SceneFile
-        As it is, and as `scene_of_run` returns it.
-    run : Run
-        The run.
-    frames : iterable of FrameRecord
-        Those that are compared.
-    """
+    """Return in one line which sun a comparison of a run takes, when, and whence; nothing without materials."""
     if not stated.has_materials:
         return ()
     light = run.session.simulated_light
@@ -270,39 +244,17 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunPredictor:
-    """A scene as it was when a run was taken, ready to be predicted with other values of its inputs.
+    """A scene as it was when a run was taken, ready to be predicted with other values of its inputs."""
 
-    Attributes
-    ----------
-    inputs : Inputs
-        Numbers of scene file, calibration and rig.
-    readout : Readout
-        Angles and cycles of the run.
-    exposure_s : float
-        Of each frame [s].
-    light : SceneLight
-        Computes the light of materials, and keeps it.
-    settings : Settings or None
-        Numerical settings in place of those of the file.
-    moved : tuple of str
-        Which sun is taken, and what the run says of sun and geometry otherwise than the file.
-    """
-
-    inputs: Inputs
-    readout: Readout
-    exposure_s: float
-    light: SceneLight
-    moved: tuple[str, ...]
-    settings: Settings | None = None
+    inputs: Inputs  #: Numbers of scene file, calibration and rig.
+    readout: Readout  #: Angles and cycles of the run.
+    exposure_s: float  #: Of each frame [s].
+    light: SceneLight  #: Computes the light of materials, and keeps it.
+    moved: tuple[str, ...]  #: Which sun is taken, and what the run says of sun and geometry otherwise than the file.
+    settings: Settings | None = None  #: Numerical settings in place of those of the file.
 
     def predictions(self, values: FloatArray) -> dict[str, RegionPrediction]:
-        """Return what the model says of each region, at values of the inputs.
-
-        Raises
-        ------
-        ConfigError
-            The values do not go together.
-        """
+        """Return what the model says of each region, at values of the inputs."""
         scene = self.inputs.at(values)
         errors = rig_errors(scene)
         try:
@@ -320,22 +272,7 @@ class RunPredictor:
 
 
 def run_predictor(measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None) -> RunPredictor:
-    """Return what predicts a run from a scene file.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        The run; angles, cycles, exposure, sun and rig are its own.
-    scene : SceneFile
-        What the model is told.
-    noise : NoiseParameters or None
-        A noise calibration, in place of the assumed noise.
-
-    Raises
-    ------
-    DataError
-        Exposures differ or are not known.
-    """
+    """Return what predicts a run from a scene file."""
     stated_file = scene
     scene, moved = scene_of_run(stated_file, measurement.run, measurement.grid.frames)
     stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_run(measurement, scene))
@@ -362,13 +299,7 @@ def run_readout(measurement: Measurement) -> Readout:
 
 
 def one_exposure_s(measurement: Measurement) -> float:
-    """Return the exposure of a run's frames [s].
-
-    Raises
-    ------
-    DataError
-        It is not known, or differs between angles.
-    """
+    """Return the exposure of a run's frames [s]."""
     exposures = measurement.grid.exposures_s
     if exposures is None:
         raise DataError(f"{measurement.run.path}: its exposure is not known, and a scene cannot be predicted without")

@@ -42,38 +42,21 @@ _TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One number by the model and by the frames.
+    """One number by the model and by the frames."""
 
-    Attributes
-    ----------
-    region, quantity, statistic : str
-        Which number, for instance ("asphalt", "dn_45", "std_temporal").
-    predicted, measured : float
-        In DN, degrees or without unit, as the quantity has it.
-    std_error : float or None
-        Of the measurement; of a deviation that came out below its prediction, as large as the prediction has it.
-    std_error_inputs : float or None
-        Of the prediction, from the uncertainty of what it rests on.
-    z_measurement : float or None
-        Difference over `std_error`.
-    z : float or None
-        Difference over both errors together; the decision is taken from this one.
-    agrees : bool or None
-        By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
-    smallest_difference_90 : float or None
-        That would have been called a disagreement with a chance of 90 %, were this row the only one that is off.
-    """
-
-    region: str
+    region: str  #: Which number, for instance ("asphalt", "dn_45", "std_temporal").
     quantity: str
     statistic: str
-    predicted: float
+    predicted: float  #: In DN, degrees or without unit, as the quantity has it.
     measured: float
+    #: Of the measurement; of a deviation that came out below its prediction, as large as the prediction has it.
     std_error: float | None = None
-    std_error_inputs: float | None = None
-    z_measurement: float | None = None
-    z: float | None = None
+    std_error_inputs: float | None = None  #: Of the prediction, from the uncertainty of what it rests on.
+    z_measurement: float | None = None  #: Difference over `std_error`.
+    z: float | None = None  #: Difference over both errors together; the decision is taken from this one.
+    #: By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
     agrees: bool | None = None
+    #: That would have been called a disagreement with a chance of 90 %, were this row the only one that is off.
     smallest_difference_90: float | None = None
 
     @property
@@ -204,17 +187,10 @@ FAULTS = "faults of the run"
 
 @dataclass(frozen=True, kw_only=True)
 class RegionBudget:
-    """Standard uncertainties of one region's polarization.
+    """Standard uncertainties of one region's polarization."""
 
-    Attributes
-    ----------
-    region : str
-        Its name.
-    parts : mapping
-        Quantity ("s0" relative, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty.
-    """
-
-    region: str
+    region: str  #: Its name.
+    #: Quantity ("s0" relative, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty.
     parts: dict[str, dict[str, float]]
 
 
@@ -227,17 +203,7 @@ def scene_budget(
     propagation: Propagation,
     uncertain: Inputs,
 ) -> tuple[RegionBudget, ...]:
-    """Return the budget of every region of a comparison with a scene.
-
-    Parameters
-    ----------
-    predictions, measurement
-        Both sides.
-    inputs : Inputs
-        All of them.
-    rows, propagation, uncertain
-        What the uncertain inputs do to the mean counts.
-    """
+    """Return the budget of every region of a comparison with a scene."""
     found = []
     for name, prediction in predictions.items():
         if name not in measurement.regions:

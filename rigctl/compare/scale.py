@@ -52,24 +52,6 @@ def without_throughput(inputs: Inputs, *, gain: bool = False) -> Inputs:
 def rescaled(inputs: Inputs, factor: float, *, variance: float, common: FloatArray) -> Inputs:
     """Return the inputs with a factor on the counts per radiance in place of what the scene file says of it.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        Of scene file and noise calibration.
-    factor : float
-        On the electrons that a radiance makes, > 0.
-    variance : float
-        Of its logarithm, with all that goes into `common`.
-    common : (k,) array
-        Covariance of its logarithm with each input.
-
-    Raises
-    ------
-    DataError
-        More electrons than photons would be needed.
-
-    Notes
-    -----
     Transmittance and quantum efficiency are only known as their product, which stands under the latter's name.
     """
     place = {name: k for k, name in enumerate(inputs.names)}
@@ -96,23 +78,15 @@ _F_NUMBER_STEP = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Scale of the counts of a prediction.
+    """Scale of the counts of a prediction."""
 
-    Attributes
-    ----------
-    kind : {"absolute", "panel", "free"}
-        By the optics and efficiency of the scene file; by a radiometric calibration; fitted to the run.
-    value, std_error : float
-        Factor on the counts per radiance of the scene file, and its standard error: as far as the file itself knows it
-        (absolute), of the calibration, or of the fit.
-    source : str
-        Where it comes from, in words for a report.
-    """
-
+    #: By the optics and efficiency of the scene file; by a radiometric calibration; fitted to the run.
     kind: "ScaleKind"
+    #: Factor on the counts per radiance of the scene file, and its standard error: as far as the file itself knows it
+    #: (absolute), of the calibration, or of the fit.
     value: float
     std_error: float
-    source: str
+    source: str  #: Where it comes from, in words for a report.
 
     @property
     def remark(self) -> str:
@@ -131,28 +105,6 @@ def scale_inputs(
 ) -> tuple["Inputs", Scale]:
     """Return the inputs of a prediction with the counts scaled, and the scale.
 
-    Parameters
-    ----------
-    kind : {"absolute", "panel", "free"}
-        Which scale.
-    inputs : Inputs
-        Of scene file and noise calibration.
-    measurement : Measurement
-        The run; "free" is fitted to the mean S0 of its regions.
-    radiometric : mapping or None
-        A radiometric calibration as its file holds it, for "panel".
-    predicted : callable
-        Values of the inputs to what the model says of each region.
-
-    Raises
-    ------
-    ConfigError
-        "panel" without a calibration, or a calibration with another kind of scale.
-    DataError
-        The calibration is of another f-number, the scale is not possible, or there is no light to fit.
-
-    Notes
-    -----
     A scale acts on the electrons that a radiance makes, so that noise follows. The errors of a fitted scale go together
     with those of the inputs that it makes up for: both are in the covariance that is returned.
     """
@@ -175,25 +127,13 @@ def _of_file(inputs: "Inputs", exposure_s: float) -> Scale:
 
 
 def with_panel_scale(inputs: "Inputs", *, radiometric: "RadiometricResponse") -> "Inputs":
-    """Return the inputs of a prediction without a run, scaled by a radiometric calibration, which a remark says.
-
-    Raises
-    ------
-    DataError
-        As `panel_scaled`.
-    """
+    """Return the inputs of a prediction without a run, scaled by a radiometric calibration, which a remark says."""
     scaled, scale = panel_scaled(inputs, radiometric, exposure_s=inputs.scene.exposure_s)
     return replace(scaled, remarks=(*scaled.remarks, scale.remark))
 
 
 def panel_scaled(inputs: "Inputs", radiometric: "RadiometricResponse", *, exposure_s: float) -> tuple["Inputs", Scale]:
-    """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale.
-
-    Raises
-    ------
-    DataError
-        The calibration is of another f-number, or the scale needs more electrons than photons.
-    """
+    """Return the inputs of a prediction with the counts scaled by a radiometric calibration, and the scale."""
     f_number, gain = inputs.scene.sensor.f_number.value, inputs.scene.noise.gain_dn_per_e.value
     response = radiometric.response_dn_per_radiance
     if abs(radiometric.f_number / f_number - 1.0) > _F_NUMBER_STEP:

@@ -33,81 +33,33 @@ _ASSUMPTIONS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedRegion:
-    """One observation beside the fitted surface, in the camera's axes.
+    """One observation beside the fitted surface, in the camera's axes."""
 
-    Attributes
-    ----------
-    run, region : str
-        Which.
-    measured : Moments
-        Of (S1/S0, S2/S0).
-    fitted : (2,) array
-        The same of the fitted surface.
-    chi_square : float
-        What the observation adds to the fit's.
-    """
-
-    run: str
+    run: str  #: Which.
     region: str
-    measured: Moments
-    fitted: FloatArray
-    chi_square: float
+    measured: Moments  #: Of (S1/S0, S2/S0).
+    fitted: FloatArray  #: The same of the fitted surface.
+    chi_square: float  #: What the observation adds to the fit's.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedMaterial:
-    """A material as measured regions give it.
+    """A material as measured regions give it."""
 
-    Attributes
-    ----------
-    start : Material
-        Where the fit began.
-    material : Material or None
-        The same with the fitted values in it; None where the regions leave one of them undetermined.
-    fit : SurfaceFit
-        Values, uncertainties, findings.
-    regions : tuple of FittedRegion
-        Every observation, in the order of the file.
-    intervals : tuple of (float, float)
-        Of each fitted value, that hold the truth in 95 % of such fits.
-    interval_method : str
-        Where they come from.
-    assumptions : tuple of str
-        What the values rest on, in words.
-    """
-
-    start: Material
+    start: Material  #: Where the fit began.
+    #: The same with the fitted values in it; None where the regions leave one of them undetermined.
     material: Material | None
-    fit: SurfaceFit
-    regions: tuple[FittedRegion, ...]
-    intervals: tuple[tuple[float, float], ...]
-    interval_method: str
-    assumptions: tuple[str, ...]
+    fit: SurfaceFit  #: Values, uncertainties, findings.
+    regions: tuple[FittedRegion, ...]  #: Every observation, in the order of the file.
+    intervals: tuple[tuple[float, float], ...]  #: Of each fitted value, that hold the truth in 95 % of such fits.
+    interval_method: str  #: Where they come from.
+    assumptions: tuple[str, ...]  #: What the values rest on, in words.
 
 
 def fit_regions(
     file: SurfaceFitFile, *, beside: Path, profile: bool = False, ignore_exclusions: bool = False
 ) -> FittedMaterial:
-    """Return the material that the regions of a fit file make.
-
-    Parameters
-    ----------
-    file : SurfaceFitFile
-        The file.
-    beside : Path
-        Folder from which a material file counts.
-    profile : bool
-        Intervals from the profile of chi-square, good at a bound too, instead of first-order ones.
-    ignore_exclusions : bool
-        Take excluded frames, too.
-
-    Raises
-    ------
-    ConfigError
-        A file is wrong, or asks for what cannot be, or the search does not end.
-    DataError
-        A run is unfit.
-    """
+    """Return the material that the regions of a fit file make."""
     start, surface = _start(file, beside)
     measured = _measured(file, ignore_exclusions=ignore_exclusions)
     observations = [

@@ -76,27 +76,13 @@ _EXAMPLE = re.compile(r"(.*?)(?: Example: `(.*)`\.)?", re.DOTALL)
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """A key of a file: its row of the page.
+    """A key of a file: its row of the page."""
 
-    Attributes
-    ----------
-    shown : str
-        With the tables that it stands in; of a table in brackets.
-    field : FieldInfo
-        Of the model that checks it.
-    is_table : bool
-        Its keys follow it.
-    meaning : str
-        One line; empty where the model says nothing of it.
-    example : str
-        A value as TOML has it; a table has none, as its keys have them.
-    """
-
-    shown: str
-    field: FieldInfo
-    is_table: bool
-    meaning: str
-    example: str
+    shown: str  #: With the tables that it stands in; of a table in brackets.
+    field: FieldInfo  #: Of the model that checks it.
+    is_table: bool  #: Its keys follow it.
+    meaning: str  #: One line; empty where the model says nothing of it.
+    example: str  #: A value as TOML has it; a table has none, as its keys have them.
 
     @property
     def cells(self) -> tuple[str, ...]:

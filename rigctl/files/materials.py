@@ -100,13 +100,7 @@ class MaterialFile(Section):
 
 
 def load_material(path: Path) -> Material:
-    """Return the material of a material file.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read or has problems: all of them, each with its key.
-    """
+    """Return the material of a material file."""
     file = load(path, MaterialFile)
     return Material(
         name=file.name,
@@ -123,11 +117,6 @@ def find_material(name_or_path: str, *, beside: Path) -> Material:
     """Return a material of the library by its name, or one from a file; the library's names come first.
 
     `beside` is the folder from which a relative path counts: that of the file which names the material.
-
-    Raises
-    ------
-    ConfigError
-        There is no such material and no such file, or the file has problems.
     """
     if name_or_path in MATERIALS:
         return material(name_or_path)

@@ -140,17 +140,7 @@ def load_regions(path: Path) -> list[Region]:
 def inner_masks(
     regions: list[Region], outer: Mapping[str, NDArray[np.bool_]], *, least_px: int = 0
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return the pixels of each region that are farther than its `edge_px` from any pixel outside of it.
-
-    Parameters
-    ----------
-    regions : list of Region
-        What is to be left out along the border.
-    outer : mapping
-        Name to the whole mask (H, W). The border of the picture is no border of a region.
-    least_px : int
-        So much of the border is left out of each, whatever its `edge_px`.
-    """
+    """Return the pixels of each region that are farther than its `edge_px` from any pixel outside of it."""
     return {region.name: _without_edge(outer[region.name], max(region.edge_px, least_px)) for region in regions}
 
 
@@ -164,13 +154,7 @@ def _without_edge(mask: NDArray[np.bool_], edge_px: int) -> NDArray[np.bool_]:
 
 
 def masks(regions: list[Region], *, width: int, height: int) -> dict[str, NDArray[np.bool_]]:
-    """Return for each region the pixels (H, W) whose centres lie in it.
-
-    Raises
-    ------
-    ConfigError
-        A region reaches beyond the picture, or holds no pixel: all of them at once.
-    """
+    """Return for each region the pixels (H, W) whose centres lie in it."""
     problems: list[str] = []
     found: dict[str, NDArray[np.bool_]] = {}
     for region in regions:

@@ -103,13 +103,7 @@ class ModeSection(Section):
         return self
 
     def mode(self) -> ParticleMode:
-        """Return the mode as the model takes it.
-
-        Raises
-        ------
-        ValueError
-            A number is outside its range.
-        """
+        """Return the mode as the model takes it."""
         index = RefractiveIndex(
             n=tuple(self.n), k=tuple(self.k), wavelength_m=tuple(nm / NM_PER_M for nm in self.wavelength_nm)
         )
@@ -447,24 +441,12 @@ def _positive_up_to(most: float) -> AfterValidator:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorNumber:
-    """What a number of [errors] is to the rest of the program: written beside its key, and nowhere else.
+    """What a number of [errors] is to the rest of the program: written beside its key, and nowhere else."""
 
-    Attributes
-    ----------
-    field : str
-        Of `model.sensor.Imperfections`, which takes the number; an angle in radians.
-    unit : str
-        Of the file; empty for a pure number.
-    meaning : str
-        One line.
-    most : float
-        Up to where it may be varied; it begins at 0.
-    """
-
-    field: str
-    unit: str
-    meaning: str
-    most: float = inf
+    field: str  #: Of `model.sensor.Imperfections`, which takes the number; an angle in radians.
+    unit: str  #: Of the file; empty for a pure number.
+    meaning: str  #: One line.
+    most: float = inf  #: Up to where it may be varied; it begins at 0.
 
 
 Drift = Annotated[Uncertain, _between(-1, 1), Allowed("from -1, to 1")]
@@ -754,13 +736,7 @@ class SceneRegion(Region):
         return self
 
     def given_radiance(self) -> StokesValues:
-        """Return the radiance that the file states.
-
-        Raises
-        ------
-        ConfigError
-            The region is given by its material.
-        """
+        """Return the radiance that the file states."""
         if self.stokes_radiance is None:
             raise ConfigError(
                 f"region {self.name} is given by its material; here its stokes_radiance is needed, as a simulated rig "
@@ -893,13 +869,7 @@ def load_scene(path: str | Path) -> SceneFile:
 
 
 def scene_file(given: Path | SceneFile) -> SceneFile:
-    """Return a scene file's content, read where only its path is given.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read or has problems, or a material that it names.
-    """
+    """Return a scene file's content, read where only its path is given."""
     return given if isinstance(given, SceneFile) else load_scene(given)
 
 
@@ -928,29 +898,7 @@ def write_into_scene(
     regions: Mapping[str, Mapping[str, tuple[float, float]]],
     pointing: PointingSection | None,
 ) -> tuple[str, ...]:
-    """Write numbers with their standard uncertainties into a scene file, and how their errors go together.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    geometry : mapping
-        Key of ``[geometry]`` to value and standard uncertainty. An azimuth takes the place of ``phi_deg``.
-    regions : mapping
-        Name of a region to the same.
-    pointing : PointingSection or None
-        Takes the place of the ``[pointing]`` that is there; None: there is none any more.
-
-    Returns
-    -------
-    tuple of str
-        The lines that went, behind a minus, and those that came, behind a plus.
-
-    Raises
-    ------
-    ConfigError
-        The file is no scene file, has no such region, or would not be a scene file any more: then it is as it was.
-    """
+    """Write numbers with their standard uncertainties into a scene file, and how their errors go together."""
     load_scene(path)
     before = path.read_bytes()
     text = before.decode("utf-8")

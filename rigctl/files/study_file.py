@@ -104,12 +104,6 @@ class StudyFile(Section):
 
 
 def load_study(path: Path) -> StudyFile:
-    """Return the checked study file, its scenes beside it.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read or has problems: all of them.
-    """
+    """Return the checked study file, its scenes beside it."""
     study = load(path, StudyFile)
     return study.model_copy(update={"scenes": tuple((path.parent / scene).resolve() for scene in study.scenes)})

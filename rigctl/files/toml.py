@@ -93,13 +93,7 @@ def _is_of_kind(table: Mapping[str, Any], keys: frozenset[str]) -> bool:
 
 
 def demands(details: Sequence[Any]) -> str:
-    """Return in words what a value must be, from all that pydantic says of it: "must be a number, or 'auto'".
-
-    Parameters
-    ----------
-    details : sequence of ErrorDetails
-        One for each kind that the value was held against.
-    """
+    """Return in words what a value must be, from all that pydantic says of it: "must be a number, or 'auto'"."""
     wanted = list(dict.fromkeys(_demand(detail) for detail in details))
     if all(text.startswith("must be ") for text in wanted):
         return ", or ".join([wanted[0], *(text.removeprefix("must be ") for text in wanted[1:])])
@@ -126,15 +120,7 @@ def _alike(given: object, expected: str) -> str:
 
 
 def place_text(key: Key, *, is_table: bool = False) -> str:
-    """Return the place of a value as people count: "second [[take]], exposure_ms" for take.1.exposure_ms.
-
-    Parameters
-    ----------
-    key : tuple of int or str
-        Names, and places within lists, from 0.
-    is_table : bool
-        Whether a table stands there: then a number at the end counts tables and not values.
-    """
+    """Return the place of a value as people count: "second [[take]], exposure_ms" for take.1.exposure_ms."""
     texts: list[str] = []
     names: list[str] = []
     for k, part in enumerate(key):
@@ -295,13 +281,7 @@ _KIND_TRIED = re.compile(r"constrained-\w+|float|int|str|bool|(literal|list|tupl
 
 
 def load(path: Path, model: type[FileModel]) -> FileModel:
-    """Return the checked content of a TOML file.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, is no TOML, or has problems: all of them, each with its key.
-    """
+    """Return the checked content of a TOML file."""
     table = _table(path)
     other = other_kind(table, model)
     if other is not None:
@@ -317,15 +297,7 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
 
 
 def newer_schema(content: object, model: type[object]) -> str | None:
-    """Return in words that a file is of a later schema than a record reads; None where it is not.
-
-    Parameters
-    ----------
-    content : object
-        Content of the file, whatever it is.
-    model : type
-        The record: its `schema_version` says what it reads.
-    """
+    """Return in words that a file is of a later schema than a record reads; None where it is not."""
     found = content if isinstance(content, dict) else {}
     version, newest = found.get("schema_version"), _newest_schema(model)
     if not isinstance(version, int) or isinstance(version, bool) or newest is None or version <= newest:
@@ -347,13 +319,7 @@ def _newest_schema(model: type[object]) -> int | None:
 
 
 def has_any_key(path: Path, *keys: str) -> bool:
-    """Return whether a TOML file has any of some keys, which tell what kind of file it is.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read.
-    """
+    """Return whether a TOML file has any of some keys, which tell what kind of file it is."""
     return not _table(path).keys().isdisjoint(keys)
 
 

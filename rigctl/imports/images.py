@@ -39,30 +39,15 @@ _LARGEST_SHARE_INSIDE = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Border:
-    """Pixels of one value that hang together along the edges.
+    """Pixels of one value that hang together along the edges."""
 
-    Attributes
-    ----------
-    value_dn : int
-        Their count.
-    fraction : float
-        Of all pixels.
-    """
-
-    value_dn: int
-    fraction: float
+    value_dn: int  #: Their count.
+    fraction: float  #: Of all pixels.
 
 
 def constant_border(counts: NDArray[np.uint16]) -> Border | None:
     """Return the constant border of an image, or None.
 
-    Parameters
-    ----------
-    counts : (H, W) array
-        As in the file.
-
-    Notes
-    -----
     The most common value along the four edges, where pixels of it hang together from an edge inward, are at least
     half a side long, and are rare in the rest of the image. An image that is dark all over has none.
     """
@@ -190,27 +175,13 @@ _LEAST_UNUSED_BITS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """The way from the counts of the files to the counts of the run.
+    """The way from the counts of the files to the counts of the run."""
 
-    Attributes
-    ----------
-    bit_depth : int
-        Bits of the camera.
-    shift_bits : int
-        How far counts are shifted right on their way.
-    saturation_dn : float
-        A pixel at or above this is saturated [DN of the run].
-    missing_dn : float or None
-        The value that marks pixels that were not received [DN of the run].
-    remarks : tuple of str
-        What was recognised, for the user and for every frame.
-    """
-
-    bit_depth: int
-    shift_bits: int
-    saturation_dn: float
-    missing_dn: float | None
-    remarks: tuple[str, ...]
+    bit_depth: int  #: Bits of the camera.
+    shift_bits: int  #: How far counts are shifted right on their way.
+    saturation_dn: float  #: A pixel at or above this is saturated [DN of the run].
+    missing_dn: float | None  #: The value that marks pixels that were not received [DN of the run].
+    remarks: tuple[str, ...]  #: What was recognised, for the user and for every frame.
 
 
 def find_scale(
@@ -222,30 +193,7 @@ def find_scale(
     levels_by_file: Sequence[NDArray[np.int64]] = (),
     borders: Sequence[Border] = (),
 ) -> Scale:
-    """Return what the counts mean, by what the user says and the counts themselves show.
-
-    Parameters
-    ----------
-    request : ImportRequest
-        What the user says.
-    levels : (65536,) array of int
-        Pixels by count, over all files.
-    sample_bits : {8, 16}
-        Bits that a sample takes in the files.
-    black_level_dn : float or None
-        The smallest black level of the files [DN of the files].
-    levels_by_file : sequence of (65536,) arrays of int
-        The same file by file: some may have been resampled, and others not.
-    borders : sequence of Border
-        Constant pixels along the edges of files.
-
-    Raises
-    ------
-    ConfigError
-        The counts leave a choice that the user has to make.
-    DataError
-        The counts contradict what the user says.
-    """
+    """Return what the counts mean, by what the user says and the counts themselves show."""
     depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
     shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
@@ -415,69 +363,31 @@ _FITS_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyedImage:
-    """One file, as far as it is known before anything is written.
+    """One file, as far as it is known before anything is written."""
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    shape : (height, width)
-        Its size.
-    sample_bits : {8, 16}
-        Bits that a sample takes in the file.
-    first_row : {"top", "bottom"}
-        Which row comes first in it.
-    angle_deg, exposure_s, black_level_dn : float or None
-        From the user or the header.
-    start_utc : str or None
-        Start of the exposure, where the header has it in standard form.
-    remarks : tuple of str
-        What else one has to know of the file.
-    raw : RawSettings or None
-        How a still camera was set.
-    levels : (65536,) array of int
-        How many of its pixels have each count.
-    border : Border or None
-        Constant pixels along its edges.
-    is_jpeg : bool
-        Its blocks of 8 x 8 pixels show that it went through JPEG.
-    """
-
-    path: Path
-    shape: tuple[int, int]
-    sample_bits: int
-    first_row: FirstRow
-    angle_deg: float | None
+    path: Path  #: The file.
+    shape: tuple[int, int]  #: Its size.
+    sample_bits: int  #: Bits that a sample takes in the file.
+    first_row: FirstRow  #: Which row comes first in it.
+    angle_deg: float | None  #: From the user or the header.
     exposure_s: float | None
     black_level_dn: float | None
-    start_utc: str | None
-    remarks: tuple[str, ...]
-    raw: RawSettings | None
-    levels: NDArray[np.int64] = field(repr=False)
-    border: Border | None = None
-    is_jpeg: bool = False
+    start_utc: str | None  #: Start of the exposure, where the header has it in standard form.
+    remarks: tuple[str, ...]  #: What else one has to know of the file.
+    raw: RawSettings | None  #: How a still camera was set.
+    levels: NDArray[np.int64] = field(repr=False)  #: How many of its pixels have each count.
+    border: Border | None = None  #: Constant pixels along its edges.
+    is_jpeg: bool = False  #: Its blocks of 8 x 8 pixels show that it went through JPEG.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """All files, as far as they are known.
+    """All files, as far as they are known."""
 
-    Attributes
-    ----------
-    images : tuple of SurveyedImage
-        The files that could be read.
-    levels : (65536,) array of int
-        How many pixels of all images together have each count.
-    unsaid : tuple of str
-        What the command line would have to say (exit 2).
-    unfit : tuple of str
-        What is wrong with the files (exit 4).
-    """
-
-    images: tuple[SurveyedImage, ...]
-    levels: NDArray[np.int64]
-    unsaid: tuple[str, ...]
-    unfit: tuple[str, ...]
+    images: tuple[SurveyedImage, ...]  #: The files that could be read.
+    levels: NDArray[np.int64]  #: How many pixels of all images together have each count.
+    unsaid: tuple[str, ...]  #: What the command line would have to say (exit 2).
+    unfit: tuple[str, ...]  #: What is wrong with the files (exit 4).
 
 
 def survey_images(request: ImportRequest) -> Survey:
@@ -596,21 +506,7 @@ def frames_of(
     first_sequence: int,
     present: Iterable[FrameRecord],
 ) -> Iterator[tuple[FrameRecord, NDArray[np.uint16]]]:
-    """Return the frames of all files one by one, each file read when it is its turn.
-
-    Parameters
-    ----------
-    request : ImportRequest
-        What the user says.
-    images : iterable of SurveyedImage
-        The files, in order.
-    scale : Scale
-        What their counts mean.
-    first_sequence : int
-        Sequence number of the first frame.
-    present : iterable of FrameRecord
-        Frames that the run holds already; cycles are counted on from theirs.
-    """
+    """Return the frames of all files one by one, each file read when it is its turn."""
     cycles = Counter(
         axis_deg(record.polarizer_angle_deg)
         for record in present

@@ -21,21 +21,11 @@ _TELLING_COUNTS, _PIXELS_A_COUNT, _LEAST_GAPS = 12, 30.0, 3
 
 @dataclass(frozen=True, kw_only=True)
 class Plateau:
-    """A value that suspiciously many pixels share.
+    """A value that suspiciously many pixels share."""
 
-    Attributes
-    ----------
-    value_dn : int
-        The value.
-    fraction : float
-        Share of pixels that have it.
-    certain : bool
-        Nothing but saturation explains it.
-    """
-
-    value_dn: int
-    fraction: float
-    certain: bool
+    value_dn: int  #: The value.
+    fraction: float  #: Share of pixels that have it.
+    certain: bool  #: Nothing but saturation explains it.
 
 
 def histogram(counts: NDArray[np.uint16]) -> NDArray[np.int64]:
@@ -44,12 +34,7 @@ def histogram(counts: NDArray[np.uint16]) -> NDArray[np.int64]:
 
 
 def common_zero_bits(levels: NDArray[np.int64]) -> int:
-    """Return how many of the lowest bits are zero in every count; 0 where all counts are 0.
-
-    Examples
-    --------
-    Twelve bits that a camera shifted to the top of sixteen have four of them.
-    """
+    """Return how many of the lowest bits are zero in every count; 0 where all counts are 0."""
     used = int(np.bitwise_or.reduce(np.flatnonzero(levels)))
     return (used & -used).bit_length() - 1 if used else 0
 
@@ -62,15 +47,6 @@ def largest(levels: NDArray[np.int64]) -> int:
 def saturation_plateau(levels: NDArray[np.int64], *, full_scale_dn: int) -> Plateau | None:
     """Return the plateau of saturated pixels below full scale, or None.
 
-    Parameters
-    ----------
-    levels : (65536,) array of int
-        Pixels by count, over all images of one camera.
-    full_scale_dn : int
-        The largest count that the bits allow; a plateau there is no news.
-
-    Notes
-    -----
     More than 0.1 % of the pixels, and 20 or more, share the largest count; that is 20 times as many as any other
     count in the tenth below it has; and the image has noise (16 levels or more), so that nobody drew it. It is
     certain where the largest count also lies above 90 % of full scale.
@@ -87,15 +63,6 @@ def saturation_plateau(levels: NDArray[np.int64], *, full_scale_dn: int) -> Plat
 def missing_pixels(levels: NDArray[np.int64], *, black_level_dn: float | None) -> Plateau | None:
     """Return the plateau of pixels at 0 that cannot be dark, or None.
 
-    Parameters
-    ----------
-    levels : (65536,) array of int
-        Pixels by count, over all images of one camera.
-    black_level_dn : float or None
-        The smallest black level of these images [DN], where known.
-
-    Notes
-    -----
     More than 0.1 % of the pixels, and 20 or more, are 0, but not all; and none lies between 0 and half of the
     black level, or of 64 DN where that is not known. It is certain where the black level is known.
     """
@@ -126,13 +93,6 @@ def _lonely_ends(occupied: NDArray[np.intp], step: int) -> list[int]:
 def odd_pattern(levels: NDArray[np.int64]) -> str:
     """Return what a histogram of counts says of bits that are not a camera's own, in words; empty where nothing.
 
-    Parameters
-    ----------
-    levels : (65536,) array of int
-        Pixels by count, of images of one camera.
-
-    Notes
-    -----
     Looked at are counts between the 2nd and the 98th percentile, in steps of the common zero bits, where so many pixels
     fall on each that one without any is no chance.
     """

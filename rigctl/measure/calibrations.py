@@ -58,31 +58,17 @@ _Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced.
+    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced."""
 
-    Attributes
-    ----------
-    noise, radiometric, registration, flat, polarizer : Path or None
-        Files that are named.
-    force_registration : bool
-        Use a registration that helps no edges too.
-    picks : bool
-        Pick what is not named from the store, where there is one.
-    store : Path or None
-        The store; None is the one that stands beside the rig file.
-    without : tuple of str
-        Kinds that are not picked.
-    """
-
-    noise: Path | None = None
+    noise: Path | None = None  #: Files that are named.
     radiometric: Path | None = None
     registration: Path | None = None
     flat: Path | None = None
     polarizer: Path | None = None
-    force_registration: bool = False
-    picks: bool = False
-    store: Path | None = None
-    without: tuple[str, ...] = ()
+    force_registration: bool = False  #: Use a registration that helps no edges too.
+    picks: bool = False  #: Pick what is not named from the store, where there is one.
+    store: Path | None = None  #: The store; None is the one that stands beside the rig file.
+    without: tuple[str, ...] = ()  #: Kinds that are not picked.
 
     @property
     def files(self) -> dict[CalibrationKind, Path]:
@@ -130,13 +116,7 @@ class RunCalibrations:
 
 
 def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
-    """Return the calibrations of a run.
-
-    Raises
-    ------
-    DataError
-        A file is wrong, or of other devices or settings.
-    """
+    """Return the calibrations of a run."""
     doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and paths.polarizer is None else []
 
     def read(path: Path | None, reader: _Read[_Content]) -> _Content | None:
@@ -181,24 +161,12 @@ _ABOVE = 3
 
 @dataclass(frozen=True, kw_only=True)
 class PickedCalibrations:
-    """Calibrations of a run: those that were named, and those that were picked.
+    """Calibrations of a run: those that were named, and those that were picked."""
 
-    Attributes
-    ----------
-    paths : CalibrationPaths
-        All of them.
-    store : Path or None
-        Where was looked; None where there is no store, and nothing is picked.
-    choices : tuple of Choice
-        What was picked, kind by kind, and what was not.
-    damaged : tuple of UnreadFile
-        Files of the store that may be calibrations, and cannot be read.
-    """
-
-    paths: CalibrationPaths
-    store: Path | None = None
-    choices: tuple[Choice, ...] = ()
-    damaged: tuple[UnreadFile, ...] = ()
+    paths: CalibrationPaths  #: All of them.
+    store: Path | None = None  #: Where was looked; None where there is no store, and nothing is picked.
+    choices: tuple[Choice, ...] = ()  #: What was picked, kind by kind, and what was not.
+    damaged: tuple[UnreadFile, ...] = ()  #: Files of the store that may be calibrations, and cannot be read.
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -220,13 +188,7 @@ class PickedCalibrations:
 def calibration_paths(
     named: Mapping[CalibrationKind, Path | None], *, store: Path | None, force_registration: bool = False
 ) -> CalibrationPaths:
-    """Return the calibrations that a command line names; ``none`` is to have none, the others are picked.
-
-    Raises
-    ------
-    ConfigError
-        The store that is named is no folder.
-    """
+    """Return the calibrations that a command line names; ``none`` is to have none, the others are picked."""
     if store is not None and store != NONE and not store.is_dir():
         raise ConfigError(f"--calibrations: {store}: there is no such folder")
     paths = CalibrationPaths(
@@ -252,22 +214,7 @@ def named_calibrations(picked: "PickedCalibrations | RigPicks | None") -> str:
 
 
 def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> PickedCalibrations:
-    """Return the calibrations of a run, those that are not named picked from the store.
-
-    Parameters
-    ----------
-    paths : CalibrationPaths
-        What is named, and whether anything is picked.
-    run : Run
-        The run.
-    kinds : sequence of str
-        What can be used.
-
-    Raises
-    ------
-    ConfigError, DataError
-        The store cannot be read, or the run has no frames to calibrate.
-    """
+    """Return the calibrations of a run, those that are not named picked from the store."""
     folder = (paths.store or store_of_run(run)) if paths.picks else None
     if folder is None:
         return PickedCalibrations(paths=paths)
@@ -287,8 +234,6 @@ def picked_for_run(paths: CalibrationPaths, run: Run, kinds: Sequence[Calibratio
 def store_of_run(run: Run) -> Path | None:
     """Return the store beside the rig file that a run was taken with; None where there is none.
 
-    Notes
-    -----
     The rig file is sought where it was, then by its name in the folders above the run and in the current one, as runs
     are moved to other machines.
     """

@@ -45,24 +45,12 @@ _DEG_PER_RAD = float(np.degrees(1.0))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunDiagnosis:
-    """What a run says of itself.
+    """What a run says of itself."""
 
-    Attributes
-    ----------
-    terms : tuple of FaultTerm
-        Those named first, the strongest at the front.
-    reason : str
-        Why nothing is testable; empty otherwise.
-    angles_deg : tuple of float
-        Of the frames that were looked at.
-    found : Diagnosis
-        As the model has it.
-    """
-
-    terms: tuple[FaultTerm, ...]
-    reason: str
-    angles_deg: tuple[float, ...]
-    found: Diagnosis
+    terms: tuple[FaultTerm, ...]  #: Those named first, the strongest at the front.
+    reason: str  #: Why nothing is testable; empty otherwise.
+    angles_deg: tuple[float, ...]  #: Of the frames that were looked at.
+    found: Diagnosis  #: As the model has it.
 
     @property
     def named(self) -> tuple[FaultTerm, ...]:
@@ -80,15 +68,7 @@ class RunDiagnosis:
 
 
 def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) -> RunDiagnosis:
-    """Return what the redundancy of a run's angles says of its faults.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        Of the run.
-    most_pixels : int or None
-        Of a picture: squares of larger ones are taken as one pixel, which is faster and sees small shifts less well.
-    """
+    """Return what the redundancy of a run's angles says of its faults."""
     plan, pictures, angles_rad, times = _frames(measurement)
     usable = ~(measurement.saturated | measurement.missing)
     means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
@@ -119,19 +99,7 @@ def diagnose_pictures(
     slopes: Mapping[str, FloatArray] | None = None,
     side_pixels: int = 1,
 ) -> RunDiagnosis:
-    """Return what pictures say of their faults.
-
-    Parameters
-    ----------
-    plan, pictures, usable, angles_rad, times, step
-        As the model's `diagnose` takes them.
-    means : mapping
-        Region to its mean behind each frame.
-    slopes : mapping or None
-        Region to its mean slopes behind each frame, shape (N, 2) [per pixel of the camera]: what a shift does to it.
-    side_pixels : int
-        Of a pixel of the pictures, in pixels of the camera.
-    """
+    """Return what pictures say of their faults."""
     angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
     if min(usable.shape) < _LEAST_SIDE_PIXELS:
         return replace(
@@ -164,15 +132,7 @@ def _told_coarsely(terms: tuple[FaultTerm, ...]) -> tuple[FaultTerm, ...]:
 
 
 def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosis:
-    """Return what a run says of its faults at a first look; with a reason where it cannot be looked at.
-
-    Parameters
-    ----------
-    run : Run
-        Frames of any kind.
-    most_pixels : int
-        As `diagnose_run` takes it.
-    """
+    """Return what a run says of its faults at a first look; with a reason where it cannot be looked at."""
     scenes = [record for record in run.frames if record.kind == "scene"]
     if not scenes:
         return undiagnosed("there are no scene frames")
@@ -282,13 +242,7 @@ _NOTHING = 1e-12
 
 
 def correctable(text: str) -> tuple[str, ...]:
-    """Return the names of a comma-separated list of what is to be corrected.
-
-    Raises
-    ------
-    ConfigError
-        One of them is not known.
-    """
+    """Return the names of a comma-separated list of what is to be corrected."""
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [name for name in names if name not in CORRECTABLE]
     if unknown or not names:
@@ -297,17 +251,7 @@ def correctable(text: str) -> tuple[str, ...]:
 
 
 def found_faults(grid: FrameGrid, diagnosis: RunDiagnosis, names: Sequence[str]) -> FoundCorrections:
-    """Return the corrections that a diagnosis asks for.
-
-    Parameters
-    ----------
-    grid : FrameGrid
-        Of the run.
-    diagnosis : RunDiagnosis
-        Of its frames as they are.
-    names : sequence of str
-        Of `CORRECTABLE`: others are left as they are.
-    """
+    """Return the corrections that a diagnosis asks for."""
     sizes, errors = _sizes(grid, diagnosis)
     throughput, dark = sizes[0], sizes[2]
     moved = sizes[3:5].T - sizes[3:5].T[0]
@@ -368,36 +312,15 @@ def _numbers(values: FloatArray, digits: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiagnosedRun:
-    """What a run measured, and what it says of itself.
+    """What a run measured, and what it says of itself."""
 
-    Attributes
-    ----------
-    measurement, diagnosis
-        After the corrections.
-    remarks : tuple of str
-        What was corrected.
-    """
-
-    measurement: Measurement
+    measurement: Measurement  #: After the corrections.
     diagnosis: RunDiagnosis
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  #: What was corrected.
 
 
 def diagnosed(run: Run, regions: list[Region], given: RunCalibrations, *, correct: Sequence[str]) -> DiagnosedRun:
-    """Return a run measured with its calibrations, diagnosed, and corrected by what was found.
-
-    Parameters
-    ----------
-    run, regions, given
-        The run, its regions and calibrations.
-    correct : sequence of str
-        "throughput", "dark-level", "shift"; nothing is corrected that is not named.
-
-    Raises
-    ------
-    DataError
-        The registration that was given makes edges no better, and was not forced.
-    """
+    """Return a run measured with its calibrations, diagnosed, and corrected by what was found."""
     measurement = given.measure(run, regions)
     moved = _registered(measurement, force=given.force_registration)
     diagnosis = diagnose_run(measurement)
@@ -436,20 +359,7 @@ MEASURED_WITH: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "reg
 
 
 def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrations]:
-    """Return a run with the axis of its polarizer calibration, if there is one, and all calibrations for it.
-
-    Parameters
-    ----------
-    run : Run
-        As it was taken.
-    paths : CalibrationPaths
-        What is named, and whether anything is picked.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A calibration cannot be read, is of other devices, or a frame does not say where the stage stood.
-    """
+    """Return a run with the axis of its polarizer calibration, if there is one, and all calibrations for it."""
     # What the rig file stated of the axis is what may be wrong: no calibration is refused for it.
     open_axis = _with_polarizer(run, replace(run.session.polarizer, sense=None, offset_deg=None))
     picked = picked_for_run(paths, open_axis, MEASURED_WITH)
@@ -458,20 +368,7 @@ def recalibrated(run: Run, paths: CalibrationPaths) -> tuple[Run, PickedCalibrat
 
 
 def with_axis(run: Run, polarizer: PolarizerParameters) -> Run:
-    """Return a run whose polarizer angles are those of its stage angles by a calibration.
-
-    Parameters
-    ----------
-    run : Run
-        Its frames stay as they are.
-    polarizer : PolarizerParameters
-        With sense and offset.
-
-    Raises
-    ------
-    DataError
-        A frame of the scene has no stage angle.
-    """
+    """Return a run whose polarizer angles are those of its stage angles by a calibration."""
     frames = []
     for record in run.frames:
         if record.stage_angle_deg is not None:

@@ -13,36 +13,17 @@ UNSEEN = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """What frames say of one fault, in the units of a report.
+    """What frames say of one fault, in the units of a report."""
 
-    Attributes
-    ----------
-    name : str
-        Such as "throughput".
-    angle_deg : float or None
-        Of the frame; None where it is of several.
-    value, std_error : float or None
-        Its size; None where it is not testable.
-    unit : str
-        "share", "deg", "DN", "pixel", ...
-    testable : bool
-        Whether the run determines it.
-    reason : str
-        Why not.
-    confused_with : tuple of str
-        Faults that would do the same to this run.
-    dolp_shift, aolp_shift_deg : float or None
-        What it does to the polarization of the region (or of the whole picture) that it moves most.
-    """
-
-    name: str
-    angle_deg: float | None
-    value: float | None
+    name: str  #: Such as "throughput".
+    angle_deg: float | None  #: Of the frame; None where it is of several.
+    value: float | None  #: Its size; None where it is not testable.
     std_error: float | None
-    unit: str
-    testable: bool
-    reason: str
-    confused_with: tuple[str, ...]
+    unit: str  #: "share", "deg", "DN", "pixel", ...
+    testable: bool  #: Whether the run determines it.
+    reason: str  #: Why not.
+    confused_with: tuple[str, ...]  #: Faults that would do the same to this run.
+    #: What it does to the polarization of the region (or of the whole picture) that it moves most.
     dolp_shift: float | None
     aolp_shift_deg: float | None
 
@@ -54,18 +35,10 @@ class Fault:
 
 @dataclass(frozen=True, kw_only=True)
 class FaultTerm(Fault):
-    """A fault of a whole run, with what it does region by region.
+    """A fault of a whole run, with what it does region by region."""
 
-    Attributes
-    ----------
-    named : bool
-        Whether it is one of the causes that explain the run best.
-    by_region : mapping
-        Region to (shift of DoLP, shift of AoLP in degrees).
-    """
-
-    named: bool
-    by_region: dict[str, tuple[float | None, float | None]]
+    named: bool  #: Whether it is one of the causes that explain the run best.
+    by_region: dict[str, tuple[float | None, float | None]]  #: Region to (shift of DoLP, shift of AoLP in degrees).
 
 
 def fault_lines(named: Sequence[Fault], reason: str) -> list[str]:

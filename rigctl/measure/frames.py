@@ -40,31 +40,18 @@ _ANGLE_DECIMALS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameGrid:
-    """The scene frames of a run by cycle and angle.
+    """The scene frames of a run by cycle and angle."""
 
-    Attributes
-    ----------
-    records : tuple of tuple of FrameRecord
-        records[cycle][angle], angles in ascending order.
-    channel_names : tuple of str
-        "dn_45" and so on, by the angle that was asked for, modulo 180 deg; a second frame at an angle within one
-        cycle is "dn_45_2".
-    target_angles_deg : (N,) array
-        The angles that were asked for, modulo 180 deg; those of the readback where nobody asked [deg].
-    polarizer_angles_rad : (N,) array
-        By the stage's readback, the mean over the cycles [rad].
-    exposures_s : (N,) array or None
-        Exposure of each angle [s]; None where nobody knows and one shot gave all of them.
-    left_out : tuple of str
-        Frames that are not used, with the reason.
-    """
-
-    records: tuple[tuple[FrameRecord, ...], ...]
+    records: tuple[tuple[FrameRecord, ...], ...]  #: records[cycle][angle], angles in ascending order.
+    #: "dn_45" and so on, by the angle that was asked for, modulo 180 deg; a second frame at an angle within one cycle
+    #: is "dn_45_2".
     channel_names: tuple[str, ...]
+    #: The angles that were asked for, modulo 180 deg; those of the readback where nobody asked [deg].
     target_angles_deg: FloatArray
-    polarizer_angles_rad: FloatArray
+    polarizer_angles_rad: FloatArray  #: By the stage's readback, the mean over the cycles [rad].
+    #: Exposure of each angle [s]; None where nobody knows and one shot gave all of them.
     exposures_s: FloatArray | None
-    left_out: tuple[str, ...]
+    left_out: tuple[str, ...]  #: Frames that are not used, with the reason.
 
     @property
     def frames(self) -> tuple[FrameRecord, ...]:
@@ -110,13 +97,7 @@ class FrameGrid:
 
 
 def arrange(run: Run) -> FrameGrid:
-    """Return the scene frames of a run by cycle and angle.
-
-    Raises
-    ------
-    DataError
-        There are no scene frames, an angle is not known, sizes differ, or exposures are unknown for some only.
-    """
+    """Return the scene frames of a run by cycle and angle."""
     scene = [record for record in run.frames if record.kind == "scene"]
     _refuse_unusable(run, scene)
     # Cycles are counted over all frames that were taken: one that is excluded moves no other into its cycle.
@@ -203,21 +184,11 @@ def _exposures_s(run: Run, records: tuple[tuple[FrameRecord, ...], ...]) -> Floa
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DarkLevel:
-    """One number per polarizer angle that is taken off every pixel.
+    """One number per polarizer angle that is taken off every pixel."""
 
-    Attributes
-    ----------
-    level_dn : (N,) array
-        [DN].
-    std_error_dn : float
-        Standard error of it, common to all angles [DN].
-    source : str
-        Where it comes from, in words for a report.
-    """
-
-    level_dn: FloatArray
-    std_error_dn: float
-    source: str
+    level_dn: FloatArray  #: [DN].
+    std_error_dn: float  #: Standard error of it, common to all angles [DN].
+    source: str  #: Where it comes from, in words for a report.
 
 
 def find_dark_level(run: Run, grid: FrameGrid, noise: NoiseParameters | None) -> DarkLevel:
@@ -225,11 +196,6 @@ def find_dark_level(run: Run, grid: FrameGrid, noise: NoiseParameters | None) ->
 
     In this order: dark frames of the run at the exposure of its scene frames; the black level that the frames
     state; black level and dark current of a noise calibration.
-
-    Raises
-    ------
-    DataError
-        There is no source. A dark level that stays in lowers every DoLP, so none is made up.
     """
     darks = _matching_darks(run, grid)
     if darks:
@@ -301,24 +267,12 @@ _UNLIKE = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatDivision:
-    """The flat field of each channel.
+    """The flat field of each channel."""
 
-    Attributes
-    ----------
-    response : (N, H, W) array
-        What frames are divided by, mean 1; 1 where a pixel is dead.
-    dead : (H, W) array of bool
-        Pixels that hardly answer to light.
-    variance_factor : (N,) array
-        What the division makes of the variance of noise, mean over the pixels.
-    error : (N,) array
-        Standard deviation over the pixels of the flat field's own error, relative.
-    """
-
-    response: FloatArray
-    dead: NDArray[np.bool_]
-    variance_factor: FloatArray
-    error: FloatArray
+    response: FloatArray  #: What frames are divided by, mean 1; 1 where a pixel is dead.
+    dead: NDArray[np.bool_]  #: Pixels that hardly answer to light.
+    variance_factor: FloatArray  #: What the division makes of the variance of noise, mean over the pixels.
+    error: FloatArray  #: Standard deviation over the pixels of the flat field's own error, relative.
 
     def divided(self, signal: FloatArray, channel: int) -> FloatArray:
         """Return a frame of a channel, dark level off, over its flat field."""
@@ -326,13 +280,7 @@ class FlatDivision:
 
 
 def flat_division(grid: FrameGrid, flats: FlatFields) -> FlatDivision:
-    """Return what the frames of a run are to be divided by.
-
-    Raises
-    ------
-    DataError
-        An angle of the run has no flat field.
-    """
+    """Return what the frames of a run are to be divided by."""
     places = [flats.place(angle_deg) for angle_deg in np.degrees(grid.polarizer_angles_rad)]
     response, errors = flats.response[places], flats.std_error[places]
     dead = np.any(response < _DEAD, axis=0)
@@ -379,20 +327,7 @@ def together(one: Throughput | None, other: Throughput | None) -> Throughput | N
 
 
 def throughput_of(grid: FrameGrid, polarizer: PolarizerParameters) -> Throughput | None:
-    """Return the throughput of each channel of a run; None where the calibration did not measure it.
-
-    Parameters
-    ----------
-    grid : FrameGrid
-        Of the run.
-    polarizer : PolarizerParameters
-        A polarizer calibration. References alone do not measure throughput; a generator does.
-
-    Raises
-    ------
-    DataError
-        It was measured, but not at a stage angle of the run.
-    """
+    """Return the throughput of each channel of a run; None where the calibration did not measure it."""
     if polarizer.channels is None:
         return None
     found = [_nearest(polarizer.channels, record).throughput for record in grid.records[0]]
@@ -423,21 +358,12 @@ _SHIFTED_PIXELS, _MOSTLY_NOISE = 0.05, 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameShifts:
-    """Shifts of frames against the first angle of the first cycle.
+    """Shifts of frames against the first angle of the first cycle."""
 
-    Attributes
-    ----------
-    shifts_pixels : mapping
-        Sequence number of a frame to its shift (x, y).
-    variance_factor : (N,) array
-        What interpolation makes of the variance of white noise, by channel; the mean over cycles.
-    margin_pixels : int
-        Rows and columns along the border of the picture that not every frame shows.
-    """
-
-    shifts_pixels: dict[int, FloatArray]
+    shifts_pixels: dict[int, FloatArray]  #: Sequence number of a frame to its shift (x, y).
+    #: What interpolation makes of the variance of white noise, by channel; the mean over cycles.
     variance_factor: FloatArray
-    margin_pixels: int
+    margin_pixels: int  #: Rows and columns along the border of the picture that not every frame shows.
 
     def signal(self, record: FrameRecord, signal: FloatArray) -> FloatArray:
         """Return a frame moved back."""
@@ -459,13 +385,7 @@ class FrameShifts:
 
 
 def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> FrameShifts:
-    """Return how the frames of a run are to be moved, by a registration.
-
-    Raises
-    ------
-    DataError
-        A frame has no angle, or the registration none for it.
-    """
+    """Return how the frames of a run are to be moved, by a registration."""
     first = angle_deg(run, grid.records[0][0])
     shifts = {
         record.sequence: registration.shift_pixels(angle_deg(run, record), against_deg=first)
@@ -483,18 +403,10 @@ def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> 
 
 @dataclass(frozen=True, kw_only=True)
 class MovedEdges:
-    """Edges of the pictures of a run before and after they were moved.
+    """Edges of the pictures of a run before and after they were moved."""
 
-    Attributes
-    ----------
-    text : str
-        In words, angle by angle; empty where nothing was moved.
-    is_better : bool
-        They lie better on one another, or tell nothing.
-    """
-
-    text: str
-    is_better: bool
+    text: str  #: In words, angle by angle; empty where nothing was moved.
+    is_better: bool  #: They lie better on one another, or tell nothing.
 
 
 def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> MovedEdges:
@@ -550,8 +462,6 @@ class Corrections:
     def noise_factor(self, channels: int) -> FloatArray:
         """Return what all of it makes of the variance of temporal noise, by channel.
 
-        Notes
-        -----
         That of light whose mean after the division is known: a frame that got less of it had less noise too, so that
         the throughput enters once and not squared. Read noise is enlarged by another factor of it, some per cent.
         """
@@ -574,41 +484,17 @@ class Corrections:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoundCorrections:
-    """What a run's own diagnosis has frames corrected by; None is not corrected.
+    """What a run's own diagnosis has frames corrected by; None is not corrected."""
 
-    Attributes
-    ----------
-    throughput : Throughput or None
-        Frames are divided by it.
-    dark : (N,) array or None
-        Taken off the frames of each angle beside the dark level [unit of the measurement].
-    shifts : FrameShifts or None
-        Frames are moved back by them.
-    dark_error : (N,) array
-        Standard error of the level taken off [unit of the measurement].
-    shift_error : (N, 2) array
-        Standard error of the shifts, x and y [pixel].
-    remarks : tuple of str
-        What was done, or that there was nothing to do, in words.
-    """
-
-    throughput: Throughput | None
-    dark: FloatArray | None
-    shifts: FrameShifts | None
-    dark_error: FloatArray
-    shift_error: FloatArray
-    remarks: tuple[str, ...]
+    throughput: Throughput | None  #: Frames are divided by it.
+    dark: FloatArray | None  #: Taken off the frames of each angle beside the dark level [unit of the measurement].
+    shifts: FrameShifts | None  #: Frames are moved back by them.
+    dark_error: FloatArray  #: Standard error of the level taken off [unit of the measurement].
+    shift_error: FloatArray  #: Standard error of the shifts, x and y [pixel].
+    remarks: tuple[str, ...]  #: What was done, or that there was nothing to do, in words.
 
     def level_error(self, channels: FloatArray, inside: BoolArray) -> FloatArray:
-        """Return the standard error that dark levels and shifts add to a region's mean, each angle by itself, (N,).
-
-        Parameters
-        ----------
-        channels : (N, H, W) array
-            Pictures, corrected.
-        inside : (H, W) array of bool
-            The region.
-        """
+        """Return the standard error that dark levels and shifts add to a region's mean, each angle by itself, (N,)."""
         square = np.square(self.dark_error)
         if np.any(self.shift_error > 0.0) and inside.any():
             slopes = region_slopes(channels, inside)

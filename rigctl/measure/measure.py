@@ -66,31 +66,15 @@ INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TemporalNoise:
-    """The numbers of a calibration that temporal noise rests on.
+    """The numbers of a calibration that temporal noise rests on."""
 
-    Attributes
-    ----------
-    values : (3,) array
-        Gain [DN/e-], read noise [e-] and dark current [e-/s].
-    cov : (3, 3) array
-        Their covariance.
-    remarks : tuple of str
-        What was set aside.
-    """
-
-    values: FloatArray
-    cov: FloatArray
-    remarks: tuple[str, ...]
+    values: FloatArray  #: Gain [DN/e-], read noise [e-] and dark current [e-/s].
+    cov: FloatArray  #: Their covariance.
+    remarks: tuple[str, ...]  #: What was set aside.
 
 
 def temporal_noise(noise: "NoiseParameters") -> TemporalNoise:
-    """Return what temporal noise rests on, by a noise calibration.
-
-    Raises
-    ------
-    DataError
-        The calibration has no read noise.
-    """
+    """Return what temporal noise rests on, by a noise calibration."""
     if noise.read_noise_e is None:
         raise DataError("the noise calibration has no read_noise_e: it cannot predict a temporal deviation")
     remarks = []
@@ -108,20 +92,7 @@ def temporal_noise(noise: "NoiseParameters") -> TemporalNoise:
 
 
 def temporal_variance(measurement: "Measurement", region: "MeasuredRegion", values: FloatArray) -> FloatArray:
-    """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2].
-
-    Parameters
-    ----------
-    measurement, region
-        Exposures and mean signal.
-    values : (3,) array
-        Gain, read noise and dark current, as in `TemporalNoise`.
-
-    Raises
-    ------
-    DataError
-        The exposure is not known.
-    """
+    """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2]."""
     grid = measurement.grid
     if grid.exposures_s is None:
         raise DataError(f"{measurement.run.path}: its exposure is not known: the noise cannot be predicted")
@@ -143,44 +114,26 @@ LEAST_PIXELS = 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredRegion:
-    """A region by its pixels.
+    """A region by its pixels."""
 
-    Attributes
-    ----------
-    pixels, excluded, edge : int
-        Pixels used, pixels of the region left out as saturated or missing, and those left out along its border.
-    independent_pixels : float
-        How many independent ones they are worth for S0: errors of deviations take this number.
-    channels_mean : Moments
-        Mean of each angle over pixels and cycles, and the covariance of that mean.
-    scatter_cov : (N, N) array
-        Of the mean of each angle by the scatter of the pixels alone.
-    channel_pixels, channel_pixels_mean : (N, P) array
-        Counts of each pixel behind each angle, of the first cycle and of the mean of all.
-    stokes_pixels, stokes_pixels_mean : (3, P) array
-        Stokes parameters of each pixel, likewise.
-    repeatability : Repeatability
-        Relative errors of the means by what differs from cycle to cycle; 0 with one cycle.
-    first_half : (P,) array of bool
-        Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
-    quantities : mapping
-        Everything a prediction is set beside.
-    """
-
+    #: Pixels used, pixels of the region left out as saturated or missing, and those left out along its border.
     pixels: int
     excluded: int
     edge: int
+    #: How many independent ones they are worth for S0: errors of deviations take this number.
     independent_pixels: float
-    channels_mean: Moments
-    scatter_cov: FloatArray
-    channel_pixels: FloatArray
+    channels_mean: Moments  #: Mean of each angle over pixels and cycles, and the covariance of that mean.
+    scatter_cov: FloatArray  #: Of the mean of each angle by the scatter of the pixels alone.
+    channel_pixels: FloatArray  #: Counts of each pixel behind each angle, of the first cycle and of the mean of all.
     channel_pixels_mean: FloatArray
-    stokes_pixels: FloatArray
+    stokes_pixels: FloatArray  #: Stokes parameters of each pixel, likewise.
     stokes_pixels_mean: FloatArray
+    #: Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
     first_half: NDArray[np.bool_]
     inside: NDArray[np.bool_]
+    #: Relative errors of the means by what differs from cycle to cycle; 0 with one cycle.
     repeatability: Repeatability
-    quantities: MeasuredQuantities
+    quantities: MeasuredQuantities  #: Everything a prediction is set beside.
 
 
 def measure_region(
@@ -197,36 +150,7 @@ def measure_region(
     own_error: FloatArray | float = 0.0,
     interpolation: Interpolation = "none",
 ) -> MeasuredRegion:
-    """Return the numbers of a region.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    pixels : RepeatedPixels
-        Of N angles and P pixels; dark level off.
-    inside : (H, W) array of bool
-        Where the P pixels are.
-    excluded, edge : int
-        How many pixels of the region are left out as saturated or missing, and along its border.
-    channel_names : tuple of str
-        Of the N angles.
-    plan : Design
-        Angles and inverse.
-    level_std_error : (N,) array
-        Standard error of the dark level that was taken off, one cause for all angles.
-    relative_error : (N,) array
-        Relative standard error of each angle's throughput, independent of the others.
-    own_error : (N,) array or float
-        Standard error of each angle's own level, independent of the others: of a dark level or a shift of its own.
-    interpolation : {"none", "bilinear"}
-        What the frames were made of a mosaic by: then neighbours share their noise.
-
-    Raises
-    ------
-    DataError
-        Fewer than 16 pixels are left.
-    """
+    """Return the numbers of a region."""
     count = pixels.mean.shape[1]
     require_pixels(name, count, excluded=excluded, edge=edge)
     independent = _independent_pixels(pixels.mean, inside, plan)
@@ -378,45 +302,21 @@ _NEIGHBOURHOOD = (7, 7)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizationImages:
-    """What a run shows, pixel by pixel, in single precision: for pictures; numbers of regions come from its channels.
+    """Maps of a run in single precision, for pictures; numbers of regions come from its channels."""
 
-    Attributes
-    ----------
-    stokes : (3, H, W) array
-        S0, S1, S2, in the unit of the measurement.
-    dolp : (H, W) array
-        NaN where it has no meaning: no light, saturated or missing.
-    aolp_deg : (H, W) array
-        Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
-    unusable : (H, W) array of bool
-        Saturated or missing in any frame.
-    aolp_error_deg : (H, W) array
-        How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
-    residual : (H, W) array or None
-        Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
-        differ by. None with three angles; NaN where there is no light.
-    """
-
-    stokes: Float32Array
-    dolp: Float32Array
-    aolp_deg: Float32Array
-    unusable: NDArray[np.bool_]
+    stokes: Float32Array  #: S0, S1, S2, in the unit of the measurement.
+    dolp: Float32Array  #: NaN where it has no meaning: no light, saturated or missing.
+    aolp_deg: Float32Array  #: Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
+    unusable: NDArray[np.bool_]  #: Saturated or missing in any frame.
+    #: How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
     aolp_error_deg: Float32Array
+    #: Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
+    #: differ by. None with three angles; NaN where there is no light.
     residual: FloatArray | None
 
 
 def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray[np.bool_]) -> PolarizationImages:
-    """Return the images of a run.
-
-    Parameters
-    ----------
-    plan : Design
-        Measured polarizer angles and the inverse in use.
-    channels : (N, H, W) array
-        Mean of each angle, dark level off.
-    unusable : (H, W) array of bool
-        Pixels that are saturated or missing.
-    """
+    """Return the images of a run."""
     maps = polarization_maps(channels.astype(np.float32), plan)
     dark = unusable | ~maps.valid
     return PolarizationImages(
@@ -465,46 +365,20 @@ _FLOAT_BYTES = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
-    """A run as it was measured.
+    """A run as it was measured."""
 
-    Attributes
-    ----------
-    run : Run
-        Where it comes from.
-    grid : FrameGrid
-        Which frame is which angle of which cycle.
-    plan : Design
-        Measured polarizer angles and the inverse in use.
-    extinction_ratio : float
-        Of the polarizer, as taken; infinite where nobody states one: then it is assumed ideal.
-    dark_level : DarkLevel
-        What was taken off the counts, and whence.
-    channels : (N, H, W) array
-        Mean of each angle over the cycles, dark level off [grid.unit].
-    saturated, missing : (H, W) arrays of bool
-        Pixels that are so in any frame.
-    light : (C,) array
-        Mean of all pixels of all angles, cycle by cycle, dark level off [grid.unit].
-    regions : mapping
-        Name to what its pixels say.
-    unmeasured : mapping
-        Name of each region that gives no numbers to why.
-    corrections : Corrections
-        What was done to frames after the dark level.
-    """
-
-    run: Run
-    grid: FrameGrid
-    plan: Design
-    extinction_ratio: float
-    dark_level: DarkLevel
-    channels: FloatArray
-    saturated: NDArray[np.bool_]
+    run: Run  #: Where it comes from.
+    grid: FrameGrid  #: Which frame is which angle of which cycle.
+    plan: Design  #: Measured polarizer angles and the inverse in use.
+    extinction_ratio: float  #: Of the polarizer, as taken; infinite where nobody states one: then it is assumed ideal.
+    dark_level: DarkLevel  #: What was taken off the counts, and whence.
+    channels: FloatArray  #: Mean of each angle over the cycles, dark level off [grid.unit].
+    saturated: NDArray[np.bool_]  #: Pixels that are so in any frame.
     missing: NDArray[np.bool_]
-    light: FloatArray
-    regions: dict[str, MeasuredRegion]
-    unmeasured: dict[str, str] = field(default_factory=dict)
-    corrections: Corrections = NOTHING
+    light: FloatArray  #: Mean of all pixels of all angles, cycle by cycle, dark level off [grid.unit].
+    regions: dict[str, MeasuredRegion]  #: Name to what its pixels say.
+    unmeasured: dict[str, str] = field(default_factory=dict)  #: Name of each region that gives no numbers to why.
+    corrections: Corrections = NOTHING  #: What was done to frames after the dark level.
 
     @cached_property
     def images(self) -> PolarizationImages:
@@ -538,34 +412,7 @@ def measure(
     found: FoundCorrections | None = None,
     may_measure_none: bool = False,
 ) -> Measurement:
-    """Return the Stokes pictures of a run and the numbers of its regions.
-
-    Parameters
-    ----------
-    run : Run
-        With scene frames of at least three angles that differ modulo 180 deg.
-    regions : list of Region
-        May be empty.
-    noise : NoiseParameters or None
-        A noise calibration: its black level serves where the run says nothing of one.
-    registration : ImageRegistration or None
-        A registration: frames are moved back by it.
-    flats : FlatFields or None
-        Flat fields: frames are divided by them, before they are moved.
-    polarizer : PolarizerParameters or None
-        A polarizer calibration: frames are divided by the throughput of their angle.
-    found : FoundCorrections or None
-        What the run's own diagnosis has frames corrected by, beside the calibrations.
-    may_measure_none : bool
-        Not one region need give numbers: why stands in `unmeasured`.
-
-    Raises
-    ------
-    DataError
-        The frames cannot give Stokes parameters, with the reason; or not one region gives numbers, unless that may be.
-    ConfigError
-        A region does not fit the pictures.
-    """
+    """Return the Stokes pictures of a run and the numbers of its regions."""
     grid = arrange(run)
     extinction_ratio = _extinction_ratio(run)
     plan = _plan(run, grid, extinction_ratio)

@@ -76,24 +76,12 @@ def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScenePrediction:
-    """Predictions of a scene.
+    """Predictions of a scene."""
 
-    Attributes
-    ----------
-    predictions : mapping
-        Region to prediction.
-    lights : mapping
-        Region to its light, for the regions that are given by a material.
-    geometry : SceneGeometry or None
-        For a scene with such a region.
-    remarks : tuple of str
-        What is assumed, and what is least known.
-    """
-
-    predictions: dict[str, RegionPrediction]
-    lights: dict[str, "FieldLight"]
-    geometry: SceneGeometry | None
-    remarks: tuple[str, ...]
+    predictions: dict[str, RegionPrediction]  #: Region to prediction.
+    lights: dict[str, "FieldLight"]  #: Region to its light, for the regions that are given by a material.
+    geometry: SceneGeometry | None  #: For a scene with such a region.
+    remarks: tuple[str, ...]  #: What is assumed, and what is least known.
 
 
 class ScenePredictor:
@@ -112,11 +100,6 @@ class ScenePredictor:
         """Take a scene file, a noise calibration, and what else changes its inputs, such as a radiometric calibration.
 
         `changes` are numbers in the place of those of file and noise calibration, as if the file stated them.
-
-        Raises
-        ------
-        ConfigError
-            The file has no light of this source, or its scene cannot be put together.
         """
         if source != "total" and not scene.has_materials:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
@@ -144,23 +127,11 @@ class ScenePredictor:
         return (*self._inputs.remarks, *self._light.remarks(self.scene))
 
     def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
-        """Return what the model says with some numbers changed, by their keys.
-
-        Raises
-        ------
-        ConfigError
-            There is no such number, or it is outside its range.
-        """
+        """Return what the model says with some numbers changed, by their keys."""
         return self.predictions_of(with_values(self.scene, changed or {}))
 
     def predictions_of(self, scene: "Scene") -> dict[str, RegionPrediction]:
-        """Return what the model says of this scene with some numbers changed.
-
-        Raises
-        ------
-        ConfigError
-            A number is outside its range.
-        """
+        """Return what the model says of this scene with some numbers changed."""
         with as_config_error(f"scene {scene.name}"):
             scenario = build_scenario(
                 scene, readout=self._readout, exposure_s=scene.exposure_s, light=self._light, source=self._source
@@ -173,18 +144,7 @@ class ScenePredictor:
             return predict_with_errors(scenario, errors)
 
     def lit_scene(self, scene: "Scene | None" = None) -> "LitScene":
-        """Return all that the scene is, as one record of the model.
-
-        Parameters
-        ----------
-        scene : Scene or None
-            This scene with some numbers changed; None: as it is.
-
-        Raises
-        ------
-        ConfigError
-            A number is outside its range.
-        """
+        """Return all that the scene is, as one record of the model."""
         of = self.scene if scene is None else scene
         with as_config_error(f"scene {of.name}"):
             sensor = sensor_of(of, of.exposure_s)
@@ -197,20 +157,6 @@ class ScenePredictor:
 
         By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds. Of
         the scene as it is, none is estimated in daylight.
-
-        Parameters
-        ----------
-        tolerance : float
-            Of a prediction.
-        rule : {"safe", "estimated", "all"}
-            By bounds, by estimates, or not at all.
-        of : LitScene or None
-            This scene with some numbers changed; None: as it is.
-
-        Raises
-        ------
-        ConfigError
-            The tolerance, or a number, is outside its range.
         """
         # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
         from rigctl.scene.effects import plan_for_prediction
@@ -233,25 +179,7 @@ class ScenePredictor:
         estimated_only: bool = False,
         clock: "Clock" = time.perf_counter,
     ) -> "AccuratePrediction":
-        """Return what the model says of the scene, to a stated numerical error.
-
-        Parameters
-        ----------
-        tolerance : float
-            Of effects that are left out and numerical settings together.
-        effects : EffectPlan or None
-            From `effect_plan`; settings have what that did not spend. None: all that the scene file does not leave out.
-        estimated_only : bool
-            Take errors that nothing promises as they are estimated.
-        clock : callable
-            Seconds, rising.
-
-        Raises
-        ------
-        ConfigError
-            The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded, which is
-            no part of such a prediction.
-        """
+        """Return what the model says of the scene, to a stated numerical error."""
         from model.accuracy import predict as predict_to_tolerance
 
         _require_recorded_rig(self.scene)
@@ -276,26 +204,7 @@ class ScenePredictor:
         rule: "EffectRule" = "safe",
         estimated_only: bool = False,
     ) -> "SeriesPrediction":
-        """Return what the model says of this scene with some numbers changed step by step, to a numerical error.
-
-        Parameters
-        ----------
-        scenes : sequence of Scene
-            In an order in which they change smoothly; of a grid the last axis fastest.
-        tolerance : float
-            Of effects that are left out and numerical settings together.
-        shape : tuple of int or None
-            Scenes along each axis of a grid; None for one axis.
-        rule : {"safe", "estimated", "all"}
-            What decides of effects of the light.
-        estimated_only : bool
-            Take errors that nothing promises as they are estimated.
-
-        Raises
-        ------
-        ConfigError
-            The tolerance, or a number, is outside its range; or [rig] states a rig that is not as recorded.
-        """
+        """Return what the model says of this scene with some numbers changed step by step, to a numerical error."""
         from model.accuracy.series import SeriesEffects, predict_series
 
         for scene in scenes:
@@ -358,18 +267,11 @@ NO_NOISE = "no noise calibration was given: temporal noise is not told from text
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Performance:
-    """Polarization and detection by the model, of single pixels of one cycle.
+    """Polarization and detection by the model, of single pixels of one cycle."""
 
-    Attributes
-    ----------
-    strengths : mapping
-        Region to the distribution of its DoLP in a few numbers; None where there is no light.
-    detections : tuple of PairDetection
-        Every ordered pair of regions, at `STATED_RATES`.
-    """
-
+    #: Region to the distribution of its DoLP in a few numbers; None where there is no light.
     strengths: dict[str, "PolarizationStrength | None"]
-    detections: tuple["PairDetection", ...]
+    detections: tuple["PairDetection", ...]  #: Every ordered pair of regions, at `STATED_RATES`.
 
 
 def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
@@ -410,24 +312,7 @@ def propagate_numbers(
     inputs: "Inputs",
     predicted: Callable[[FloatArray], Mapping[str, "RegionPrediction"]],
 ) -> Propagation:
-    """Return what the uncertain inputs do to predicted numbers, in their order.
-
-    Parameters
-    ----------
-    numbers : mapping
-        With the inputs at their values.
-    inputs : Inputs
-        All of them.
-    predicted : callable
-        Values of all inputs to what the model says of each region.
-
-    Raises
-    ------
-    ConfigError
-        The model has no prediction on either side of an input.
-    DataError
-        Within the uncertainty of an input one of the numbers does not exist.
-    """
+    """Return what the uncertain inputs do to predicted numbers, in their order."""
     uncertain = np.flatnonzero(np.diag(inputs.cov) > 0.0)
 
     def off(some: FloatArray) -> FloatArray:
@@ -487,26 +372,14 @@ Nested = dict[str, dict[str, dict[str, float]]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictedUncertainty:
-    """Standard uncertainties of predicted numbers.
+    """Standard uncertainties of predicted numbers."""
 
-    Attributes
-    ----------
-    std_errors : mapping
-        Region, quantity and statistic to the standard uncertainty by all inputs.
-    inputs : tuple of str
-        Those that have an uncertainty.
-    effects : mapping
-        Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
-    remarks : tuple of str
-        What was curved, or stood at a limit.
-    correlations : tuple of (input, input, correlation)
-        Inputs whose errors go together, the closest first; the effects are of each alone.
-    """
-
-    std_errors: Nested
-    inputs: tuple[str, ...]
+    std_errors: Nested  #: Region, quantity and statistic to the standard uncertainty by all inputs.
+    inputs: tuple[str, ...]  #: Those that have an uncertainty.
+    #: Region, quantity and statistic to the change by one standard uncertainty of each of these alone, shape (k,).
     effects: dict[NumberKey, FloatArray]
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  #: What was curved, or stood at a limit.
+    #: Inputs whose errors go together, the closest first; the effects are of each alone.
     correlations: tuple[tuple[str, str, float], ...] = ()
 
     def ranked(self, region: str, quantity: str) -> list[tuple[str, float]]:
@@ -520,22 +393,6 @@ def predicted_uncertainty(
 ) -> PredictedUncertainty:
     """Return what the uncertain inputs make of predictions.
 
-    Parameters
-    ----------
-    predictor : ScenePredictor
-        The scene, with what is stated of its inputs.
-    predictions : mapping
-        Region to prediction, with the inputs at their values.
-
-    Raises
-    ------
-    ConfigError
-        The model has no prediction on either side of an input.
-    DataError
-        Within the uncertainty of an input a number does not exist.
-
-    References
-    ----------
     `model.processing.agreement.propagate`.
     """
     numbers = {
@@ -579,13 +436,7 @@ class RocPair:
 
 
 def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
-    """Return the pair of a request ``TARGET,BACKGROUND``.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read, or there is no such region.
-    """
+    """Return the pair of a request ``TARGET,BACKGROUND``."""
     names = [name.strip() for name in request.split(",")]
     if len(names) != 2 or names[0] == names[1] or not set(names) <= set(regions):
         raise ConfigError(
@@ -595,30 +446,14 @@ def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
 
 
 def roc_curves(found: Mapping[str, "RegionPrediction"], pair: RocPair) -> dict[RocKind, PairDetection]:
-    """Return the whole ROC of a pair for each kind of vector.
-
-    Parameters
-    ----------
-    found : mapping
-        Region to prediction.
-    pair : RocPair
-        Two of them.
-    """
+    """Return the whole ROC of a pair for each kind of vector."""
     return {kind: curves[0] for kind, curves in roc_curves_of_sweep((found,), pair).items()}
 
 
 def roc_curves_of_sweep(
     found: Sequence[Mapping[str, "RegionPrediction"]], pair: RocPair
 ) -> dict[RocKind, tuple[PairDetection, ...]]:
-    """Return the whole ROC of a pair at each point of a sweep, for each kind of vector.
-
-    Parameters
-    ----------
-    found : sequence of mapping
-        Region to prediction, of each point.
-    pair : RocPair
-        Two of them.
-    """
+    """Return the whole ROC of a pair at each point of a sweep, for each kind of vector."""
     return {kind: rocs_of_pair(pair.target, pair.background, found, ROC_RATES, kind=kind) for kind in ROC_KINDS}
 
 
@@ -634,13 +469,7 @@ class Axis:
 
 
 def parse_sweeps(requests: Sequence[str]) -> tuple[Axis, ...]:
-    """Return the axes of a grid.
-
-    Raises
-    ------
-    ConfigError
-        One cannot be read, two are of one number, or there are too many points.
-    """
+    """Return the axes of a grid."""
     axes = tuple(Axis(key=key, values=values) for key, values in map(parse_sweep, requests))
     for key, times in Counter(axis.key for axis in axes).items():
         if times > 1:
@@ -652,13 +481,7 @@ def parse_sweeps(requests: Sequence[str]) -> tuple[Axis, ...]:
 
 
 def parse_sweep(request: str) -> tuple[str, FloatArray]:
-    """Return name and values of a request ``KEY=start:stop:n``.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read.
-    """
+    """Return name and values of a request ``KEY=start:stop:n``."""
     key, _, span = request.partition("=")
     parts = span.split(":")
     wanted = f"RANGES: is {request!r}, must be KEY=start:stop:n, for instance sun.zenith_deg=10:80:8"

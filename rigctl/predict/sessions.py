@@ -66,13 +66,7 @@ class SceneSessions:
         return self._scene.remarks
 
     def scheme(self, session: Session) -> Scheme:
-        """Return what a cycle of a session shows of each region.
-
-        Raises
-        ------
-        ConfigError
-            Angles or exposure are outside their range.
-        """
+        """Return what a cycle of a session shows of each region."""
         key = (session.angles_rad, session.exposure_s)
         if key not in self._lights:
             with as_config_error(f"scene {self._scene.name}"):
@@ -109,52 +103,25 @@ _CURVE_CYCLES = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRequest:
-    """A question to the sessions of a scene.
+    """A question to the sessions of a scene."""
 
-    Attributes
-    ----------
-    wanted : Wanted
-        What to reach; nothing by default.
-    region : str or None
-        Whose DoLP counts; None for every region.
-    pair : tuple of str or None
-        Target and background, whose detection is shown.
-    pixels : int
-        How many pixels are averaged before DoLP is taken.
-    disturbances : Disturbances
-        Drift and settling.
-    overhead_s : float
-        Turning and storing, each frame [s].
-    exposures_s : tuple of float or None
-        Which exposures to try [s]; None for that which fills the sensor, and shorter ones.
-    """
-
-    wanted: Wanted = NOTHING_WANTED
-    region: str | None = None
-    pair: tuple[str, str] | None = None
-    pixels: int = 1
-    disturbances: Disturbances = MORNING
-    overhead_s: float = OVERHEAD_S
+    wanted: Wanted = NOTHING_WANTED  #: What to reach; nothing by default.
+    region: str | None = None  #: Whose DoLP counts; None for every region.
+    pair: tuple[str, str] | None = None  #: Target and background, whose detection is shown.
+    pixels: int = 1  #: How many pixels are averaged before DoLP is taken.
+    disturbances: Disturbances = MORNING  #: Drift and settling.
+    overhead_s: float = OVERHEAD_S  #: Turning and storing, each frame [s].
+    #: Which exposures to try [s]; None for that which fills the sensor, and shorter ones.
     exposures_s: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionPoint:
-    """A session and what it gives.
+    """A session and what it gives."""
 
-    Attributes
-    ----------
-    session : Session
-        Which.
-    budgets : mapping
-        Region to errors of DoLP.
-    p_detection : float or None
-        Of the pair that was asked for.
-    """
-
-    session: Session
-    budgets: dict[str, DolpBudget]
-    p_detection: float | None
+    session: Session  #: Which.
+    budgets: dict[str, DolpBudget]  #: Region to errors of DoLP.
+    p_detection: float | None  #: Of the pair that was asked for.
 
     @property
     def worst(self) -> DolpBudget:
@@ -164,33 +131,17 @@ class SessionPoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcquisitionTradeoff:
-    """Sessions of a scene, what each gives, and the shortest.
+    """Sessions of a scene, what each gives, and the shortest."""
 
-    Attributes
-    ----------
-    scene : str
-        Its name.
-    request : TradeoffRequest
-        What was asked.
-    regions : tuple of str
-        Whose DoLP counted.
-    points : tuple of CurvePoint
-        Every way to take frames, at its best exposure and settling, with more and more cycles.
-    reached : tuple of (Session, Reached)
-        For every way, what it starts from and what it comes to; empty where nothing is wanted.
-    best : Reached or None
-        The shortest of them.
-    remarks : tuple of str
-        What is assumed.
-    """
-
-    scene: str
-    request: TradeoffRequest
-    regions: tuple[str, ...]
+    scene: str  #: Its name.
+    request: TradeoffRequest  #: What was asked.
+    regions: tuple[str, ...]  #: Whose DoLP counted.
+    #: Every way to take frames, at its best exposure and settling, with more and more cycles.
     points: tuple[SessionPoint, ...]
+    #: For every way, what it starts from and what it comes to; empty where nothing is wanted.
     reached: tuple[tuple[Session, Reached], ...]
-    best: Reached | None
-    remarks: tuple[str, ...]
+    best: Reached | None  #: The shortest of them.
+    remarks: tuple[str, ...]  #: What is assumed.
 
 
 def acquisition_tradeoff(
@@ -198,24 +149,6 @@ def acquisition_tradeoff(
 ) -> AcquisitionTradeoff:
     """Return what sessions of a scene give for their time, and the shortest that reaches what is wanted.
 
-    Parameters
-    ----------
-    scene : SceneFile
-        What is looked at; its noise is assumed where no calibration is given.
-    noise : NoiseParameters or None
-        A noise calibration.
-    request : TradeoffRequest
-        What is asked.
-    light : SceneLight or None
-        Computes the light of materials.
-
-    Raises
-    ------
-    ConfigError
-        A region or pair that the scene does not have, or a number outside its range.
-
-    Notes
-    -----
     Tried are the angles of the file, and 3, 4, 5 and 6 equally spaced ones in the order that drift harms least; in
     cycles, back and forth, and grouped; at exposures that fill the sensor and shorter ones; with waits for the
     polarizer to settle where it needs any.

@@ -39,30 +39,15 @@ class MissingNumber:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweep:
-    """Predictions at each point of a grid; the last axis varies fastest.
+    """Predictions at each point of a grid; the last axis varies fastest."""
 
-    Attributes
-    ----------
-    axes : tuple of Axis
-        One or more.
-    quantities : tuple of dict
-        For each point, region to quantities.
-    detections : tuple of tuple of PairDetection
-        For each point, every ordered pair of regions at `SWEPT_RATES`.
-    rocs : mapping
-        Kind to a curve for each point; empty where none was asked for.
-    warnings : tuple of PointWarning
-        Of the predictions and of detection.
-    missing : tuple of MissingNumber
-        What does not exist.
-    """
-
-    axes: tuple[Axis, ...]
-    quantities: tuple[dict[str, Quantities], ...]
+    axes: tuple[Axis, ...]  #: One or more.
+    quantities: tuple[dict[str, Quantities], ...]  #: For each point, region to quantities.
+    #: For each point, every ordered pair of regions at `SWEPT_RATES`.
     detections: tuple[tuple[PairDetection, ...], ...]
-    rocs: dict[RocKind, tuple[PairDetection, ...]]
-    warnings: tuple[PointWarning, ...]
-    missing: tuple[MissingNumber, ...]
+    rocs: dict[RocKind, tuple[PairDetection, ...]]  #: Kind to a curve for each point; empty where none was asked for.
+    warnings: tuple[PointWarning, ...]  #: Of the predictions and of detection.
+    missing: tuple[MissingNumber, ...]  #: What does not exist.
 
     @property
     def key(self) -> str:
@@ -102,22 +87,7 @@ class Sweep:
 
 
 def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPair | None = None) -> Sweep:
-    """Return what the model says at each point of a grid.
-
-    Parameters
-    ----------
-    predictor : ScenePredictor
-        The scene.
-    axes : tuple of Axis
-        One or more.
-    roc : RocPair or None
-        Of which the whole ROC is found at each point.
-
-    Raises
-    ------
-    ConfigError
-        There is no such number, or a value is outside its range.
-    """
+    """Return what the model says at each point of a grid."""
     scenes = swept_scenes(predictor.scene, axes)
     slow = [k for k, axis in enumerate(axes) if axis.key.startswith(SKY_KEYS)]
     found: dict[tuple[int, ...], dict[str, RegionPrediction]] = {}
@@ -129,13 +99,7 @@ def sweep_over(predictor: ScenePredictor, axes: tuple[Axis, ...], *, roc: RocPai
 
 
 def swept_scenes(scene: Scene, axes: tuple[Axis, ...]) -> dict[tuple[int, ...], Scene]:
-    """Return the scene at each point of a grid, by its place along each axis, the last axis fastest.
-
-    Raises
-    ------
-    ConfigError
-        There is no such number.
-    """
+    """Return the scene at each point of a grid, by its place along each axis, the last axis fastest."""
     shape = tuple(axis.values.size for axis in axes)
     return {index: _changed(scene, _at(axes, index)) for index in np.ndindex(shape)}
 
@@ -143,17 +107,7 @@ def swept_scenes(scene: Scene, axes: tuple[Axis, ...]) -> dict[tuple[int, ...], 
 def sweep_of(
     axes: tuple[Axis, ...], predictions: Sequence[Mapping[str, RegionPrediction]], *, roc: RocPair | None = None
 ) -> Sweep:
-    """Return a sweep from the predictions of its points.
-
-    Parameters
-    ----------
-    axes : tuple of Axis
-        One or more.
-    predictions : sequence of mapping
-        Region to prediction for each point, the last axis fastest.
-    roc : RocPair or None
-        Of which the whole ROC is found at each point.
-    """
+    """Return a sweep from the predictions of its points."""
     detections = detections_of_sweep(predictions, SWEPT_RATES)
     curves = {} if roc is None else roc_curves_of_sweep(predictions, roc)
     indices = list(np.ndindex(tuple(axis.values.size for axis in axes)))
@@ -215,28 +169,7 @@ def sweep_to_tolerance(
     rule: EffectRule = "safe",
     estimated_only: bool = False,
 ) -> tuple[Sweep, SeriesPrediction]:
-    """Return what the model says at each point of a grid to a numerical error, and how that was kept.
-
-    Parameters
-    ----------
-    predictor : ScenePredictor
-        The scene.
-    axes : tuple of Axis
-        One or more; the values of each in an order in which they change smoothly.
-    tolerance : float
-        Largest error of any number, 1e-6 to 0.1.
-    roc : RocPair or None
-        Of which the whole ROC is found at each point.
-    rule : {"safe", "estimated", "all"}
-        What decides of effects of the light.
-    estimated_only : bool
-        Take errors that nothing promises as they are estimated.
-
-    Raises
-    ------
-    ConfigError
-        There is no such number, or a value is outside its range.
-    """
+    """Return what the model says at each point of a grid to a numerical error, and how that was kept."""
     scenes = swept_scenes(predictor.scene, axes)
     shape = tuple(axis.values.size for axis in axes)
     series = predictor.series_to_tolerance(

@@ -48,25 +48,13 @@ _LEAST_EXCEEDING = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class NamedChoice:
-    """One choice of settings beside ours.
+    """One choice of settings beside ours."""
 
-    Attributes
-    ----------
-    name
-        In words.
-    seconds
-        Of the whole chain with it, nothing being kept from before [s].
-    error, reading
-        Largest true error of any number, and whose; 0 and None where no number differs.
-    by_user
-        Whether the user added it.
-    """
-
-    name: str
-    seconds: float
-    error: float
+    name: str  #: In words.
+    seconds: float  #: Of the whole chain with it, nothing being kept from before [s].
+    error: float  #: Largest true error of any number, and whose; 0 and None where no number differs.
     reading: Reading | None
-    by_user: bool = False
+    by_user: bool = False  #: Whether the user added it.
 
 
 def named_choices(
@@ -74,26 +62,6 @@ def named_choices(
 ) -> Iterator[NamedChoice]:
     """Yield the paper's choices and the user's, each in the place of one of some fine settings.
 
-    Parameters
-    ----------
-    scene : LitScene
-        To be predicted.
-    fine : Settings
-        Of all that a choice leaves open.
-    truth : mapping
-        Readings by the finest settings.
-    also : sequence of str
-        Choices of the user, such as "tiles_per_side=3,rule=midpoint".
-    clock
-        Seconds, rising.
-
-    Raises
-    ------
-    ConfigError
-        A choice cannot be read.
-
-    References
-    ----------
     [MK14] eq. (3), (8), (24), (25), section V.
     """
     own = [(text, settings_by(text, fine)) for text in also]
@@ -114,13 +82,7 @@ def named_choices(
 
 
 def settings_by(text: str, settings: Settings) -> Settings:
-    """Return settings with some replaced, as "tiles_per_side=3,rule=midpoint" states them.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read, there is no such setting, or a value is out of range.
-    """
+    """Return settings with some replaced, as "tiles_per_side=3,rule=midpoint" states them."""
     for part in text.split(","):
         key, _, value = (piece.strip() for piece in part.partition("="))
         if key not in _READ or not value:
@@ -255,29 +217,16 @@ KINDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint:
-    """One evaluation.
+    """One evaluation."""
 
-    Attributes
-    ----------
-    varied
-        Which numerical setting was varied; `WHOLE_CHAIN` for a prediction to a tolerance.
-    level
-        To what.
-    seconds
-        That it took, without anything kept from another.
-    true, estimated
-        Largest error of any reading that is guaranteed: true and as estimated. Of one setting its own, against finer
-        levels of it alone.
-    whole
-        Largest true error of all settings together, against finer settings of all.
-    """
-
-    varied: str
-    level: str
-    seconds: float
+    varied: str  #: Which numerical setting was varied; `WHOLE_CHAIN` for a prediction to a tolerance.
+    level: str  #: To what.
+    seconds: float  #: That it took, without anything kept from another.
+    #: Largest error of any reading that is guaranteed: true and as estimated. Of one setting its own, against finer
+    #: levels of it alone.
     true: float
     estimated: float
-    whole: float
+    whole: float  #: Largest true error of all settings together, against finer settings of all.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -291,30 +240,15 @@ class DigitPoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves:
-    """Curves of error against time for a scene.
+    """Curves of error against time for a scene."""
 
-    Attributes
-    ----------
-    points
-        Of the whole chain and of each setting.
-    stages
-        For each tolerance its prediction.
-    floor
-        Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
-    reference_s
-        Time of the finest settings [s].
-    named
-        The paper's choices and the user's.
-    digits
-        True errors of each kind of number at each tolerance.
-    """
-
-    points: tuple[CurvePoint, ...]
+    points: tuple[CurvePoint, ...]  #: Of the whole chain and of each setting.
     predictions: tuple[AccuratePrediction, ...]
+    #: Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
     floor: dict[Reading, float]
-    reference_s: float
-    named: tuple[NamedChoice, ...] = ()
-    digits: tuple[DigitPoint, ...] = ()
+    reference_s: float  #: Time of the finest settings [s].
+    named: tuple[NamedChoice, ...] = ()  #: The paper's choices and the user's.
+    digits: tuple[DigitPoint, ...] = ()  #: True errors of each kind of number at each tolerance.
 
     @property
     def front(self) -> tuple[CurvePoint, ...]:
@@ -333,19 +267,7 @@ def accuracy_curves(
     also: Sequence[str] = (),
     clock: Clock = time.process_time,
 ) -> Iterator[str | Curves]:
-    """Yield what is being done, in words, and last the curves.
-
-    Parameters
-    ----------
-    predictor : ScenePredictor
-        The scene.
-    tolerances : sequence of float
-        To be shown, 1e-5 to 0.1.
-    also : sequence of str
-        Choices of the user, such as "tiles_per_side=3,rule=midpoint".
-    clock
-        Seconds, rising.
-    """
+    """Yield what is being done, in words, and last the curves."""
     scene = predictor.lit_scene()
     coarsest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), max(tolerances))
     for text in also:
@@ -404,13 +326,6 @@ def steps(tolerances: Sequence[float]) -> int:
 def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     """Return the deviation that the uncertain inputs give each reading, in the units of a tolerance.
 
-    Parameters
-    ----------
-    predictor : ScenePredictor
-        Its inputs have a covariance.
-
-    References
-    ----------
     Definition: central differences of one standard deviation, and the covariance of the inputs.
     """
     inputs, store = predictor.inputs, LightStore()

@@ -18,23 +18,7 @@ _NOT_OF_THE_TRUTH = {"sun", "geometry", "atmosphere", "field_of_view", "errors",
 
 
 def write_truth(scene_path: Path, out: Path, *, changes: Mapping[str, float] | None = None) -> None:
-    """Write a scene as a scene file in which every region states its radiance, as a simulated rig can paint it.
-
-    Parameters
-    ----------
-    scene_path : Path
-        Scene file.
-    out : Path
-        File to write (.toml). Mean Stokes radiance and its covariance over the pixels, at the aperture, in the band of
-        the sensor.
-    changes : mapping, optional
-        Numbers in the place of those of the file, by their keys; of the sensor they are not written.
-
-    Raises
-    ------
-    ConfigError
-        The scene is wrong, its light cannot be computed, or the file cannot be written.
-    """
+    """Write a scene as a scene file in which every region states its radiance, as a simulated rig can paint it."""
     file = load_scene(scene_path)
     scene = with_values(scene_of_file(file), changes or {})
     scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s)

@@ -103,24 +103,15 @@ _TextRow = tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationRow:
-    """A quantity with its numbers as text, each to the digits that its error allows.
+    """A quantity with its numbers as text, each to the digits that its error allows."""
 
-    Attributes
-    ----------
-    title, unit : str
-        What it is called, and its unit.
-    value, error, frames : str
-        What the model uses, its standard error, and from how many frames; empty where only the standard has it.
-    emva_value, emva_error, emva_frames, symbol : str
-        The same of EMVA 1288, and its symbol; empty where the standard has none.
-    """
-
-    title: str
+    title: str  #: What it is called, and its unit.
     unit: str
+    #: What the model uses, its standard error, and from how many frames; empty where only the standard has it.
     value: str
     error: str
     frames: str
-    emva_value: str
+    emva_value: str  #: The same of EMVA 1288, and its symbol; empty where the standard has none.
     emva_error: str
     emva_frames: str
     symbol: str
@@ -510,8 +501,6 @@ def _finish(axes: Axes) -> None:
 def photon_transfer_png(calibration: NoiseCalibration) -> bytes:
     """Return the photon-transfer plot as a PNG file: noise against signal, and residuals of the fit.
 
-    Notes
-    -----
     Above, on log axes: standard deviation in time of a pixel, the fit, and the regimes that it is made of: dark noise
     (slope 0), noise of photons (slope 1/2), and the fixed pattern (slope 1), which is no noise in time. Below: how far
     the points of the variance are from the fit, with their sampling errors, and where the standard's line goes.
@@ -981,15 +970,7 @@ _SHEET = (
 
 
 def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Report:
-    """Return the report of a noise calibration.
-
-    Parameters
-    ----------
-    calibration : FrameCalibration
-        The calibration.
-    created_utc : str
-        When it was made, as its file says it.
-    """
+    """Return the report of a noise calibration."""
     noise, remarks = calibration.noise, _remarks(calibration.noise.performance)
     rows = calibration_rows(noise)
     unknown = tuple(unknown_lines(noise))
@@ -1137,19 +1118,7 @@ def polarizer_report(
     regions: Mapping[str, PolarizerCalibration],
     maps: PolarimeterMaps | None,
 ) -> Report:
-    """Return the report of a polarizer calibration.
-
-    Parameters
-    ----------
-    found : PolarizerCalibration
-        The calibration, its sense decided.
-    file : CalibrationFile
-        What ``polarizer.json`` holds of it: whence, and when.
-    regions : mapping
-        Name to the calibration of a region by itself; may be empty.
-    maps : PolarimeterMaps or None
-        The same over the picture.
-    """
+    """Return the report of a polarizer calibration."""
     axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(found)))
     return Report(
         title=f"Polarizer: {', '.join(source.path for source in file.header.sources())}",

@@ -1123,13 +1123,7 @@ def _sources(comparison: Comparison) -> Iterable[Section]:
 
 
 def light_section(lights: Mapping[str, FieldLight]) -> Section:
-    """Return the section on what the light of regions is made of.
-
-    Parameters
-    ----------
-    lights : mapping
-        Region to its light, as `rigctl.scene.light.SceneLight.region` gives it; one or more.
-    """
+    """Return the section on what the light of regions is made of."""
     text = (
         "Radiance at the aperture in W m-2 sr-1 in band, as the model has it: S1 = horizontal - vertical, S2 = (+45) - "
         "(-45). Reflected light is what is left of it at the camera; path is light that the air before the target adds."
@@ -1283,19 +1277,7 @@ def write_series(series: ComparedSeries, out: Path) -> None:
 def write_stokes(
     measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
 ) -> tuple[str, ...]:
-    """Write all that a measurement gives into a folder; return the names of the files.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        What to write.
-    regions : list of Region
-        Drawn on the pictures.
-    out : Path
-        Folder; made where it is not there. Files of the same name are replaced.
-    numbers : mapping
-        What stokes.json is to hold.
-    """
+    """Write all that a measurement gives into a folder; return the names of the files."""
     images, unit = measurement.images, measurement.grid.unit
     contents = {
         "stokes.fits": fits_image(

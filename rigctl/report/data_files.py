@@ -65,17 +65,7 @@ def json_file(content: Mapping[str, Json], *, indent: int | None = 2) -> bytes:
 
 
 def fits_image(image: NDArray[np.generic], *, unit: str, what: str) -> bytes:
-    """Return an image, or a stack of them, as the bytes of a FITS file.
-
-    Parameters
-    ----------
-    image : (..., H, W) array
-        First row on top.
-    unit : str
-        Of the samples; empty for none.
-    what : str
-        What the samples are, up to 60 characters or so.
-    """
+    """Return an image, or a stack of them, as the bytes of a FITS file."""
     from rigctl.runs.fits import encode_image
 
     cards: dict[str, tuple[CardValue, str]] = {
@@ -116,15 +106,7 @@ def _machine() -> dict[str, str]:
 
 
 def told_places(content: Any, *, anonymous: bool) -> Any:
-    """Return the content of a report without absolute paths.
-
-    Parameters
-    ----------
-    content : tables, lists and values
-        As JSON holds them.
-    anonymous : bool
-        Leave the last name only of each path, and say "left out" for serial numbers, ports and the site.
-    """
+    """Return the content of a report without absolute paths."""
     if isinstance(content, dict):
         return {
             key: LEFT_OUT

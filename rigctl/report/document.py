@@ -62,38 +62,18 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Judgement of a report, which one reads first.
+    """Judgement of a report, which one reads first."""
 
-    Attributes
-    ----------
-    good : bool
-        Its colour.
-    text : str
-        In a sentence.
-    reasons : tuple of (str, str)
-        What it says beside: a word in bold (or nothing) and a text.
-    """
-
-    good: bool
-    text: str
-    reasons: tuple[tuple[str, str], ...] = ()
+    good: bool  #: Its colour.
+    text: str  #: In a sentence.
+    reasons: tuple[tuple[str, str], ...] = ()  #: What it says beside: a word in bold (or nothing) and a text.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """A whole report.
+    """A whole report."""
 
-    Attributes
-    ----------
-    title, source : str
-        Heading, and what it is a report of.
-    sections : tuple of Section
-        What it says.
-    verdict : Verdict or None
-        What it comes to, where it judges.
-    """
-
-    title: str
+    title: str  #: Heading, and what it is a report of.
     source: str
-    sections: Sequence[Section]
-    verdict: Verdict | None = None
+    sections: Sequence[Section]  #: What it says.
+    verdict: Verdict | None = None  #: What it comes to, where it judges.

@@ -67,17 +67,6 @@ def placed_axes(
     """Return a figure and its axes, row by row, in places that are counted out [inch].
 
     A layout engine looks for them by measuring all that is written, which takes as long as drawing it.
-
-    Parameters
-    ----------
-    rows, columns : int
-        How many axes.
-    size : tuple of float
-        Width and height of the figure.
-    margins : tuple of float
-        Left of all axes, right, below and above.
-    apart : tuple of float
-        From the axes to those beside and below them.
     """
     from matplotlib.figure import Figure
 
@@ -223,32 +212,16 @@ Colours = Literal["gray", "viridis", "cividis", "twilight", "red-blue"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnPicture:
-    """A picture that is to be shown.
+    """A picture that is to be shown."""
 
-    Attributes
-    ----------
-    values : array_like of float, shape (H, W)
-        NaN: the ground is seen.
-    low, high : float
-        Values of the bar's ends.
-    colours : str
-        Between them.
-    title, label : str
-        Above the picture, and beside the bar.
-    opacity : array_like of float, shape (H, W), or None
-        From 0, where the ground is seen, to 1.
-    ground : int
-        Grey behind the picture, 0 to 255.
-    """
-
-    values: AnyFloatArray
-    low: float
+    values: AnyFloatArray  #: NaN: the ground is seen.
+    low: float  #: Values of the bar's ends.
     high: float
-    colours: Colours
-    title: str
+    colours: Colours  #: Between them.
+    title: str  #: Above the picture, and beside the bar.
     label: str
-    opacity: AnyFloatArray | None = None
-    ground: int = 255
+    opacity: AnyFloatArray | None = None  #: From 0, where the ground is seen, to 1.
+    ground: int = 255  #: Grey behind the picture, 0 to 255.
 
 
 def pictures_png(pictures: Sequence[DrawnPicture], *, regions: Sequence[Region] = ()) -> bytes:

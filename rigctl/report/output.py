@@ -87,11 +87,6 @@ def write_folder(out: Path, contents: Mapping[str, bytes]) -> tuple[str, ...]:
     """Write files into a folder, which is made where it is not there; return their names.
 
     Results of the same names are replaced where they are of rigctl, and of this very command unless it was forced.
-
-    Raises
-    ------
-    ConfigError
-        A file of the same name is not to be replaced; nothing is written.
     """
     require_replaceable(out / name for name in contents)
     out.mkdir(parents=True, exist_ok=True)

@@ -51,8 +51,6 @@ _CODE = ParagraphStyle("code", fontName="Courier", fontSize=6, leading=7.2)
 def pdf(report: Report) -> bytes:
     """Return the report as the bytes of a PDF file.
 
-    Notes
-    -----
     Without a date and with fixed identifiers: the same report gives the same bytes.
     """
     from reportlab.platypus import SimpleDocTemplate

@@ -294,15 +294,7 @@ def _point(found: RxOnRun, k: int) -> RocPoint:
 
 
 def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int, ...]) -> dict[str, Json]:
-    """Return curves by their kind: arrays in the order of the axes, the false alarm probabilities last.
-
-    Parameters
-    ----------
-    curves : mapping
-        Kind to a curve for each point, the last axis fastest.
-    shape : tuple of int
-        Points along each axis; empty for a single prediction.
-    """
+    """Return curves by their kind: arrays in the order of the axes, the false alarm probabilities last."""
     return {kind: _kind(found, shape) for kind, found in curves.items()}
 
 
@@ -962,15 +954,7 @@ def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:
 
 
 def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[str] = ("",)) -> bytes:
-    """Return a panel for each kind of vector, a curve for each point; of many a dozen are named, the others grey.
-
-    Parameters
-    ----------
-    curves : mapping
-        Kind to curves.
-    labels : sequence of str
-        What each is of.
-    """
+    """Return a panel for each kind of vector, a curve for each point; of many a dozen are named, the others grey."""
     from matplotlib import colormaps
 
     named = np.unique(np.linspace(0, len(labels) - 1, min(len(labels), _MOST_NAMED)).astype(int))

@@ -32,45 +32,21 @@ class Shown(Flag):
 
 @dataclass(frozen=True, kw_only=True)
 class Column(Generic[RowT]):
-    """A column of a table, wherever it is written.
+    """A column of a table, wherever it is written."""
 
-    Attributes
-    ----------
-    title : str
-        Heading for people.
-    key : str
-        Name for programs, in CSV and JSON; a column without one is for people only.
-    value : callable or None
-        A row to what programs read; the row's attribute `key` where none is given.
-    text : callable or None
-        A row to what people read; the value as it is, nothing where there is none.
-    brief : callable or None
-        The same for a terminal, where that differs.
-    csv : callable or None
-        The value as CSV has it, where that differs.
-    left : bool
-        Set to the left, as text is; numbers are set to the right.
-    wide : bool
-        Takes the width that is left on a page, and breaks its lines.
-    unbroken : bool
-        Keeps each cell in one line of a terminal.
-    group : str
-        Heading over this column and its neighbours of the same group.
-    shown : Shown
-        Where it stands.
-    """
-
-    title: str = ""
-    key: str = ""
+    title: str = ""  #: Heading for people.
+    key: str = ""  #: Name for programs, in CSV and JSON; a column without one is for people only.
+    #: A row to what programs read; the row's attribute `key` where none is given.
     value: Callable[[RowT], Value] | None = None
+    #: A row to what people read; the value as it is, nothing where there is none.
     text: Callable[[RowT], str] | None = None
-    brief: Callable[[RowT], str] | None = None
-    csv: Callable[[RowT], str] | None = None
-    left: bool = False
-    wide: bool = False
-    unbroken: bool = False
-    group: str = ""
-    shown: Shown = Shown.EVERYWHERE
+    brief: Callable[[RowT], str] | None = None  #: The same for a terminal, where that differs.
+    csv: Callable[[RowT], str] | None = None  #: The value as CSV has it, where that differs.
+    left: bool = False  #: Set to the left, as text is; numbers are set to the right.
+    wide: bool = False  #: Takes the width that is left on a page, and breaks its lines.
+    unbroken: bool = False  #: Keeps each cell in one line of a terminal.
+    group: str = ""  #: Heading over this column and its neighbours of the same group.
+    shown: Shown = Shown.EVERYWHERE  #: Where it stands.
 
     def is_shown(self, where: Shown) -> bool:
         """Return whether the column stands there."""
@@ -102,24 +78,12 @@ class Column(Generic[RowT]):
 
 @dataclass(frozen=True, kw_only=True)
 class Table(Generic[RowT]):
-    """Rows under columns; the writers say how they look.
+    """Rows under columns; the writers say how they look."""
 
-    Attributes
-    ----------
-    columns : tuple of Column
-        In their order, wherever they are written.
-    rows : tuple
-        What the columns are taken from.
-    title : str
-        Over it in a terminal; on a page a section has the heading.
-    is_off : callable
-        Whether a row is to be seen at once.
-    """
-
-    columns: tuple[Column[RowT], ...]
-    rows: tuple[RowT, ...]
-    title: str = ""
-    is_off: Callable[[RowT], bool] = lambda _: False
+    columns: tuple[Column[RowT], ...]  #: In their order, wherever they are written.
+    rows: tuple[RowT, ...]  #: What the columns are taken from.
+    title: str = ""  #: Over it in a terminal; on a page a section has the heading.
+    is_off: Callable[[RowT], bool] = lambda _: False  #: Whether a row is to be seen at once.
 
     def shown(self, where: Shown) -> tuple[Column[RowT], ...]:
         """Return the columns that stand somewhere."""

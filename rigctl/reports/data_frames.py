@@ -13,13 +13,7 @@ Number = tuple[str, str, str, float, float | None]
 
 
 def optional(name: str) -> Any:
-    """Return an optional package.
-
-    Raises
-    ------
-    ImportError
-        It is not installed; the text has the line that installs it.
-    """
+    """Return an optional package."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -27,22 +21,7 @@ def optional(name: str) -> Any:
 
 
 def data_frame(table: AnyTable, backend: Backend = "pandas") -> Any:
-    """Return the columns of a table that programs read, as a data frame.
-
-    Parameters
-    ----------
-    table : Table
-        Rows under columns.
-    backend : {"pandas", "polars"}
-        Whose data frame.
-
-    Raises
-    ------
-    ValueError
-        There is no such backend.
-    ImportError
-        It is not installed.
-    """
+    """Return the columns of a table that programs read, as a data frame."""
     if backend not in BACKENDS:
         raise ValueError(f"backend is {backend!r}; allowed are {', '.join(BACKENDS)}")
     columns = {column.key: [column.value_of(row) for row in table.rows] for column in table.shown(Shown.CSV)}

@@ -31,53 +31,26 @@ _SETTLED_BEFORE = 0.5  # a stage whose readings still change in the second half 
 
 @dataclass(frozen=True, kw_only=True)
 class Visit:
-    """One move to one angle, watched until it rests.
+    """One move to one angle, watched until it rests."""
 
-    Attributes
-    ----------
-    angle_deg : float
-        Where it was sent.
-    side : {"forward", "backward"}
-        Whether it came from smaller or from larger angles.
-    error_deg : float
-        Readback at rest less the angle, in [-180, 180).
-    settle_s : float
-        From the end of the move to the last reading outside of the band about its rest.
-    tries : int
-        How often the move was commanded.
-    duration_s : float
-        Of the move itself.
-    watched : tuple of (float, float)
-        Time since the end of the move [s], and reading less that at rest [deg].
-    """
-
-    angle_deg: float
-    side: Side
-    error_deg: float
-    settle_s: float
-    tries: int
-    duration_s: float
+    angle_deg: float  #: Where it was sent.
+    side: Side  #: Whether it came from smaller or from larger angles.
+    error_deg: float  #: Readback at rest less the angle, in [-180, 180).
+    settle_s: float  #: From the end of the move to the last reading outside of the band about its rest.
+    tries: int  #: How often the move was commanded.
+    duration_s: float  #: Of the move itself.
+    #: Time since the end of the move [s], and reading less that at rest [deg].
     watched: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Characterisation:
-    """Measured properties of a stage.
+    """Measured properties of a stage."""
 
-    Attributes
-    ----------
-    identity : DeviceIdentity
-        Which stage.
-    band_deg, watch_s : float
-        How near to its rest it counts as resting [deg], and how long each visit was watched [s].
-    visits : tuple of Visit
-        In the order in which they were made.
-    """
-
-    identity: DeviceIdentity
-    band_deg: float
+    identity: DeviceIdentity  #: Which stage.
+    band_deg: float  #: How near to its rest it counts as resting [deg], and how long each visit was watched [s].
     watch_s: float
-    visits: tuple[Visit, ...]
+    visits: tuple[Visit, ...]  #: In the order in which they were made.
 
     @property
     def largest_error_deg(self) -> float:
@@ -141,30 +114,6 @@ def characterise(
 ) -> Characterisation:
     """Return what a stage's own readings say of it, after homing it and visiting each angle from both sides.
 
-    Parameters
-    ----------
-    stage : RotationStage
-        Open.
-    angles_deg : iterable of float
-        Mechanical angles to visit [deg].
-    repeats : int
-        Visits to each angle from each side, at least 2: the scatter needs two.
-    band_deg : float
-        How near to its rest a stage counts as resting [deg].
-    watch_s : float
-        How long to watch after each move [s].
-    progress : callable
-        Called after each visit.
-    now_s, sleep : callables
-        A clock that never goes back [s], and a pause [s].
-
-    Raises
-    ------
-    DeviceError
-        The stage fails.
-
-    Notes
-    -----
     Play between the encoder and what it turns does not show in readings; a camera sees it.
     """
     if repeats < 2:
@@ -283,22 +232,7 @@ class _Content(BaseModel):
 
 
 def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
-    """Return the time that a stage needs to come to rest [s], as it was measured.
-
-    Parameters
-    ----------
-    path : Path
-        What `rigctl calibrate stage` wrote.
-    identity : DeviceIdentity
-        The stage that is to be used: it must be the one that was measured.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is no characterisation, or its stage was never seen to rest.
-    NotConnectedError
-        Another stage was measured.
-    """
+    """Return the time that a stage needs to come to rest [s], as it was measured."""
     found: object = None
     try:
         found = json.loads(read_bounded(path, MOST_TEXT_BYTES))

@@ -35,36 +35,16 @@ _MAX_ERROR_PLACE, _STATUS_PLACE, _TIMEX_BYTES = 24, 40, 208  # in struct timex o
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One line of a check-up: what was looked at, what was found, and what to change.
+    """One line of a check-up: what was looked at, what was found, and what to change."""
 
-    Attributes
-    ----------
-    what : str
-        What was looked at.
-    found : str
-        What was found, with its unit.
-    advice : str or None
-        What to change; None where all is well.
-    hint : str or None
-        What may be changed, or left as it is.
-    """
-
-    what: str
-    found: str
-    advice: str | None = None
-    hint: str | None = None
+    what: str  #: What was looked at.
+    found: str  #: What was found, with its unit.
+    advice: str | None = None  #: What to change; None where all is well.
+    hint: str | None = None  #: What may be changed, or left as it is.
 
 
 def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Finding:
-    """Return whether the system lets a socket hold two pictures.
-
-    Parameters
-    ----------
-    frame_bytes : int
-        Bytes of a picture.
-    largest_bytes : int or None
-        What the system allows; None: as it says.
-    """
+    """Return whether the system lets a socket hold two pictures."""
     allowed = int(_RMEM_MAX.read_text()) if largest_bytes is None else largest_bytes
     wanted = 2 * frame_bytes
     advice = None
@@ -74,22 +54,7 @@ def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Fin
 
 
 def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
-    """Return whether a folder takes a durable file of this size as often as the session makes one.
-
-    Parameters
-    ----------
-    folder : Path
-        Where runs will be.
-    frame_bytes : int
-        Of a file.
-    period_s : float
-        From one file to the next, in the fastest stretch of a session [s].
-
-    Raises
-    ------
-    DataError
-        The folder cannot be written.
-    """
+    """Return whether a folder takes a durable file of this size as often as the session makes one."""
     content = os.urandom(frame_bytes)
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".rigctl-doctor-") as scratch:
@@ -112,17 +77,7 @@ def disk(folder: Path, *, frame_bytes: int, period_s: float) -> Finding:
 
 
 def room(folder: Path, *, total_bytes: int, free_bytes: int | None = None) -> Finding:
-    """Return whether all frames of a session fit a folder's disk.
-
-    Parameters
-    ----------
-    folder : Path
-        Where runs will be.
-    total_bytes : int
-        Of all frames.
-    free_bytes : int or None
-        Room that there is; None: as the system says.
-    """
+    """Return whether all frames of a session fit a folder's disk."""
     free = shutil.disk_usage(folder).free if free_bytes is None else free_bytes
     advice = None
     if free < total_bytes:
@@ -172,22 +127,7 @@ _USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
 
 
 class RigCheckup:
-    """Opens a rig and looks at it.
-
-    Parameters
-    ----------
-    rig : RigFile
-        Which.
-    frames : int
-        How many pictures are taken.
-
-    Attributes
-    ----------
-    pixels : int or None
-        Of a picture, once the camera was opened.
-    camera_s : float or None
-        What a picture takes beside its exposure, once some were taken [s].
-    """
+    """Opens a rig and looks at it."""
 
     def __init__(self, rig: RigFile, *, frames: int) -> None:
         self._rig, self._frames = rig, frames
@@ -195,13 +135,7 @@ class RigCheckup:
         self.camera_s: float | None = None
 
     def findings(self) -> Iterator[Finding]:
-        """Give what is found, line by line.
-
-        Raises
-        ------
-        DeviceError
-            A device cannot be opened, or fails.
-        """
+        """Give what is found, line by line."""
         yield from self._ways()
         with open_rig(self._rig, session_name="doctor") as rig:
             if rig.stage is not None and rig.stage_identity is not None:
@@ -267,15 +201,7 @@ def stage_latency(stage: RotationStage) -> Finding:
 
 
 def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | None:
-    """Return how long a USB adapter waits before it passes bytes on; None for a port whose adapter does not tell.
-
-    Parameters
-    ----------
-    port : str
-        The path of the port.
-    devices : Path
-        Where the system tells of adapters.
-    """
+    """Return how long a USB adapter waits before it passes bytes on; None for a port whose adapter does not tell."""
     file = devices / Path(port).resolve().name / "latency_timer"
     try:
         wait_ms = int(file.read_text())

@@ -21,22 +21,13 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Focus:
-    """Numbers of one picture.
+    """Numbers of one picture."""
 
-    Attributes
-    ----------
-    sharpness : float
-        Mean square slope of the counts, over their mean square, after smoothing by a pixel against noise: it does not
-        change with exposure, but with what is looked at. To be compared with itself only, while the lens is turned.
-    brightest : float
-        The 99.5 % quantile as a share of the range.
-    saturated : float
-        Share of saturated pixels.
-    """
-
+    #: Mean square slope of the counts, over their mean square, after smoothing by a pixel against noise: it does not
+    #: change with exposure, but with what is looked at. To be compared with itself only, while the lens is turned.
     sharpness: float
-    brightest: float
-    saturated: float
+    brightest: float  #: The 99.5 % quantile as a share of the range.
+    saturated: float  #: Share of saturated pixels.
 
     def text(self, best: float) -> str:
         """Return it in a line, beside the best sharpness so far."""

@@ -52,17 +52,7 @@ _PLACES = ("upper left", "upper right", "lower left", "lower right")
 
 
 def cell_problem(counts: NDArray[np.uint16], mosaic_deg: Sequence[float], *, bit_depth: int) -> str | None:
-    """Return in words that the light contradicts a cell, or None: it agrees, or tells nothing.
-
-    Parameters
-    ----------
-    counts : (H, W) array of uint16
-        A picture as the camera sent it.
-    mosaic_deg : sequence of four floats
-        Angles of the cell, row by row [deg].
-    bit_depth : int
-        Bits of a count.
-    """
+    """Return in words that the light contradicts a cell, or None: it agrees, or tells nothing."""
     found = pair_by_light(counts, tuple(mosaic_deg), saturation_dn=float(2**bit_depth - 1))
     if found is None:
         return None
@@ -88,15 +78,7 @@ _DRIVERS_OF_MODELS = (
 
 @contextmanager
 def open_stage(section: StageSection, *, warn: Callable[[str], None]) -> Iterator[RotationStage]:
-    """Give the open stage of a rig file, a simulated one with nothing around it, until the context is left.
-
-    Raises
-    ------
-    DeviceError
-        It cannot be opened, or is not the one that the rig file names.
-    ConfigError
-        There is no such driver, its options are wrong, or there is no such simulated stage.
-    """
+    """Give the open stage of a rig file, a simulated one with nothing around it, until the context is left."""
     if not section.port.startswith(SIMULATED):
         with connect_stage(section, resolve_port(section.port, warn=warn)) as stage:
             yield stage
@@ -129,22 +111,7 @@ def connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
 
 
 def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
-    """Return an installed driver.
-
-    Parameters
-    ----------
-    group : str
-        ``rigctl.stages`` or ``rigctl.cameras``.
-    name : str
-        Of the driver.
-    key : str
-        Of the rig file that names it.
-
-    Raises
-    ------
-    ConfigError
-        There is none of this name.
-    """
+    """Return an installed driver."""
     installed = {entry.name: entry for entry in entry_points(group=group)}
     if name not in installed:
         known = ", ".join(sorted(installed)) or "none"
@@ -180,17 +147,7 @@ def _require_arguments(factory: Callable[..., RotationStage], driver: str, port:
 
 
 class SettlingStage:
-    """Another stage, with a pause and a fresh readback after each move.
-
-    Parameters
-    ----------
-    stage : RotationStage
-        What turns.
-    settle_s : float
-        Pause after a move [s].
-    sleep : callable
-        Makes the pause.
-    """
+    """Another stage, with a pause and a fresh readback after each move."""
 
     def __init__(self, stage: RotationStage, *, settle_s: float, sleep: Callable[[float], None] = time.sleep) -> None:
         self._stage = stage
@@ -264,62 +221,28 @@ def _ask_nobody(_kind: FrameKind) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """Devices that are open, and what they say they are.
+    """Devices that are open, and what they say they are."""
 
-    Attributes
-    ----------
-    stage, camera
-        The devices; no stage where the camera has polarizers on its pixels.
-    stage_identity, camera_identity : DeviceIdentity
-        What they are.
-    present : callable
-        Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
-    ask : callable
-        Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
-    origin : {"simulated", "device", "replay"}
-        Where the frames come from; "replay" of a recording.
-    begin_step : callable
-        To be told of each step, by its sequence number, before its first frame; says whether the numbers of the
-        camera's frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
-    light : SimulatedLight or None
-        What lights a simulated roof.
-    """
-
-    stage: RotationStage | None
+    stage: RotationStage | None  #: The devices; no stage where the camera has polarizers on its pixels.
     camera: Camera
-    stage_identity: DeviceIdentity | None
+    stage_identity: DeviceIdentity | None  #: What they are.
     camera_identity: DeviceIdentity
+    #: Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
     present: Callable[[FrameKind], None]
+    #: Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
     ask: Callable[[FrameKind], None] = _ask_nobody
-    origin: Literal["simulated", "device", "replay"]
+    origin: Literal["simulated", "device", "replay"]  #: Where the frames come from; "replay" of a recording.
+    #: To be told of each step, by its sequence number, before its first frame; says whether the numbers of the camera's
+    #: frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
     begin_step: Callable[[int], bool] = _do_nothing
-    light: SimulatedLight | None = None
+    light: SimulatedLight | None = None  #: What lights a simulated roof.
 
 
 @contextmanager
 def open_rig(
     rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
 ) -> Iterator[Rig]:
-    """Give the open devices of a rig until the context is left; then they are closed.
-
-    Parameters
-    ----------
-    rig : RigFile
-        Which devices, and where. A port or address that begins with "sim:" is a simulated device.
-    session_name : str
-        Decides the noise of a simulated camera.
-    run : Path or None
-        Run folder of the session, which may hold a part of it: simulated noise goes on from there.
-    clock : SimulatedClock or None
-        The time of a simulated rig with a clock of its own.
-
-    Raises
-    ------
-    DeviceError
-        A device cannot be opened, or is not the one that the rig file names.
-    ConfigError
-        The rig file names a driver that is not installed.
-    """
+    """Give the open devices of a rig until the context is left; then they are closed."""
     if not rig.is_simulated:
         with _open_devices(rig, None) as opened:
             yield opened
@@ -390,13 +313,7 @@ def _replayed_line(place: str, clock: SimClock) -> ReplayedDevice:
 
 
 def require_cell(rig: RigFile, camera: Camera) -> None:
-    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells.
-
-    Raises
-    ------
-    ConfigError
-        It is another one, or the rig file has none.
-    """
+    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells."""
     told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
     stated = rig.camera.mosaic_deg
     if told is None:
@@ -427,13 +344,7 @@ def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
 
 
 def _ask_operator(kind: FrameKind) -> None:
-    """Return once the person at the terminal says that it is done.
-
-    Raises
-    ------
-    ConfigError
-        There is nobody at a terminal: a lens cap does not put itself on. A scene needs nobody.
-    """
+    """Return once the person at the terminal says that it is done."""
     if not sys.stdin.isatty():
         if kind == "scene":
             return  # what a camera sees when nobody has put anything before it

@@ -46,21 +46,7 @@ _POLARIZER: dict[str, Callable[[SimulatedPolarizer], dict[str, float]]] = {
 
 
 def perturbed(rig: RigFile, what: Perturbation) -> RigFile:
-    """Return the rig with one thing of its simulated truth changed; what the rig file states stays as it is.
-
-    Parameters
-    ----------
-    rig : RigFile
-        A simulated rig.
-    what : str
-        "gain": 5 % more counts per electron; "angle-offset": the axis turned by 2 deg; "angle-sense": the stage
-        turns the other way; "extinction": an extinction ratio of 25.
-
-    Raises
-    ------
-    ConfigError
-        The rig is not simulated, or there is no such perturbation.
-    """
+    """Return the rig with one thing of its simulated truth changed; what the rig file states stays as it is."""
     if rig.simulation is None:
         raise ConfigError("only a simulated rig can be perturbed")
     if what not in PERTURBATIONS:
@@ -84,22 +70,7 @@ class ChangedRoof:
 
 
 def changed_roof(scene: Scene, what: RoofChange) -> ChangedRoof:
-    """Return a scene with one thing changed; of "drift" the scene stays, and `cloud_factor` dims it.
-
-    Parameters
-    ----------
-    scene : Scene
-        With regions that are given by a material.
-    what : str
-        "visibility": 0.7 times as far, or the optical depth of the aerosol over 0.7 where that is stated; "aerosol":
-        of another kind, spheres unless it is that; "dhr": 1.2 times that of the first material; "tilt": its region
-        tilted by 3 deg more; "drift": the light falls by 20 % within 45 s, and is back.
-
-    Raises
-    ------
-    ConfigError
-        The scene has nothing to change.
-    """
+    """Return a scene with one thing changed; of "drift" the scene stays, and `cloud_factor` dims it."""
     changes: dict[RoofChange, Callable[[Scene], ChangedRoof]] = {
         "visibility": _visibility,
         "aerosol": _aerosol,
@@ -161,22 +132,7 @@ _WORTH_A_WORD_DEG = 0.05
 
 
 class LitRoof:
-    """The light of a scene of materials under the sun of a simulated rig.
-
-    Parameters
-    ----------
-    file : SceneFile
-        The scene.
-    rig : RigFile
-        With a [simulation]. Where it has a clock, the sun is that of the moment at the rig's [site], or at that of the
-        scene file; otherwise it is the sun that the scene file states. The camera stands where the rig's [geometry]
-        says, or else that of the scene file.
-
-    Raises
-    ------
-    ConfigError
-        There is a clock and no site, or the scene cannot be changed as asked.
-    """
+    """The light of a scene of materials under the sun of a simulated rig."""
 
     def __init__(self, file: SceneFile, rig: RigFile) -> None:
         simulation = rig.simulation
@@ -194,13 +150,7 @@ class LitRoof:
         self.record = self._record(file, rig)
 
     def at(self, utc_ns: int) -> dict[str, RegionLight]:
-        """Return the light of each region at a time since 1970 (UTC) [ns].
-
-        Raises
-        ------
-        ConfigError
-            It cannot be computed, such as under a sun too low.
-        """
+        """Return the light of each region at a time since 1970 (UTC) [ns]."""
         factor = self.dimmed(utc_ns)
         if self._clock_ns is None:
             return _times(self._node(None), factor)

@@ -50,24 +50,7 @@ class StageServer:
 
 @contextmanager
 def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[StageServer]:
-    """Give a simulated stage that answers on a pseudo-terminal until the context is left.
-
-    Parameters
-    ----------
-    address : str
-        What it is like, such as ``sim:zaber?stall=3``.
-    link : Path
-        Link to make to the terminal.
-    truth : Path or None
-        File for the true angle.
-
-    Raises
-    ------
-    ConfigError
-        There is no such stage; all that an address can say is told.
-    OSError
-        The link or the log cannot be made.
-    """
+    """Give a simulated stage that answers on a pseudo-terminal until the context is left."""
     try:
         options = parse_stage_address(address)
     except ValueError as error:
@@ -86,24 +69,7 @@ _EXAMPLE = "rig-sim.toml"
 
 @contextmanager
 def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) -> Iterator[str]:
-    """Serve it until the context is left; give the port of the rig's stage, which turns the polarizer.
-
-    Parameters
-    ----------
-    address : str
-        IP address of this machine, and behind a "?" what goes wrong: see `rigctl.rig.simulated_parts`.
-    rig_path : Path or None
-        A rig file with a [simulation]; None: the one of the examples.
-    lost_share : float
-        Share of packets that are not sent.
-
-    Raises
-    ------
-    ConfigError
-        The rig file is wrong, or describes no simulation; or a fault is none.
-    NotConnectedError
-        libaravis is not installed, or the address is not this machine's or in use.
-    """
+    """Serve it until the context is left; give the port of the rig's stage, which turns the polarizer."""
     from rigctl.rig.simulation import simulate
 
     place, _, options = address.partition("?")

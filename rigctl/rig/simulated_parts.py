@@ -70,13 +70,7 @@ from sim_devices.world import Region as PaintedRegion
 
 
 class SimulatedClock:
-    """A clock that is moved on, never waited for.
-
-    Parameters
-    ----------
-    start_ns : int
-        What it says first [ns since 1970 UTC].
-    """
+    """A clock that is moved on, never waited for."""
 
     def __init__(self, start_ns: int) -> None:
         self._now_ns = start_ns
@@ -114,19 +108,7 @@ _TRUTH = "truth="
 
 
 def split_truth(address: str) -> tuple[str, TruthLog | None]:
-    """Return an address without its truth option, and the log that the option asks for.
-
-    Parameters
-    ----------
-    address : str
-        A simulated camera's, such as ``sim:gc780?truth=/tmp/truth.jsonl``. A relative file lies where the program
-        runs: give an absolute one if the session is to be resumed from elsewhere.
-
-    Raises
-    ------
-    ConfigError
-        There are several files, an empty name, or the file cannot be written.
-    """
+    """Return an address without its truth option, and the log that the option asks for."""
     scheme, _, tail = address.partition("?")
     options = [option for option in tail.split("&") if option]
     files = [option.removeprefix(_TRUTH) for option in options if option.startswith(_TRUTH)]
@@ -163,19 +145,7 @@ def require_known_camera(address: str, *, is_mosaic: bool = False) -> None:
 
 
 def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
-    """Return the polarizers on the pixels that options of an address ask for, and the options that are none.
-
-    Parameters
-    ----------
-    options : str
-        ``cell`` are the true axes, row by row; ``angle_error_deg`` and ``pixel_error_deg`` the deviations of those of a
-        place and of a pixel; ``crosstalk`` the share of light that leaks into each neighbour.
-
-    Raises
-    ------
-    ConfigError
-        A value is not allowed.
-    """
+    """Return the polarizers on the pixels that options of an address ask for, and the options that are none."""
     values: dict[str, Any] = {}
     rest = []
     for option in filter(None, options.split("&")):
@@ -195,23 +165,7 @@ def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:
-    """Return the faults that options of an address ask for, and the options that are none.
-
-    Parameters
-    ----------
-    options : str
-        ``key=value&key=value``. ``lost`` is the share of packets that are lost, ``resend`` 0 for a camera that sends
-        none of them again; ``die``, ``restart``, ``hang`` and
-        ``forget`` are the picture, counted from the camera's power-up, at which its power goes for good, goes and
-        comes back, at which it answers nobody for a while, and after which its exposure is not what was set;
-        ``off_s`` and ``hang_s`` say for how long. ``clock_ppm`` gives it a clock that can be read and is so much too
-        fast; ``ptp_offset_ns`` one that follows a PTP master, where the driver's ``ptp=1`` asks for it, so far off.
-
-    Raises
-    ------
-    ConfigError
-        Values are not allowed, or given twice: all are named.
-    """
+    """Return the faults that options of an address ask for, and the options that are none."""
     values: dict[str, Any] = {}
     rest, problems = [], []
     for option in filter(None, options.split("&")):
@@ -301,13 +255,7 @@ _MM_PER_M = 1e3
 
 
 class LensPosition:
-    """Where a lens is turned to now.
-
-    Parameters
-    ----------
-    simulation : SimulationSection
-        Of the rig. Where it was read from a file, what that file says at each frame holds.
-    """
+    """Where a lens is turned to now."""
 
     def __init__(self, simulation: SimulationSection) -> None:
         self._file = simulation.file
@@ -342,38 +290,15 @@ def _stated_mm(file: Path, before_mm: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class TurnedLens:
-    """A lens that was turned.
+    """A lens that was turned."""
 
-    Attributes
-    ----------
-    defocus_mm : float
-        How far the detector is behind the focus now [mm].
-    was_mm : float
-        And before [mm].
-    blur_px : float
-        Diameter of the disk that a point becomes [pixels].
-    """
-
-    defocus_mm: float
-    was_mm: float
-    blur_px: float
+    defocus_mm: float  #: How far the detector is behind the focus now [mm].
+    was_mm: float  #: And before [mm].
+    blur_px: float  #: Diameter of the disk that a point becomes [pixels].
 
 
 def turn_lens(rig: Path, *, defocus_mm: float) -> TurnedLens:
-    """Turn the lens of a simulated camera, also while it runs: the key in its rig file changes, the rest stays.
-
-    Parameters
-    ----------
-    rig : Path
-        Rig file with a table [simulation.camera].
-    defocus_mm : float
-        How far the detector shall be behind the focus, -5 to 5 [mm].
-
-    Raises
-    ------
-    ConfigError
-        The number is beyond that, or the file describes no simulated camera in a table of its own.
-    """
+    """Turn the lens of a simulated camera, also while it runs: the key in its rig file changes, the rest stays."""
     if not abs(defocus_mm) <= MOST_DEFOCUS_MM:
         raise ConfigError(f"--defocus-mm: is {defocus_mm:g}; must be from {-MOST_DEFOCUS_MM:g} to {MOST_DEFOCUS_MM:g}")
     camera = _simulated_camera(rig)
@@ -416,15 +341,7 @@ _NUMBERS_EACH = 10_000_000
 
 
 class NoiseNumbers:
-    """Gives the frame of each step the number that it had, were the session taken without an interruption.
-
-    Parameters
-    ----------
-    camera : SimCamera
-        Within this program.
-    run : Path or None
-        The run folder of the session, which need not exist yet; None goes on with nothing.
-    """
+    """Gives the frame of each step the number that it had, were the session taken without an interruption."""
 
     def __init__(self, camera: SimCamera, run: Path | None) -> None:
         self._camera, self._run = camera, run
@@ -452,15 +369,6 @@ class NoiseNumbers:
 class FreshNoise:
     """Draws the noise anew wherever a session is gone on with, for a camera that is simulated on the network.
 
-    Parameters
-    ----------
-    camera : SimCamera
-        What makes the pictures; the network gives them other numbers.
-    run : Path or None
-        The run folder of the session, which need not exist yet; None goes on with nothing.
-
-    Notes
-    -----
     Over the network pictures are lost and taken again, so that noise cannot go on where it was.
     """
 
@@ -479,17 +387,7 @@ class FreshNoise:
 
 
 def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequence: int) -> int:
-    """Return which number the camera gave or would have given to a step, had the session not been interrupted.
-
-    Parameters
-    ----------
-    frames : iterable of FrameRecord
-        What was taken.
-    events : iterable of RunEvent
-        Of the run: metering uses up numbers and notes the next one.
-    sequence : int
-        The step.
-    """
+    """Return which number the camera gave or would have given to a step, had the session not been interrupted."""
     used = max((one.next_camera_frame or 0 for one in metered_exposures(events)), default=0)
     before = [frame for frame in frames if _place(frame) < sequence and frame.camera_frame is not None]
     if not before:
@@ -527,13 +425,7 @@ def on_sensor(regions: Sequence[Region], rig: RigFile, camera: SimulatedCamera) 
 
 
 def frame_size(rig: RigFile, camera: SimulatedCamera) -> tuple[int, int]:
-    """Return width and height of the frames of a simulated rig.
-
-    Raises
-    ------
-    ValueError
-        A sensor of cells has an odd side.
-    """
+    """Return width and height of the frames of a simulated rig."""
     if rig.camera.mosaic_deg is None:
         return camera.width, camera.height
     if camera.width % 2 or camera.height % 2:

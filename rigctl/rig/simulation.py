@@ -62,19 +62,11 @@ Clock = Callable[[], float]
 
 @dataclass(frozen=True, kw_only=True)
 class RenderingCost:
-    """What an effect that a rig file names costs a frame.
+    """What an effect that a rig file names costs a frame."""
 
-    Attributes
-    ----------
-    effect, place
-        Its name, and where in the chain it acts.
-    cost_s
-        Median over the frames [s].
-    """
-
-    effect: str
+    effect: str  #: Its name, and where in the chain it acts.
     place: Place
-    cost_s: float
+    cost_s: float  #: Median over the frames [s].
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,17 +98,6 @@ def rendering_costs(
 ) -> RenderingCosts:
     """Return what each effect that a rig file names costs a frame.
 
-    Parameters
-    ----------
-    simulation : SimulationSection
-        The simulated rig.
-    frames : int
-        Of which the medians are taken, 1 or more; one more is taken before them, for what is made but once.
-    clock : callable
-        Seconds, rising.
-
-    Notes
-    -----
     The picture is even: no effect takes more or less time for what is in it. An effect that is not named is not called.
     """
     truth = simulation.camera
@@ -158,50 +139,23 @@ BeginStep = Callable[[int], bool]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulation:
-    """The simulated part of a rig.
+    """The simulated part of a rig."""
 
-    Attributes
-    ----------
-    world : World
-        What stands in front of the camera.
-    camera : SimCamera
-        Looks at it.
-    stage_port : str or None
-        Pseudo-terminal on which the simulated stage answers; None where the camera has polarizers on its pixels.
-    network_address : str or None
-        Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
-    begin_step : callable
-        To be told, by its sequence number, of each step before its first frame: the noise of frames hangs on it.
-        Says whether the numbers of the camera's frames jump there. Simulated time passes there, and the light moves.
-    light : SimulatedLight or None
-        What lights a scene of materials; None where the scene file states every radiance.
-    """
-
-    world: World
-    camera: SimCamera
+    world: World  #: What stands in front of the camera.
+    camera: SimCamera  #: Looks at it.
+    #: Pseudo-terminal on which the simulated stage answers; None where the camera has polarizers on its pixels.
     stage_port: str | None
+    #: Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
     network_address: str | None
+    #: To be told, by its sequence number, of each step before its first frame: the noise of frames hangs on it. Says
+    #: whether the numbers of the camera's frames jump there. Simulated time passes there, and the light moves.
     begin_step: Callable[[int], bool]
+    #: What lights a scene of materials; None where the scene file states every radiance.
     light: SimulatedLight | None = None
 
 
 def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange | None) -> RigFile:
-    """Return a rig file whose simulation has another clock, or a roof that was changed; None leaves what it says.
-
-    Parameters
-    ----------
-    rig : RigFile
-        The rig.
-    clock_ns : int or None
-        When its clock begins [ns since 1970 UTC].
-    perturb : str or None
-        What changes in its roof.
-
-    Raises
-    ------
-    ConfigError
-        A device of the rig is real, or its camera is on the network: their time is not simulated.
-    """
+    """Return a rig file whose simulation has another clock, or a roof that was changed; None leaves what it says."""
     if perturb is not None and rig.simulation is None:
         raise ConfigError("--perturb: only a simulated roof can be changed; this rig is real")
     if rig.simulation is None and clock_ns is None:
@@ -234,25 +188,7 @@ def _not_within_program(rig: RigFile) -> tuple[str, ...]:
 def simulate(
     rig: RigFile, *, session_name: str, run: Path | None = None, clock: SimulatedClock | None = None
 ) -> Iterator[Simulation]:
-    """Give the simulated stage, camera and world of a rig file until the context is left.
-
-    Parameters
-    ----------
-    rig : RigFile
-        With a [simulation] table.
-    session_name : str
-        Decides, with the rig's seed, the noise of the frames: two sessions of one rig have different noise and the
-        same fixed pattern, texture and landing errors.
-    run : Path or None
-        Run folder of the session, which may hold a part of it: the noise goes on from there.
-    clock : SimulatedClock or None
-        The time of a rig with a clock of its own; None is the host's.
-
-    Raises
-    ------
-    ConfigError
-        The rig file describes no simulation that can be.
-    """
+    """Give the simulated stage, camera and world of a rig file until the context is left."""
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
@@ -331,23 +267,7 @@ def _with_light(
 
 @contextmanager
 def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
-    """Give where a camera is served as a GigE Vision camera, until the context is left; None for another address.
-
-    Parameters
-    ----------
-    address : str
-        The camera's in the rig file. Keys of faults (see `split_faults`) are for the simulation; what else there is
-        behind the "?" is for the driver.
-    camera : Camera
-        The simulated one.
-
-    Raises
-    ------
-    ConfigError
-        A fault is none.
-    NotConnectedError
-        libaravis is not installed, or there is another GigE camera on this machine's own address.
-    """
+    """Give where a camera is served as a GigE Vision camera, until the context is left; None for another address."""
     scheme, _, tail = address.partition("?")
     if scheme != ON_NETWORK:
         yield None
@@ -364,36 +284,16 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeenScene:
-    """What the camera looks at.
+    """What the camera looks at."""
 
-    Attributes
-    ----------
-    radiance : (3, H, W) array
-        At the beginning [W m-2 sr-1].
-    roof, textured : LitRoof, TexturedScene or None
-        What computes and what paints the light of a scene of materials; None where its radiances are stated.
-    """
-
-    radiance: FloatArray
+    radiance: FloatArray  #: At the beginning [W m-2 sr-1].
+    #: What computes and what paints the light of a scene of materials; None where its radiances are stated.
     roof: "LitRoof | None" = None
     textured: TexturedScene | None = None
 
 
 def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
-    """Return what the camera of a simulated rig looks at.
-
-    Parameters
-    ----------
-    rig : RigFile
-        With a [simulation] table.
-    utc_ns : callable
-        The time [ns since 1970 UTC], by which a roof is lit.
-
-    Raises
-    ------
-    ConfigError, ValueError
-        The scene is wrong, or its light cannot be.
-    """
+    """Return what the camera of a simulated rig looks at."""
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     scene, camera = load_scene(rig.simulation.scene), rig.simulation.camera
@@ -423,13 +323,7 @@ def _night(scene: SceneFile, camera: SimulatedCamera) -> FloatArray:
 
 
 def made_camera(rig: RigFile, seen: SeenScene, *, session_name: str) -> SimCamera:
-    """Return the camera of a simulated rig before its scene, without anything that turns.
-
-    Raises
-    ------
-    ConfigError, ValueError
-        Stage, polarizer or camera cannot be.
-    """
+    """Return the camera of a simulated rig before its scene, without anything that turns."""
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     stage, _ = _made_stage(rig, rig.simulation)
@@ -441,26 +335,7 @@ def made_camera(rig: RigFile, seen: SeenScene, *, session_name: str) -> SimCamer
 def rehearse(
     rig: RigFile, *, times_ns: Sequence[int], exposures_s: Sequence[float], regions: Sequence[Region]
 ) -> tuple[str, ...]:
-    """Return in words under which sun each round of a simulated roof is seen, and where it is not that of its scene.
-
-    Parameters
-    ----------
-    rig : RigFile
-        With a [simulation].
-    times_ns : sequence of int
-        When rounds begin [ns since 1970 UTC].
-    exposures_s : sequence of float
-        Those that the session states [s].
-    regions : sequence of Region
-        Those that it watches.
-
-    Raises
-    ------
-    ConfigError
-        The simulation cannot be made, a region is outside the picture, or the roof has no light.
-    LimitError
-        The camera does not take an exposure, or the gain.
-    """
+    """Return in words under which sun each round of a simulated roof is seen, and where it is not that of its scene."""
     if rig.simulation is None:
         return ()
     try:

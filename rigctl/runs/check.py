@@ -64,21 +64,11 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Wholeness:
-    """Wholeness of a run, its frames apart.
+    """Wholeness of a run, its frames apart."""
 
-    Attributes
-    ----------
-    state : {"whole", "unfinished", "damaged"}
-        Whole is: every check holds, and the session has noted its end over these very frames.
-    problems : tuple of (file, problem)
-        What is damaged.
-    unchecked : tuple of str
-        What cannot be checked, since an older program made the run.
-    """
-
-    state: State
-    problems: tuple[tuple[str, str], ...]
-    unchecked: tuple[str, ...] = ()
+    state: State  #: Whole is: every check holds, and the session has noted its end over these very frames.
+    problems: tuple[tuple[str, str], ...]  #: What is damaged.
+    unchecked: tuple[str, ...] = ()  #: What cannot be checked, since an older program made the run.
 
 
 def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
@@ -86,11 +76,6 @@ def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
 
     What is not whole about it, and which frames are left out, is said in the log. `ignore_exclusions` keeps the
     excluded frames.
-
-    Raises
-    ------
-    RunFolderError
-        As `read_run`: a line, a frame or the session file is damaged or gone; or the annotations are damaged.
     """
     run = read_run(path)
     used = annotated(run, ignore_exclusions=ignore_exclusions)
@@ -112,15 +97,7 @@ def wholeness_remark(run: Run) -> str | None:
 
 
 def wholeness(path: Path, contents: Contents) -> Wholeness:
-    """Return how whole a run is, its frames apart: session file, manifest, events and inputs.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-    contents : Contents
-        What it holds.
-    """
+    """Return how whole a run is, its frames apart: session file, manifest, events and inputs."""
     problems = list(contents.problems)
     events: list[RunEvent] = []
     try:
@@ -212,66 +189,27 @@ Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Something about one file of a run folder.
+    """Something about one file of a run folder."""
 
-    Attributes
-    ----------
-    file : str
-        Path relative to the run folder.
-    problem : str
-        What there is to say of it.
-    """
-
-    file: str
-    problem: str
+    file: str  #: Path relative to the run folder.
+    problem: str  #: What there is to say of it.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
-    """Findings of a verification.
+    """Findings of a verification."""
 
-    Attributes
-    ----------
-    ok : bool
-        Nothing is bad.
-    frames : int
-        How many frames the manifest names.
-    bad : tuple of Finding
-        Damaged, missing, or contradicting files.
-    leftovers : tuple of Finding
-        What a killed writer leaves: never acknowledged, so no data are lost by it.
-    state : {"whole", "unfinished", "damaged"}
-        Whole: nothing is bad, and the session has noted its end over these very frames.
-    gaps : tuple of str
-        Steps of the session's plan that have no frame.
-    unchecked : tuple of str
-        What cannot be checked, since an older program made the run.
-    """
-
-    ok: bool
-    frames: int
-    bad: tuple[Finding, ...]
-    leftovers: tuple[Finding, ...]
-    state: State = "whole"
-    gaps: tuple[str, ...] = ()
-    unchecked: tuple[str, ...] = ()
+    ok: bool  #: Nothing is bad.
+    frames: int  #: How many frames the manifest names.
+    bad: tuple[Finding, ...]  #: Damaged, missing, or contradicting files.
+    leftovers: tuple[Finding, ...]  #: What a killed writer leaves: never acknowledged, so no data are lost by it.
+    state: State = "whole"  #: Whole: nothing is bad, and the session has noted its end over these very frames.
+    gaps: tuple[str, ...] = ()  #: Steps of the session's plan that have no frame.
+    unchecked: tuple[str, ...] = ()  #: What cannot be checked, since an older program made the run.
 
 
 def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
-    """Return what is wrong with a run folder; what its session planned is not looked at.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-    watch : callable, optional
-        Hands on the records one by one, for a progress bar.
-
-    Raises
-    ------
-    RunFolderError
-        There is no such folder, or it is no run folder at all.
-    """
+    """Return what is wrong with a run folder; what its session planned is not looked at."""
     contents = read_contents(path)
     found = wholeness(path, contents)
     bad = [Finding(file=file, problem=problem) for file, problem in found.problems]
@@ -349,39 +287,16 @@ DAMAGED_FOLDER = "damaged"
 
 @dataclass(frozen=True, kw_only=True)
 class Repair:
-    """Changes that a repair made to a run folder.
+    """Changes that a repair made to a run folder."""
 
-    Attributes
-    ----------
-    adopted : tuple of Finding
-        Whole frames that the manifest did not name, and now does.
-    set_aside : tuple of Finding
-        Files that are no whole frames of this run; they lie in ``damaged`` now.
-    frames : tuple of FrameRecord
-        What the manifest names now; every checksum holds.
-    """
-
-    adopted: tuple[Finding, ...]
-    set_aside: tuple[Finding, ...]
-    frames: tuple[FrameRecord, ...]
+    adopted: tuple[Finding, ...]  #: Whole frames that the manifest did not name, and now does.
+    set_aside: tuple[Finding, ...]  #: Files that are no whole frames of this run; they lie in ``damaged`` now.
+    frames: tuple[FrameRecord, ...]  #: What the manifest names now; every checksum holds.
 
 
 def repair_run(path: Path) -> Repair:
     """Return what had to be done until each frame of the manifest is whole, and each whole frame is in the manifest.
 
-    Parameters
-    ----------
-    path : Path
-        A run folder that nobody writes into.
-
-    Raises
-    ------
-    RunFolderError
-        It is no run folder, its session file is damaged, another process writes into it, or the disk cannot be
-        written.
-
-    Notes
-    -----
     A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
     Nothing is deleted: what is damaged is moved, so that a person can look at it.
     """

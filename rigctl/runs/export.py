@@ -38,13 +38,7 @@ def unit_of(field: str) -> str:
 
 
 def common_shape(run: Run) -> tuple[int, int]:
-    """Return rows and columns of all frames.
-
-    Raises
-    ------
-    RunFolderError
-        There are no frames, or they differ in size.
-    """
+    """Return rows and columns of all frames."""
     if not run.frames:
         raise RunFolderError(f"{run.path}: has no frames")
     shapes = {(record.height, record.width) for record in run.frames}
@@ -54,15 +48,7 @@ def common_shape(run: Run) -> tuple[int, int]:
 
 
 def export_tiff(run: Run, out: Path) -> None:
-    """Write a run into a folder of TIFF files of 16 bits; what is known of a frame stands as JSON in its description.
-
-    Raises
-    ------
-    ConfigError
-        tifffile is not installed.
-    RunFolderError
-        A frame is damaged.
-    """
+    """Write a run into a folder of 16 bit TIFF files with the record of each frame as JSON in its description."""
     try:
         import tifffile
     except ImportError as error:
@@ -82,15 +68,6 @@ def export_tiff(run: Run, out: Path) -> None:
 def export_hdf5(run: Run, out: Path) -> None:
     """Write a run into an HDF5 file: `counts` (N, H, W), a dataset a field under `frames`, and `records`.
 
-    Raises
-    ------
-    ConfigError
-        h5py is not installed.
-    RunFolderError
-        A frame is damaged, or they differ in size.
-
-    Notes
-    -----
     Under `frames` numbers that are not known are NaN, and texts empty; several remarks are lines of one text. `records`
     has each frame's record as JSON, as the manifest has it: nothing is lost there. The session stands as JSON in
     the attribute `session`.
@@ -132,15 +109,6 @@ def _text(value: str | tuple[str, ...] | None) -> str:
 def export_zarr(run: Run, out: Path) -> None:
     """Write a run into a Zarr folder: an array `counts` (N, H, W), one chunk a frame, coordinates and attributes.
 
-    Raises
-    ------
-    ConfigError
-        zarr is not installed.
-    RunFolderError
-        A frame is damaged, or they differ in size.
-
-    Notes
-    -----
     xarray opens it lazily, with the coordinates `kind`, `polarizer_angle_deg`, `exposure_s` and, where every frame has
     one, `time` along `frame`. The group's attribute `frames` has every field of the frames' records by its name, one
     value a frame; `session` what the run says of itself.

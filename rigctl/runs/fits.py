@@ -29,17 +29,6 @@ CardValue = bool | int | float | str
 def make_card(keyword: str, value: CardValue, comment: str) -> str:
     """Return a card, or several of 80 characters each where a text is too long for one.
 
-    Parameters
-    ----------
-    keyword : str
-        At most eight of ``A-Z 0-9 _ -``.
-    value : bool, int, finite float or str
-        A text may hold any character: what is not printable ASCII is escaped as in Python source.
-    comment : str
-        Shortened where there is no room for all of it.
-
-    References
-    ----------
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.1, 4.2; 4.2.1.2 for long texts (CONTINUE).
     """
     if isinstance(value, str):
@@ -93,18 +82,7 @@ def _split_quoted(quoted: str) -> list[str]:
 
 
 def read_cards(header: bytes) -> dict[str, str | None]:
-    """Return the values of a header by keyword, texts unquoted and joined, numbers still as they stand.
-
-    Parameters
-    ----------
-    header : bytes
-        Whole cards, without the one that says END.
-
-    Raises
-    ------
-    ValueError
-        A card is no ASCII, or has no value that can be read.
-    """
+    """Return the values of a header by keyword, texts unquoted and joined, numbers still as they stand."""
     values: dict[str, str | None] = {}
     for keyword, field in _join_continued(header.decode("ascii")):
         match = _VALUE.match(field)
@@ -143,13 +121,6 @@ _PUNCTUATION = frozenset(range(0x3A, 0x41)) | frozenset(range(0x5B, 0x61))
 def ones_complement_sum(data: bytes | memoryview) -> int:
     """Return the 32-bit sum with end-around carry of big-endian words.
 
-    Parameters
-    ----------
-    data : bytes
-        A whole number of words of four bytes, at most 2**34 bytes (so that the sum fits 64 bits).
-
-    References
-    ----------
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), appendix J.
     """
     total = int(np.frombuffer(data, dtype=">u4").sum(dtype=np.uint64))
@@ -161,13 +132,6 @@ def ones_complement_sum(data: bytes | memoryview) -> int:
 def encode_checksum(total: int) -> str:
     """Return the sixteen letters and digits that bring a header-and-data sum to all ones.
 
-    Parameters
-    ----------
-    total : int
-        ``ones_complement_sum`` of the whole unit with ``NO_CHECKSUM`` in the place of the checksum.
-
-    References
-    ----------
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), appendix J: each byte of the complement is shared
     out over four characters, which stand four apart; the whole is turned right by one, since a card's value
     begins one byte before a word does.
@@ -198,53 +162,27 @@ _BEGIN, _END = b"SIMPLE  =", b"END".ljust(CARD_LENGTH)
 
 @dataclass(frozen=True, kw_only=True)
 class FitsFrame:
-    """A frame's header values as text, and its samples.
+    """A frame's header values as text, and its samples."""
 
-    Attributes
-    ----------
-    values : mapping
-        Value by keyword; numbers as they stand in the file, ``None`` where a keyword has no value.
-    counts : (H, W) array of uint16
-        Samples in DN, first row on top.
-    """
-
+    #: Value by keyword; numbers as they stand in the file, ``None`` where a keyword has no value.
     values: dict[str, str | None]
-    counts: NDArray[np.uint16]
+    counts: NDArray[np.uint16]  #: Samples in DN, first row on top.
 
 
 def encode_frame(counts: NDArray[np.uint16], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
     """Return the bytes of a FITS file that holds one frame.
 
-    Parameters
-    ----------
-    counts : (H, W) array of uint16
-        Samples in DN, first row on top.
-    cards : mapping of keyword to (value, comment)
-        What else the header is to say.
-
-    Notes
-    -----
     FITS knows signed 16-bit integers only; unsigned ones are stored less 32768 (``BZERO``), which every
     reader of FITS undoes. ``ROWORDER = 'TOP-DOWN'`` tells that the first row in the file is the
     top of the picture.
 
-    References
-    ----------
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.4 and 5.2.5, appendix J.
     """
     return _whole_file(_size_cards(counts.shape), cards, _to_signed(counts))
 
 
 def encode_image(image: NDArray[np.generic], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
-    """Return the bytes of a FITS file that holds a computed image, or a stack of them, as any reader of FITS reads it.
-
-    Parameters
-    ----------
-    image : (..., H, W) array of uint8, int16, int32, float32 or float64
-        First row on top.
-    cards : mapping of keyword to (value, comment)
-        What the header is to say beside the size.
-    """
+    """Return the bytes of a FITS file that holds a computed image or a stack of images."""
     sizes: list[tuple[str, CardValue, str]] = [
         ("SIMPLE", True, "FITS standard 4.0"),
         ("BITPIX", _BITPIX[image.dtype.name], "bits of a sample, below 0 for real numbers"),
@@ -298,13 +236,6 @@ def _padded(length: int) -> int:
 def decode_frame(data: bytes | memoryview) -> FitsFrame:
     """Return a frame from the bytes of a file that ``encode_frame`` made.
 
-    Raises
-    ------
-    DataError
-        A checksum fails, the file is cut off or too long, or it is no frame of ours.
-
-    Notes
-    -----
     Reads what this program writes, and no other kind of FITS.
     """
     end = _find_end(data)
@@ -406,13 +337,7 @@ _MOST_REMARKS = 99
 
 
 def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
-    """Return what the header of a frame is to say, by keyword: value and comment.
-
-    Raises
-    ------
-    ValueError
-        The record has more remarks than there are keywords for, or a time that is not marked as UTC.
-    """
+    """Return what the header of a frame is to say, by keyword: value and comment."""
     if len(record.remarks) > _MOST_REMARKS:
         raise ValueError(f"remarks: {len(record.remarks)} given, at most {_MOST_REMARKS} fit a frame")
     for time in filter(None, (record.start_utc, record.end_utc)):
@@ -430,20 +355,7 @@ def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
 
 
 def record_from_header(frame: FitsFrame, *, file: str, checksum: str) -> FrameRecord:
-    """Return the record that a frame's own header stands for.
-
-    Parameters
-    ----------
-    frame : FitsFrame
-        The frame as read.
-    file, checksum : str
-        What a file cannot say of itself: its path in the run and the checksum of the whole.
-
-    Raises
-    ------
-    DataError
-        The header lacks something, or has a value of the wrong kind.
-    """
+    """Return the record that a frame's own header stands for."""
     values: dict[str, object] = {k.field: frame.values.get(k.name) for k in _KEYWORDS}
     for field in _TIMES:
         values[field] = f"{values[field]}Z" if values[field] is not None else None

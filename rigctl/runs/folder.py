@@ -82,66 +82,28 @@ ANNOTATIONS_FILE = "annotations.jsonl"
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A run folder's table of contents.
+    """A run folder's table of contents."""
 
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    session : SessionRecord
-        How it came about.
-    session_json : mapping
-        All that the writer was told of that: rig, session, versions, hashes.
-    frames : tuple of FrameRecord
-        In the order of their sequence numbers.
-    created_by : str
-        Program and version that made the folder.
-    created_utc : str
-        When it was made.
-    excluded : tuple of FrameRecord
-        Frames that people have left out; they are not among `frames`.
-    annotations : tuple of Annotation
-        What people have noted of it.
-    written_angles_deg : mapping
-        Sequence numbers of frames whose polarizer angle was recalibrated to the angle that their files state [deg].
-    """
-
-    path: Path
-    session: SessionRecord
-    session_json: dict[str, JsonValue]
-    frames: tuple[FrameRecord, ...]
-    created_by: str
-    created_utc: str
-    excluded: tuple[FrameRecord, ...] = ()
-    annotations: tuple[Annotation, ...] = ()
+    path: Path  #: The folder.
+    session: SessionRecord  #: How it came about.
+    session_json: dict[str, JsonValue]  #: All that the writer was told of that: rig, session, versions, hashes.
+    frames: tuple[FrameRecord, ...]  #: In the order of their sequence numbers.
+    created_by: str  #: Program and version that made the folder.
+    created_utc: str  #: When it was made.
+    excluded: tuple[FrameRecord, ...] = ()  #: Frames that people have left out; they are not among `frames`.
+    annotations: tuple[Annotation, ...] = ()  #: What people have noted of it.
+    #: Sequence numbers of frames whose polarizer angle was recalibrated to the angle that their files state [deg].
     written_angles_deg: Mapping[int, float | None] = field(default_factory=dict)
 
     def counts(self, record: FrameRecord) -> NDArray[np.uint16]:
-        """Return the samples of a frame, once its checksum has been found right.
-
-        Returns
-        -------
-        (H, W) array of uint16
-            Samples in DN; the first row is the top of the picture. The array is the caller's own.
-
-        Raises
-        ------
-        RunFolderError
-            The file is gone, or is not the one that was written.
-        """
+        """Return the samples of a frame, once its checksum has been found right."""
         if record.sequence in self.written_angles_deg:
             record = replace(record, polarizer_angle_deg=self.written_angles_deg[record.sequence])
         return read_frame(self.path, record).counts
 
 
 def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
-    """Return a frame, once its checksum and its header agree with its line in the manifest.
-
-    Raises
-    ------
-    DataError
-        The file is gone, is not the one that was written, or says something else of the frame than the manifest does.
-    """
+    """Return a frame, once its checksum and its header agree with its line in the manifest."""
     frame = decode_frame(_checked(path, record))
     stated = record_from_header(frame, file=record.file, checksum=record.checksum)
     if stated != record:
@@ -175,48 +137,19 @@ def file_checksum(data: bytes | memoryview) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest.
+    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest."""
 
-    Attributes
-    ----------
-    description : RunDescription or None
-        What the session file says; ``None`` where it cannot be read.
-    frames : tuple of FrameRecord
-        Every record of the manifest that could be read, by sequence number.
-    problems : tuple of (file, problem)
-        What is wrong with the session file and the manifest.
-    torn_manifest_line : bool
-        The last line of the manifest has no end: the writer was killed in the middle of it.
-    links : tuple of str
-        The chain of the manifest after 0, 1, 2, ... lines; empty for old runs.
-    begins_elsewhere : bool
-        The manifest does not follow on the session file: either is of another run.
-    """
-
-    description: RunDescription | None
-    frames: tuple[FrameRecord, ...]
-    problems: tuple[tuple[str, str], ...]
-    torn_manifest_line: bool
-    links: tuple[str, ...] = ()
-    begins_elsewhere: bool = False
+    description: RunDescription | None  #: What the session file says; ``None`` where it cannot be read.
+    frames: tuple[FrameRecord, ...]  #: Every record of the manifest that could be read, by sequence number.
+    problems: tuple[tuple[str, str], ...]  #: What is wrong with the session file and the manifest.
+    torn_manifest_line: bool  #: The last line of the manifest has no end: the writer was killed in the middle of it.
+    links: tuple[str, ...] = ()  #: The chain of the manifest after 0, 1, 2, ... lines; empty for old runs.
+    begins_elsewhere: bool = False  #: The manifest does not follow on the session file: either is of another run.
 
 
 def read_run(path: Path) -> Run:
     """Return the table of contents of a run folder; the frames themselves are not opened.
 
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-
-    Raises
-    ------
-    RunFolderError
-        There is no such folder, or its session file or manifest is damaged, or frames are gone: every
-        problem at once.
-
-    Notes
-    -----
     A last line of the manifest without an end is what a killed writer leaves; it is passed over, since its
     frame was never acknowledged. ``rigctl verify`` reports it.
     """
@@ -237,13 +170,7 @@ def read_run(path: Path) -> Run:
 
 
 def read_contents(path: Path) -> Contents:
-    """Return what a run folder's session file and manifest say, whatever state they are in.
-
-    Raises
-    ------
-    RunFolderError
-        There is no such folder, or it is no run folder at all.
-    """
+    """Return what a run folder's session file and manifest say, whatever state they are in."""
     if path.is_file():
         raise RunFolderError(f"{path}: is a file, a run folder is wanted")
     if not path.is_dir():
@@ -291,13 +218,7 @@ def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord
 
 
 def parse_record(line: bytes) -> FrameRecord:
-    """Return the record that one line of a manifest stands for.
-
-    Raises
-    ------
-    DataError
-        The line is no JSON, lacks a key, has an unknown one or a value of the wrong kind: all at once.
-    """
+    """Return the record that one line of a manifest stands for."""
     try:
         record = FRAME_RECORD.validate_json(line)
     except ValidationError as error:
@@ -317,28 +238,7 @@ def _duplicates(frames: list[FrameRecord]) -> list[str]:
 
 
 class Journal:
-    """A file of lines, opened for adding to it.
-
-    Parameters
-    ----------
-    path : Path
-        The file; made where it is not there. A last line without an end, as a killed writer leaves it, is cut
-        off.
-    first_link : str or None
-        What the chain of its lines begins with; None for a journal without seals, as old runs have them.
-
-    Attributes
-    ----------
-    lines : int
-        How many lines there are.
-    link : str or None
-        The chain after all of them.
-
-    Raises
-    ------
-    OSError
-        The file cannot be opened or written.
-    """
+    """A file of lines, opened for adding to it."""
 
     def __init__(self, path: Path, *, first_link: str | None) -> None:
         present = read_bounded(path, MOST_RECORD_BYTES) if path.exists() else b""
@@ -350,18 +250,7 @@ class Journal:
         self._file.truncate(self._length)
 
     def append(self, contents: Sequence[bytes]) -> None:
-        """Return once the lines are on the disk.
-
-        Parameters
-        ----------
-        contents : sequence of bytes
-            JSON objects, one a line, without the ends of the lines.
-
-        Raises
-        ------
-        OSError
-            They could not be written; the file is as it was.
-        """
+        """Return once the lines are on the disk."""
         written, link = [], self.link
         for content in contents:
             line = content + b"\n"
@@ -395,20 +284,7 @@ _LOOKS, _LOOK_S = 10, 0.01
 
 
 class RunLock:
-    """The right to write into a run folder, held until it is released or its process is gone.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder; it must exist.
-
-    Raises
-    ------
-    RunFolderError
-        Another process holds it.
-    OSError
-        The folder cannot be written.
-    """
+    """The right to write into a run folder, held until it is released or its process is gone."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
@@ -452,13 +328,7 @@ def released_on_error(lock: RunLock) -> Iterator[None]:
 
 @contextmanager
 def locked_file(file: Path) -> Iterator[None]:
-    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others.
-
-    Raises
-    ------
-    OSError
-        It cannot be opened.
-    """
+    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others."""
     descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -468,13 +338,7 @@ def locked_file(file: Path) -> Iterator[None]:
 
 
 def writing_process(path: Path) -> int | None:
-    """Return the number of the process that writes into a run folder, or None where there is none.
-
-    Raises
-    ------
-    RunFolderError
-        Whether there is one cannot be told.
-    """
+    """Return the number of the process that writes into a run folder, or None where there is none."""
     try:
         descriptor = os.open(path / LOCK_FILE, os.O_RDONLY | os.O_NONBLOCK)
     except FileNotFoundError:
@@ -505,20 +369,7 @@ _ANNOTATION = TypeAdapter(Annotation)
 
 
 def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
-    """Return a run with what is noted of it, and without the frames that are excluded.
-
-    Parameters
-    ----------
-    run : Run
-        As `read_run` returns it.
-    ignore_exclusions : bool
-        Keep excluded frames, also where the annotations are damaged.
-
-    Raises
-    ------
-    RunFolderError
-        The annotations are damaged, so that nobody knows which frames are excluded.
-    """
+    """Return a run with what is noted of it, and without the frames that are excluded."""
     if not (run.path / ANNOTATIONS_FILE).exists():
         return run
     journal = read_annotation_lines(run.path)
@@ -546,13 +397,7 @@ def exclusion_remark(run: Run) -> str | None:
 
 
 def read_annotations(path: Path) -> tuple[Annotation, ...]:
-    """Return what is noted of a run; empty where nothing is.
-
-    Raises
-    ------
-    RunFolderError
-        A line is damaged, or the file cannot be read.
-    """
+    """Return what is noted of a run; empty where nothing is."""
     journal = read_annotation_lines(path)
     problems = annotation_problems(journal)
     if problems:
@@ -561,13 +406,7 @@ def read_annotations(path: Path) -> tuple[Annotation, ...]:
 
 
 def read_annotation_lines(path: Path) -> Lines:
-    """Return the lines of a run's annotations, each held against its seal; none where there is no such file.
-
-    Raises
-    ------
-    RunFolderError
-        The file cannot be read.
-    """
+    """Return the lines of a run's annotations, each held against its seal; none where there is no such file."""
     return read_lines(journal_bytes(path / ANNOTATIONS_FILE), _link(path))
 
 
@@ -597,15 +436,7 @@ def _read_line(content: bytes) -> Annotation | str:
 
 
 def annotate(path: Path, annotation: Annotation) -> None:
-    """Return once an annotation is on the disk, at the end of the run's annotations.
-
-    Raises
-    ------
-    RunFolderError
-        The annotations that are there are damaged: nothing is put behind them.
-    OSError
-        It could not be written; the file is as it was.
-    """
+    """Return once an annotation is on the disk, at the end of the run's annotations."""
     is_new = not (path / ANNOTATIONS_FILE).exists()
     with locked_file(path / ANNOTATIONS_FILE):
         read_annotations(path)
@@ -627,13 +458,7 @@ def _link(path: Path) -> str:
 
 
 def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
-    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are.
-
-    Raises
-    ------
-    ConfigError
-        One cannot be read.
-    """
+    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are."""
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     try:
         return {what: read_bounded(path, MOST_TEXT_BYTES) for what, path in (files | scene).items()}
@@ -642,13 +467,7 @@ def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
 
 
 def keep_inputs(inputs: Mapping[str, bytes], out: Path) -> None:
-    """Write the inputs into the run.
-
-    Raises
-    ------
-    RunFolderError
-        They cannot be written.
-    """
+    """Write the inputs into the run."""
     folder = out / INPUTS_FOLDER
     if not inputs:
         return
@@ -662,13 +481,7 @@ def keep_inputs(inputs: Mapping[str, bytes], out: Path) -> None:
 
 
 def files_of(run: Run) -> tuple[RigFile, SessionFile]:
-    """Return rig and session file as a run holds them.
-
-    Raises
-    ------
-    RunFolderError, ConfigError
-        The run was not made by a session, or what it holds is no such file.
-    """
+    """Return rig and session file as a run holds them."""
     if not run.session.is_of_session:
         raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: there is nothing to go on with")
     try:
@@ -688,13 +501,7 @@ _MOST_BYTES_A_LOOK = 64_000_000
 
 
 class RunTail:
-    """Follows the manifest of a run.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder; it may come later.
-    """
+    """Follows the manifest of a run."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -707,13 +514,7 @@ class RunTail:
         return self._description
 
     def read(self) -> tuple[FrameRecord, ...]:
-        """Return all frames of the run so far.
-
-        Raises
-        ------
-        DataError
-            The run cannot be read.
-        """
+        """Return all frames of the run so far."""
         if self._description is None and (self._path / SESSION_FILE).exists():
             self._description = read_description(self._path / SESSION_FILE)
         try:

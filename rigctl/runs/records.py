@@ -40,37 +40,19 @@ _SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """One line of a journal.
+    """One line of a journal."""
 
-    Attributes
-    ----------
-    content : bytes
-        What was written, without its seal; empty where the line is damaged.
-    problem : str or None
-        What is wrong with it or with its place.
-    """
-
-    content: bytes
-    problem: str | None = None
+    content: bytes  #: What was written, without its seal; empty where the line is damaged.
+    problem: str | None = None  #: What is wrong with it or with its place.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lines:
-    """Lines of a journal, as they are read.
+    """Lines of a journal, as they are read."""
 
-    Attributes
-    ----------
-    lines : tuple of Line
-        In the order of the file.
-    links : tuple of str
-        The chain after 0, 1, 2, ... lines; empty for journals of old runs, which have none.
-    is_torn : bool
-        What follows the last line has no end: the writer was killed in the middle of it.
-    """
-
-    lines: tuple[Line, ...]
-    links: tuple[str, ...]
-    is_torn: bool
+    lines: tuple[Line, ...]  #: In the order of the file.
+    links: tuple[str, ...]  #: The chain after 0, 1, 2, ... lines; empty for journals of old runs, which have none.
+    is_torn: bool  #: What follows the last line has no end: the writer was killed in the middle of it.
 
     @property
     def begins_elsewhere(self) -> bool:
@@ -82,15 +64,7 @@ _NOT_FOLLOWING = "does not follow on what stands before it: lines were taken out
 
 
 def sealed(content: bytes, link: str) -> tuple[bytes, str]:
-    """Return a line with its seal, and the chain after it.
-
-    Parameters
-    ----------
-    content : bytes
-        A JSON object on one line, without the end of the line.
-    link : str
-        The chain before it.
-    """
+    """Return a line with its seal, and the chain after it."""
     own = hashlib.sha256(content).hexdigest()
     after = _link(link, own)
     return content[:-1] + f', "line_sha256": "{own}", "chain_sha256": "{after}"}}\n'.encode("ascii"), after
@@ -108,13 +82,7 @@ def sealed_all(contents: Iterable[bytes], link: str | None) -> bytes:
 
 
 def journal_bytes(file: Path) -> bytes:
-    """Return the bytes of a journal; none where there is no such file.
-
-    Raises
-    ------
-    RunFolderError
-        The file cannot be read.
-    """
+    """Return the bytes of a journal; none where there is no such file."""
     try:
         return read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
     except OSError as error:
@@ -122,15 +90,7 @@ def journal_bytes(file: Path) -> bytes:
 
 
 def read_lines(data: bytes, first_link: str | None) -> Lines:
-    """Return the lines of a journal, each held against its seal.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    first_link : str or None
-        What the chain begins with; None for journals of old runs, whose lines have no seal.
-    """
+    """Return the lines of a journal, each held against its seal."""
     whole, end, rest = data.rpartition(b"\n")
     raw = whole.split(b"\n") if end else []
     if first_link is None:
@@ -174,31 +134,17 @@ PROVES = (
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedLight:
-    """The light of a simulated roof.
+    """The light of a simulated roof."""
 
-    Attributes
-    ----------
-    scene : str
-        Name of the scene that it was computed from.
-    is_clocked : bool
-        The sun was that of the run's simulated clock at its site; otherwise that which the scene file states.
-    sun_zenith_deg, sun_azimuth_deg : float or None
-        That stated sun [deg]; None where the clock moves it, or the file states no azimuth.
-    distance_factor : float or None
-        Its irradiance over that at the mean distance.
-    perturbed : str or None
-        What was changed against the scene file, in words.
-    remarks : tuple of str
-        Where place and time of the scene file are not those of the run.
-    """
-
-    scene: str
+    scene: str  #: Name of the scene that it was computed from.
+    #: The sun was that of the run's simulated clock at its site; otherwise that which the scene file states.
     is_clocked: bool
+    #: That stated sun [deg]; None where the clock moves it, or the file states no azimuth.
     sun_zenith_deg: float | None = None
     sun_azimuth_deg: float | None = None
-    distance_factor: float | None = None
-    perturbed: str | None = None
-    remarks: tuple[str, ...] = ()
+    distance_factor: float | None = None  #: Its irradiance over that at the mean distance.
+    perturbed: str | None = None  #: What was changed against the scene file, in words.
+    remarks: tuple[str, ...] = ()  #: Where place and time of the scene file are not those of the run.
 
     @property
     def caution(self) -> tuple[str, ...]:
@@ -279,35 +225,17 @@ class SessionNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionRecord:
-    """Origin of a run.
+    """Origin of a run."""
 
-    Attributes
-    ----------
-    origin : str or None
-        "simulated", "device" or "import"; None where the run does not say.
-    rig, session : RigAsTaken, SessionAsTaken or None
-        By its files; None of imported images.
-    stage, camera : DeviceAsTaken
-        Which devices these were.
-    noise : SessionNoise or None
-        What it was watched with.
-    rounds_ns : tuple of int or None
-        When each round was to begin [ns since 1970 UTC]; None is at once.
-    until_ns : int or None
-        From when on no frame was to be taken [ns since 1970 UTC].
-    simulated_light : SimulatedLight or None
-        The light of a simulated roof.
-    """
-
-    origin: str | None = None
-    rig: RigAsTaken | None = None
+    origin: str | None = None  #: "simulated", "device" or "import"; None where the run does not say.
+    rig: RigAsTaken | None = None  #: By its files; None of imported images.
     session: SessionAsTaken | None = None
-    stage: DeviceAsTaken = DeviceAsTaken()
+    stage: DeviceAsTaken = DeviceAsTaken()  #: Which devices these were.
     camera: DeviceAsTaken = DeviceAsTaken()
-    noise: SessionNoise | None = None
-    rounds_ns: tuple[int | None, ...] = (None,)
-    until_ns: int | None = None
-    simulated_light: SimulatedLight | None = None
+    noise: SessionNoise | None = None  #: What it was watched with.
+    rounds_ns: tuple[int | None, ...] = (None,)  #: When each round was to begin [ns since 1970 UTC]; None is at once.
+    until_ns: int | None = None  #: From when on no frame was to be taken [ns since 1970 UTC].
+    simulated_light: SimulatedLight | None = None  #: The light of a simulated roof.
 
     @property
     def polarizer(self) -> PolarizerAsTaken:
@@ -354,13 +282,7 @@ _SESSION = TypeAdapter(SessionRecord)
 
 
 def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
-    """Return what a session file says under ``session``.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        What it says is not of its kind.
-    """
+    """Return what a session file says under ``session``."""
     return _SESSION.validate_python(content)
 
 
@@ -373,26 +295,13 @@ SESSION_FILE = "session.json"
 @with_config(ConfigDict(extra="forbid", strict=True))
 @dataclass(frozen=True, kw_only=True)
 class RunDescription:
-    """A run folder by its own word.
+    """A run folder by its own word."""
 
-    Attributes
-    ----------
-    schema_version : int
-        Which layout the folder has.
-    created_by : str
-        Program and version that made it.
-    created_utc : str
-        When it was made.
-    session : mapping
-        The resolved session; ``origin`` is "simulated", "device" or "import".
-    checksum : str or None
-        ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
-    """
-
-    schema_version: Annotated[int, Field(le=SCHEMA_VERSION)]
-    created_by: str
-    created_utc: str
-    session: dict[str, JsonValue]
+    schema_version: Annotated[int, Field(le=SCHEMA_VERSION)]  #: Which layout the folder has.
+    created_by: str  #: Program and version that made it.
+    created_utc: str  #: When it was made.
+    session: dict[str, JsonValue]  #: The resolved session; ``origin`` is "simulated", "device" or "import".
+    #: ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
     checksum: str | None = None
 
     @property
@@ -421,14 +330,7 @@ def first_link(description: RunDescription) -> str | None:
 
 
 def read_description(file: Path) -> RunDescription:
-    """Return what a run folder says of itself.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, is no description, is not the one that was written, or comes from another version of
-        the layout.
-    """
+    """Return what a run folder says of itself."""
     try:
         text = read_bounded(file, MOST_RECORD_BYTES)
     except OSError as error:
@@ -478,126 +380,61 @@ EXPOSURE_PARTS = 4
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class FrameRecord:
-    """All that is known of one frame. ``None`` is "not known" or "does not apply", never a default.
+    """All that is known of one frame. ``None`` is "not known" or "does not apply", never a default."""
 
-    Attributes
-    ----------
-    kind : {"scene", "dark", "flat"}
-        What the camera looked at.
-    sequence : int
-        Place in the order in which the frames of this run were taken, from 0; unique in the run.
-    cycle : int or None
-        Which repeat of the set of angles this is, from 0.
-    polarizer_angle_target_deg : float or None
-        Transmission axis that was asked for [deg], counter-clockwise from horizontal in the picture.
-    polarizer_angle_deg : float or None
-        Transmission axis by the stage's readback [deg], same sense. This one is for processing.
-    stage_angle_target_deg, stage_angle_deg : float or None
-        What the stage was told, and what its encoder said [deg].
-    stage_counts : int or None
-        The encoder's own counts.
-    exposure_s : float or None
-        Integration time [s].
-    gain_db : float or None
-        The camera's gain setting [dB].
-    egain_e_per_dn : float or None
-        Electrons per DN, where somebody states it [e-/DN].
-    bit_depth : int
-        Bits per sample, right-justified.
-    black_level_dn : float or None
-        Counts without light [DN], where known without dark frames.
-    saturation_dn : float
-        A pixel at or above this many counts is saturated [DN].
-    missing_dn : float or None
-        The value that marks pixels which were never received [DN].
-    start_utc, end_utc : str or None
-        Start and end of the exposure, as ``rigctl.base.numbers.utc_text`` writes them.
-    start_monotonic_ns : int or None
-        Start of the exposure on the host's monotonic clock [ns].
-    start_uncertainty_s : float or None
-        By how much `start_utc` may be off at most, the host's clock taken for right (that of the PTP master, where the
-        source is "ptp") [s].
-    start_source : str or None
-        What the start was found by: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
-        (`drivers.interfaces.StartSource`).
-    camera_model, camera_serial, stage_model, stage_serial : str or None
-        Which devices these were.
-    stage_tries : int or None
-        How many times the move was commanded until the readback was within tolerance.
-    settle_s : float or None
-        From the command of the move to the readback that was accepted [s].
-    camera_frame : int or None
-        The camera's own frame counter.
-    exposure_id : int or None
-        Frames that bear the same number are parts of one exposure, of a camera with polarizers on its pixels: the
-        sequence number of the first of them.
-    camera_temperature_c : float or None
-        What the camera said of its temperature, ten seconds before the exposure at most [deg C].
-    round : int or None
-        Which round of a schedule this frame belongs to, from 0.
-    sun_azimuth_deg, sun_elevation_deg : float or None
-        Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
-        refraction.
-    site_latitude_deg, site_longitude_deg : float or None
-        Where the rig stands [deg], north and east positive.
-    site_elevation_m : float or None
-        How high above the sea it stands [m].
-    source_file : str or None
-        The file this frame was imported from.
-    remarks : tuple of str
-        What else one has to know.
-    file : str
-        Path relative to the run folder, with ``/``. Filled in by the writer, as all that follow.
-    height, width : int
-        Rows and columns.
-    saturated_fraction : float
-        Share of pixels at or above ``saturation_dn``, 0 to 1.
-    checksum : str
-        ``sha256:`` and 64 hexadecimal digits, over the whole file.
-    """
-
-    kind: FrameKind
-    sequence: int
-    bit_depth: int
-    saturation_dn: float
-    cycle: int | None = None
+    kind: FrameKind  #: What the camera looked at.
+    sequence: int  #: Place in the order in which the frames of this run were taken, from 0; unique in the run.
+    bit_depth: int  #: Bits per sample, right-justified.
+    saturation_dn: float  #: A pixel at or above this many counts is saturated [DN].
+    cycle: int | None = None  #: Which repeat of the set of angles this is, from 0.
+    #: Transmission axis that was asked for [deg], counter-clockwise from horizontal in the picture.
     polarizer_angle_target_deg: float | None = None
+    #: Transmission axis by the stage's readback [deg], same sense. This one is for processing.
     polarizer_angle_deg: float | None = None
-    stage_angle_target_deg: float | None = None
+    stage_angle_target_deg: float | None = None  #: What the stage was told, and what its encoder said [deg].
     stage_angle_deg: float | None = None
-    stage_counts: int | None = None
-    exposure_s: float | None = None
-    gain_db: float | None = None
-    egain_e_per_dn: float | None = None
-    black_level_dn: float | None = None
-    missing_dn: float | None = None
-    start_utc: str | None = None
+    stage_counts: int | None = None  #: The encoder's own counts.
+    exposure_s: float | None = None  #: Integration time [s].
+    gain_db: float | None = None  #: The camera's gain setting [dB].
+    egain_e_per_dn: float | None = None  #: Electrons per DN, where somebody states it [e-/DN].
+    black_level_dn: float | None = None  #: Counts without light [DN], where known without dark frames.
+    missing_dn: float | None = None  #: The value that marks pixels which were never received [DN].
+    start_utc: str | None = None  #: Start and end of the exposure, as ``rigctl.base.numbers.utc_text`` writes them.
     end_utc: str | None = None
-    start_monotonic_ns: int | None = None
+    start_monotonic_ns: int | None = None  #: Start of the exposure on the host's monotonic clock [ns].
+    #: By how much `start_utc` may be off at most, the host's clock taken for right (that of the PTP master, where the
+    #: source is "ptp") [s].
     start_uncertainty_s: float | None = None
+    #: What the start was found by: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
+    #: (`drivers.interfaces.StartSource`).
     start_source: str | None = None
-    camera_model: str | None = None
+    camera_model: str | None = None  #: Which devices these were.
     camera_serial: str | None = None
     stage_model: str | None = None
     stage_serial: str | None = None
-    stage_tries: int | None = None
-    settle_s: float | None = None
-    camera_frame: int | None = None
+    stage_tries: int | None = None  #: How many times the move was commanded until the readback was within tolerance.
+    settle_s: float | None = None  #: From the command of the move to the readback that was accepted [s].
+    camera_frame: int | None = None  #: The camera's own frame counter.
+    #: Frames that bear the same number are parts of one exposure, of a camera with polarizers on its pixels: the
+    #: sequence number of the first of them.
     exposure_id: int | None = None
+    #: What the camera said of its temperature, ten seconds before the exposure at most [deg C].
     camera_temperature_c: float | None = None
-    round: int | None = None
+    round: int | None = None  #: Which round of a schedule this frame belongs to, from 0.
+    #: Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
+    #: refraction.
     sun_azimuth_deg: float | None = None
     sun_elevation_deg: float | None = None
-    site_latitude_deg: float | None = None
+    site_latitude_deg: float | None = None  #: Where the rig stands [deg], north and east positive.
     site_longitude_deg: float | None = None
-    site_elevation_m: float | None = None
-    source_file: str | None = None
-    remarks: tuple[str, ...] = ()
-    file: str = ""
-    height: int = 0
+    site_elevation_m: float | None = None  #: How high above the sea it stands [m].
+    source_file: str | None = None  #: The file this frame was imported from.
+    remarks: tuple[str, ...] = ()  #: What else one has to know.
+    file: str = ""  #: Path relative to the run folder, with ``/``. Filled in by the writer, as all that follow.
+    height: int = 0  #: Rows and columns.
     width: int = 0
-    saturated_fraction: float = 0.0
-    checksum: str = ""
+    saturated_fraction: float = 0.0  #: Share of pixels at or above ``saturation_dn``, 0 to 1.
+    checksum: str = ""  #: ``sha256:`` and 64 hexadecimal digits, over the whole file.
 
 
 FRAME_RECORD = TypeAdapter(FrameRecord)
@@ -653,27 +490,13 @@ _CHAIN_FACT = "manifest_chain_sha256"
 
 @dataclass(frozen=True, kw_only=True)
 class RunEvent:
-    """Something that happened.
+    """Something that happened."""
 
-    Attributes
-    ----------
-    id : int or None
-        Its place in the file, from 0.
-    utc : str
-        When, as ``rigctl.base.numbers.utc_text`` writes it.
-    monotonic_ns : int or None
-        The same by the host's monotonic clock [ns].
-    event : str
-        Its name, a word or two.
-    facts : mapping
-        What else was noted, as JSON can hold it.
-    """
-
-    id: int | None = None
-    utc: str = ""
-    monotonic_ns: int | None = None
-    event: str
-    facts: dict[str, JsonValue] = field(default_factory=dict)
+    id: int | None = None  #: Its place in the file, from 0.
+    utc: str = ""  #: When, as ``rigctl.base.numbers.utc_text`` writes it.
+    monotonic_ns: int | None = None  #: The same by the host's monotonic clock [ns].
+    event: str  #: Its name, a word or two.
+    facts: dict[str, JsonValue] = field(default_factory=dict)  #: What else was noted, as JSON can hold it.
 
 
 _EVENT = TypeAdapter(RunEvent)
@@ -681,20 +504,11 @@ _EVENT = TypeAdapter(RunEvent)
 
 @dataclass(frozen=True, kw_only=True)
 class Metered:
-    """Facts of the event that notes a metered exposure.
+    """Facts of the event that notes a metered exposure."""
 
-    Attributes
-    ----------
-    round : int
-        Of the schedule.
-    exposure_s : float
-        What was chosen for it [s].
-    next_camera_frame : int or None
-        Number that the camera gives to its next picture; None where it counts none.
-    """
-
-    round: int
-    exposure_s: float
+    round: int  #: Of the schedule.
+    exposure_s: float  #: What was chosen for it [s].
+    #: Number that the camera gives to its next picture; None where it counts none.
     next_camera_frame: int | None = None
 
 
@@ -702,13 +516,7 @@ _METERED = TypeAdapter(Metered)
 
 
 def metered_exposures(events: Iterable[RunEvent]) -> tuple[Metered, ...]:
-    """Return the exposures that were metered in a session.
-
-    Raises
-    ------
-    RunFolderError
-        An event says so, and not what.
-    """
+    """Return the exposures that were metered in a session."""
     try:
         return tuple(_METERED.validate_python(event.facts) for event in events if event.event == METERED_EVENT)
     except ValidationError as error:
@@ -749,13 +557,7 @@ def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
 
 
 def read_events(path: Path) -> list[RunEvent]:
-    """Return the events of a run folder, without a last line that was never finished.
-
-    Raises
-    ------
-    RunFolderError
-        A line is no event, or is not the one that was written.
-    """
+    """Return the events of a run folder, without a last line that was never finished."""
     file = path / EVENTS_FILE
     journal = read_journal(path)
     problems = journal_problems(journal)
@@ -765,13 +567,7 @@ def read_events(path: Path) -> list[RunEvent]:
 
 
 def read_journal(path: Path) -> Lines:
-    """Return the lines of a run folder's events, each held against its seal; none where there is no such file.
-
-    Raises
-    ------
-    RunFolderError
-        The file cannot be read.
-    """
+    """Return the lines of a run folder's events, each held against its seal; none where there is no such file."""
     data = journal_bytes(path / EVENTS_FILE)
     try:
         first = first_link(read_description(path / SESSION_FILE))
@@ -854,23 +650,12 @@ class MonitorFacts:
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorReadings:
-    """Readings beside one exposure.
+    """Readings beside one exposure."""
 
-    Attributes
-    ----------
-    sequence : int
-        Of the exposure's first frame.
-    read_utc : str
-        When they were asked for.
-    readings : mapping
-        By the name in the rig file; None where there is none.
-    problems : mapping
-        Why there is none, where that has changed since the last exposure.
-    """
-
-    sequence: int
-    read_utc: str
-    readings: dict[str, float | None]
+    sequence: int  #: Of the exposure's first frame.
+    read_utc: str  #: When they were asked for.
+    readings: dict[str, float | None]  #: By the name in the rig file; None where there is none.
+    #: Why there is none, where that has changed since the last exposure.
     problems: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -880,25 +665,13 @@ class MonitorReadings:
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorTrace:
-    """Readings of one sensor over a run.
+    """Readings of one sensor over a run."""
 
-    Attributes
-    ----------
-    facts : MonitorFacts
-        Which; its unit is empty where it never answered.
-    times_s, values : tuple of float
-        Seconds since 1970 (UTC), and what was read.
-    missing : int
-        Exposures without a reading.
-    problems : tuple of str
-        Why, each once.
-    """
-
-    facts: MonitorFacts
-    times_s: tuple[float, ...]
+    facts: MonitorFacts  #: Which; its unit is empty where it never answered.
+    times_s: tuple[float, ...]  #: Seconds since 1970 (UTC), and what was read.
     values: tuple[float, ...]
-    missing: int
-    problems: tuple[str, ...]
+    missing: int  #: Exposures without a reading.
+    problems: tuple[str, ...]  #: Why, each once.
 
     @property
     def change_per_hour(self) -> float | None:
@@ -924,13 +697,7 @@ _FACTS, _READINGS = TypeAdapter(MonitorFacts), TypeAdapter(MonitorReadings)
 
 
 def monitor_traces(events: Iterable[RunEvent]) -> tuple[MonitorTrace, ...]:
-    """Return the readings of each sensor of a session, in the order of their rig file.
-
-    Raises
-    ------
-    RunFolderError
-        An event says that there are some, and not what.
-    """
+    """Return the readings of each sensor of a session, in the order of their rig file."""
     facts: dict[str, MonitorFacts] = {}
     readings: list[MonitorReadings] = []
     try:
@@ -980,30 +747,15 @@ MOST_TEXT = 2000
 
 @dataclass(frozen=True, kw_only=True)
 class Annotation:
-    """Something that somebody says of a run.
+    """Something that somebody says of a run."""
 
-    Attributes
-    ----------
-    utc : str
-        When it was, as `rigctl.base.numbers.utc_text` writes it; of an exclusion, when it was made.
-    by : str
-        Who says it.
-    kind : {"note", "exclude", "include"}
-        An exclusion takes frames out of every number, an inclusion takes them in again.
-    frames : tuple of int
-        Their sequence numbers; a note may be of none.
-    text : str
-        What there is to say.
-    written_utc : str or None
-        When the line was written.
-    """
-
-    utc: str
-    by: str
+    utc: str  #: When it was, as `rigctl.base.numbers.utc_text` writes it; of an exclusion, when it was made.
+    by: str  #: Who says it.
+    #: An exclusion takes frames out of every number, an inclusion takes them in again.
     kind: Literal["note", "exclude", "include"]
-    frames: tuple[Annotated[int, Field(ge=0)], ...] = ()
-    text: str = ""
-    written_utc: str | None = None
+    frames: tuple[Annotated[int, Field(ge=0)], ...] = ()  #: Their sequence numbers; a note may be of none.
+    text: str = ""  #: What there is to say.
+    written_utc: str | None = None  #: When the line was written.
 
     def __post_init__(self) -> None:
         if not is_utc_text(self.utc):

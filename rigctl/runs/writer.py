@@ -57,22 +57,7 @@ _BYTES = 65536
 
 
 class EventLog:
-    """Notes events, each a line with the time by two clocks.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-    first_link : str or None
-        What the chain of its lines begins with; None in an old run, which has none.
-    utc_ns, monotonic_ns : callable
-        The clocks [ns].
-
-    Raises
-    ------
-    OSError
-        The file cannot be opened or written.
-    """
+    """Notes events, each a line with the time by two clocks."""
 
     def __init__(self, path: Path, *, first_link: str | None, utc_ns: Clock, monotonic_ns: Clock) -> None:
         self._utc_ns = utc_ns
@@ -82,13 +67,7 @@ class EventLog:
         self._lock = threading.Lock()
 
     def note(self, name: str, facts: dict[str, JsonValue]) -> None:
-        """Return once an event is on the disk; on a full one the room that is kept for events is used.
-
-        Raises
-        ------
-        OSError
-            It could not be written.
-        """
+        """Return once an event is on the disk; on a full one the room that is kept for events is used."""
         with self._lock:  # the writer's thread notes events too
             line = json_line(
                 RunEvent(
@@ -114,13 +93,7 @@ class EventLog:
 
 
 class DiskReserve:
-    """A file that takes room, until the room is needed.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder. Where the room cannot be had there is none: a session does not fail by it.
-    """
+    """A file that takes room, until the room is needed."""
 
     def __init__(self, path: Path) -> None:
         self._file = path / _FILE
@@ -143,28 +116,7 @@ def json_line(record: FrameRecord | RunEvent) -> bytes:
 
 
 class RunWriter:
-    """Writes frames and events into a run folder. A context manager: leaving it closes the files.
-
-    Parameters
-    ----------
-    path : Path
-        A run folder; use ``create`` or ``append`` to get a writer.
-    lock : RunLock
-        The right to write into it; released with the files.
-    sequences : iterable of int
-        Sequence numbers that are taken.
-    first_link : str or None
-        What the chains of manifest and events begin with; None in an old run, which has none.
-    utc_ns, monotonic_ns : callable
-        The clocks that stamp events [ns].
-    disk : DiskCalls or None
-        What makes all calls but those for frames, which come from a thread that may be held.
-
-    Attributes
-    ----------
-    listener : callable or None
-        Told each event, its name and its facts, even where the disk has no room for it; it must not wait.
-    """
+    """Writes frames and events into a run folder. A context manager: leaving it closes the files."""
 
     def __init__(
         self,
@@ -196,24 +148,7 @@ class RunWriter:
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
     ) -> "RunWriter":
-        """Return a writer for a new run folder.
-
-        Parameters
-        ----------
-        path : Path
-            The folder; made where it is not there, with its parents.
-        description : mapping
-            The resolved session, as JSON can hold it; ``origin`` is "simulated", "device" or "import".
-        inputs : mapping or None
-            Files that it is made from, by what they are: there before the description that states their hashes.
-        utc_ns, monotonic_ns : callable
-            The clocks that stamp events [ns].
-
-        Raises
-        ------
-        RunFolderError
-            The folder holds something already, or cannot be written.
-        """
+        """Return a writer for a new run folder."""
         content = RunDescription(
             schema_version=SCHEMA_VERSION,
             created_by=f"rigctl {VERSION}",
@@ -247,20 +182,7 @@ class RunWriter:
     def append(
         cls, path: Path, *, utc_ns: Clock = time.time_ns, monotonic_ns: Clock = time.monotonic_ns
     ) -> "RunWriter":
-        """Return a writer that adds frames to a run folder that exists.
-
-        Parameters
-        ----------
-        path : Path
-            The folder.
-        utc_ns, monotonic_ns : callable
-            The clocks that stamp events [ns].
-
-        Raises
-        ------
-        RunFolderError
-            The folder is damaged, cannot be written, or another process writes into it.
-        """
+        """Return a writer that adds frames to a run folder that exists."""
         read_run(path)
         try:
             lock = RunLock(path)
@@ -299,35 +221,13 @@ class RunWriter:
     def write_frame(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
         """Return the record as it stands in the manifest, once the frame is on the disk.
 
-        Parameters
-        ----------
-        record : FrameRecord
-            What is known of the frame. Path, size, saturated fraction and checksum are filled in here.
-        counts : (H, W) array of uint16
-            Samples in DN, first row on top.
-
-        Raises
-        ------
-        RunFolderError
-            The disk is full, or the folder cannot be written. Neither the frame nor its line is left.
-        ValueError
-            The samples are no (H, W) array of uint16, or the sequence number is taken.
-
-        Notes
-        -----
         Order: ``.part``, flush, rename, flush of the folder, line of the manifest, flush. A frame that the
         manifest names is therefore whole, whenever the power goes.
         """
         return self.write_frames([(record, counts)])[0]
 
     def write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
-        """Return the records of several frames, of which either all or none are in the run.
-
-        Raises
-        ------
-        RunFolderError, ValueError
-            As ``write_frame``; what had been written by then is taken back.
-        """
+        """Return the records of several frames, of which either all or none are in the run."""
         with self._writing:
             return self._write_frames(frames)
 
@@ -367,20 +267,7 @@ class RunWriter:
             self._sequences.discard(record.sequence)
 
     def event(self, name: str, **facts: Any) -> None:
-        """Note that something happened, with the time by both clocks.
-
-        Parameters
-        ----------
-        name : str
-            What happened, a word or two.
-        **facts
-            What else is known, as JSON can hold it.
-
-        Raises
-        ------
-        RunFolderError
-            The disk is full or hangs, or the folder cannot be written.
-        """
+        """Note that something happened, with the time by both clocks."""
         try:
             self.disk.call(lambda: self._events.note(name, facts))
         except OSError as error:
@@ -390,13 +277,7 @@ class RunWriter:
                 self.listener(name, facts)
 
     def closing_event(self, name: str, **facts: Any) -> None:
-        """Note that what was to be done is done: the event holds how many frames there are, and their chain.
-
-        Raises
-        ------
-        RunFolderError
-            As `event`.
-        """
+        """Note that what was to be done is done: the event holds how many frames there are, and their chain."""
         self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
 
 

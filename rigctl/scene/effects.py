@@ -33,37 +33,20 @@ _THIN = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedScene:
-    """A scene with the decisions on its effects.
+    """A scene with the decisions on its effects."""
 
-    Attributes
-    ----------
-    scene, settings
-        What was planned.
-    plan
-        The decisions.
-    remarks
-        What is assumed.
-    """
-
-    scene: "LitScene"
+    scene: "LitScene"  #: What was planned.
     settings: "Settings"
-    plan: EffectPlan
-    remarks: tuple[str, ...]
+    plan: EffectPlan  #: The decisions.
+    remarks: tuple[str, ...]  #: What is assumed.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verification:
-    """All effects, evaluated one at a time, whether they act or not.
+    """All effects, evaluated one at a time, whether they act or not."""
 
-    Attributes
-    ----------
-    checked
-        One for each.
-    all_s, planned_s
-        Time of the whole chain with all effects and with those that act, nothing being kept from before [s].
-    """
-
-    checked: tuple[CheckedEffect, ...]
+    checked: tuple[CheckedEffect, ...]  #: One for each.
+    #: Time of the whole chain with all effects and with those that act, nothing being kept from before [s].
     all_s: float
     planned_s: float
 
@@ -83,28 +66,7 @@ def plan_effects(
     readout: "Readout | None" = None,
     exposure_s: float | None = None,
 ) -> PlannedScene:
-    """Return which effects a scene calls for at a tolerance, of which these may take one half.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    tolerance
-        Of a prediction.
-    rule
-        By bounds, by estimates, or not at all.
-    every_estimate
-        Whether effects are estimated too that need no estimate for the decision.
-    light
-        Keeps skies between calls.
-    readout, exposure_s
-        Of a run; None for those of the file.
-
-    Raises
-    ------
-    ConfigError
-        A number is outside its range.
-    """
+    """Return which effects a scene calls for at a tolerance, of which these may take one half."""
     settings = settings_of(scene)
     sensor = sensor_of(scene, scene.exposure_s if exposure_s is None else exposure_s)
     lit = lit_scene(scene, sensor=sensor, readout=readout_of(scene) if readout is None else readout)
@@ -141,28 +103,6 @@ def plan_for_prediction(
 ) -> EffectPlan:
     """Return which effects a scene calls for where finding that out must cost less than what it saves.
 
-    Parameters
-    ----------
-    lit
-        The scene.
-    tolerance
-        Of a prediction.
-    forced
-        Effects that the user switched on (True) or off (False).
-    rule
-        By bounds, by estimates, or not at all.
-    store
-        Keeps skies between calls.
-    is_of_many
-        Whether the plan serves more scenes than this one.
-
-    Raises
-    ------
-    ValueError
-        A number is outside its range.
-
-    Notes
-    -----
     Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way. So does a
     bound, but of a narrow band or field. Effects other than those of the light are not estimated: they cost nothing.
     """
@@ -190,20 +130,7 @@ def plan_for_prediction(
 
 
 def verify_effects(planned: PlannedScene, *, tell: Tell | None = None) -> Verification:
-    """Return what leaving out each effect truly changes, whether it acts or not.
-
-    Parameters
-    ----------
-    planned
-        A scene with the decisions.
-    tell
-        Told the optical depth of each wavelength before it is solved.
-
-    Raises
-    ------
-    ConfigError
-        A number is outside its range.
-    """
+    """Return what leaving out each effect truly changes, whether it acts or not."""
     bounds = {one.effect: one.bound for one in planned.plan.decisions}
 
     def empty() -> "LightStore":

@@ -69,13 +69,7 @@ if TYPE_CHECKING:
 
 
 def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:
-    """Refuse a program that is not installed, or for which a tier has no work.
-
-    Raises
-    ------
-    ConfigError
-        It is so.
-    """
+    """Refuse a program that is not installed, or for which a tier has no work."""
     if engine == "own":
         return
     if tier is not None and FIDELITY_LEVELS[tier].settings is None:
@@ -94,13 +88,7 @@ class NotStorableError(Exception):
 
 
 def fingerprint(value: object) -> str:
-    """Return a hash of a record: the same for records of the same numbers, put together the same way.
-
-    Raises
-    ------
-    NotStorableError
-        It holds something that this codec does not know.
-    """
+    """Return a hash of a record: the same for records of the same numbers, put together the same way."""
     writer = _Writer()
     root = writer.tree(value)
     digest = hashlib.sha256(json.dumps([root, writer.records]).encode())
@@ -110,13 +98,7 @@ def fingerprint(value: object) -> str:
 
 
 def encode(value: object) -> bytes:
-    """Return a record as bytes; what is one object in it is written once.
-
-    Raises
-    ------
-    NotStorableError
-        It holds something that cannot be kept.
-    """
+    """Return a record as bytes; what is one object in it is written once."""
     writer = _Writer()
     content = json.dumps({"root": writer.tree(value), "records": writer.records}).encode()
     buffer = io.BytesIO()
@@ -126,20 +108,7 @@ def encode(value: object) -> bytes:
 
 
 def decode(data: bytes, kinds: Mapping[str, type]) -> Any:
-    """Return the record that the bytes hold.
-
-    Parameters
-    ----------
-    data : bytes
-        Of `encode`.
-    kinds : mapping
-        Name to class, for every class of record that may occur.
-
-    Raises
-    ------
-    KeyError, IndexError, TypeError, ValueError, OSError
-        The bytes hold no such record.
-    """
+    """Return the record that the bytes hold."""
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         content = json.loads(archive[_CONTENT].tobytes())
         arrays = {name: archive[name] for name in archive.files if name != _CONTENT}
@@ -220,20 +189,7 @@ ARRAYS = {
 
 
 def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
-    """Return the light of a table.
-
-    Parameters
-    ----------
-    path : Path
-        Archive of `numpy.savez` with the arrays of `ARRAYS`.
-    sun_zenith_rad : float
-        Of the scene [rad]; the table must be of the same.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, lacks an array, or is of another sun.
-    """
+    """Return the light of a table."""
     try:
         found = read_arrays(path)
         arrays = {name: np.asarray(found[name], dtype=np.float64) for name in ARRAYS if name in found}
@@ -410,14 +366,7 @@ def wavelength_m(scene: "Scene") -> float:
 
 
 def air_of(scene: "Scene") -> Air:
-    """Return what the light of sun and sky depends on.
-
-    Raises
-    ------
-    ConfigError
-        The scene file lacks [sun], [atmosphere], or the sensor's band; or the table of a sky cannot be read, or is of
-        another sun.
-    """
+    """Return what the light of sun and sky depends on."""
     given, sun = scene.atmosphere, scene.sun
     if given is None or sun is None or not scene.sensor.has_band:
         raise ConfigError(f"scene {scene.name}: needs [sun], [atmosphere] and the sensor's band to compute a sky")
@@ -447,15 +396,7 @@ def state_of(air: "AtmosphereSection") -> AtmosphereState | None:
 
 
 def camera_view(scene: "Scene") -> View:
-    """Return where the camera stands.
-
-    Raises
-    ------
-    ConfigError
-        The scene file lacks [geometry].
-    ValueError
-        An angle is outside its range.
-    """
+    """Return where the camera stands."""
     given = scene.geometry
     if given is None:
         raise ConfigError(f"scene {scene.name}: needs [geometry]")
@@ -489,13 +430,7 @@ def settings_of(scene: "Scene") -> Settings:
 
 
 def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
-    """Return one region of a scene.
-
-    Raises
-    ------
-    ConfigError
-        A number is outside its range.
-    """
+    """Return one region of a scene."""
     given = region.given
     covariance, texture_rms = _texture_covariance(region), given.texture_rms.value
     if given.stokes_radiance is not None:
@@ -519,15 +454,7 @@ def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
 
 
 def field_part(scene: "Scene", region: "SceneRegionRecord") -> FieldPart | None:
-    """Return the part of the field of view that a region fills; None for a point on the axis.
-
-    Raises
-    ------
-    ConfigError
-        The scene file does not say where in the field the region is.
-    ValueError
-        An angle is outside its range.
-    """
+    """Return the part of the field of view that a region fills; None for a point on the axis."""
     field, extent = scene.field_of_view, region.given.extent
     if extent == "point" or field is None:
         return None
@@ -640,11 +567,6 @@ class SceneLight:
 
         Studies keep none: thousands of skies would be written to throw out those of others. `tell` is told the optical
         depth of each wavelength before it is solved, which takes seconds where the air is deep.
-
-        Raises
-        ------
-        ConfigError
-            The program is not installed.
         """
         require_engine(engine)
         self._engine = engine
@@ -669,13 +591,7 @@ class SceneLight:
         return LightStore(solver=solver if self._tell is None else _telling(solver, self._tell))
 
     def illumination(self, scene: "Scene") -> "Illumination":
-        """Return sun, sky and air of a scene.
-
-        Raises
-        ------
-        ConfigError
-            A number is outside its range, such as a sun too low.
-        """
+        """Return sun, sky and air of a scene."""
         with as_config_error(f"scene {scene.name}"):
             return self.lights.illumination(
                 air_of(scene),
@@ -685,20 +601,7 @@ class SceneLight:
             )
 
     def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
-        """Return the light of a region that is given by its material.
-
-        Parameters
-        ----------
-        scene, region
-            The region of a scene.
-        settings
-            Numerical settings in place of those of the file.
-
-        Raises
-        ------
-        ConfigError
-            A number is outside its range.
-        """
+        """Return the light of a region that is given by its material."""
         with as_config_error(f"scene {scene.name}"):
             return self.lights.region(
                 lit_region(scene, region),
@@ -771,28 +674,7 @@ def build_scenario(
     source: "Source" = "total",
     settings: "Settings | None" = None,
 ) -> Scenario:
-    """Return the scenario of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its regions, light and sensor.
-    readout : Readout
-        Angles and cycles, of a run or of the file.
-    exposure_s : float
-        Exposure of a frame [s].
-    light : SceneLight or None
-        Computes the light of materials; whoever asks more than once gives the same one.
-    source : str
-        Which light of the regions that are given by a material.
-    settings : Settings or None
-        Numerical settings in place of those of the file.
-
-    Raises
-    ------
-    ConfigError
-        The light of a material cannot be computed.
-    """
+    """Return the scenario of a scene."""
     used = settings_of(scene) if settings is None else settings
     sensor = sensor_of(scene, exposure_s)
     lit = lit_scene(scene, sensor=sensor, readout=readout, source=source)
@@ -805,22 +687,7 @@ def build_scenario(
 
 
 def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Source" = "total") -> LitScene:
-    """Return all that a scene is, as one record of the model.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its regions and light.
-    sensor, readout
-        Of the scene, or of a run.
-    source : str
-        Which light of the regions that are given by a material.
-
-    Raises
-    ------
-    ConfigError
-        A number is outside its range, or a table of the sky cannot be read.
-    """
+    """Return all that a scene is, as one record of the model."""
     with as_config_error(f"scene {scene.name}"):
         lit = scene.has_materials
         return LitScene(
@@ -848,13 +715,7 @@ def readout_of(scene: "Scene") -> Readout:
 
 
 def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
-    """Return the sensor of a scene at an exposure [s].
-
-    Raises
-    ------
-    ValueError
-        A number is outside its range.
-    """
+    """Return the sensor of a scene at an exposure [s]."""
     given = scene.sensor
     along = given.polarizer_transmittance.value
     noise = {name: getattr(scene.noise, name).value for name in NoiseSection.model_fields}
@@ -891,15 +752,7 @@ def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
 
 
 def sun_text(scene: Scene, *, time: str | None = None) -> str:
-    """Return zenith angle and azimuth of the sun, phi (the sun's azimuth minus the camera's), and when that is.
-
-    Parameters
-    ----------
-    scene : Scene
-        With sun and camera.
-    time : str or None
-        When, in words.
-    """
+    """Return zenith angle and azimuth of the sun, phi (the sun's azimuth minus the camera's), and when that is."""
     if scene.sun is None or scene.geometry is None:
         return "none"
     azimuth = scene.sun.azimuth_deg

@@ -48,13 +48,7 @@ _PLACE_LIMITS = (90.0, 360.0, 9000.0)
 def stated_sources(
     *, compass: str | None, declination: str | None, level: str | None, camera_at: str | None, target_at: str | None
 ) -> Iterator[PoseSource]:
-    """Yield what people measured of the camera's direction; texts are those of `rigctl calibrate pointing`.
-
-    Raises
-    ------
-    ConfigError
-        A text is wrong, or half of what is needed.
-    """
+    """Yield what people measured of the camera's direction; texts are those of `rigctl calibrate pointing`."""
     if (compass is None) != (declination is None):
         raise ConfigError("--compass, --declination: give both; a compass shows magnetic north")
     if compass is not None and declination is not None:
@@ -106,13 +100,7 @@ def _numbers(option: str, text: str, most: Sequence[float]) -> tuple[list[float]
 
 
 def pixel_of_sun(text: str, run: Run) -> FloatArray:
-    """Return where the sun stands in the pictures of a run, as "X,Y" says.
-
-    Raises
-    ------
-    ConfigError
-        These are not two numbers, or they lie outside of the pictures.
-    """
+    """Return where the sun stands in the pictures of a run, as "X,Y" says."""
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
@@ -141,13 +129,7 @@ def _positions(camera: str, target: str) -> PoseSource:
 
 
 def lens_of(file: Path | None, focal_px: str | None, run: Run) -> Lens:
-    """Return the lens by its file or its focal length.
-
-    Raises
-    ------
-    ConfigError, DataError
-        None is given, or it is of other pictures than the run's.
-    """
+    """Return the lens by its file or its focal length."""
     width, height = _picture_size(run)
     if file is not None:
         found = read_lens_file(file)
@@ -168,13 +150,7 @@ def lens_of(file: Path | None, focal_px: str | None, run: Run) -> Lens:
 def panels_in_picture(
     panels: Sequence[str], outlines: Path | None, *, pixel_std: float, lens: Callable[[], Lens]
 ) -> dict[str, tuple[PanelStand, ...]]:
-    """Return how each panel can stand before the camera, by its outline and size.
-
-    Raises
-    ------
-    ConfigError, CalibrationError
-        A text is wrong, there is no such outline, or it is none of a panel of this size.
-    """
+    """Return how each panel can stand before the camera, by its outline and size."""
     if not panels:
         return {}
     if outlines is None:
@@ -220,11 +196,6 @@ def seen_sun(run: Run, *, at_ns: int | None, camera_at: str | None) -> SunSeen:
 
     What the sun moves within a run whose picture is not named by its time, and what is not known of the site, are in
     its uncertainty.
-
-    Raises
-    ------
-    ConfigError, DataError
-        Site or time are not known, or the sun is below the horizon.
     """
     site = _site(run, camera_at)
     first, last = _moments(run, at_ns)

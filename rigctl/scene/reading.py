@@ -45,13 +45,7 @@ if TYPE_CHECKING:
 
 
 def with_choices(scene: "SceneFile", *, switched_on: Sequence[str], left_out: Sequence[str]) -> "SceneFile":
-    """Return the scene with effects forced by options, which go before those of the file.
-
-    Raises
-    ------
-    ConfigError
-        There is no such effect, or it is both switched on and left out.
-    """
+    """Return the scene with effects forced by options, which go before those of the file."""
     for name in (*switched_on, *left_out):
         if name not in effect_names():
             close = get_close_matches(name, effect_names(), n=1)
@@ -76,13 +70,7 @@ def without_effects(scene: "SceneFile", effects: frozenset[Effect]) -> "SceneFil
 
 
 def forced_effects(scene: "SceneFile | Scene") -> dict[Effect, bool]:
-    """Return the effects that are forced on (True) or off (False).
-
-    Raises
-    ------
-    ConfigError
-        An effect is both.
-    """
+    """Return the effects that are forced on (True) or off (False)."""
     both = sorted(set(scene.effects.switched_on) & set(scene.effects.left_out))
     if both:
         raise ConfigError(f"scene {scene.name}: effects {', '.join(both)} are both switched on and left out")
@@ -112,13 +100,7 @@ _WIDE_DEG = 90.0
 
 
 def geometry_remarks(scene: SceneFile) -> Iterable[str]:
-    """Return where the geometry of a scene goes beyond what the model holds for, and by how much that is off.
-
-    Parameters
-    ----------
-    scene : SceneFile
-        Its view and its field of view count where a region is given by its material.
-    """
+    """Return where the geometry of a scene goes beyond what the model holds for, and by how much that is off."""
     if not scene.has_materials:
         return
     if scene.geometry is not None and _PLANE_TO_DEG < scene.geometry.camera_zenith_deg.value < 90.0:
@@ -136,15 +118,6 @@ def geometry_remarks(scene: SceneFile) -> Iterable[str]:
 def slant_path_m(*, height_m: float, zenith_rad: float) -> float:
     """Return the way from the ground to a height over a round earth, without refraction [m].
 
-    Parameters
-    ----------
-    height_m
-        Above the ground [m], 0 or more.
-    zenith_rad
-        Of the direction at the ground [rad], 0 to pi/2.
-
-    References
-    ----------
     Definition: law of cosines in the triangle with the earth's centre.
     """
     along = _EARTH_RADIUS_M * cos(zenith_rad)
@@ -175,13 +148,7 @@ _NM_PER_M = 1e9
 
 
 def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Scene:
-    """Return the scene of a file; the numbers of a noise calibration take the place of the assumed noise.
-
-    Raises
-    ------
-    ConfigError
-        A material is not found or does not cover the sensor's wavelength, or the sun cannot be placed.
-    """
+    """Return the scene of a file; the numbers of a noise calibration take the place of the assumed noise."""
     sensor = _with_wavelength(file)
     wavelength_m = 0.0 if sensor.wavelength_nm is None else sensor.wavelength_nm.value * 1e-9
     sun, by_site = _sun(file)
@@ -220,13 +187,7 @@ def assumed_materials(scene: SceneFile) -> Iterable[str]:
 
 
 def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, float], ...]:
-    """Return wavelengths [nm] and relative response of a scene's sensor.
-
-    Raises
-    ------
-    ConfigError
-        The scene file does not say.
-    """
+    """Return wavelengths [nm] and relative response of a scene's sensor."""
     if sensor.response is not None:
         return tuple(zip(sensor.response.wavelength_nm, sensor.response.response, strict=True))
     if sensor.band_nm is None:
@@ -287,13 +248,7 @@ def _of_noise(file: SceneFile, noise: "NoiseParameters | None", known: Mapping[s
 
 
 def sun_of_file(file: SceneFile) -> Sun | None:
-    """Return the sun of a scene file by its angles.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be placed.
-    """
+    """Return the sun of a scene file by its angles."""
     return _sun(file)[0]
 
 

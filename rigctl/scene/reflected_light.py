@@ -22,46 +22,25 @@ _ROUND_DEG = np.linspace(-180.0, 180.0, 361)
 
 @dataclass(frozen=True, kw_only=True)
 class ReflectedLight:
-    """Unpolarised light after reflection into one direction of the principal plane.
+    """Unpolarised light after reflection into one direction of the principal plane."""
 
-    Attributes
-    ----------
-    camera_zenith_deg : float
-        Positive on the side to which a mirror would throw the light, negative on the sun's side.
-    f00_per_sr : float
-        Reflected radiance by irradiance.
-    s1n, dolp : float or None
-        S1 / S0 and DoLP; None where nothing is reflected.
-    """
-
+    #: Positive on the side to which a mirror would throw the light, negative on the sun's side.
     camera_zenith_deg: float
-    f00_per_sr: float
-    s1n: float | None
+    f00_per_sr: float  #: Reflected radiance by irradiance.
+    s1n: float | None  #: S1 / S0 and DoLP; None where nothing is reflected.
     dolp: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reflectance:
-    """Directional-hemispherical reflectance at one angle of incidence.
+    """Directional-hemispherical reflectance at one angle of incidence."""
 
-    Attributes
-    ----------
-    zenith_deg : float
-        Angle of incidence.
-    total, specular : float
-        Of unpolarised light: of the surface, and the part of it that is the specular lobe's.
-    horizontal, vertical : float
-        Of light that is fully polarised that way.
-    error : float
-        Estimated numerical error.
-    """
-
-    zenith_deg: float
-    total: float
+    zenith_deg: float  #: Angle of incidence.
+    total: float  #: Of unpolarised light: of the surface, and the part of it that is the specular lobe's.
     specular: float
-    horizontal: float
+    horizontal: float  #: Of light that is fully polarised that way.
     vertical: float
-    error: float
+    error: float  #: Estimated numerical error.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,69 +57,31 @@ class PropertyValue:
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSheet:
-    """All that is said of a material at one wavelength and one angle of the sun.
+    """All that is said of a material at one wavelength and one angle of the sun."""
 
-    Attributes
-    ----------
-    material : str
-        Name.
-    surface : Surface
-        What the material makes at the wavelength.
-    wavelength_nm, sun_zenith_deg : float
-        At which.
-    properties : tuple of PropertyValue
-        Every value that went into it.
-    principal_plane : tuple of ReflectedLight
-        In the plane of sun and normal.
-    reflectance : tuple of Reflectance
-        Over angles of incidence.
-    findings : tuple of str
-        What no real surface does, in words.
-    """
-
-    material: str
-    surface: Surface
-    wavelength_nm: float
+    material: str  #: Name.
+    surface: Surface  #: What the material makes at the wavelength.
+    wavelength_nm: float  #: At which.
     sun_zenith_deg: float
-    properties: tuple[PropertyValue, ...]
-    principal_plane: tuple[ReflectedLight, ...]
-    reflectance: tuple[Reflectance, ...]
-    findings: tuple[str, ...]
+    properties: tuple[PropertyValue, ...]  #: Every value that went into it.
+    principal_plane: tuple[ReflectedLight, ...]  #: In the plane of sun and normal.
+    reflectance: tuple[Reflectance, ...]  #: Over angles of incidence.
+    findings: tuple[str, ...]  #: What no real surface does, in words.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReflectedMaps:
-    """Unpolarised light after reflection: Stokes radiance by irradiance [sr^-1], as finely as a figure shows it.
+    """Unpolarised light after reflection: Stokes radiance by irradiance [sr^-1], as finely as a figure shows it."""
 
-    Attributes
-    ----------
-    curve_deg, curve_stokes : (N,), (N, 3) arrays
-        Over the camera's zenith angle in the principal plane, as `ReflectedLight` counts it.
-    zenith_deg, azimuth_deg, hemisphere_stokes : (Z,), (A,), (Z, A, 3) arrays
-        Over all directions of the camera; azimuth from the sun's, clockwise from above.
-    """
-
-    curve_deg: FloatArray
+    curve_deg: FloatArray  #: Over the camera's zenith angle in the principal plane, as `ReflectedLight` counts it.
     curve_stokes: FloatArray
-    zenith_deg: FloatArray
+    zenith_deg: FloatArray  #: Over all directions of the camera; azimuth from the sun's, clockwise from above.
     azimuth_deg: FloatArray
     hemisphere_stokes: FloatArray
 
 
 def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float, sun_zenith_deg: float) -> SurfaceSheet:
-    """Return all that is said of a material.
-
-    Parameters
-    ----------
-    material : Material
-        The material.
-    surface : Surface
-        What it makes at the wavelength.
-    wavelength_nm : float
-        Wavelength in air.
-    sun_zenith_deg : float
-        Angle of incidence for the principal plane, 0 to below 90.
-    """
+    """Return all that is said of a material."""
     stokes = principal_plane(surface, np.deg2rad(_CAMERA_ZENITHS_DEG), sun_zenith_rad=float(np.deg2rad(sun_zenith_deg)))
     return SurfaceSheet(
         material=material.name,

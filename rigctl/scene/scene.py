@@ -65,25 +65,14 @@ class Sun:
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """Errors of the rig that takes a cycle of frames, against what is recorded of it.
+    """Errors of the rig that takes a cycle of frames, against what is recorded of it."""
 
-    Attributes
-    ----------
-    polarizer_offset_deg, exposure_ratio : Uncertain
-        As in the scene file's [rig], with what the run's own files say of their uncertainty.
-    angle_deg : tuple of Uncertain
-        What each angle of the cycle is off on its own.
-    angle_names : tuple of str
-        Of these angles, such as "45".
-    frame_order : tuple of int
-        Place of each angle's frame in the cycle, from 0.
-    """
-
+    #: As in the scene file's [rig], with what the run's own files say of their uncertainty.
     polarizer_offset_deg: Uncertain
     exposure_ratio: Uncertain
-    angle_deg: tuple[Uncertain, ...]
-    angle_names: tuple[str, ...]
-    frame_order: tuple[int, ...]
+    angle_deg: tuple[Uncertain, ...]  #: What each angle of the cycle is off on its own.
+    angle_names: tuple[str, ...]  #: Of these angles, such as "45".
+    frame_order: tuple[int, ...]  #: Place of each angle's frame in the cycle, from 0.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,54 +90,30 @@ class SceneRegionRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointErrors:
-    """Covariance of parameters that are off together, in the units of the file.
+    """Covariance of parameters that are off together, in the units of the file."""
 
-    Attributes
-    ----------
-    keys : tuple of str
-        Of the parameters.
-    covariance : (k, k) array
-        Of their errors.
-    """
-
-    keys: tuple[str, ...]
-    covariance: FloatArray
+    keys: tuple[str, ...]  #: Of the parameters.
+    covariance: FloatArray  #: Of their errors.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """A scene, its sensor and its rig; `rigctl.scene.scene` reads and sets every number of it by its key.
-
-    Attributes
-    ----------
-    sensor : SensorSection
-        With the effective wavelength.
-    noise : NoiseSection
-        A calibration's numbers in place of those of the file.
-    sun : Sun or None
-        By its angles, however the file states it.
-    rig : Rig or None
-        None where no cycle of frames is given yet.
-    joint_errors : tuple of JointErrors
-        Of what is off together; all other errors are independent.
-    remarks : tuple of str
-        What is assumed, and what was set aside, in words.
-    """
+    """A scene, its sensor and its rig; `rigctl.scene.scene` reads and sets every number of it by its key."""
 
     name: str
-    sensor: SensorSection
-    noise: NoiseSection
+    sensor: SensorSection  #: With the effective wavelength.
+    noise: NoiseSection  #: A calibration's numbers in place of those of the file.
     acquisition: AcquisitionSection
     regions: tuple[SceneRegionRecord, ...]
     errors: ErrorsSection
     effects: EffectsSection
-    sun: Sun | None = None
+    sun: Sun | None = None  #: By its angles, however the file states it.
     geometry: GeometrySection | None = None
     atmosphere: AtmosphereSection | None = None
     field_of_view: FieldSection | None = None
-    rig: Rig | None = None
-    joint_errors: tuple[JointErrors, ...] = ()
-    remarks: tuple[str, ...] = ()
+    rig: Rig | None = None  #: None where no cycle of frames is given yet.
+    joint_errors: tuple[JointErrors, ...] = ()  #: Of what is off together; all other errors are independent.
+    remarks: tuple[str, ...] = ()  #: What is assumed, and what was set aside, in words.
 
     @property
     def has_materials(self) -> bool:
@@ -182,28 +147,14 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One parameter.
+    """One parameter."""
 
-    Attributes
-    ----------
-    key : str
-        As in files, in --sweep and in reports; of a region, within that region.
-    unit : str
-        Of the file; empty for a pure number.
-    meaning : str
-        One line.
-    least, most : float
-        Between which numbers it has to stay; infinite where there is no limit.
-    place : str
-        Where it stands in the record, where that is not its key.
-    """
-
-    key: str
-    unit: str
-    meaning: str
-    least: float = 0.0
+    key: str  #: As in files, in --sweep and in reports; of a region, within that region.
+    unit: str  #: Of the file; empty for a pure number.
+    meaning: str  #: One line.
+    least: float = 0.0  #: Between which numbers it has to stay; infinite where there is no limit.
     most: float = inf
-    place: str = ""
+    place: str = ""  #: Where it stands in the record, where that is not its key.
 
     @cached_property
     def path(self) -> Place:
@@ -336,29 +287,15 @@ _SUGGESTED = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One number of a scene.
+    """One number of a scene."""
 
-    Attributes
-    ----------
-    key : str
-        As in files, such as "regions.black_panel.stokes_radiance.0".
-    value, std : float
-        It, and its standard uncertainty, in `unit`.
-    unit : str
-        Of the file; empty for a pure number.
-    least, most : float
-        Between which numbers it has to stay.
-    meaning : str
-        One line.
-    """
-
-    key: str
-    value: float
+    key: str  #: As in files, such as "regions.black_panel.stokes_radiance.0".
+    value: float  #: It, and its standard uncertainty, in `unit`.
     std: float
-    unit: str
-    least: float
+    unit: str  #: Of the file; empty for a pure number.
+    least: float  #: Between which numbers it has to stay.
     most: float
-    meaning: str
+    meaning: str  #: One line.
 
 
 def parameters(scene: Scene) -> tuple[Parameter, ...]:
@@ -367,13 +304,7 @@ def parameters(scene: Scene) -> tuple[Parameter, ...]:
 
 
 def get(scene: Scene, key: str) -> Parameter:
-    """Return one number of a scene.
-
-    Raises
-    ------
-    ConfigError
-        The scene has no such number.
-    """
+    """Return one number of a scene."""
     wanted = OLD_KEYS.get(key, key)
     for found, row, place, leaf in _found(scene):
         if found == wanted:
@@ -382,26 +313,13 @@ def get(scene: Scene, key: str) -> Parameter:
 
 
 def with_value(scene: Scene, key: str, value: float) -> Scene:
-    """Return the scene with another number in the place of one; its standard uncertainty stays.
-
-    Raises
-    ------
-    ConfigError
-        The scene has no such number.
-    """
+    """Return the scene with another number in the place of one; its standard uncertainty stays."""
     return with_values(scene, {key: value})
 
 
 def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     """Return the scene with other numbers, by their keys; standard uncertainties stay.
 
-    Raises
-    ------
-    ConfigError
-        The scene has no such number.
-
-    Notes
-    -----
     What the model cannot compute is refused there, by name and range.
     """
     found = {key: (place, leaf) for key, _, place, leaf in _found(scene)} if values else {}
@@ -416,22 +334,7 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
 
 
 def require_within(scene: Scene, values: Mapping[str, float], *, option: str) -> None:
-    """Refuse numbers that are outside of their ranges.
-
-    Parameters
-    ----------
-    scene : Scene
-        Whose numbers they are.
-    values : mapping
-        Key to value, in the unit of the file.
-    option : str
-        Where they come from, for the message.
-
-    Raises
-    ------
-    ConfigError
-        One is outside, or the scene has no such number.
-    """
+    """Refuse numbers that are outside of their ranges."""
     for key, value in values.items():
         one = get(scene, key)
         if not one.least <= value <= one.most:
@@ -440,13 +343,7 @@ def require_within(scene: Scene, values: Mapping[str, float], *, option: str) ->
 
 
 def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str, float]:
-    """Return numbers by their keys from requests ``KEY=VALUE``.
-
-    Raises
-    ------
-    ConfigError
-        One cannot be read, or two are of one number.
-    """
+    """Return numbers by their keys from requests ``KEY=VALUE``."""
     found: dict[str, float] = {}
     for request in requests:
         key, _, text = request.partition("=")
@@ -534,24 +431,12 @@ def _is_angle(place: Place) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class TakenCycle:
-    """A cycle of frames, as far as the errors of a rig act on it.
+    """A cycle of frames, as far as the errors of a rig act on it."""
 
-    Attributes
-    ----------
-    angle_names : tuple of str
-        Of the polarizer angles, rising, such as "45".
-    frame_order : tuple of int
-        Place of each angle's frame in the cycle, from 0.
-    offset_std_deg : float
-        How well the rig file knows the polarizer's offset.
-    exposure_std : float
-        How well the scene file knows the exposure, as a share of it.
-    """
-
-    angle_names: tuple[str, ...]
-    frame_order: tuple[int, ...]
-    offset_std_deg: float = 0.0
-    exposure_std: float = 0.0
+    angle_names: tuple[str, ...]  #: Of the polarizer angles, rising, such as "45".
+    frame_order: tuple[int, ...]  #: Place of each angle's frame in the cycle, from 0.
+    offset_std_deg: float = 0.0  #: How well the rig file knows the polarizer's offset.
+    exposure_std: float = 0.0  #: How well the scene file knows the exposure, as a share of it.
 
 
 def cycle_of_file(scene: "SceneFile") -> TakenCycle:
@@ -615,33 +500,16 @@ def _widened(number: Uncertain, std: float) -> Uncertain:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inputs:
-    """Every number that a prediction rests on, k of them.
+    """Every number that a prediction rests on, k of them."""
 
-    Attributes
-    ----------
-    scene : Scene
-        Whose numbers they are.
-    names : tuple of str
-        Keys, such as "regions.black_panel.stokes_radiance.0".
-    values : (k,) array
-        In the units of the file.
-    cov : (k, k) array
-        Their covariance.
-    least, most : (k,) arrays
-        Between which numbers each has to stay; infinite where there is no limit.
-    remarks : tuple of str
-        What is assumed, and what was set aside, in words.
-    fitted : tuple of str
-        Those that were fitted so that they make up for others: their covariance with these holds to first order.
-    """
-
-    scene: Scene
-    names: tuple[str, ...]
-    values: FloatArray
-    cov: FloatArray
-    least: FloatArray
+    scene: Scene  #: Whose numbers they are.
+    names: tuple[str, ...]  #: Keys, such as "regions.black_panel.stokes_radiance.0".
+    values: FloatArray  #: In the units of the file.
+    cov: FloatArray  #: Their covariance.
+    least: FloatArray  #: Between which numbers each has to stay; infinite where there is no limit.
     most: FloatArray
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  #: What is assumed, and what was set aside, in words.
+    #: Those that were fitted so that they make up for others: their covariance with these holds to first order.
     fitted: tuple[str, ...] = ()
 
     def at(self, values: FloatArray) -> Scene:

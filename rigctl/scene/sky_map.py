@@ -25,36 +25,18 @@ _AZIMUTH_DEG = np.arange(0.0, 360.1, 4.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SkyMap:
-    """A sky.
+    """A sky."""
 
-    Attributes
-    ----------
-    name : str
-        Of the scene.
-    zenith_deg, azimuth_deg : (Z,), (A,) arrays
-        Directions; azimuth clockwise from north.
-    stokes : (Z, A, 3) array
-        S0, S1, S2 in the frame of each direction [W m-2 sr-1 in band].
-    sun_zenith_deg, sun_azimuth_deg : float
-        Where the sun is.
-    direct_irradiance, sky_irradiance : float
-        Of the beam on a plane normal to it, and of the sky on level ground [W m-2 in band].
-    relative_error : float
-        Of the sampled sky, over its mean radiance; the atmosphere has its own.
-    remarks : tuple of str
-        Tier, accuracy, optical depth, kind of aerosol.
-    """
-
-    name: str
-    zenith_deg: FloatArray
+    name: str  #: Of the scene.
+    zenith_deg: FloatArray  #: Directions; azimuth clockwise from north.
     azimuth_deg: FloatArray
-    stokes: FloatArray
-    sun_zenith_deg: float
+    stokes: FloatArray  #: S0, S1, S2 in the frame of each direction [W m-2 sr-1 in band].
+    sun_zenith_deg: float  #: Where the sun is.
     sun_azimuth_deg: float
-    direct_irradiance: float
+    direct_irradiance: float  #: Of the beam on a plane normal to it, and of the sky on level ground [W m-2 in band].
     sky_irradiance: float
-    relative_error: float
-    remarks: tuple[str, ...]
+    relative_error: float  #: Of the sampled sky, over its mean radiance; the atmosphere has its own.
+    remarks: tuple[str, ...]  #: Tier, accuracy, optical depth, kind of aerosol.
 
     @property
     def dolp(self) -> FloatArray:
@@ -70,21 +52,11 @@ class SkyMap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SkyOfKind:
-    """The sky with one kind of aerosol.
+    """The sky with one kind of aerosol."""
 
-    Attributes
-    ----------
-    label : str
-        What scatters, in words.
-    is_chosen : bool
-        Whether the scene file has it so.
-    sky : SkyMap
-        Its sky.
-    """
-
-    label: str
-    is_chosen: bool
-    sky: SkyMap
+    label: str  #: What scatters, in words.
+    is_chosen: bool  #: Whether the scene file has it so.
+    sky: SkyMap  #: Its sky.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,22 +68,7 @@ class SkyDifference:
 
 
 def sky_map(scene: SceneFile, *, engine: Engine = "own", tell: Callable[[float], None] | None = None) -> SkyMap:
-    """Return the sky of a scene file.
-
-    Parameters
-    ----------
-    scene : SceneFile
-        With sun, atmosphere and the sensor's band.
-    engine : str
-        What solves it.
-    tell : callable or None
-        Told the optical depth of each wavelength that is solved.
-
-    Raises
-    ------
-    ConfigError
-        The file says nothing of sun and atmosphere, or of a sun too low; or the engine is not installed.
-    """
+    """Return the sky of a scene file."""
     missing = [f"[{name}]" for name in ("sun", "atmosphere") if getattr(scene, name) is None]
     if not scene.sensor.has_band:
         missing.append("a band of the sensor (band_nm or response)")
@@ -140,13 +97,7 @@ def _map(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> 
 
 
 def skies_of_kinds(scene: SceneFile, *, engine: Engine = "own") -> Iterator[SkyOfKind]:
-    """Yield the sky of a scene for each kind of aerosol: that of the file first, its depth at 550 nm in all of them.
-
-    Raises
-    ------
-    ConfigError
-        The scene's sky is a table, which has one aerosol, or cannot be computed.
-    """
+    """Yield the sky of a scene for each kind of aerosol: that of the file first, its depth at 550 nm in all of them."""
     own = scene.atmosphere
     if own is None or own.tier is Fidelity.TABLE:
         raise ConfigError(f"--compare-aerosols: {scene.name} has no atmosphere that is computed; a table's sky is one")

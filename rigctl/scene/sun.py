@@ -26,38 +26,15 @@ _NO_AIR = (0.0, 0.0, 0.0, 0.55)
 
 @dataclass(frozen=True, kw_only=True)
 class SunPosition:
-    """Position of the sun.
+    """Position of the sun."""
 
-    Attributes
-    ----------
-    zenith_rad : float
-        Geometric, without refraction [rad].
-    azimuth_rad : float
-        Clockwise from north [rad].
-    distance_factor : float
-        Irradiance outside the atmosphere over that at the mean distance.
-    """
-
-    zenith_rad: float
-    azimuth_rad: float
-    distance_factor: float
+    zenith_rad: float  #: Geometric, without refraction [rad].
+    azimuth_rad: float  #: Clockwise from north [rad].
+    distance_factor: float  #: Irradiance outside the atmosphere over that at the mean distance.
 
 
 def sun_moved_by_place(time: datetime, place: Place, std: Place) -> NDArray[np.float64]:
-    """Return by how much zenith and azimuth of the sun change with each number of the place that is uncertain.
-
-    Parameters
-    ----------
-    time : datetime
-        With a time zone.
-    place, std : Place
-        The place, and by how much each of its numbers changes, half of that each way; 0 is left out.
-
-    Returns
-    -------
-    (k, 2) array
-        Of zenith angle and azimuth, the shorter way round [rad], for each of the k numbers that change.
-    """
+    """Return by how much zenith and azimuth of the sun change with each number of the place that is uncertain."""
     steps = {field.name: getattr(std, field.name) for field in fields(std)}
     moved = [_moved(time, place, name, step) for name, step in steps.items() if step > 0.0]
     return np.array(moved).reshape(-1, 2)
@@ -74,27 +51,11 @@ def _moved(time: datetime, place: Place, name: str, step: float) -> tuple[float,
 def sun_position(time: datetime, place: Place) -> SunPosition:
     """Return the position of the sun.
 
-    Parameters
-    ----------
-    time : datetime
-        With a time zone.
-    place : Place
-        From where it is seen.
-
-    Raises
-    ------
-    ValueError
-        The time has no zone.
-
-    Notes
-    -----
     Refraction, which lifts the sun by 0.02 deg at 50 deg from the zenith, is left out: the atmosphere has none either.
 
     UTC stands for the Earth's rotation, from which it is at most 0.9 s away: 0.004 deg. Leap seconds of years to come
     are not known; each would move the sun by as much.
 
-    References
-    ----------
     Standards of Fundamental Astronomy, IAU (2006 precession, 2000A nutation), as ERFA has them (apco13, ab, atioq).
     """
     if time.tzinfo is None:
@@ -140,22 +101,7 @@ SHORTEST_NM, LONGEST_NM = 300.0, 1060.0
 
 
 def response_band(*, wavelength_nm: FloatArray, response: FloatArray, distance_factor: float) -> SolarBand:
-    """Return the sun's spectrum with a sensor's response, linear between the points of its table and 0 beyond.
-
-    Parameters
-    ----------
-    wavelength_nm : (K,) array
-        Ascending, 300 to 1060 [nm].
-    response : (K,) array
-        Relative, 0 to 1.
-    distance_factor : float
-        Irradiance outside the atmosphere over that at the mean distance.
-
-    Raises
-    ------
-    ValueError
-        The wavelengths or the response are outside their range.
-    """
+    """Return the sun's spectrum with a sensor's response, linear between the points of its table and 0 beyond."""
     if wavelength_nm.size < 2 or np.any(np.diff(wavelength_nm) <= 0.0):
         raise ValueError("the sensor's response: wavelength_nm must hold two or more rising numbers")
     if wavelength_nm[0] < SHORTEST_NM or wavelength_nm[-1] > LONGEST_NM:

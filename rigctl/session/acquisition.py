@@ -54,18 +54,7 @@ Store = Callable[[Frames], None]
 
 
 class WriterThread:
-    """Hands frames to a store in another thread, in their order. A context manager: leaving it waits for all of them.
-
-    Parameters
-    ----------
-    store : callable
-        Returns once the frames of an exposure are durable. Called in the other thread, one exposure at a time.
-    disk : DiskCalls or None
-        What else is written goes through; it says how long a disk may take for the frames of an exposure before it
-        hangs and is not waited for any more, and is told so.
-    last_sign_s : callable
-        When the store said last that it is only waiting, as it does for a full disk [s of the monotonic clock].
-    """
+    """Hands frames in order to a store in another thread; as a context manager, leaving it waits for all of them."""
 
     def __init__(
         self, store: Store, *, disk: DiskCalls | None = None, last_sign_s: Callable[[], float] = lambda: 0.0
@@ -122,37 +111,17 @@ class WriterThread:
         return self._queue.qsize()
 
     def put(self, *frames: StoredFrame) -> None:
-        """Return once there is room for the frames of an exposure; they are durable later, all or none.
-
-        Raises
-        ------
-        RunFolderError
-            The disk hangs.
-        Exception
-            What the store raised at an earlier frame: none is taken any more.
-        """
+        """Return once there is room for the frames of an exposure; they are durable later, all or none."""
         self._raise_failure()
         self._put(frames)
 
     def flush(self) -> None:
-        """Return once every frame is durable.
-
-        Raises
-        ------
-        Exception
-            What the store raised.
-        """
+        """Return once every frame is durable."""
         self._wait_for_all()
         self._raise_failure()
 
     def flush_or_drop(self) -> tuple[int, ...]:
-        """Return which frames were dropped when a stop was asked for on a full disk; the others are durable.
-
-        Raises
-        ------
-        Exception
-            What the store raised otherwise.
-        """
+        """Return which frames were dropped when a stop was asked for on a full disk; the others are durable."""
         self._wait_for_all()
         if not isinstance(self._error, StopAskedError):
             self._raise_failure()
@@ -223,17 +192,7 @@ def _sequences(frames: Frames | None) -> list[int]:
 
 
 class FrameStore:
-    """Writes frames, and tells of each.
-
-    Parameters
-    ----------
-    writer : RunWriter
-        Where to.
-    context : SessionContext
-        What is done about a full disk, and who may stop the waiting.
-    stored : callable
-        Told of each record once it is durable, in the writer's thread.
-    """
+    """Writes frames, and tells of each."""
 
     def __init__(self, writer: RunWriter, context: SessionContext, stored: Callable[[FrameRecord], None]) -> None:
         self._writer, self._context, self._stored = writer, context, stored
@@ -245,15 +204,7 @@ class FrameStore:
         return self._waited_s
 
     def store(self, frames: Frames) -> None:
-        """Return once the frames of an exposure are durable.
-
-        Raises
-        ------
-        RunFolderError
-            They cannot be written, and waiting is not wanted.
-        StopAskedError
-            Somebody asked to stop while the disk was full: these frames are not stored.
-        """
+        """Return once the frames of an exposure are durable."""
         first = frames[0].record
         waited = 0
         while True:
@@ -303,30 +254,6 @@ def acquire(
 ) -> bool:
     """Take the frames of a session, one after the other; return whether it went to its end.
 
-    Parameters
-    ----------
-    rig : Rig
-        Open devices.
-    rig_file : RigFile
-        How the polarizer sits, the camera's gain and deadline.
-    steps : tuple of Step
-        What to take.
-    writer : RunWriter
-        Where to.
-    progress : callable
-        Called with each step once its frame is on the disk; from another thread.
-    context : SessionContext, optional
-        Clocks, interlocks, who may interrupt.
-
-    Raises
-    ------
-    DeviceError
-        A device fails, or an interlock stops the session; what was taken until then is in the run.
-    RunFolderError
-        The disk is full or cannot be written.
-
-    Notes
-    -----
     False is returned where somebody asked to stop. All frames that were taken are on the disk when this returns
     or raises, unless the disk failed.
     """
@@ -352,13 +279,7 @@ def acquire(
 
 
 def _note_tally(camera: Camera, writer: RunWriter) -> None:
-    """Note as an event what became of the pictures since the camera was opened, where it counts them.
-
-    Raises
-    ------
-    RunFolderError
-        The run cannot be written.
-    """
+    """Note as an event what became of the pictures since the camera was opened, where it counts them."""
     if isinstance(camera, ReportingCamera):
         writer.event(TALLY_EVENT, **asdict(camera.tally()))
 

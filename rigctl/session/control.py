@@ -25,13 +25,6 @@ _SIGNALS: dict[signal.Signals, Request] = {
 def ask(run: Path, request: Request) -> None:
     """Ask something of the session that writes into a run folder; it answers between two frames.
 
-    Raises
-    ------
-    OSError
-        The folder cannot be written.
-
-    Notes
-    -----
     Nobody needs a request after a power cut, so that it is not waited for the disk. Its unfinished file does not look
     like that of a frame, which whoever repairs the run would take away.
     """
@@ -45,22 +38,7 @@ def ask(run: Path, request: Request) -> None:
 
 
 def ask_process(run: Path, process: int, request: Request) -> None:
-    """Ask something of the process that writes into a run: by its folder, or by signal where that cannot be written.
-
-    Parameters
-    ----------
-    run : Path
-        The run folder.
-    process : int
-        Who writes into it, on this machine.
-    request : str
-        What is asked.
-
-    Raises
-    ------
-    OSError
-        Neither way is open.
-    """
+    """Ask something of the process that writes into a run: by its folder, or by signal where that cannot be written."""
     try:
         ask(run, request)
     except OSError:
@@ -88,11 +66,6 @@ class Control:
     """Remembers what was asked for, until the session looks.
 
     A terminal that hangs up asks for nothing: the session goes on without it.
-
-    Parameters
-    ----------
-    run : Path or None
-        The run folder in which commands leave their requests; None listens to signals only.
     """
 
     def __init__(self, run: Path | None = None) -> None:
@@ -156,8 +129,6 @@ class Control:
 
         HUP, of a terminal that is gone, is noted and the session goes on.
 
-        Notes
-        -----
         Signals reach the main thread of a program only; elsewhere this does nothing.
         """
         if threading.current_thread() is not threading.main_thread():

@@ -37,44 +37,22 @@ Means = Mapping[int, Mapping[str, PixelMean]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CycleLook:
-    """Numbers of one cycle.
+    """Numbers of one cycle."""
 
-    Attributes
-    ----------
-    round, cycle : int or None
-        Which.
-    time_s : float
-        When its first exposure began, in seconds since 1970 (UTC).
-    sum_rule : Estimate or None
-        (I0 + I90) / (I45 + I135) of the whole picture.
-    regions : mapping
-        Polarization by region; "picture" is the whole.
-    drift : Drift or None
-        Of the reference region, within the cycle or since the one before it in the same round.
-    """
-
-    round: int | None
+    round: int | None  #: Which.
     cycle: int | None
-    time_s: float
-    sum_rule: Estimate | None
-    regions: Mapping[str, RegionPolarization]
-    drift: Drift | None
+    time_s: float  #: When its first exposure began, in seconds since 1970 (UTC).
+    sum_rule: Estimate | None  #: (I0 + I90) / (I45 + I135) of the whole picture.
+    regions: Mapping[str, RegionPolarization]  #: Polarization by region; "picture" is the whole.
+    drift: Drift | None  #: Of the reference region, within the cycle or since the one before it in the same round.
 
 
 @dataclass(frozen=True, kw_only=True)
 class CycleHistory:
-    """The cycles of a run.
+    """The cycles of a run."""
 
-    Attributes
-    ----------
-    reference : str
-        The region by which drift is measured.
-    looks : tuple of CycleLook
-        In the order in which they were taken.
-    """
-
-    reference: str
-    looks: tuple[CycleLook, ...]
+    reference: str  #: The region by which drift is measured.
+    looks: tuple[CycleLook, ...]  #: In the order in which they were taken.
 
 
 def is_session(run: Run) -> bool:
@@ -83,13 +61,7 @@ def is_session(run: Run) -> bool:
 
 
 def region_means_of(run: Run) -> Means:
-    """Return the mean counts of the picture and of the session's regions in every frame, by sequence number.
-
-    Raises
-    ------
-    RunFolderError
-        A frame is damaged.
-    """
+    """Return the mean counts of the picture and of the session's regions in every frame, by sequence number."""
     regions = RegionMeans(files_of(run)[1].regions if is_session(run) else ())
     return {record.sequence: regions.of(run.counts(record)) for record in run.frames}
 
@@ -97,15 +69,6 @@ def region_means_of(run: Run) -> Means:
 def cycle_history(run: Run, means: Means) -> CycleHistory:
     """Return what the cycles of a session show.
 
-    Parameters
-    ----------
-    run : Run
-        Taken by a session.
-    means : mapping
-        As `region_means_of` gives them.
-
-    Notes
-    -----
     Frames of one round and cycle number belong together; takes that repeat a number at the same exposure are one. A
     cycle that lacks an angle since a frame of it is excluded is left out, as measuring leaves it out.
     """
@@ -174,23 +137,13 @@ def _seen(record: FrameRecord, means: Mapping[str, PixelMean]) -> FrameSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class FollowedLight:
-    """Relative changes from the first cycle to the last, and the largest from the first to any.
+    """Relative changes from the first cycle to the last, and the largest from the first to any."""
 
-    Attributes
-    ----------
-    monitor : str
-        The sensor's name in the rig file.
-    light, reading, left : float
-        Change of the reference region's light, of the reading, and of the light divided by it.
-    most_light, most_left : float
-        Largest change of light, and of light divided by the reading, either way.
-    """
-
-    monitor: str
-    light: float
+    monitor: str  #: The sensor's name in the rig file.
+    light: float  #: Change of the reference region's light, of the reading, and of the light divided by it.
     reading: float
     left: float
-    most_light: float
+    most_light: float  #: Largest change of light, and of light divided by the reading, either way.
     most_left: float
 
 
@@ -242,40 +195,18 @@ class Thumbnail:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionHistory:
-    """History of a session.
+    """History of a session."""
 
-    Attributes
-    ----------
-    run : Run
-        Its folder's content.
-    events : sequence of RunEvent
-        What happened, in its order.
-    means : mapping
-        Mean counts of picture and regions by sequence number.
-    cycles : CycleHistory or None
-        None for a run that was imported.
-    thumbnails : tuple of Thumbnail
-        Frames spread over the run, 24 at most.
-    monitors : tuple of MonitorTrace
-        What sensors beside the frames said.
-    """
-
-    run: Run
-    events: Sequence[RunEvent]
-    means: Means
-    cycles: CycleHistory | None
-    thumbnails: tuple[Thumbnail, ...]
-    monitors: tuple[MonitorTrace, ...] = ()
+    run: Run  #: Its folder's content.
+    events: Sequence[RunEvent]  #: What happened, in its order.
+    means: Means  #: Mean counts of picture and regions by sequence number.
+    cycles: CycleHistory | None  #: None for a run that was imported.
+    thumbnails: tuple[Thumbnail, ...]  #: Frames spread over the run, 24 at most.
+    monitors: tuple[MonitorTrace, ...] = ()  #: What sensors beside the frames said.
 
 
 def session_history(run: Run) -> SessionHistory:
-    """Return how a session went; every frame is read once, for its means.
-
-    Raises
-    ------
-    RunFolderError
-        A frame is damaged, or the events cannot be read.
-    """
+    """Return how a session went; every frame is read once, for its means."""
     events = read_events(run.path)
     means = region_means_of(run)
     return SessionHistory(

@@ -102,17 +102,7 @@ def opened_monitor(factory: Callable[[MonitorOptions], Monitor], options: Monito
 
 
 class Monitors:
-    """All sensors of a rig while a session runs.
-
-    Parameters
-    ----------
-    sections : sequence of MonitorSection
-        Which.
-    note : callable
-        Notes an event: its name, and facts by keyword.
-    utc_ns : callable
-        The session's time [ns since 1970 UTC].
-    """
+    """All sensors of a rig while a session runs."""
 
     def __init__(self, sections: Sequence[MonitorSection], note: Note, utc_ns: Callable[[], int]) -> None:
         self._note, self._utc_ns = note, utc_ns

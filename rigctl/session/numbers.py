@@ -55,15 +55,9 @@ _NEEDED = ("gain_dn_per_e", "read_noise_e", "black_level_dn")
 
 @dataclass(frozen=True, kw_only=True)
 class MeanNoise:
-    """The temporal noise of means.
+    """The temporal noise of means."""
 
-    Attributes
-    ----------
-    sensor : SensorNoise
-        Of the camera, as calibrated; fixed pattern stays in a mean and is left out.
-    """
-
-    sensor: SensorNoise
+    sensor: SensorNoise  #: Of the camera, as calibrated; fixed pattern stays in a mean and is left out.
 
     def dark_dn(self, exposure_s: float) -> float:
         """Return the mean count without light [DN]."""
@@ -76,13 +70,7 @@ class MeanNoise:
 
 
 def noise_numbers(calibration: NoiseParameters) -> SessionNoise:
-    """Return the numbers of a noise calibration that a session needs: they go into the run.
-
-    Raises
-    ------
-    ConfigError
-        The calibration lacks one.
-    """
+    """Return the numbers of a noise calibration that a session needs: they go into the run."""
     missing = [name for name in _NEEDED if name not in calibration.known]
     if missing:
         raise ConfigError(f"--noise: the calibration has no {', '.join(missing)}")
@@ -102,18 +90,10 @@ def mean_noise(numbers: SessionNoise) -> MeanNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class PixelMean:
-    """A mean count.
+    """A mean count."""
 
-    Attributes
-    ----------
-    mean_dn : float
-        [DN].
-    pixels : int
-        Of how many.
-    """
-
-    mean_dn: float
-    pixels: int
+    mean_dn: float  #: [DN].
+    pixels: int  #: Of how many.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,13 +104,7 @@ class _Window:
 
 
 class RegionMeans:
-    """Knows where regions lie in pictures of one size.
-
-    Parameters
-    ----------
-    regions : sequence of Region
-        Their names differ; none is called "picture".
-    """
+    """Knows where regions lie in pictures of one size."""
 
     def __init__(self, regions: Sequence[Region] = ()) -> None:
         self._regions = list(regions)
@@ -138,20 +112,7 @@ class RegionMeans:
         self._windows: dict[str, _Window] = {}
 
     def of(self, counts: NDArray[np.uint16], *, share: float = 1.0) -> dict[str, PixelMean]:
-        """Return the mean of the whole picture, and of each region by its name.
-
-        Parameters
-        ----------
-        counts : (H, W) array of uint16
-            The picture.
-        share : float
-            Of its pixels that have a sample of their own: one where nothing was interpolated.
-
-        Raises
-        ------
-        ConfigError
-            A region does not fit into the picture.
-        """
+        """Return the mean of the whole picture, and of each region by its name."""
         if counts.shape != self._shape:
             self._windows = self._fitted(counts.shape)
             self._shape = counts.shape
@@ -189,40 +150,18 @@ class CoarsePicture:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSummary:
-    """A frame in a few numbers.
+    """A frame in a few numbers."""
 
-    Attributes
-    ----------
-    kind : str
-        "scene", "dark" or "flat".
-    round, cycle : int or None
-        Where in the session.
-    angle_deg : float or None
-        The polarizer angle that was asked for, in [0, 180).
-    measured_deg : float or None
-        The same by the stage's readback.
-    exposure_s : float
-        Integration time.
-    time_s : float
-        When its exposure began, by one clock for all that are set against each other.
-    saturated_fraction : float
-        Share of saturated pixels.
-    means : mapping
-        Mean counts of the picture and of its regions, by name.
-    coarse : CoarsePicture or None
-        The picture in some 20000 squares.
-    """
-
-    kind: str
-    round: int | None
+    kind: str  #: "scene", "dark" or "flat".
+    round: int | None  #: Where in the session.
     cycle: int | None
-    angle_deg: float | None
-    measured_deg: float | None
-    exposure_s: float
-    time_s: float
-    saturated_fraction: float
-    means: Mapping[str, "PixelMean"]
-    coarse: CoarsePicture | None = None
+    angle_deg: float | None  #: The polarizer angle that was asked for, in [0, 180).
+    measured_deg: float | None  #: The same by the stage's readback.
+    exposure_s: float  #: Integration time.
+    time_s: float  #: When its exposure began, by one clock for all that are set against each other.
+    saturated_fraction: float  #: Share of saturated pixels.
+    means: Mapping[str, "PixelMean"]  #: Mean counts of the picture and of its regions, by name.
+    coarse: CoarsePicture | None = None  #: The picture in some 20000 squares.
 
 
 def frame_summary(
@@ -270,31 +209,17 @@ def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Level:
-    """Level of light that a mean stands for.
+    """Level of light that a mean stands for."""
 
-    Attributes
-    ----------
-    dn_per_s : float
-        Counts a second of exposure, those of the dark taken off.
-    variance : float or None
-        What noise does to it [(DN/s)^2]; None without a calibration.
-    """
-
-    dn_per_s: float
-    variance: float | None
+    dn_per_s: float  #: Counts a second of exposure, those of the dark taken off.
+    variance: float | None  #: What noise does to it [(DN/s)^2]; None without a calibration.
 
 
 @dataclass(kw_only=True)
 class LightLevels:
-    """Remembers the last dark frame of each exposure.
+    """Remembers the last dark frame of each exposure."""
 
-    Attributes
-    ----------
-    noise : MeanNoise or None
-        From a calibration.
-    """
-
-    noise: MeanNoise | None = None
+    noise: MeanNoise | None = None  #: From a calibration.
     _darks: dict[float, FrameSummary] = field(default_factory=dict)
 
     def add_dark(self, dark: FrameSummary) -> None:
@@ -333,21 +258,11 @@ _S_PER_MIN = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class Drift:
-    """A relative change of the light.
+    """A relative change of the light."""
 
-    Attributes
-    ----------
-    change : float
-        Relative change over `over_s`, positive if the light grew.
-    sigma : float or None
-        Standard deviation of it by the camera's noise; None without a calibration.
-    over_s : float
-        Time between the looks, the mean of the angles weighted by their light.
-    """
-
-    change: float
-    sigma: float | None
-    over_s: float
+    change: float  #: Relative change over `over_s`, positive if the light grew.
+    sigma: float | None  #: Standard deviation of it by the camera's noise; None without a calibration.
+    over_s: float  #: Time between the looks, the mean of the angles weighted by their light.
 
     @property
     def per_min(self) -> float:
@@ -365,22 +280,6 @@ def drift_of(
 ) -> Drift | None:
     """Return how the light has changed: within a cycle that repeats an angle, or else since the cycle before.
 
-    Parameters
-    ----------
-    frames, before : sequences of FrameSummary
-        Of this cycle and of the one before; empty if there is none.
-    region : str
-        Whose light.
-    levels : LightLevels
-        What turns counts into light.
-
-    Returns
-    -------
-    Drift or None
-        None where no angle was looked at twice, or there is no light.
-
-    Notes
-    -----
     The sum of the changes of all angles over the sum of their means; polarization cancels, since each angle is
     compared with itself.
     """
@@ -444,19 +343,6 @@ def polarization(
 ) -> RegionPolarization | None:
     """Return the polarization of a region's mean light in a cycle; None with fewer than three angles, or no light.
 
-    Parameters
-    ----------
-    frames : sequence of FrameSummary
-        Of one exposure; angles may repeat.
-    region : str
-        Which.
-    levels : LightLevels
-        What turns counts into light.
-    extinction_ratio : float or None
-        Of the polarizer; None is taken for an ideal one.
-
-    Notes
-    -----
     The deviation is what noise does to one cycle. It knows nothing of drift, of fixed pattern, or of an error of the
     angles.
     """
@@ -493,17 +379,7 @@ def _angle_sigma_deg(stokes: Moments) -> float | None:
 def cycle_diagnosis(
     frames: Sequence[FrameSummary], *, levels: LightLevels, extinction_ratio: float | None
 ) -> LiveDiagnosis | None:
-    """Return what a whole cycle says of its faults, from its coarse pictures; None where there are none.
-
-    Parameters
-    ----------
-    frames : sequence of FrameSummary
-        Of one exposure, in the order in which they were taken.
-    levels : LightLevels
-        With the dark level.
-    extinction_ratio : float or None
-        Of the polarizer; None is taken for an ideal one.
-    """
+    """Return what a whole cycle says of its faults, from its coarse pictures; None where there are none."""
     seen = [frame for frame in frames if frame.measured_deg is not None]
     coarse = [frame.coarse for frame in seen if frame.coarse is not None]
     if not coarse or len(coarse) < len(seen) or len({frame.angle_deg for frame in seen}) < _LEAST_ANGLES:
@@ -533,17 +409,7 @@ _MS_PER_S = 1000.0
 
 
 class LiveNumbers:
-    """Remembers the last frame of each angle, and the last whole cycle. Filled in one thread, read in another.
-
-    Parameters
-    ----------
-    noise : MeanNoise or None
-        From a calibration; without one no deviation is predicted.
-    extinction_ratio : float or None
-        Of the polarizer; None is taken for an ideal one.
-    reference : str
-        The region by which drift is measured.
-    """
+    """Remembers the last frame of each angle, and the last whole cycle. Filled in one thread, read in another."""
 
     def __init__(
         self, *, noise: MeanNoise | None = None, extinction_ratio: float | None = None, reference: str = PICTURE
@@ -580,8 +446,6 @@ class LiveNumbers:
     def content(self) -> LiveContent:
         """Return the numbers as they stand.
 
-        Notes
-        -----
         Of the last whole cycle; where frames are grouped by angle, of the last frame of each.
         """
         with self._lock:

@@ -48,42 +48,19 @@ _HALF_TURN_DEG, _EIGHTH_DEG, _MEANT_DEG, _AXIS_DECIMALS = 180.0, 45.0, 5.0, 3
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One frame that is to be taken.
+    """One frame that is to be taken."""
 
-    Attributes
-    ----------
-    sequence : int
-        Its place in the session, from 0.
-    kind : {"scene", "dark", "flat"}
-        What stands before the camera.
-    cycle : int
-        Which time its take goes through the angles, from 0; counted on through the rounds of a schedule.
-    polarizer_angle_deg : float or None
-        Where the polarizer's axis is to point; None leaves it where it is.
-    exposure_s : float or None
-        Integration time [s]; None takes what was metered in this round.
-    exposure_factor : float
-        What a metered exposure is multiplied by.
-    round : int
-        Which round of the schedule, from 0.
-    due_ns : int or None
-        When its round begins [ns since 1970 UTC]; None is at once.
-    ends_cycle : bool
-        The last frame of a cycle: then its angles can be set against each other.
-    part : int or None
-        Which place of the cell its pixels are of, from 0, where the camera has polarizers on its pixels: steps of parts
-        0 to 3 that follow each other are one exposure.
-    """
-
-    sequence: int
-    kind: FrameKind
-    cycle: int
-    polarizer_angle_deg: float | None
-    exposure_s: float | None
-    exposure_factor: float = 1.0
-    round: int = 0
-    due_ns: int | None = None
-    ends_cycle: bool = False
+    sequence: int  #: Its place in the session, from 0.
+    kind: FrameKind  #: What stands before the camera.
+    cycle: int  #: Which time its take goes through the angles, from 0; counted on through the rounds of a schedule.
+    polarizer_angle_deg: float | None  #: Where the polarizer's axis is to point; None leaves it where it is.
+    exposure_s: float | None  #: Integration time [s]; None takes what was metered in this round.
+    exposure_factor: float = 1.0  #: What a metered exposure is multiplied by.
+    round: int = 0  #: Which round of the schedule, from 0.
+    due_ns: int | None = None  #: When its round begins [ns since 1970 UTC]; None is at once.
+    ends_cycle: bool = False  #: The last frame of a cycle: then its angles can be set against each other.
+    #: Which place of the cell its pixels are of, from 0, where the camera has polarizers on its pixels: steps of parts
+    #: 0 to 3 that follow each other are one exposure.
     part: int | None = None
 
     @property
@@ -94,18 +71,10 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """Time and disk of a session, estimated.
+    """Time and disk of a session, estimated."""
 
-    Attributes
-    ----------
-    duration_s : float
-        Exposures, moves and storing; not what a person at the rig takes [s].
-    disk_bytes : int or None
-        None where the size of a frame is not known before the camera is opened.
-    """
-
-    duration_s: float
-    disk_bytes: int | None
+    duration_s: float  #: Exposures, moves and storing; not what a person at the rig takes [s].
+    disk_bytes: int | None  #: None where the size of a frame is not known before the camera is opened.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,22 +94,7 @@ def plan_steps(
     *,
     cell_deg: tuple[float, ...] | None = None,
 ) -> tuple[Step, ...]:
-    """Return the frames of a session in the order in which they are taken.
-
-    Parameters
-    ----------
-    session : SessionFile
-        What to take in a round.
-    round_times_ns : sequence of int or None
-        When each round is due [ns since 1970 UTC]; None is at once.
-    cell_deg : tuple of float or None
-        Axes of the polarizers on the camera's pixels: each exposure gives a frame behind each of them.
-
-    Raises
-    ------
-    ConfigError
-        A take asks for what a cell does not have: other angles, or the first one once more.
-    """
+    """Return the frames of a session in the order in which they are taken."""
     takes = session.take if cell_deg is None else [_take_of_cell(take, cell_deg) for take in session.take]
     frames = [
         (number, due_ns, frame)
@@ -264,17 +218,7 @@ def _times(exposure_s: float | None, factor: float) -> float | None:
 
 
 def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None) -> Need:
-    """Return what steps need of time and disk.
-
-    Parameters
-    ----------
-    steps : tuple of Step
-        What is taken.
-    rig : RigFile
-        With which rig; a simulated camera's pictures are of known size.
-    pixels : int or None
-        Of a picture of the camera; None: of the simulated camera.
-    """
+    """Return what steps need of time and disk."""
     moves = sum(
         1
         for before, step in zip((None, *steps), steps, strict=False)
@@ -343,13 +287,7 @@ class SunAngles:
 
 
 class SunTrack:
-    """The sun above one site.
-
-    Parameters
-    ----------
-    site : SiteSection
-        Where.
-    """
+    """The sun above one site."""
 
     def __init__(self, site: SiteSection) -> None:
         self.site = site
@@ -404,24 +342,7 @@ _MOST_ROUNDS = 100_000
 def round_times_ns(
     session: SessionFile, site: SiteSection | None, *, now_ns: int, until_ns: int | None = None
 ) -> tuple[int | None, ...]:
-    """Return when each round is due, in ascending order [ns since 1970 UTC]; one None where there is no schedule.
-
-    Parameters
-    ----------
-    session : SessionFile
-        With the schedule.
-    site : SiteSection or None
-        Where the sun is looked at.
-    now_ns : int
-        Where a schedule without a start begins.
-    until_ns : int or None
-        Rounds from then on are left out.
-
-    Raises
-    ------
-    ConfigError
-        No round is left, there are more than 100 000, or the schedule asks for the sun and there is no site.
-    """
+    """Return when each round is due, in ascending order [ns since 1970 UTC]; one None where there is no schedule."""
     schedule = session.schedule
     if schedule is None:
         return (None,)
@@ -467,13 +388,6 @@ _DRIFT_PER_S = 0.01 / 60.0
 def false_dolp(steps: Sequence[Step]) -> float | None:
     """Return the DoLP that unpolarized light shows if it grows by 1 % a minute; None with fewer than three angles.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        Those of one round, or of one cycle: frames of an angle are averaged, as processing does.
-
-    Notes
-    -----
     The reconstruction of intensities (1 + drift * mean time of an angle) / 2.
     """
     times: dict[float, list[float]] = defaultdict(list)
@@ -507,13 +421,7 @@ def grouping_cost(session: SessionFile) -> str | None:
 
 
 def missing_axes(steps: Sequence[Step]) -> str | None:
-    """Return in words that a session cannot give a DoLP, or None where it can or takes no scene.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Of a whole session.
-    """
+    """Return in words that a session cannot give a DoLP, or None where it can or takes no scene."""
     targets = [step.polarizer_angle_deg for step in steps if step.kind == "scene"]
     axes = {round(target % 180.0, _ANGLE_DECIMALS) % 180.0 for target in targets if target is not None}
     if not axes or len(axes) >= _LEAST_ANGLES:
@@ -563,33 +471,15 @@ class PlannedStep:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionPlan:
-    """A session laid out in time.
+    """A session laid out in time."""
 
-    Attributes
-    ----------
-    steps : tuple of Step
-        What is taken.
-    times_ns : tuple of int
-        About when [ns since 1970 UTC].
-    start_ns : int
-        When it begins.
-    sun : SunTrack or None
-        The sun above the site, where the rig file has one.
-    camera_azimuth_deg : float or None
-        Where the camera stands as seen from the target.
-    disk_bytes : int or None
-        What the frames take; None where their size is not known.
-    remarks : tuple of str
-        What one should know before climbing the roof.
-    """
-
-    steps: tuple[Step, ...]
-    times_ns: tuple[int, ...]
-    start_ns: int
-    sun: SunTrack | None
-    camera_azimuth_deg: float | None
-    disk_bytes: int | None
-    remarks: tuple[str, ...]
+    steps: tuple[Step, ...]  #: What is taken.
+    times_ns: tuple[int, ...]  #: About when [ns since 1970 UTC].
+    start_ns: int  #: When it begins.
+    sun: SunTrack | None  #: The sun above the site, where the rig file has one.
+    camera_azimuth_deg: float | None  #: Where the camera stands as seen from the target.
+    disk_bytes: int | None  #: What the frames take; None where their size is not known.
+    remarks: tuple[str, ...]  #: What one should know before climbing the roof.
 
     def rounds(self) -> dict[int, int]:
         """Return when the first step of each round is taken [ns since 1970 UTC]."""
@@ -661,26 +551,7 @@ def _as_json(row: PlannedRound | PlannedStep) -> dict[str, Json]:
 def plan_session(
     rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: int | None = None, pixels: int | None = None
 ) -> SessionPlan:
-    """Return a session laid out in time.
-
-    Parameters
-    ----------
-    rig : RigFile
-        With the site and the camera's direction.
-    session : SessionFile
-        What to take.
-    now_ns : int
-        When it begins [ns since 1970 UTC].
-    until_ns : int or None
-        Steps from then on are left out.
-    pixels : int or None
-        Of a picture, for the disk; None: of the simulated camera, if it is one.
-
-    Raises
-    ------
-    ConfigError
-        The schedule has no round.
-    """
+    """Return a session laid out in time."""
     rounds = round_times_ns(session, rig.site, now_ns=now_ns, until_ns=until_ns)
     steps = plan_steps(session, rounds, cell_deg=rig.cell_deg)
     times = step_times_ns(steps, start_ns=now_ns)
@@ -740,44 +611,17 @@ _FAST_CAMERA_S = 0.007
 
 @dataclass(frozen=True, kw_only=True)
 class DiskDemand:
-    """Demand on the disk.
+    """Demand on the disk."""
 
-    Attributes
-    ----------
-    frame_bytes : int
-        Of one frame's file.
-    period_s : float
-        Mean time from frame to frame in the fastest stretch of eight frames [s].
-    total_bytes : int or None
-        Of all frames; None where no session is known.
-    """
-
-    frame_bytes: int
-    period_s: float
-    total_bytes: int | None = None
+    frame_bytes: int  #: Of one frame's file.
+    period_s: float  #: Mean time from frame to frame in the fastest stretch of eight frames [s].
+    total_bytes: int | None = None  #: Of all frames; None where no session is known.
 
 
 def demand_of(
     rig: RigFile, session: SessionFile, *, pixels: int, now_ns: int, camera_s: float | None = None
 ) -> DiskDemand:
-    """Return what a session asks of the disk if it begins now.
-
-    Parameters
-    ----------
-    rig, session
-        What is taken, and with which devices.
-    pixels : int
-        Of a picture.
-    now_ns : int
-        Now [ns since 1970 UTC].
-    camera_s : float or None
-        What a picture takes beside its exposure [s]; None, not known: what a fast camera takes.
-
-    Raises
-    ------
-    ConfigError
-        The schedule has no round.
-    """
+    """Return what a session asks of the disk if it begins now."""
     plan = plan_session(rig, session, now_ns=now_ns, pixels=pixels)
     total = plan.disk_bytes or 0
     beside_s = _FAST_CAMERA_S if camera_s is None else camera_s

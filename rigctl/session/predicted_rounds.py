@@ -52,8 +52,6 @@ def predict_rounds(
 ) -> Iterator[Prediction]:
     """Give what each region gives in each round and at each exposure.
 
-    Notes
-    -----
     A scene of stated radiances does not know the sun: its numbers are those of every round, and stand once. A metered
     exposure is that at which the brightest region's mean reaches the metering's target.
     """

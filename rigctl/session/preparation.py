@@ -70,28 +70,7 @@ def prepare_session(
     clock_ns: int | None = None,
     perturb: RoofChange | None = None,
 ) -> PreparedSession:
-    """Return a session as it will be taken; calibrations that are not named are picked from the store.
-
-    Parameters
-    ----------
-    rig, session : Path
-        Files.
-    noise, polarizer : Path, optional
-        Calibrations that the devices have to agree with; ``none`` picks none.
-    store : Path, optional
-        Store of calibrations; the folder ``calibrations`` beside the rig file unless given.
-    scene, target_dolp_sigma : optional
-        Take as many cycles as bring the error of a pixel's DoLP in this scene to this.
-    clock_ns : int, optional
-        When the clock of a simulated rig begins [ns since 1970 UTC]; the session does not wait then.
-    perturb : str, optional
-        What changes in a simulated roof against its scene file.
-
-    Raises
-    ------
-    ConfigError, DataError
-        A file is wrong, or no number of cycles reaches the target.
-    """
+    """Return a session as it will be taken; calibrations that are not named are picked from the store."""
     rig_file = with_simulation(load_rig(rig), clock_ns=clock_ns, perturb=perturb)
     session_file = load_session(session)
     named: dict[CalibrationKind, Path | None] = {"noise": noise, "polarizer": polarizer}
@@ -117,13 +96,7 @@ def prepare_session(
 def with_target(
     session: SessionFile, noise: NoiseParameters | None, *, scene: Path | None, target_dolp_sigma: float | None
 ) -> tuple[SessionFile, tuple[str, ...]]:
-    """Return a session with the cycles that a target asks for, and what was chosen; without a target as it is.
-
-    Raises
-    ------
-    ConfigError
-        A scene without a target or the other way round, or no number of cycles reaches the target.
-    """
+    """Return a session with the cycles that a target asks for, and what was chosen; without a target as it is."""
     if (scene is None) != (target_dolp_sigma is None):
         raise ConfigError("--scene and --target-dolp-sigma: give both, or neither")
     if scene is None or target_dolp_sigma is None:
@@ -143,20 +116,7 @@ def require_takeable(
     until_ns: int | None = None,
     asks_by_hold: bool = False,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Raise what would end a session, as far as no device is needed to know.
-
-    Returns
-    -------
-    doubts : tuple of str
-        Doubts about the calibrations, as far as the files tell.
-    light : tuple of str
-        The sun under which a simulated roof is seen, and where that differs from its scene file.
-
-    Raises
-    ------
-    ConfigError, DataError, DeviceError, RunFolderError
-        As `take_prepared`.
-    """
+    """Raise what would end a session, as far as no device is needed to know."""
     rig_file, session = prepared.rig_file, prepared.session_file
     require_new_folder(out)
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
@@ -181,27 +141,7 @@ def take_prepared(
     until_ns: int | None = None,
     asks_by_hold: bool = False,
 ) -> Outcome:
-    """Take a session into a new run folder; doubts about the calibrations are reported once the devices are open.
-
-    Parameters
-    ----------
-    prepared : PreparedSession
-        The session.
-    out : Path
-        Run folder to make.
-    at_ns, until_ns : int, optional
-        When to begin, and from when on no frame is taken [ns since 1970 UTC].
-    asks_by_hold : bool
-        Where somebody has to cover the lens, hold until `rigctl resume` or a page says to go on; else ask at the
-        terminal.
-
-    Raises
-    ------
-    ConfigError, DataError, DeviceError, RunFolderError
-        A calibration does not fit the devices, a device fails, or the folder cannot be written.
-    KeyboardInterrupt
-        Somebody pressed Ctrl-C twice. After the first the frame in hand is stored and the session ends, unfinished.
-    """
+    """Take a session into a new run folder; doubts about the calibrations are reported once the devices are open."""
     clock = clock_of(prepared.rig_file)
     return take_session(
         prepared.rig_file,

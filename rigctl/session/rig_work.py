@@ -27,33 +27,15 @@ from rigctl.session.plan import Step, SunAngles, nominal_deg
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CapturedFrame:
-    """A frame, and how it came about.
+    """A frame, and how it came about."""
 
-    Attributes
-    ----------
-    frame : Frame
-        What the camera gave.
-    settings : CameraSettings
-        What the camera said that it was set to.
-    move : Move or None
-        The last move of the stage.
-    is_new_move : bool
-        It was made for this frame.
-    asked : (float, float)
-        Exposure [s] and gain [dB] that it was told.
-    number_before : int or None
-        The camera's number of the frame before, where it is known.
-    is_triggered : bool
-        The camera's numbers follow each other.
-    """
-
-    frame: Frame
-    settings: CameraSettings
-    move: Move | None
-    is_new_move: bool
-    asked: tuple[float, float]
-    number_before: int | None = None
-    is_triggered: bool = True
+    frame: Frame  #: What the camera gave.
+    settings: CameraSettings  #: What the camera said that it was set to.
+    move: Move | None  #: The last move of the stage.
+    is_new_move: bool  #: It was made for this frame.
+    asked: tuple[float, float]  #: Exposure [s] and gain [dB] that it was told.
+    number_before: int | None = None  #: The camera's number of the frame before, where it is known.
+    is_triggered: bool = True  #: The camera's numbers follow each other.
 
     @cached_property
     def saturated_fraction(self) -> float:
@@ -142,19 +124,7 @@ def _polarizer_angle_deg(step: Step, move: Move | None, rig_file: RigFile) -> fl
 
 
 class RigWork:
-    """Remembers how the rig is set, so that nothing is set twice.
-
-    Parameters
-    ----------
-    rig : Rig
-        Open devices.
-    rig_file : RigFile
-        How the polarizer sits, the camera's gain and deadline.
-    writer : RunWriter
-        Where events go.
-    ask : callable
-        Returns once somebody has put something before the camera, where hands are needed.
-    """
+    """Remembers how the rig is set, so that nothing is set twice."""
 
     def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, ask: Callable[[FrameKind], None]) -> None:
         self._rig, self._rig_file, self._writer, self._ask = rig, rig_file, writer, ask
@@ -197,13 +167,7 @@ class RigWork:
         self._settings = None
 
     def capture(self, *, exposure_s: float, polarizer_angle_deg: float | None) -> CapturedFrame:
-        """Return a frame at an exposure and an angle; None leaves the polarizer where it is.
-
-        Raises
-        ------
-        DeviceError
-            A device fails.
-        """
+        """Return a frame at an exposure and an angle; None leaves the polarizer where it is."""
         settings = self._configured(exposure_s)
         is_new_move = self._turn(polarizer_angle_deg)
         before, self._number = self._number, None  # a picture that does not come may have a number
@@ -220,13 +184,7 @@ class RigWork:
         )
 
     def capture_parts(self, *, exposure_s: float) -> dict[float, CapturedFrame]:
-        """Return a frame behind each axis of the cell of a camera with polarizers on its pixels, of one exposure.
-
-        Raises
-        ------
-        DeviceError
-            The camera fails.
-        """
+        """Return a frame behind each axis of the cell of a camera with polarizers on its pixels, of one exposure."""
         captured = self.capture(exposure_s=exposure_s, polarizer_angle_deg=None)
         axes_deg = self._rig_file.cell_deg or ()
         return dict(zip(map(nominal_deg, axes_deg), captured.parts(self._rig_file.camera), strict=True))
@@ -263,21 +221,11 @@ Probe = Callable[[float], Shares]
 
 @dataclass(frozen=True, kw_only=True)
 class Metered:
-    """An exposure, and what it gives.
+    """An exposure, and what it gives."""
 
-    Attributes
-    ----------
-    exposure_s : float
-        Integration time [s].
-    shares : mapping
-        By polarizer angle [deg]: share of the largest count that the bright pixels reach.
-    remark : str or None
-        What one exposure cannot do here.
-    """
-
-    exposure_s: float
-    shares: Shares
-    remark: str | None
+    exposure_s: float  #: Integration time [s].
+    shares: Shares  #: By polarizer angle [deg]: share of the largest count that the bright pixels reach.
+    remark: str | None  #: What one exposure cannot do here.
 
 
 def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float) -> float:
@@ -288,15 +236,6 @@ def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float)
 def meter(probe: Probe, section: MeteringSection) -> Metered:
     """Return the exposure that serves all angles, as far as one can.
 
-    Parameters
-    ----------
-    probe : callable
-        Takes an exposure [s] and returns the share of each angle.
-    section : MeteringSection
-        Where to begin, and what is wanted.
-
-    Notes
-    -----
     The brightest angle decides. Counts need not be proportional to the exposure (black level): it goes on until the
     share is within a tenth of its target, or the exposure is at a limit.
     """
@@ -327,21 +266,7 @@ def _remark(shares: Shares, section: MeteringSection) -> str | None:
 
 
 class RoundExposures:
-    """Meters each round once.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Of the session.
-    work : RigWork
-        Takes the pictures by which it is metered.
-    writer : RunWriter
-        Where the result is noted, for a resume.
-    metering : MeteringSection
-        What is wanted.
-    metered_s : mapping
-        What was metered before, by round [s].
-    """
+    """Meters each round once."""
 
     def __init__(
         self,
@@ -358,13 +283,7 @@ class RoundExposures:
         self._next_camera_frame: int | None = None
 
     def of(self, step: Step) -> float:
-        """Return the exposure of a step [s].
-
-        Raises
-        ------
-        DeviceError
-            It has to be metered, and a device fails.
-        """
+        """Return the exposure of a step [s]."""
         if step.exposure_s is not None:
             return step.exposure_s
         if step.round not in self._metered_s:

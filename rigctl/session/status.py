@@ -44,23 +44,12 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class RegionPolarization:
-    """Polarization of the light of a region.
+    """Polarization of the light of a region."""
 
-    Attributes
-    ----------
-    dolp : Estimate
-        Of the region's mean: naive, hence biased upward where it is of the size of its deviation.
-    aolp_deg : float or None
-        Angle of polarization in [0, 180); None without polarization.
-    light_dn_per_s : float
-        S0 of the region's mean, in counts a second.
-    aolp_sigma_deg : float or None
-        Deviation of the angle to first order; None where no noise is known, or there is no polarization.
-    """
-
-    dolp: Estimate
-    aolp_deg: float | None
-    light_dn_per_s: float
+    dolp: Estimate  #: Of the region's mean: naive, hence biased upward where it is of the size of its deviation.
+    aolp_deg: float | None  #: Angle of polarization in [0, 180); None without polarization.
+    light_dn_per_s: float  #: S0 of the region's mean, in counts a second.
+    #: Deviation of the angle to first order; None where no noise is known, or there is no polarization.
     aolp_sigma_deg: float | None = None
 
 
@@ -147,28 +136,14 @@ class StepProgress:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveStatus:
-    """How a session stands.
+    """How a session stands."""
 
-    Attributes
-    ----------
-    session : str
-        Its name.
-    frames_planned, frames : int
-        How many there will be, and are.
-    written_utc : str
-        When this was said.
-    progress : StepProgress or None
-        None before its first frame.
-    numbers : LiveContent or None
-        What the frames show; None until there is one.
-    """
-
-    session: str
-    frames_planned: int
+    session: str  #: Its name.
+    frames_planned: int  #: How many there will be, and are.
     frames: int
-    written_utc: str = ""
-    progress: StepProgress | None = None
-    numbers: LiveContent | None = None
+    written_utc: str = ""  #: When this was said.
+    progress: StepProgress | None = None  #: None before its first frame.
+    numbers: LiveContent | None = None  #: What the frames show; None until there is one.
 
 
 _STATUS, _PROGRESS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(StepProgress), TypeAdapter(LiveContent)
@@ -182,26 +157,14 @@ def status_json(status: LiveStatus) -> dict[str, JsonValue]:
 
 
 def write_status(run: Path, status: LiveStatus) -> None:
-    """Replace the status, in one step and without waiting for the disk: it is of no worth after a power cut.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Replace the status, in one step and without waiting for the disk: it is of no worth after a power cut."""
     beside = run / f".{STATUS_FILE}"
     beside.write_text(json.dumps(status_json(status), allow_nan=False) + "\n", encoding="ascii")
     beside.replace(run / STATUS_FILE)
 
 
 def read_status(run: Path) -> LiveStatus | None:
-    """Return the status, or None where the session never wrote one.
-
-    Raises
-    ------
-    RunFolderError
-        It cannot be read.
-    """
+    """Return the status, or None where the session never wrote one."""
     file = run / STATUS_FILE
     if not file.exists():
         return None
@@ -229,44 +192,22 @@ _STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """State of a session.
+    """State of a session."""
 
-    Attributes
-    ----------
-    run : str
-        The folder.
-    state : str
-        "running", "holding" or "waiting" (for a round) where a process writes into it; else "finished", "stopped"
-        on request, or "interrupted".
-    process : int or None
-        The process that writes into it.
-    frames : int
-        How many frames are durable.
-    disk_free_mb : float
-        What is free on the disk of the run [MB].
-    live : LiveStatus or None
-        What the session last said of itself: frames planned, remaining time, numbers per angle.
-    events : tuple of RunEvent
-        The last few.
-    """
-
-    run: str
+    run: str  #: The folder.
+    #: "running", "holding" or "waiting" (for a round) where a process writes into it; else "finished", "stopped" on
+    #: request, or "interrupted".
     state: State
-    process: int | None
-    frames: int
-    disk_free_mb: float
+    process: int | None  #: The process that writes into it.
+    frames: int  #: How many frames are durable.
+    disk_free_mb: float  #: What is free on the disk of the run [MB].
+    #: What the session last said of itself: frames planned, remaining time, numbers per angle.
     live: LiveStatus | None
-    events: tuple[RunEvent, ...]
+    events: tuple[RunEvent, ...]  #: The last few.
 
 
 def state_of(path: Path) -> RunState:
-    """Return where the session of a run folder stands.
-
-    Raises
-    ------
-    RunFolderError
-        It is no run folder, or its events cannot be read.
-    """
+    """Return where the session of a run folder stands."""
     contents = read_contents(path)
     process = writing_process(path)
     events = read_events(path)

@@ -59,24 +59,12 @@ _MOST_WAITING = 100
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
-    """What somebody is told.
+    """What somebody is told."""
 
-    Attributes
-    ----------
-    run : str
-        Name of the run folder.
-    event : str
-        What happened, as in the run's events; "failed" where the session ended with an error.
-    text : str
-        What is known of it, in words.
-    utc : str
-        When, by this machine's clock.
-    """
-
-    run: str
-    event: str
-    text: str
-    utc: str
+    run: str  #: Name of the run folder.
+    event: str  #: What happened, as in the run's events; "failed" where the session ended with an error.
+    text: str  #: What is known of it, in words.
+    utc: str  #: When, by this machine's clock.
 
 
 def send(section: NotifySection, notice: Notice) -> tuple[str, ...]:
@@ -91,15 +79,7 @@ def send(section: NotifySection, notice: Notice) -> tuple[str, ...]:
 
 
 class Notifier:
-    """Takes events as they come and sends those that are wanted; a full queue drops, a slow receiver delays nobody.
-
-    Parameters
-    ----------
-    section : NotifySection
-        Whom, and of what.
-    run : str
-        Name of the run folder.
-    """
+    """Takes events as they come and sends those that are wanted; a full queue drops, a slow receiver delays nobody."""
 
     def __init__(self, section: NotifySection, run: str) -> None:
         self._section, self._run = section, run
@@ -168,17 +148,7 @@ _PACKAGES = ("rigctl", "numpy", "pyserial")
 def describe_session(
     rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
 ) -> dict[str, JsonValue]:
-    """Return all that a reader of the run must know of how it came about, as JSON can hold it.
-
-    Parameters
-    ----------
-    rig, rig_file, session
-        What is taken, and with which devices.
-    files : mapping
-        Where the inputs come from, by what they are.
-    inputs : mapping
-        What the run keeps of them; their hashes go into the description.
-    """
+    """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     names = {what: path.name for what, path in (files | scene).items()}
     stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
@@ -203,13 +173,7 @@ def describe_session(
 
 
 def _facts_of(camera: Camera) -> dict[str, JsonValue] | None:
-    """Return how a camera's counts come about, and its features by its own names; None for one that does not tell.
-
-    Raises
-    ------
-    DeviceError
-        It does not answer.
-    """
+    """Return how a camera's counts come about, and its features by its own names; None for one that does not tell."""
     if not isinstance(camera, ReportingCamera):
         return None
     facts = camera.facts()
@@ -226,31 +190,15 @@ _ANGLE_TOLERANCE_DEG = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Continuation:
-    """Rest of a session.
+    """Rest of a session."""
 
-    Attributes
-    ----------
-    steps : tuple of Step
-        Those that have no frame.
-    metered_s : mapping
-        Exposures that were metered, by round [s].
-    is_finished : bool
-        The session has noted its end.
-    """
-
-    steps: tuple[Step, ...]
-    metered_s: dict[int, float]
-    is_finished: bool
+    steps: tuple[Step, ...]  #: Those that have no frame.
+    metered_s: dict[int, float]  #: Exposures that were metered, by round [s].
+    is_finished: bool  #: The session has noted its end.
 
 
 def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
-    """Return the rest of a session.
-
-    Raises
-    ------
-    RunFolderError
-        A frame of the run is not the one that its step asks for: the run holds something else.
-    """
+    """Return the rest of a session."""
     planned = {step.sequence: step for step in steps}
     for record in run.frames:
         _require_planned(record, planned.get(record.sequence))
@@ -286,23 +234,7 @@ _TELL_EACH_S = 1.0
 
 
 class Watch:
-    """Told of each stored step. A context manager: the bar is there meanwhile.
-
-    Parameters
-    ----------
-    run : Path
-        The run folder.
-    steps : sequence of Step
-        All steps of the session.
-    title : str
-        Its name.
-    clock : SessionClock
-        The host's clocks.
-    live : LiveNumbers
-        What the frames show.
-    disk : DiskCalls or None
-        What writes the status file, so that a disk that hangs holds nobody.
-    """
+    """Told of each stored step. A context manager: the bar is there meanwhile."""
 
     def __init__(
         self,
@@ -393,43 +325,17 @@ Opener = Callable[[], AbstractContextManager[Rig]]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """End of a session.
+    """End of a session."""
 
-    Attributes
-    ----------
-    frames, planned : int
-        How many frames the run has now, and how many the session asks for.
-    is_finished : bool
-        It went to its end; False where somebody asked it to stop.
-    repair : Repair or None
-        What was done to the run before it was gone on with.
-    was_finished : bool
-        There was nothing left to take.
-    """
-
-    frames: int
+    frames: int  #: How many frames the run has now, and how many the session asks for.
     planned: int
-    is_finished: bool
-    repair: Repair | None = None
-    was_finished: bool = False
+    is_finished: bool  #: It went to its end; False where somebody asked it to stop.
+    repair: Repair | None = None  #: What was done to the run before it was gone on with.
+    was_finished: bool = False  #: There was nothing left to take.
 
 
 class ReconnectLoop:
-    """Takes what is left of a session, and opens the devices again where one goes away meanwhile.
-
-    Parameters
-    ----------
-    rig_file : RigFile
-        The devices.
-    steps : tuple of Step
-        The whole session.
-    writer : RunWriter
-        Where the frames go.
-    context : SessionContext
-        How the session is conducted.
-    opener : callable
-        Gives the open rig.
-    """
+    """Takes what is left of a session, and opens the devices again where one goes away meanwhile."""
 
     def __init__(
         self, rig_file: RigFile, steps: tuple[Step, ...], writer: RunWriter, context: SessionContext, opener: Opener
@@ -440,22 +346,7 @@ class ReconnectLoop:
         self._frames = 0
 
     def take(self, rig: Rig, devices: ExitStack, *, title: str) -> Outcome:
-        """Take what is left; return how it went.
-
-        Parameters
-        ----------
-        rig : Rig
-            Open devices.
-        devices : ExitStack
-            What closes them, and the ones that are opened later.
-        title : str
-            The session's name, for whoever watches.
-
-        Raises
-        ------
-        DeviceError, RunFolderError, KeyboardInterrupt
-            As `acquire`; a device that went away and did not come back.
-        """
+        """Take what is left; return how it went."""
         opened: Rig | None = rig
         context = self._context
         show = Watch(
@@ -536,36 +427,7 @@ def take_session(
     asks_by_hold: bool = False,
     calibrations: Mapping[str, JsonValue] | None = None,
 ) -> Outcome:
-    """Take a session into a new run folder; return how it went.
-
-    Parameters
-    ----------
-    rig_file, session
-        What to take, and with which devices.
-    out : Path
-        Run folder to make.
-    files : mapping
-        What the two were read from; names and hashes go into the run.
-    at_ns, until_ns : int, optional
-        When to begin, and from when on no frame is taken [ns since 1970 UTC].
-    noise : SessionNoise, optional
-        What the sum rule needs of a noise calibration, as `noise_numbers` gives it.
-    clock : SessionClock, optional
-        The host's clocks.
-    opener : callable, optional
-        Gives the open rig, instead of the one that the rig file describes.
-    asks_by_hold : bool
-        Where hands are needed, such as to cover the lens, hold until somebody says to go on; else ask at the terminal.
-    calibrations : mapping, optional
-        Which were picked from the store, as the run keeps it.
-
-    Raises
-    ------
-    ConfigError, DeviceError, RunFolderError
-        The rig cannot be, a device fails, or the folder cannot be written.
-    KeyboardInterrupt
-        Somebody pressed Ctrl-C twice. After the first the frame in hand is stored and the session ends, unfinished.
-    """
+    """Take a session into a new run folder; return how it went."""
     clock = clock_of(rig_file) if clock is None else clock
     now_ns = clock.utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
@@ -604,24 +466,6 @@ def resume_session(
 ) -> Outcome:
     """Go on with a session that was interrupted; return how it went.
 
-    Parameters
-    ----------
-    path : Path
-        Its run folder.
-    clock : SessionClock, optional
-        The host's clocks.
-    opener : callable, optional
-        Gives the open rig, instead of the one that the run describes.
-    asks_by_hold : bool
-        As `take_session`.
-
-    Raises
-    ------
-    ConfigError, DeviceError, RunFolderError
-        As `take_session`; the run was not made by a session, or its devices are others now.
-
-    Notes
-    -----
     Whole frames that were not acknowledged are adopted, damaged ones are set aside and taken again.
     """
     repair = repair_run(path)

@@ -16,30 +16,7 @@ _RAD_PER_DEG = pi / 180.0
 def with_cycles_for(
     session: SessionFile, scene: SceneFile, noise: NoiseParameters | None, *, target_dolp_sigma: float
 ) -> tuple[SessionFile, tuple[str, ...]]:
-    """Return a session with as many cycles as bring the error of DoLP of every region down to a target.
-
-    Parameters
-    ----------
-    session
-        Its angles, order and exposures stay; of several exposures, the one that needs fewest cycles decides.
-    scene, noise
-        What it will look at, and with which noise; None: as the scene file assumes it.
-    target_dolp_sigma
-        Largest error of DoLP of a pixel from the mean of a round, above 0: noise, with light that drifts by 1 % a
-        minute in square to it.
-
-    Returns
-    -------
-    session : SessionFile
-        With its scene frames' cycles set.
-    lines : tuple of str
-        What was chosen, in words.
-
-    Raises
-    ------
-    ConfigError
-        No number of cycles reaches it, or it cannot be predicted.
-    """
+    """Return a session with as many cycles as bring the error of DoLP of every region down to a target."""
     try:
         wanted = Wanted(dolp_total=target_dolp_sigma)
         sessions = SceneSessions(scene, noise)

@@ -32,46 +32,24 @@ def _clock_problem() -> str | None:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionClock:
-    """The host's clocks, and a pause.
+    """The host's clocks, and a pause."""
 
-    Attributes
-    ----------
-    utc_ns, monotonic_ns : callable
-        Time since 1970 (UTC), which somebody may set; time that only goes on [ns].
-    sleep : callable
-        Pauses for so many seconds.
-    problem : callable
-        What is wrong with the first of them, such as "not synchronised"; None if nothing is.
-    utc_error_s : callable
-        How far the first of them may be off, as the system says [s]; None where nothing synchronises it.
-    rest : callable or None
-        Pauses for so many seconds while somebody is waited for, where `sleep` is no true pause.
-    poll_s : float
-        How often a wait looks for requests [s].
-    simulated : SimulatedClock or None
-        What makes the time of a simulated rig with a clock of its own.
-    """
-
+    #: Time since 1970 (UTC), which somebody may set; time that only goes on [ns].
     utc_ns: Callable[[], int] = time.time_ns
     monotonic_ns: Callable[[], int] = time.monotonic_ns
-    sleep: Callable[[float], None] = time.sleep
+    sleep: Callable[[float], None] = time.sleep  #: Pauses for so many seconds.
+    #: What is wrong with the first of them, such as "not synchronised"; None if nothing is.
     problem: Callable[[], str | None] = _clock_problem
+    #: How far the first of them may be off, as the system says [s]; None where nothing synchronises it.
     utc_error_s: Callable[[], float | None] = host_checkup.utc_error_s
+    #: Pauses for so many seconds while somebody is waited for, where `sleep` is no true pause.
     rest: Callable[[float], None] | None = None
-    poll_s: float = 0.5
-    simulated: SimulatedClock | None = None
+    poll_s: float = 0.5  #: How often a wait looks for requests [s].
+    simulated: SimulatedClock | None = None  #: What makes the time of a simulated rig with a clock of its own.
 
 
 def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
-    """Return the clocks that a session on a rig lives by: the host's, or those of its simulation.
-
-    Parameters
-    ----------
-    rig_file : RigFile
-        The rig.
-    after_ns : int or None
-        A simulated time goes on from there, where a part of the session was taken [ns since 1970 UTC].
-    """
+    """Return the clocks that a session on a rig lives by: the host's, or those of its simulation."""
     section = rig_file.simulation
     if section is None or section.clock is None:
         return SessionClock()
@@ -92,11 +70,6 @@ class SteadyUtc:
     """UTC as it was when the session began, carried on by the monotonic clock.
 
     A host's clock that is set in the middle of a session would else stall its schedule or rush through it.
-
-    Parameters
-    ----------
-    clock : SessionClock
-        The host's clocks.
     """
 
     def __init__(self, clock: SessionClock) -> None:
@@ -124,48 +97,22 @@ _S_PER_MIN = 60.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionContext:
-    """Context of a session beside its steps.
+    """Context of a session beside its steps."""
 
-    Attributes
-    ----------
-    interlocks, metering
-        As in the session file.
-    late_s : float
-        A round that begins later than this after it was due is left out [s].
-    until_ns : int or None
-        No frame begins after this [ns since 1970 UTC].
-    sun : SunTrack or None
-        The sun above the site, where the site is known.
-    clock : SessionClock
-        The host's clocks.
-    utc : SteadyUtc or None
-        The time by which the session began; None begins now.
-    control : Control
-        What somebody asks for.
-    noise : MeanNoise or None
-        What noise does to means, from a calibration.
-    regions : RegionMeans
-        What is looked at in each frame.
-    live : LiveNumbers
-        Told of each frame, for whoever watches.
-    metered_s : mapping
-        Exposures that earlier parts of this session have metered, by round [s].
-    asks_by_hold : bool
-        Where hands are needed the session holds until it is told to go on; else it asks at the terminal.
-    """
-
-    interlocks: InterlockSection = field(default_factory=InterlockSection)
+    interlocks: InterlockSection = field(default_factory=InterlockSection)  #: As in the session file.
     metering: MeteringSection = field(default_factory=MeteringSection)
-    late_s: float = 300.0
-    until_ns: int | None = None
-    sun: SunTrack | None = None
-    clock: SessionClock = field(default_factory=SessionClock)
-    utc: SteadyUtc | None = None
-    control: Control = field(default_factory=Control)
-    noise: MeanNoise | None = None
-    regions: RegionMeans = field(default_factory=RegionMeans)
-    live: LiveNumbers = field(default_factory=LiveNumbers)
+    late_s: float = 300.0  #: A round that begins later than this after it was due is left out [s].
+    until_ns: int | None = None  #: No frame begins after this [ns since 1970 UTC].
+    sun: SunTrack | None = None  #: The sun above the site, where the site is known.
+    clock: SessionClock = field(default_factory=SessionClock)  #: The host's clocks.
+    utc: SteadyUtc | None = None  #: The time by which the session began; None begins now.
+    control: Control = field(default_factory=Control)  #: What somebody asks for.
+    noise: MeanNoise | None = None  #: What noise does to means, from a calibration.
+    regions: RegionMeans = field(default_factory=RegionMeans)  #: What is looked at in each frame.
+    live: LiveNumbers = field(default_factory=LiveNumbers)  #: Told of each frame, for whoever watches.
+    #: Exposures that earlier parts of this session have metered, by round [s].
     metered_s: Mapping[int, float] = field(default_factory=dict)
+    #: Where hands are needed the session holds until it is told to go on; else it asks at the terminal.
     asks_by_hold: bool = False
 
 
@@ -211,30 +158,14 @@ class StopAskedError(Exception):
 
 
 class Pause:
-    """The places at which a session may stand still.
-
-    Parameters
-    ----------
-    control : Control
-        What somebody asks for.
-    clock : SessionClock
-        For waiting.
-    note : callable
-        Notes an event: its name, and facts by keyword.
-    """
+    """The places at which a session may stand still."""
 
     def __init__(self, control: Control, clock: SessionClock, note: Note) -> None:
         self._control, self._clock, self._note = control, clock, note
         self._is_loss_noted = False
 
     def answer(self) -> None:
-        """Hold or stop if that was asked for.
-
-        Raises
-        ------
-        StopAskedError
-            A stop was asked for.
-        """
+        """Hold or stop if that was asked for."""
         if self._polled() == "hold":
             self.hold("somebody asked for it", cleared=lambda: False)
 
@@ -264,19 +195,7 @@ class Pause:
 
 
 class Timing:
-    """Remembers which round is under way.
-
-    Parameters
-    ----------
-    context : SessionContext
-        How late a round may begin, and when the session ends.
-    utc : SteadyUtc
-        What time it is.
-    pause : Pause
-        For waiting.
-    writer : RunWriter
-        Where events go.
-    """
+    """Remembers which round is under way."""
 
     def __init__(self, context: SessionContext, utc: SteadyUtc, pause: Pause, writer: RunWriter) -> None:
         self._context, self._utc, self._pause, self._writer = context, utc, pause, writer
@@ -290,13 +209,7 @@ class Timing:
         return len(self._missed)
 
     def is_time_for(self, step: Step) -> bool:
-        """Return True once it is time for a step, or False where that has gone by.
-
-        Raises
-        ------
-        StopAskedError
-            Somebody asked to stop meanwhile.
-        """
+        """Return True once it is time for a step, or False where that has gone by."""
         if self._after_end() or step.round in self._missed:
             return False
         if step.due_ns is None or step.round == self._round:

@@ -45,56 +45,29 @@ _LEAST_NOISE_DN = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture to look at: nothing is measured with it.
+    """A picture to look at: nothing is measured with it."""
 
-    Attributes
-    ----------
-    jpeg : bytes
-        The file.
-    histogram : tuple of int
-        Pixels in 64 steps of equal width over the range of counts, of the whole frame; empty for a map.
-    clipped : float
-        Share of saturated pixels, 0 to 1.
-    """
-
-    jpeg: bytes
+    jpeg: bytes  #: The file.
+    #: Pixels in 64 steps of equal width over the range of counts, of the whole frame; empty for a map.
     histogram: tuple[int, ...] = ()
-    clipped: float = 0.0
+    clipped: float = 0.0  #: Share of saturated pixels, 0 to 1.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CyclePictures:
-    """The frames of one cycle, made smaller, and what is known of them.
+    """The frames of one cycle, made smaller, and what is known of them."""
 
-    Attributes
-    ----------
-    frames : (N, H, W) array of float32
-        Counts [DN].
-    angles_rad : (N,) array
-        Of the transmission axis [rad].
-    dark_dn : (N,) array
-        Level without light [DN].
-    extinction_ratio : float
-        Of the polarizer; infinite for an ideal one.
-    """
-
-    frames: NDArray[np.float32]
-    angles_rad: FloatArray
-    dark_dn: FloatArray
-    extinction_ratio: float
+    frames: NDArray[np.float32]  #: Counts [DN].
+    angles_rad: FloatArray  #: Of the transmission axis [rad].
+    dark_dn: FloatArray  #: Level without light [DN].
+    extinction_ratio: float  #: Of the polarizer; infinite for an ideal one.
 
 
 T = TypeVar("T")
 
 
 class Shelf(Generic[T]):
-    """What was made last, for all who look. May be asked from several threads; one makes at a time.
-
-    Parameters
-    ----------
-    most : int
-        How many are kept.
-    """
+    """What was made last, for all who look. May be asked from several threads; one makes at a time."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -113,19 +86,7 @@ class Shelf(Generic[T]):
 
 
 def picture_of(counts: NDArray[np.uint16], *, saturation_dn: float, most_width: int, zebra: bool) -> Picture:
-    """Return a frame, stretched for the eye; where `zebra` is set, saturated pixels are striped.
-
-    Parameters
-    ----------
-    counts : (H, W) array of uint16
-        [DN].
-    saturation_dn : float
-        A pixel at or above is saturated [DN].
-    most_width : int
-        Wider ones are made smaller; a single saturated pixel still shows.
-    zebra : bool
-        Whether to stripe.
-    """
+    """Return a frame, stretched for the eye; where `zebra` is set, saturated pixels are striped."""
     histogram = _histogram(counts, saturation_dn=saturation_dn)
     small = smaller(counts, most_width=most_width)
     quantiles = np.quantile(_sampled(small), [_DARKEST, _BRIGHTEST])
@@ -159,20 +120,7 @@ def smaller(picture: NDArray[np.uint16] | NDArray[np.uint8], *, most_width: int)
 
 
 def map_pictures(cycle: CyclePictures, *, dolp_top: float) -> dict[str, Picture]:
-    """Return S0, DoLP and AoLP of a cycle, by the names ``s0``, ``dolp`` and ``aolp``.
-
-    Parameters
-    ----------
-    cycle : CyclePictures
-        Three different angles at least.
-    dolp_top : float
-        DoLP at the upper end of the colours, which begin at 0.
-
-    Raises
-    ------
-    ValueError
-        The angles do not determine the Stokes parameters.
-    """
+    """Return S0, DoLP and AoLP of a cycle, by the names ``s0``, ``dolp`` and ``aolp``."""
     plan = design(cycle.angles_rad, cycle.extinction_ratio)
     maps = polarization_maps(cycle.frames, plan, dark_dn=cycle.dark_dn)
     to_s1_s2 = plan.inverse[1:] * [_noise_dn(frame) for frame in cycle.frames]
@@ -270,13 +218,7 @@ class RunPictures:
         return None if found is None else found.sequence
 
     def picture(self, run: Run, name: str, *, zebra: bool, dolp_top: float) -> Picture | None:
-        """Return the newest picture of an angle or a map; None where there is none.
-
-        Raises
-        ------
-        DataError
-            A frame is damaged, or the angles do not determine the maps.
-        """
+        """Return the newest picture of an angle or a map; None where there is none."""
         if name in MAPS:
             cycle = last_cycle(run.frames)
             return self._maps(run, cycle, dolp_top=dolp_top)[name] if cycle else None
@@ -299,8 +241,6 @@ class RunPictures:
 def last_cycle(frames: Sequence[FrameRecord]) -> tuple[FrameRecord, ...]:
     """Return the frames of the newest whole cycle, one for each angle; empty where there is none.
 
-    Notes
-    -----
     A cycle is whole once the next one has begun, or once it has as many angles as the one before. Where frames are
     grouped by angle, it is the newest frame of each.
     """

@@ -47,15 +47,7 @@ _MS_PER_S = 1e3
 
 
 class LiveRig:
-    """Works in a thread of its own; with the task "rest" the devices are closed, so that a session can have them.
-
-    Parameters
-    ----------
-    opened : callable
-        Gives the open devices until its context is left.
-    polarizer : PolarizerSection
-        How the polarizer sits in the stage.
-    """
+    """Works in a thread of its own; with the task "rest" the devices are closed, so that a session can have them."""
 
     def __init__(self, opened: Callable[[], AbstractContextManager[OpenDevices]], polarizer: PolarizerSection) -> None:
         self._opened, self._polarizer = opened, polarizer
@@ -80,11 +72,6 @@ class LiveRig:
         """Return what the devices see, once it is of another picture than the one that is known; or the time is over.
 
         A task that begins has no picture of its own yet: its `width` is 0.
-
-        Raises
-        ------
-        DeviceError, ConfigError, DataError
-            What stopped them since they began.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._failure or self._is_of_another(sequence), timeout=timeout_s)
@@ -121,13 +108,7 @@ class LiveRig:
             self._turn_to_deg = angle_deg
 
     def take_dark(self) -> None:
-        """Take the newest picture for one without light: its mean is subtracted in the maps at this exposure.
-
-        Raises
-        ------
-        ConfigError
-            There is no picture.
-        """
+        """Take the newest picture for one without light: its mean is subtracted in the maps at this exposure."""
         with self._changed:
             if self._counts is None or self._look.task == "rest":
                 raise ConfigError("begin a preview, cover the lens, and then take the dark level")
@@ -146,13 +127,7 @@ class LiveRig:
         return number or None
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
-        """Return the newest picture or map of a name; None where there is none.
-
-        Raises
-        ------
-        DataError
-            The angles do not determine the maps.
-        """
+        """Return the newest picture or map of a name; None where there is none."""
         with self._changed:
             look, counts, cycle, saturation_dn = self._look, self._counts, self._cycle, self._saturation_dn
         if name == VIEW and counts is not None:
@@ -300,15 +275,7 @@ _EXAMPLE = "rig-sim.toml"
 
 @contextmanager
 def open_devices(what: str) -> Iterator[OpenDevices]:
-    """Open the devices of a rig file, or the camera at an address alone, until the context is left.
-
-    Raises
-    ------
-    DeviceError
-        One cannot be opened.
-    ConfigError
-        The rig file is wrong, or there is no such driver.
-    """
+    """Open the devices of a rig file, or the camera at an address alone, until the context is left."""
     if not what.endswith(_RIG_FILE):
         with open_camera(what) as camera:
             yield OpenDevices(camera=camera, stage=None)
@@ -331,13 +298,6 @@ def open_camera(what: str) -> Iterator[Camera]:
     """Open the camera of a rig file, or the one at an address such as ``gige:192.168.0.5``, without a stage.
 
     A simulated camera sees the scene of its rig file, or of the example rig.
-
-    Raises
-    ------
-    DeviceError
-        It cannot be opened.
-    ConfigError
-        The rig file is wrong, or there is no such driver.
     """
     with as_file(files("rigctl") / "data" / "examples") as examples:
         rig = load_rig(Path(what)) if what.endswith(_RIG_FILE) else _with_address(load_rig(examples / _EXAMPLE), what)
@@ -359,13 +319,7 @@ _QUALITY = 90
 
 
 class StillPicture:
-    """One picture, whole, as `rigctl.web.server.View` asks for it.
-
-    Parameters
-    ----------
-    grey : (H, W) array of uint8
-        The picture as it is shown.
-    """
+    """One picture, whole, as `rigctl.web.server.View` asks for it."""
 
     def __init__(self, grey: NDArray[np.uint8]) -> None:
         self._picture = Picture(jpeg=cv2.imencode(".jpg", grey, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1].tobytes())

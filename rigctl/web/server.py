@@ -87,14 +87,9 @@ _SAFE_HEADERS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """The two keys of a page.
+    """The two keys of a page."""
 
-    Attributes
-    ----------
-    look, act : str
-        Tokens: the first opens the page, the second opens it with hands.
-    """
-
+    #: Tokens: the first opens the page, the second opens it with hands.
     look: str = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
     act: str = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
 
@@ -113,21 +108,7 @@ class _Refusal:
 
 
 class Guard:
-    """Stands before the page and lets through what shows a token, asks for this host and comes from its own page.
-
-    Parameters
-    ----------
-    app : ASGI application
-        The page. A request that comes through has its right, "look" or "act", in ``scope["state"]["right"]``.
-    access : Access
-        The tokens.
-    hosts : iterable of str
-        Names by which this machine may be asked. An address in numbers always may: who rebinds a name needs a name.
-    port : int
-        Where the page is; cookies are told apart by it.
-    is_secure : bool
-        The page is served by TLS.
-    """
+    """Stands before the page and lets through what shows a token, asks for this host and comes from its own page."""
 
     def __init__(self, app: ASGIApp, access: Access, *, hosts: Iterable[str], port: int, is_secure: bool) -> None:
         self._app, self._access = app, access
@@ -316,27 +297,12 @@ class Connection(H11Protocol):
 
 
 def connection_class(*, most: int = MOST_CONNECTIONS, head_s: float = HEAD_S) -> type[Connection]:
-    """Return what one server answers its connections by.
-
-    Parameters
-    ----------
-    most : int
-        How many may be open before they become sockets. One more, and the one that has said nothing for longest is
-        closed.
-    head_s : float
-        How long one may be silent, or send bits of a request's head [s].
-    """
+    """Return what one server answers its connections by."""
     return type("OwnConnection", (Connection,), {"open_ones": [], "most": most, "head_s": head_s})
 
 
 class Sockets:
-    """The open sockets of a page. One too many, and the one that has asked nothing for longest is closed.
-
-    Parameters
-    ----------
-    most : int
-        How many may be open.
-    """
+    """The open sockets of a page. One too many, and the one that has asked nothing for longest is closed."""
 
     def __init__(self, most: int = MOST_SOCKETS) -> None:
         self._most = most
@@ -372,13 +338,7 @@ _HALVES = {(False, False): " ", (True, False): "▀", (False, True): "▄", (Tru
 
 
 def qr_text(text: str) -> str:
-    """Return a text as a QR code, two rows of it a line: light on dark, as terminals are.
-
-    Raises
-    ------
-    ValueError
-        It is too long for one.
-    """
+    """Return a text as a QR code, two rows of it a line: light on dark, as terminals are."""
     try:
         found = cv2.QRCodeEncoder.create().encode(text)
     except cv2.error as error:
@@ -445,33 +405,16 @@ class Sessions(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hands:
-    """What a page may do; it shows no more than belongs to its acts.
+    """What a page may do; it shows no more than belongs to its acts."""
 
-    Attributes
-    ----------
-    view : View
-        What it draws.
-    acts : mapping of str to callable
-        What it may do, by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
-    title : str
-        Heading of the page; empty where it heads the list of runs.
-    session_names : callable
-        Returns the names of the session files.
-    drawn : tuple of Region
-        Regions that are there already.
-    regions_file : str
-        Name of the file that regions are written to.
-    is_once : bool
-        The page ends as soon as regions are written.
-    """
-
-    view: View
+    view: View  #: What it draws.
+    #: What it may do, by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
     acts: Mapping[str, Act]
-    title: str = ""
-    session_names: Callable[[], tuple[str, ...]] = tuple
-    drawn: tuple[Region, ...] = ()
-    regions_file: str = "regions.toml"
-    is_once: bool = False
+    title: str = ""  #: Heading of the page; empty where it heads the list of runs.
+    session_names: Callable[[], tuple[str, ...]] = tuple  #: Returns the names of the session files.
+    drawn: tuple[Region, ...] = ()  #: Regions that are there already.
+    regions_file: str = "regions.toml"  #: Name of the file that regions are written to.
+    is_once: bool = False  #: The page ends as soon as regions are written.
 
 
 @with_config(ConfigDict(extra="forbid", allow_inf_nan=False))
@@ -627,15 +570,6 @@ class Source(Protocol):
 def page_app(source: Source, hands: Hands | None = None) -> Starlette:
     """Return the page.
 
-    Parameters
-    ----------
-    source : Source
-        What it shows.
-    hands : Hands or None
-        What it may do; None only looks.
-
-    Notes
-    -----
     It expects `rigctl.web.server.Guard` before it. Every name in a request is looked up among those that are known;
     none becomes a path.
     """
@@ -847,13 +781,7 @@ class NoRuns:
 
 
 class OneRun:
-    """One run, which may come later.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder.
-    """
+    """One run, which may come later."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._reader = path, RunReader(path)
@@ -871,13 +799,7 @@ class OneRun:
 
 
 class RunsOfFolder:
-    """The runs of a folder, as they are at each look.
-
-    Parameters
-    ----------
-    path : Path
-        The folder.
-    """
+    """The runs of a folder, as they are at each look."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -946,13 +868,7 @@ class _Comparisons:
 
 
 def source_at(path: Path) -> Source:
-    """Return what a page at a path shows: a run, also one that is yet to come, or the runs of a folder.
-
-    Raises
-    ------
-    ConfigError
-        Nothing can come there, or a file is there.
-    """
+    """Return what a page at a path shows: a run, also one that is yet to come, or the runs of a folder."""
     if path.is_file():
         raise ConfigError(f"{path}: is a file; name a run folder, or a folder of run folders")
     if path.is_dir() and not _is_run(path):
@@ -1025,21 +941,11 @@ _NICENESS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where a page is.
+    """Where a page is."""
 
-    Attributes
-    ----------
-    host : str
-        Address of this machine to listen at; 127.0.0.1 is for this machine alone.
-    port : int
-        0: any that is free.
-    certificate, key : Path or None
-        Files of a TLS certificate and its key; without them it is plain HTTP.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 0
-    certificate: Path | None = None
+    host: str = "127.0.0.1"  #: Address of this machine to listen at; 127.0.0.1 is for this machine alone.
+    port: int = 0  #: 0: any that is free.
+    certificate: Path | None = None  #: Files of a TLS certificate and its key; without them it is plain HTTP.
     key: Path | None = None
 
 
@@ -1068,22 +974,7 @@ class Addresses:
 
 
 class PageServer:
-    """Listens for a page from the moment it is made. A context manager: it answers in a thread of its own meanwhile.
-
-    Parameters
-    ----------
-    app : ASGI application
-        The page, without a guard.
-    place : Place
-        Where.
-    can_act : bool
-        Whether the page has hands.
-
-    Raises
-    ------
-    ConfigError
-        Nothing can listen there, or the certificate cannot be used.
-    """
+    """Listens for a page from the moment it is made. A context manager: it answers in a thread of its own meanwhile."""
 
     def __init__(self, app: ASGIApp, place: Place, *, can_act: bool) -> None:
         self._listening = _listening(place)

@@ -55,83 +55,39 @@ Liveliness = Literal["waiting", "live", "holding", "stale", "finished", "stopped
 
 @dataclass(frozen=True, kw_only=True)
 class NewestFrame:
-    """The newest frame behind one angle, or the newest dark or flat frame.
+    """The newest frame behind one angle, or the newest dark or flat frame."""
 
-    Attributes
-    ----------
-    name : str
-        "45", "dark", "flat": what to ask the picture by.
-    sequence : int
-        Its place in the run; a larger one is a newer picture.
-    utc : str
-        When its exposure began; empty where nobody knows.
-    exposure_ms : float or None
-        Integration time [ms].
-    clipped : float
-        Share of saturated pixels, 0 to 1.
-    """
-
-    name: str
-    sequence: int
-    utc: str
-    exposure_ms: float | None
-    clipped: float
+    name: str  #: "45", "dark", "flat": what to ask the picture by.
+    sequence: int  #: Its place in the run; a larger one is a newer picture.
+    utc: str  #: When its exposure began; empty where nobody knows.
+    exposure_ms: float | None  #: Integration time [ms].
+    clipped: float  #: Share of saturated pixels, 0 to 1.
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegionCurve:
-    """Polarization of a region, cycle by cycle; None where it is not known.
+    """Polarization of a region, cycle by cycle; None where it is not known."""
 
-    Attributes
-    ----------
-    name : str
-        "picture" is the whole.
-    dolp, dolp_std : tuple of float or None
-        And its standard deviation by the camera's noise; None without a calibration.
-    aolp_deg, aolp_std_deg : tuple of float or None
-        In [0, 180), and its standard deviation likewise [deg].
-    light_dn_per_s : tuple of float or None
-        S0 [DN/s].
-    """
-
-    name: str
-    dolp: tuple[float | None, ...]
+    name: str  #: "picture" is the whole.
+    dolp: tuple[float | None, ...]  #: And its standard deviation by the camera's noise; None without a calibration.
     dolp_std: tuple[float | None, ...]
-    aolp_deg: tuple[float | None, ...]
+    aolp_deg: tuple[float | None, ...]  #: In [0, 180), and its standard deviation likewise [deg].
     aolp_std_deg: tuple[float | None, ...]
-    light_dn_per_s: tuple[float | None, ...]
+    light_dn_per_s: tuple[float | None, ...]  #: S0 [DN/s].
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curves:
-    """What the cycles of a run show, one after the other.
+    """What the cycles of a run show, one after the other."""
 
-    Attributes
-    ----------
-    time_s : tuple of float
-        When each began, seconds since 1970 (UTC).
-    sun_zenith_deg : tuple of float or None
-        Zenith angle of the sun [deg].
-    sum_rule : tuple of float or None
-        (I0 + I90) / (I45 + I135) of the whole picture.
-    drift_percent_per_min : tuple of float or None
-        Of the light.
-    regions : tuple of RegionCurve
-        The picture and the session's regions.
-    frames_read, frames_there : int
-        How far the frames have been read: the curves grow with them.
-    left_out : str
-        Frames that people have excluded, and why: no curve has them. Empty where there are none.
-    """
-
-    time_s: tuple[float, ...] = ()
-    sun_zenith_deg: tuple[float | None, ...] = ()
-    sum_rule: tuple[float | None, ...] = ()
-    drift_percent_per_min: tuple[float | None, ...] = ()
-    regions: tuple[RegionCurve, ...] = ()
-    frames_read: int = 0
+    time_s: tuple[float, ...] = ()  #: When each began, seconds since 1970 (UTC).
+    sun_zenith_deg: tuple[float | None, ...] = ()  #: Zenith angle of the sun [deg].
+    sum_rule: tuple[float | None, ...] = ()  #: (I0 + I90) / (I45 + I135) of the whole picture.
+    drift_percent_per_min: tuple[float | None, ...] = ()  #: Of the light.
+    regions: tuple[RegionCurve, ...] = ()  #: The picture and the session's regions.
+    frames_read: int = 0  #: How far the frames have been read: the curves grow with them.
     frames_there: int = 0
-    left_out: str = ""
+    left_out: str = ""  #: Frames that people have excluded, and why: no curve has them. Empty where there are none.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,121 +101,54 @@ class Happening:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationLook:
-    """A calibration that lies beside a run.
+    """A calibration that lies beside a run."""
 
-    Attributes
-    ----------
-    file, kind : str
-        Its name, and "noise", "flat", "polarizer", "radiometric" or "registration".
-    made_utc : str
-        When its frames were taken; empty where it does not say.
-    valid_days : float or None
-        For how long it holds [days].
-    verdict : str
-        "holds", "doubtful" or "does not hold", for this run.
-    words : str
-        Why; empty where it holds.
-    """
-
-    file: str
+    file: str  #: Its name, and "noise", "flat", "polarizer", "radiometric" or "registration".
     kind: str
-    made_utc: str = ""
-    valid_days: float | None = None
-    verdict: str
-    words: str = ""
+    made_utc: str = ""  #: When its frames were taken; empty where it does not say.
+    valid_days: float | None = None  #: For how long it holds [days].
+    verdict: str  #: "holds", "doubtful" or "does not hold", for this run.
+    words: str = ""  #: Why; empty where it holds.
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunLook:
-    """A run as it stands now.
+    """A run as it stands now."""
 
-    Attributes
-    ----------
-    run : str
-        Name of its folder.
-    state : str
-        "waiting" (there is nothing yet, or the next round has not begun), "live", "holding", "stale" (a process
-        holds the run and has written nothing for long), "finished", "stopped" or "interrupted".
-    since_utc : str
-        Since when; empty where nobody knows.
-    advice : str
-        What to do; empty where there is nothing to do.
-    session : str
-        Its name.
-    frames, frames_planned : int, int or None
-        How many are durable, of how many.
-    remaining_s : float or None
-        What the session still takes [s].
-    end_utc : str
-        When it ends; empty where nobody knows.
-    step : str
-        The last frame in words: its kind, round, cycle and angle.
-    sun_zenith_deg, sun_azimuth_deg, camera_temperature_c : float or None
-        At the last frame.
-    disk_free_mb : float
-        What is free on the disk of the run [MB].
-    is_simulated : bool
-        No real device took part.
-    newest : tuple of NewestFrame
-        One for each angle of the last frames, by angle; then dark and flat.
-    maps_of : str
-        Which cycle the maps show; empty where there are none yet.
-    events : tuple of Happening
-        The last ones, the newest first.
-    problems : tuple of str
-        What cannot be read or is damaged.
-    """
-
-    run: str
+    run: str  #: Name of its folder.
+    #: "waiting" (there is nothing yet, or the next round has not begun), "live", "holding", "stale" (a process holds
+    #: the run and has written nothing for long), "finished", "stopped" or "interrupted".
     state: Liveliness
-    since_utc: str = ""
-    advice: str = ""
-    session: str = ""
-    frames: int = 0
+    since_utc: str = ""  #: Since when; empty where nobody knows.
+    advice: str = ""  #: What to do; empty where there is nothing to do.
+    session: str = ""  #: Its name.
+    frames: int = 0  #: How many are durable, of how many.
     frames_planned: int | None = None
-    remaining_s: float | None = None
-    end_utc: str = ""
-    step: str = ""
-    sun_zenith_deg: float | None = None
+    remaining_s: float | None = None  #: What the session still takes [s].
+    end_utc: str = ""  #: When it ends; empty where nobody knows.
+    step: str = ""  #: The last frame in words: its kind, round, cycle and angle.
+    sun_zenith_deg: float | None = None  #: At the last frame.
     sun_azimuth_deg: float | None = None
     camera_temperature_c: float | None = None
-    disk_free_mb: float = 0.0
-    is_simulated: bool = False
-    newest: tuple[NewestFrame, ...] = ()
-    maps_of: str = ""
-    events: tuple[Happening, ...] = ()
-    problems: tuple[str, ...] = ()
+    disk_free_mb: float = 0.0  #: What is free on the disk of the run [MB].
+    is_simulated: bool = False  #: No real device took part.
+    newest: tuple[NewestFrame, ...] = ()  #: One for each angle of the last frames, by angle; then dark and flat.
+    maps_of: str = ""  #: Which cycle the maps show; empty where there are none yet.
+    events: tuple[Happening, ...] = ()  #: The last ones, the newest first.
+    problems: tuple[str, ...] = ()  #: What cannot be read or is damaged.
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRow:
-    """A run in the list of a folder.
+    """A run in the list of a folder."""
 
-    Attributes
-    ----------
-    run : str
-        Name of its folder: what its page is asked by.
-    state : str
-        As in `RunLook`.
-    begun_utc : str
-        When its folder was made.
-    frames : int
-        How many it holds.
-    sun_zenith_deg : float or None
-        At its first frame [deg].
-    verdict : str
-        Of the newest comparison beside it; empty where there is none.
-    pages : tuple of str
-        Summary and reports beside it: what they are asked by.
-    """
-
-    run: str
-    state: Liveliness
-    begun_utc: str
-    frames: int
-    sun_zenith_deg: float | None
-    verdict: str = ""
-    pages: tuple[str, ...] = ()
+    run: str  #: Name of its folder: what its page is asked by.
+    state: Liveliness  #: As in `RunLook`.
+    begun_utc: str  #: When its folder was made.
+    frames: int  #: How many it holds.
+    sun_zenith_deg: float | None  #: At its first frame [deg].
+    verdict: str = ""  #: Of the newest comparison beside it; empty where there is none.
+    pages: tuple[str, ...] = ()  #: Summary and reports beside it: what they are asked by.
 
 
 TaskKind = Literal["rest", "preview", "polarimetry"]
@@ -284,80 +173,42 @@ class OpenDevices:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What the devices shall do.
+    """What the devices shall do."""
 
-    Attributes
-    ----------
-    kind : str
-        "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
-    exposure_s : float
-        Integration time, above 0 [s].
-    gain_db : float
-        The camera's gain setting [dB].
-    angles_deg : tuple of float
-        Of the polarizer, for "polarimetry" [deg].
-    zoom : int
-        The middle is shown and judged, so many times larger; at least 1.
-    """
-
+    #: "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
     kind: TaskKind = "rest"
-    exposure_s: float = 0.01
-    gain_db: float = 0.0
-    angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
-    zoom: int = 1
+    exposure_s: float = 0.01  #: Integration time, above 0 [s].
+    gain_db: float = 0.0  #: The camera's gain setting [dB].
+    angles_deg: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)  #: Of the polarizer, for "polarimetry" [deg].
+    zoom: int = 1  #: The middle is shown and judged, so many times larger; at least 1.
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveLook:
-    """What the devices do and see now.
+    """What the devices do and see now."""
 
-    Attributes
-    ----------
-    task : str
-        As in `Task`.
-    exposure_ms, gain_db : float
-        As set [ms], [dB].
-    sequence, maps_sequence : int
-        Number of the newest picture, and of the newest maps; 0 where there is none.
-    angle_deg : float or None
-        Of the polarizer at the newest picture, by readback [deg].
-    sharpness, best_sharpness : float
-        Of the newest picture and the largest since the task began; to be compared with itself only.
-    brightest, clipped : float
-        The 99.5 % quantile as a share of the range, and the share of saturated pixels.
-    proposed_ms : float or None
-        Exposure at which the brightest parts come to 70 % of the range [ms]; None where that cannot be told.
-    cycles_per_min : float or None
-        How fast the polarizer goes round.
-    dark_dn : float or None
-        Level without light that the maps subtract [DN]; None where none was taken at this exposure: DoLP reads too low.
-    zoom : int
-        As in `Task`.
-    left, top, width, height : int
-        The part of the camera's picture that is shown: its first column and row, and its size [pixel].
-    problem : str
-        What stopped the task; empty where nothing did.
-    """
-
-    task: TaskKind = "rest"
-    exposure_ms: float = 10.0
+    task: TaskKind = "rest"  #: As in `Task`.
+    exposure_ms: float = 10.0  #: As set [ms], [dB].
     gain_db: float = 0.0
-    sequence: int = 0
+    sequence: int = 0  #: Number of the newest picture, and of the newest maps; 0 where there is none.
     maps_sequence: int = 0
-    angle_deg: float | None = None
+    angle_deg: float | None = None  #: Of the polarizer at the newest picture, by readback [deg].
+    #: Of the newest picture and the largest since the task began; to be compared with itself only.
     sharpness: float = 0.0
     best_sharpness: float = 0.0
-    brightest: float = 0.0
+    brightest: float = 0.0  #: The 99.5 % quantile as a share of the range, and the share of saturated pixels.
     clipped: float = 0.0
+    #: Exposure at which the brightest parts come to 70 % of the range [ms]; None where that cannot be told.
     proposed_ms: float | None = None
-    cycles_per_min: float | None = None
+    cycles_per_min: float | None = None  #: How fast the polarizer goes round.
+    #: Level without light that the maps subtract [DN]; None where none was taken at this exposure: DoLP reads too low.
     dark_dn: float | None = None
-    zoom: int = 1
-    left: int = 0
+    zoom: int = 1  #: As in `Task`.
+    left: int = 0  #: The part of the camera's picture that is shown: its first column and row, and its size [pixel].
     top: int = 0
     width: int = 0
     height: int = 0
-    problem: str = ""
+    problem: str = ""  #: What stopped the task; empty where nothing did.
 
 
 # Whoever looks asks again each second: after this, nobody does, and nothing more is read.
@@ -473,13 +324,7 @@ _KINDS: Mapping[str, _Kind] = {
 
 
 class CalibrationsBeside:
-    """Remembers what was found of a run, until a file changes.
-
-    Parameters
-    ----------
-    run : Path
-        The run folder: calibrations are sought in the folder that it lies in, and in the one above.
-    """
+    """Remembers what was found of a run, until a file changes."""
 
     def __init__(self, run: Path) -> None:
         self._folders = (run.resolve().parent, run.resolve().parent.parent)
@@ -579,13 +424,7 @@ _ADVICE: dict[Liveliness, str] = {
 
 
 class RunReader:
-    """Reads one run for all who look at it. May be asked from several threads.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder; it may come later.
-    """
+    """Reads one run for all who look at it. May be asked from several threads."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -617,13 +456,7 @@ class RunReader:
         return replace(look, problems=(*problems, *self._tail.problems, *filter(None, [self._history.problem])))
 
     def curves(self) -> Curves:
-        """Return the numbers of its cycles, as far as its frames have been read, without those that are excluded.
-
-        Raises
-        ------
-        DataError
-            The run cannot be read, or nobody knows which frames are excluded.
-        """
+        """Return the numbers of its cycles, as far as its frames have been read, without those that are excluded."""
         run = self._used_run()
         return Curves() if run is None else self._history.curves(run)
 
@@ -633,33 +466,12 @@ class RunReader:
         return () if run is None else self._calibrations.of(run)
 
     def newest_sequence(self, name: str) -> int | None:
-        """Return by which number a picture is told from a later one of that name; None where there is none.
-
-        Raises
-        ------
-        DataError
-            The run cannot be read.
-        """
+        """Return by which number a picture is told from a later one of that name; None where there is none."""
         run = self._used_run() if name in MAPS else self._run()
         return None if run is None else self._pictures.newest_sequence(run, name)
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
-        """Return the newest picture of an angle, or a map without excluded frames; None where there is none.
-
-        Parameters
-        ----------
-        name : str
-            "45" and so on, "dark", "flat", "s0", "dolp" or "aolp"; "thumb" is a small one of any angle.
-        zebra : bool
-            Whether saturated pixels are striped.
-        dolp_top : float
-            DoLP at the upper end of its colours, above 0.
-
-        Raises
-        ------
-        DataError
-            A frame is damaged, or of a map: nobody knows which frames are excluded.
-        """
+        """Return the newest picture of an angle, or a map without excluded frames; None where there is none."""
         run = self._used_run() if name in MAPS else self._run()
         return None if run is None else self._pictures.picture(run, name, zebra=zebra, dolp_top=dolp_top)
 

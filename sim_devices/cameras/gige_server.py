@@ -284,20 +284,7 @@ class ClockTruth:
 
 
 class DeviceClock:
-    """A clock with the registers that tell of it.
-
-    Parameters
-    ----------
-    truth : ClockTruth
-        What it is like.
-    now_ns, utc_ns : callable
-        True time, which it is off from.
-
-    Attributes
-    ----------
-    stamped_utc_ns : int
-        When the picture that was stamped last was truly taken, by the host's clock.
-    """
+    """A clock with the registers that tell of it."""
 
     def __init__(
         self,
@@ -406,17 +393,6 @@ class GigeFaults:
 class FaultyPower:
     """Counts pictures, and lets go wrong what is to. A context manager: leaving it ends a hang and whatever waits.
 
-    Parameters
-    ----------
-    faults : GigeFaults
-        What, and when.
-    power_down, power_up, forget : callable
-        What makes the power go and come back, and changes a setting.
-    cut : callable
-        What keeps the picture at which the power goes from being sent, on a machine that is slow to let it go.
-
-    Notes
-    -----
     The power cannot go in the thread in which the pictures are made, since that thread ends with it: another one waits
     for that.
     """
@@ -506,22 +482,7 @@ _BITS = {
 
 
 def bytes_of(counts: NDArray[np.uint16], *, bit_depth: int, pixel_format: int) -> bytes:
-    """Return a picture as a camera sends it.
-
-    Parameters
-    ----------
-    counts : (H, W) array of uint16
-        Of `bit_depth` bits, right-justified.
-    bit_depth : int
-        Of the detector. A format of fewer bits drops the lowest ones, one of more has the detector's at its top.
-    pixel_format : int
-        Number of the format.
-
-    Raises
-    ------
-    ValueError
-        There is no such format here.
-    """
+    """Return a picture as a camera sends it."""
     if pixel_format not in _BITS:
         raise ValueError(f"pixel format {pixel_format:#010x}: not one that this camera sends")
     spare = _BITS[pixel_format] - bit_depth
@@ -627,20 +588,11 @@ _LOOK_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Losses:
-    """What the network does.
+    """What the network does."""
 
-    Attributes
-    ----------
-    share : float
-        Of the packets of pictures, sent again or not, that are lost, 0 to 1.
-    resends : bool
-        Whether packets that are asked for again are sent again.
-    largest_bytes : int or None
-        Larger packets (with their headers) do not pass, as behind a switch without jumbo frames.
-    """
-
-    share: float = 0.0
-    resends: bool = True
+    share: float = 0.0  #: Of the packets of pictures, sent again or not, that are lost, 0 to 1.
+    resends: bool = True  #: Whether packets that are asked for again are sent again.
+    #: Larger packets (with their headers) do not pass, as behind a switch without jumbo frames.
     largest_bytes: int | None = None
 
 
@@ -806,24 +758,7 @@ def lossy_network(
     clock: DeviceClock | None = None,
     seed: int = 0,
 ) -> Iterator[LossyNetwork]:
-    """Give the network between a camera at one address and everybody who turns to the other one.
-
-    Parameters
-    ----------
-    camera, address : str
-        IP addresses; the second one is of this machine, as all of 127.0.0.0/8 are on Linux.
-    losses : Losses or None
-        What it does; may be changed while it runs. None: nothing.
-    clock : DeviceClock or None
-        The camera's clock, which stamps its pictures; None: it cannot be read, and stamps are of the host's.
-    seed : int
-        Of what is lost.
-
-    Raises
-    ------
-    NotConnectedError
-        The address is not this machine's, or in use.
-    """
+    """Give the network between a camera at one address and everybody who turns to the other one."""
     network = LossyNetwork(camera=camera, address=address, losses=losses or Losses(), clock=clock, seed=seed)
     network.start()
     try:

@@ -29,30 +29,14 @@ SCHEME = "sim:apt"
 
 @dataclass(frozen=True, kw_only=True)
 class AptModel:
-    """A controller with its stage.
+    """A controller with its stage."""
 
-    Attributes
-    ----------
-    counts_per_deg : float
-        Counts of a degree.
-    velocity_per_deg_per_s : float
-        What the controller calls a degree a second.
-    is_stepper : bool
-        Whether it speaks the messages of stepper motors, else those of DC servo motors.
-    stage_id : int
-        What it says of the stage that is plugged into it; 0 for one that is built in.
-    serial_number : int
-        The maker numbers its controllers by kind.
-    home_offset_counts : int
-        How far behind its mark it calls home when it comes.
-    """
-
-    counts_per_deg: float
-    velocity_per_deg_per_s: float
-    is_stepper: bool
-    stage_id: int
-    serial_number: int
-    home_offset_counts: int
+    counts_per_deg: float  #: Counts of a degree.
+    velocity_per_deg_per_s: float  #: What the controller calls a degree a second.
+    is_stepper: bool  #: Whether it speaks the messages of stepper motors, else those of DC servo motors.
+    stage_id: int  #: What it says of the stage that is plugged into it; 0 for one that is built in.
+    serial_number: int  #: The maker numbers its controllers by kind.
+    home_offset_counts: int  #: How far behind its mark it calls home when it comes.
 
 
 _K10CR = 409600.0 / 3.0
@@ -87,37 +71,18 @@ MODELS = {
 
 @dataclass(frozen=True, kw_only=True)
 class AptOptions:
-    """A stage and its faults. The defaults are a sound K10CR1.
+    """A stage and its faults. The defaults are a sound K10CR1."""
 
-    Attributes
-    ----------
-    motion, line : MotionOptions, LineOptions
-        What it shares with other stages.
-    model : str
-        One of `MODELS`; a KDC101 has a PRM1-Z8.
-    serial_number : int or None
-        None: one of the model's own range.
-    forgets : bool
-        Whether its velocities are 0 after power-up: it then says that it moves, and stands still.
-    quiet_home : bool
-        Whether it homes without saying HOMED.
-    updates : bool
-        Whether it tells its status ten times a second from power-up on.
-    seed : int
-        Of all that is random.
-    speed : float
-        Simulated seconds in a second of the wall clock.
-    """
-
-    motion: MotionOptions
+    motion: MotionOptions  #: What it shares with other stages.
     line: LineOptions
-    model: str = "K10CR1"
-    serial_number: int | None = None
+    model: str = "K10CR1"  #: One of `MODELS`; a KDC101 has a PRM1-Z8.
+    serial_number: int | None = None  #: None: one of the model's own range.
+    #: Whether its velocities are 0 after power-up: it then says that it moves, and stands still.
     forgets: bool = False
-    quiet_home: bool = False
-    updates: bool = False
-    seed: int = 0
-    speed: float = 1.0
+    quiet_home: bool = False  #: Whether it homes without saying HOMED.
+    updates: bool = False  #: Whether it tells its status ten times a second from power-up on.
+    seed: int = 0  #: Of all that is random.
+    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
 
     @property
     def counts_per_turn(self) -> float:
@@ -144,13 +109,7 @@ _KEYS = {
 
 
 def parse_address(text: str) -> AptOptions:
-    """Return the stage that an address describes.
-
-    Raises
-    ------
-    ValueError
-        The address is not of this form. The message names every problem and all that is allowed.
-    """
+    """Return the stage that an address describes."""
     values = read_address(text, scheme=SCHEME, keys=_KEYS)
     motion = motion_options(values, motor_deg_per_s=25.0, landing_deg=0.001)
     return AptOptions(motion=motion, line=line_options(values), **values.get("own", {}))

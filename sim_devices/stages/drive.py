@@ -49,25 +49,7 @@ class _Travel:
 
 
 class Ring:
-    """A ring, its motor and its incremental encoder. Times are arguments and never go back.
-
-    Parameters
-    ----------
-    counts_per_turn : float
-        Encoder counts of a full turn.
-    landing_deg : float
-        Standard deviation of where a move lands about where it should [deg].
-    mark_deg : float
-        Angle in the housing at which the reference mark lies [deg].
-    start_deg : float
-        Angle in the housing at power-up [deg]; the encoder calls this zero until the mark is found.
-    backlash_deg : float
-        A turn ends half of this [deg] before its target, on whichever side it comes from.
-    creep_deg : float
-        How far before its rest the ring stands when a turn ends [deg].
-    generator : numpy.random.Generator
-        Where landing errors are drawn from.
-    """
+    """A ring, its motor and its incremental encoder. Times are arguments and never go back."""
 
     def __init__(
         self,
@@ -152,22 +134,7 @@ class Ending:
 
 
 class Drive:
-    """Counts the moves and gives each its ending. Times are arguments and never go back.
-
-    Parameters
-    ----------
-    options : MotionOptions
-        How it turns, and what goes wrong.
-    counts_per_turn : float
-        Encoder counts of a full turn.
-    generator : numpy.random.Generator
-        Where landing errors are drawn from.
-
-    Attributes
-    ----------
-    ring : Ring
-        What is turned.
-    """
+    """Counts the moves and gives each its ending. Times are arguments and never go back."""
 
     def __init__(self, options: MotionOptions, *, counts_per_turn: float, generator: np.random.Generator) -> None:
         self.ring = Ring(

@@ -142,37 +142,18 @@ SCHEME = "sim:ellx"
 
 @dataclass(frozen=True, kw_only=True)
 class EllxOptions:
-    """A stage and its faults. The defaults are a sound ELL14.
+    """A stage and its faults. The defaults are a sound ELL14."""
 
-    Attributes
-    ----------
-    motion, line : MotionOptions, LineOptions
-        What it shares with other stages.
-    model : int
-        The number in the model's name.
-    serial_number : int
-        At most eight digits.
-    pulses : int
-        Encoder counts of a turn: 143360 in every ELL14 whose reply is public, 262144 in the manual's table.
-    address : str
-        Its place on the line, a hexadecimal digit.
-    gap_s : float
-        A move that is sent sooner than this after the last one ended goes to 0 instead.
-    seed : int
-        Of all that is random.
-    speed : float
-        Simulated seconds in a second of the wall clock.
-    """
-
-    motion: MotionOptions
+    motion: MotionOptions  #: What it shares with other stages.
     line: LineOptions
-    model: int = 14
-    serial_number: int = 11401326
+    model: int = 14  #: The number in the model's name.
+    serial_number: int = 11401326  #: At most eight digits.
+    #: Encoder counts of a turn: 143360 in every ELL14 whose reply is public, 262144 in the manual's table.
     pulses: int = 143360
-    address: str = "0"
-    gap_s: float = 0.0
-    seed: int = 0
-    speed: float = 1.0
+    address: str = "0"  #: Its place on the line, a hexadecimal digit.
+    gap_s: float = 0.0  #: A move that is sent sooner than this after the last one ended goes to 0 instead.
+    seed: int = 0  #: Of all that is random.
+    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
 
     @property
     def counts_per_turn(self) -> int:
@@ -199,18 +180,7 @@ _KEYS = {
 
 
 def parse_address(text: str) -> EllxOptions:
-    """Return the stage that an address describes.
-
-    Parameters
-    ----------
-    text : str
-        ``sim:ellx``, then optionally ``?`` and ``key=value`` pairs joined by ``&``.
-
-    Raises
-    ------
-    ValueError
-        The address is not of this form. The message names every problem and all that is allowed.
-    """
+    """Return the stage that an address describes."""
     values = read_address(text, scheme=SCHEME, keys=_KEYS)
     motion = motion_options(values, motor_deg_per_s=430.0, landing_deg=0.004)
     return EllxOptions(motion=motion, line=line_options(values), **values.get("own", {}))

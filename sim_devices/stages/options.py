@@ -15,23 +15,13 @@ Values = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """One key of an address.
+    """One key of an address."""
 
-    Attributes
-    ----------
-    group, option : str
-        Which option it sets: `StageOptions` are grouped.
-    meaning, allowed : str
-        What it does, and its values, for people.
-    read : callable
-        Text to value; raises ValueError for what is not allowed.
-    """
-
-    group: str
+    group: str  #: Which option it sets: `StageOptions` are grouped.
     option: str
-    meaning: str
+    meaning: str  #: What it does, and its values, for people.
     allowed: str
-    read: Callable[[str], Any]
+    read: Callable[[str], Any]  #: Text to value; raises ValueError for what is not allowed.
 
 
 def number(group: str, option: str, meaning: str, lowest: float, highest: float) -> Key:
@@ -83,22 +73,7 @@ def one_of(group: str, option: str, meaning: str, choices: tuple[str, ...]) -> K
 
 
 def read_address(text: str, *, scheme: str, keys: Mapping[str, Key]) -> Values:
-    """Return the options that an address sets, by group.
-
-    Parameters
-    ----------
-    text : str
-        The address.
-    scheme : str
-        What it must begin with, such as ``sim:ellx``.
-    keys : dict
-        What may follow.
-
-    Raises
-    ------
-    ValueError
-        The address is not of this form. The message names every problem and all that is allowed.
-    """
+    """Return the options that an address sets, by group."""
     start, _, query = text.partition("?")
     problems = [] if start == scheme else [f"it begins with {start!r}, not {scheme!r}"]
     values: Values = {}
@@ -131,75 +106,40 @@ CodeT = TypeVar("CodeT", int, str)
 
 @dataclass(frozen=True, kw_only=True)
 class LineOptions:
-    """The line and what happens to it.
+    """The line and what happens to it."""
 
-    Attributes
-    ----------
-    drop, double, flip : float
-        Probability that a byte is damaged, in both directions.
-    late_s : float
-        How much later than sent every third reply arrives.
-    pieces, pace : bool
-        Whether replies arrive in pieces of two bytes; whether bytes come as slowly as the line's bit rate makes them.
-    silent : int or None
-        Number of the command (from 1) from which on nothing is answered.
-    vanish : int or None
-        Number of the command at which the port vanishes, as if its plug were pulled.
-    back_s : float
-        How long the port stays away.
-    """
-
-    drop: float = 0.0
+    drop: float = 0.0  #: Probability that a byte is damaged, in both directions.
     double: float = 0.0
     flip: float = 0.0
-    late_s: float = 0.0
+    late_s: float = 0.0  #: How much later than sent every third reply arrives.
+    #: Whether replies arrive in pieces of two bytes; whether bytes come as slowly as the line's bit rate makes them.
     pieces: bool = False
     pace: bool = False
-    silent: int | None = None
-    vanish: int | None = None
-    back_s: float = 2.0
+    silent: int | None = None  #: Number of the command (from 1) from which on nothing is answered.
+    vanish: int | None = None  #: Number of the command at which the port vanishes, as if its plug were pulled.
+    back_s: float = 2.0  #: How long the port stays away.
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionOptions:
-    """The motor, its bearing, and what happens to moves. Moves count from 1, homing not counted.
+    """The motor, its bearing, and what happens to moves. Moves count from 1, homing not counted."""
 
-    Attributes
-    ----------
-    motor_deg_per_s : float
-        Fastest turn.
-    landing_deg : float
-        Standard deviation of where a move lands about its target (assumed).
-    mark_deg, start_deg : float
-        Angle in the housing of the reference mark, and at power-up.
-    backlash_deg : float
-        A move lands this much apart from where one from the other side lands.
-    creep_deg : float
-        How far short of its rest the ring stands when the motion ends; it creeps on with a time constant of 0.1 s.
-    busy : bool
-        Whether the stage says that it is busy although a motion has ended, or before it tells a position.
-    stall, button : int or None
-        Number of the move that stalls half-way; at whose end somebody turns the stage by hand.
-    fault : (code, int) or None
-        A fault in the device's own code, and the number of the move that ends with it.
-    unhomed : bool
-        Whether homing is never confirmed.
-    minus_one : bool
-        Whether a move ends one count below its target, so that one to 0 ends at -1.
-    """
-
-    motor_deg_per_s: float
-    landing_deg: float
-    mark_deg: float = 0.0
+    motor_deg_per_s: float  #: Fastest turn.
+    landing_deg: float  #: Standard deviation of where a move lands about its target (assumed).
+    mark_deg: float = 0.0  #: Angle in the housing of the reference mark, and at power-up.
     start_deg: float = 77.7
-    backlash_deg: float = 0.0
+    backlash_deg: float = 0.0  #: A move lands this much apart from where one from the other side lands.
+    #: How far short of its rest the ring stands when the motion ends; it creeps on with a time constant of 0.1 s.
     creep_deg: float = 0.0
+    #: Whether the stage says that it is busy although a motion has ended, or before it tells a position.
     busy: bool = False
+    #: Number of the move that stalls half-way; at whose end somebody turns the stage by hand.
     stall: int | None = None
     button: int | None = None
+    #: A fault in the device's own code, and the number of the move that ends with it.
     fault: tuple[int | str, int] | None = None
-    unhomed: bool = False
-    minus_one: bool = False
+    unhomed: bool = False  #: Whether homing is never confirmed.
+    minus_one: bool = False  #: Whether a move ends one count below its target, so that one to 0 ends at -1.
 
 
 COMMON_KEYS: dict[str, Key] = {

@@ -9,21 +9,11 @@ from sim_devices.clock import Clock
 
 @dataclass(kw_only=True)
 class Exchange:
-    """What the host sent at once, and what came back until it sent again.
+    """What the host sent at once, and what came back until it sent again."""
 
-    Attributes
-    ----------
-    request : bytes
-        What the host sent; empty before its first word.
-    answers : list of (float, bytes)
-        Delay after the request [s], and bytes.
-    is_unplugged : bool
-        The port went away then.
-    """
-
-    request: bytes
-    answers: list[tuple[float, bytes]] = field(default_factory=list)
-    is_unplugged: bool = False
+    request: bytes  #: What the host sent; empty before its first word.
+    answers: list[tuple[float, bytes]] = field(default_factory=list)  #: Delay after the request [s], and bytes.
+    is_unplugged: bool = False  #: The port went away then.
 
 
 def exchanges_of(events: Iterable[tuple[float, str, bytes]]) -> tuple[Exchange, ...]:

@@ -151,15 +151,7 @@ class _PtyServer:
 
 
 class InProcessPort:
-    """A driver's end of the line without an operating system between: waiting moves the clock on.
-
-    Parameters
-    ----------
-    device : SerialDevice
-        What is at the other end.
-    clock : Clock
-        The one that the device lives in.
-    """
+    """A driver's end of the line without an operating system between: waiting moves the clock on."""
 
     def __init__(self, device: SerialDevice, *, clock: Clock) -> None:
         self._device = device
@@ -214,21 +206,7 @@ _LATE_EVERY = 3
 
 
 class Line:
-    """A serial line that keeps the order of what is sent.
-
-    Parameters
-    ----------
-    baud : int or None
-        Bits per second when the bytes are to be paced as on a true line; None sends at once.
-    in_pieces : bool
-        Whether replies arrive two bytes at a time, 2 ms apart.
-    late_s : float
-        How much later than sent every third reply arrives [s]; what is sent after it waits behind it.
-    noise : LineNoise
-        Damage on the way.
-    generator : numpy.random.Generator
-        Where the damage is drawn from.
-    """
+    """A serial line that keeps the order of what is sent."""
 
     def __init__(
         self,
@@ -408,21 +386,7 @@ class SimulatedStage:
 def assemble(
     options: Options, speak: Callable[[Drive], Language], *, counts_per_turn: float, baud: int, clock: Clock
 ) -> SimulatedStage:
-    """Return a stage at its power-up, put together from a drive and its language.
-
-    Parameters
-    ----------
-    options : Options
-        What it is like.
-    speak : callable
-        Makes the language of a drive.
-    counts_per_turn : float
-        Encoder counts of a full turn.
-    baud : int
-        Bits per second of the line.
-    clock : Clock
-        The time that it lives in.
-    """
+    """Return a stage at its power-up, put together from a drive and its language."""
     drive_generator, line_generator, host_generator = np.random.default_rng(options.seed).spawn(3)
     drive = Drive(options.motion, counts_per_turn=counts_per_turn, generator=drive_generator)
     return SimulatedStage(

@@ -50,13 +50,7 @@ class ZaberStorage:
         self._texts: dict[str, dict[str, str]] = {"": {}, "axis ": {}}
 
     def obey(self, words: tuple[str, ...]) -> Told:
-        """Return what ``storage ...`` is answered.
-
-        Raises
-        ------
-        RefusedError
-            There is no such command, or nothing under that key.
-        """
+        """Return what ``storage ...`` is answered."""
         if words[:1] == ("all",):
             return "0", [line for scope in self._texts for line in self._listed(scope, words[2:])]
         scope, words = ("axis ", words[1:]) if words[:1] == ("axis",) else ("", words)
@@ -204,28 +198,14 @@ class _Trigger:
 
 
 class ZaberTriggers:
-    """All triggers of a device.
-
-    Parameters
-    ----------
-    count : int
-        How many it has.
-    value_of : callable
-        The value of a setting as text; None where there is none of that name.
-    """
+    """All triggers of a device."""
 
     def __init__(self, count: int, value_of: Callable[[str], str | None]) -> None:
         self._triggers = [_Trigger() for _ in range(count)]
         self._value_of = value_of
 
     def obey(self, words: tuple[str, ...], now_s: float) -> Told:
-        """Return what ``trigger ...`` is answered.
-
-        Raises
-        ------
-        RefusedError
-            There is no such trigger, or no such command.
-        """
+        """Return what ``trigger ...`` is answered."""
         if words == ("show",):
             return " ".join(trigger.state() for trigger in self._triggers), []
         if words == ("print",):
@@ -310,43 +290,19 @@ SCHEME = "sim:zaber"
 
 @dataclass(frozen=True, kw_only=True)
 class ZaberOptions:
-    """A stage and its faults. The defaults are those of a worm-driven stage with an encoder (numbers assumed).
+    """A stage and its faults. The defaults are those of a worm-driven stage with an encoder (numbers assumed)."""
 
-    Attributes
-    ----------
-    motion, line : MotionOptions, LineOptions
-        What it shares with other stages.
-    model : int
-        The device's identity number.
-    serial_number : int
-        As told by ``get system.serial``.
-    resolution : int
-        Microsteps of a motor step; people can change it.
-    steps : int
-        Motor steps of a turn of the ring.
-    cycle : bool
-        Whether the firmware knows the setting ``limit.cycle.dist``.
-    encoder : bool
-        Whether there is an encoder, and so the setting ``encoder.pos``.
-    one_turn : bool
-        Whether its limits allow one turn only.
-    seed : int
-        Of all that is random.
-    speed : float
-        Simulated seconds in a second of the wall clock.
-    """
-
-    motion: MotionOptions
+    motion: MotionOptions  #: What it shares with other stages.
     line: LineOptions
-    model: int = 50931
-    serial_number: int = 114821
-    resolution: int = 64
-    steps: int = 24000
-    cycle: bool = True
-    encoder: bool = True
-    one_turn: bool = False
-    seed: int = 0
-    speed: float = 1.0
+    model: int = 50931  #: The device's identity number.
+    serial_number: int = 114821  #: As told by ``get system.serial``.
+    resolution: int = 64  #: Microsteps of a motor step; people can change it.
+    steps: int = 24000  #: Motor steps of a turn of the ring.
+    cycle: bool = True  #: Whether the firmware knows the setting ``limit.cycle.dist``.
+    encoder: bool = True  #: Whether there is an encoder, and so the setting ``encoder.pos``.
+    one_turn: bool = False  #: Whether its limits allow one turn only.
+    seed: int = 0  #: Of all that is random.
+    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
 
     @property
     def counts_per_turn(self) -> int:
@@ -374,13 +330,7 @@ _KEYS = {
 
 
 def parse_address(text: str) -> ZaberOptions:
-    """Return the stage that an address describes.
-
-    Raises
-    ------
-    ValueError
-        The address is not of this form. The message names every problem and all that is allowed.
-    """
+    """Return the stage that an address describes."""
     values = read_address(text, scheme=SCHEME, keys=_KEYS)
     motion = motion_options(values, motor_deg_per_s=100.0, landing_deg=0.001)
     return ZaberOptions(motion=motion, line=line_options(values), **values.get("own", {}))
