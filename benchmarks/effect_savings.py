@@ -18,7 +18,7 @@ from model.accuracy.chain import Readings
 from model.accuracy.effect_estimates import change, readings_of
 from model.effects.names import EffectPlan, EffectRule
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 
 _FOLDER = Path(__file__).parents[1] / "examples" / "effects"
 _SCENES = ("bench", "lamp", "roof-3m", "airborne", "twilight")

@@ -26,7 +26,7 @@ from model.processing.reconstruction import design
 from rigctl.files.regions import Rectangle, Region
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter

@@ -23,8 +23,8 @@ from model.accuracy.series import SeriesPrediction, predict_series
 from model.scene.field import known_rules
 from model.scene.scene import LitScene
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor, parse_sweeps
-from rigctl.predict.sweep import swept_scenes
+from rigctl.prediction.predict import ScenePredictor, parse_sweeps
+from rigctl.prediction.sweep import swept_scenes
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-airborne.toml"
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)

@@ -7,8 +7,8 @@ from typing import Literal
 
 from model.surface.materials import MATERIALS, properties
 from rigctl.base.numbers import unix_ns
-from rigctl.compare.checks import registration_of, run_checks
-from rigctl.compare.compare import Comparison, compare_with_scene
+from rigctl.comparison.checks import registration_of, run_checks
+from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.files.choices import RoofChange
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene

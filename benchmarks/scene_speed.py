@@ -11,7 +11,7 @@ from pathlib import Path
 import erfa  # noqa: F401  (its import is not what is measured)
 
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-airborne.toml"

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.special import bdtr
 
 from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
-from rigctl.compare.compare import compare_with_scene
-from rigctl.compare.explain import InputAttribution
+from rigctl.comparison.compare import compare_with_scene
+from rigctl.comparison.explain import InputAttribution
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from rigctl.compare.compare import compare_with_scene
+from rigctl.comparison.compare import compare_with_scene
 from rigctl.files.choices import Interpolation
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure

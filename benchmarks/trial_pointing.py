@@ -30,7 +30,7 @@ from calibration.pointing.pose import (
     wrapped_rad,
 )
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import NumberKey, ScenePredictor, propagate_numbers
+from rigctl.prediction.predict import NumberKey, ScenePredictor, propagate_numbers
 from tests.rigctl.scene_texts import SCENE, written
 
 FloatArray = NDArray[np.float64]

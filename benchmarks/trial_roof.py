@@ -19,7 +19,7 @@ from typing import get_args
 import numpy as np
 
 from benchmarks.roof_runs import Hour, roof_comparison
-from rigctl.compare.explain import InputAttribution
+from rigctl.comparison.explain import InputAttribution
 from rigctl.files.choices import ROOF_CHANGES, RoofChange
 
 # About 200 rows with two figures each: one beyond 4 standard errors is expected in some 80 such trials.

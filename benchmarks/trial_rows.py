@@ -16,7 +16,7 @@ import numpy as np
 
 from model.processing.reconstruction import design
 from model.processing.samples import repeated
-from rigctl.compare.rows import measured_with_ratios
+from rigctl.comparison.rows import measured_with_ratios
 from rigctl.measure.measure import measure_region
 from tests.worldlike import Faults, World, expose, light
 

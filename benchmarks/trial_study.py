@@ -26,7 +26,7 @@ import xarray as xr
 
 from rigctl.files.scene_file import load_scene
 from rigctl.mapped import PARTS_FOLDER
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.study import read_parts
 
 SCENE = Path(__file__).parents[1] / "examples" / "scene-panels.toml"

@@ -66,7 +66,7 @@ from model.prediction import PairDetection, pair_detection, predict
 from model.processing.dolp_studies import dolp_against_snr, rx_draws
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError, as_config_error
-from rigctl.predict.predict import ROC_RATES, ScenePredictor
+from rigctl.prediction.predict import ROC_RATES, ScenePredictor
 from rigctl.report.data_files import csv_rows, finite
 from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section
 from rigctl.report.drawing import COLOURS, MEASURED, PREDICTED, legend_below, legend_of_all, png, say_beneath, subplots

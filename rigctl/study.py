@@ -50,8 +50,8 @@ from rigctl.files.choices import ROC_KINDS
 from rigctl.files.scene_file import load_scene
 from rigctl.files.study_file import MOST_CASES
 from rigctl.mapped import PARTS_FOLDER
-from rigctl.predict.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc, roc_curves_of_sweep
-from rigctl.predict.sweep import SKY_KEYS
+from rigctl.prediction.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc, roc_curves_of_sweep
+from rigctl.prediction.sweep import SKY_KEYS
 from rigctl.report.data_files import csv_rows, json_file, json_rows
 from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
 from rigctl.report.output import write_folder
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 
 
 # What a number hangs on, beside the inputs.
-PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.predict", "rigctl.study")
+PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.prediction", "rigctl.study")
 
 
 @dataclass(frozen=True, kw_only=True)

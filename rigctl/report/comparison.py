@@ -37,12 +37,12 @@ from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digits
 from rigctl.calibrations.made_for import MeasuredOverFrames
-from rigctl.compare.checks import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
-from rigctl.compare.compare import ALLOWED_SHARE, hours_of, mean_row
-from rigctl.compare.rows import FAULTS
+from rigctl.comparison.checks import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
+from rigctl.comparison.compare import ALLOWED_SHARE, hours_of, mean_row
+from rigctl.comparison.rows import FAULTS
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
-from rigctl.predict.predict import NO_NOISE
+from rigctl.prediction.predict import NO_NOISE
 from rigctl.report.data_files import csv_rows, fits_image, json_file, json_rows, provenance_json, source_table
 from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
 from rigctl.report.drawing import (
@@ -79,8 +79,8 @@ if TYPE_CHECKING:
     from model.prediction import RegionPrediction
     from model.scene.field import FieldLight
     from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.compare.checks import Check, RegionVerdict, Trend
-    from rigctl.compare.compare import (
+    from rigctl.comparison.checks import Check, RegionVerdict, Trend
+    from rigctl.comparison.compare import (
         ComparedSeries,
         Comparison,
         EffectsTaken,
@@ -88,9 +88,9 @@ if TYPE_CHECKING:
         SeriesDrift,
         SeriesPoint,
     )
-    from rigctl.compare.detect import RxOnRun
-    from rigctl.compare.explain import FittedInput, InputAttribution, InputMove
-    from rigctl.compare.rows import RegionBudget, Row
+    from rigctl.comparison.detect import RxOnRun
+    from rigctl.comparison.explain import FittedInput, InputAttribution, InputMove
+    from rigctl.comparison.rows import RegionBudget, Row
     from rigctl.console.json_text import Json
     from rigctl.files.regions import Region
     from rigctl.measure.faults import FaultTerm
@@ -105,7 +105,7 @@ _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 
 def error_of(row: Row) -> float:
     """Return the standard error of both sides together."""
-    from rigctl.compare.rows import error_of_both
+    from rigctl.comparison.rows import error_of_both
 
     return error_of_both(row)
 
@@ -770,7 +770,7 @@ def series_figure(
 
 
 def _both(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
-    from rigctl.compare.rows import off_prediction
+    from rigctl.comparison.rows import off_prediction
 
     order = np.argsort(at)
     x = np.asarray(at)[order]
@@ -796,7 +796,7 @@ def _both(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
 
 
 def _residuals(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
-    from rigctl.compare.rows import off_prediction
+    from rigctl.comparison.rows import off_prediction
 
     ax.axhline(0.0, color="0.5", linewidth=0.8)
     ax.errorbar(

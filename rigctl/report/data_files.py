@@ -24,7 +24,7 @@ from rigctl.report.table import Shown, Table, text_columns
 from rigctl.version import VERSION
 
 if TYPE_CHECKING:
-    from rigctl.compare.compare import Comparison
+    from rigctl.comparison.compare import Comparison
     from rigctl.console.json_text import Json
     from rigctl.measure.measure import Measurement
     from rigctl.report.table import AnyTable, Column, Value

@@ -13,7 +13,7 @@ from rigctl.report.table import Column, Table
 if TYPE_CHECKING:
     from model.accuracy.effect_estimates import CheckedEffect
     from model.effects.names import Bound, Decision, Effect, EffectPlan
-    from rigctl.compare.compare import EffectsTaken
+    from rigctl.comparison.compare import EffectsTaken
     from rigctl.console.json_text import Json
     from rigctl.scene.effects import Verification
 

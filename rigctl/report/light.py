@@ -18,7 +18,7 @@ from rigctl.scene.sky_map import sky_difference
 if TYPE_CHECKING:
     from model.scene.field import FieldLight, Source
     from rigctl.console.json_text import Json
-    from rigctl.predict.predict import ScenePrediction
+    from rigctl.prediction.predict import ScenePrediction
     from rigctl.scene.sky_map import SkyMap, SkyOfKind
 
 

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from rigctl.measure.faults import UNSEEN
-from rigctl.predict.predict import NO_NOISE
+from rigctl.prediction.predict import NO_NOISE
 from rigctl.report.data_files import finite
 from rigctl.report.document import Section
 from rigctl.report.table import Column, Table
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rigctl.measure.diagnose import RunDiagnosis
     from rigctl.measure.faults import FaultTerm
     from rigctl.measure.measure import MeasuredRegion, Measurement
-    from rigctl.predict.predict import Performance
+    from rigctl.prediction.predict import Performance
     from rigctl.runs.folder import Run
     from rigctl.runs.records import Annotation
 
@@ -161,7 +161,7 @@ def pixels_json(region: MeasuredRegion) -> dict[str, float]:
 
 def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
     """Return every measured number of a region, its standard error beside it, by quantity and statistic."""
-    from rigctl.compare.rows import measured_with_ratios
+    from rigctl.comparison.rows import measured_with_ratios
 
     found: dict[str, dict[str, float]] = {}
     for quantity, statistics in measured_with_ratios(region).items():

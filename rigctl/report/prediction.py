@@ -29,7 +29,7 @@ from model.processing import dolp_studies as normalized_stokes
 from model.processing.dolp import pdf
 from model.quantities import ORDERED
 from rigctl.base.numbers import NO_NUMBER, NOTHING, size, to_digits
-from rigctl.predict.predict import FALSE_ALARM_RATES, STATED_RATES, SWEPT_RATES
+from rigctl.prediction.predict import FALSE_ALARM_RATES, STATED_RATES, SWEPT_RATES
 from rigctl.report.data_files import csv_rows, json_rows
 from rigctl.report.drawing import (
     LINE_STYLES,
@@ -55,11 +55,11 @@ if TYPE_CHECKING:
 
     from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
     from model.scene.field import FieldLight, Source
-    from rigctl.compare.detect import RxOnRun
+    from rigctl.comparison.detect import RxOnRun
     from rigctl.console.json_text import Json
     from rigctl.files.choices import RocKind, SnrKind
-    from rigctl.predict.predict import Performance, PredictedUncertainty
-    from rigctl.predict.sweep import Sweep
+    from rigctl.prediction.predict import Performance, PredictedUncertainty
+    from rigctl.prediction.sweep import Sweep
     from rigctl.scene.reflected_light import ReflectedMaps, SurfaceSheet
     from rigctl.scene.sky_map import SkyMap, SkyOfKind
 

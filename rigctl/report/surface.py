@@ -15,7 +15,7 @@ from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
     from model.surface.materials import Material, Property
-    from rigctl.compare.surface_fit import FittedMaterial, FittedRegion
+    from rigctl.comparison.surface_fit import FittedMaterial, FittedRegion
     from rigctl.console.json_text import Json
     from rigctl.scene.reflected_light import PropertyValue, Reflectance, ReflectedLight, SurfaceSheet
 

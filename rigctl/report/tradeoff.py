@@ -22,8 +22,8 @@ import numpy as np
 from model.accuracy.plan import NUMERICAL_SETTINGS, STATISTICS
 from model.acquisition import Reached, Session, degrees_text
 from rigctl.base.numbers import size
-from rigctl.predict.sessions import SessionPoint
-from rigctl.predict.tradeoff import WHOLE_CHAIN, estimates_share, faster_and_better
+from rigctl.prediction.sessions import SessionPoint
+from rigctl.prediction.tradeoff import WHOLE_CHAIN, estimates_share, faster_and_better
 from rigctl.report.data_files import csv_rows, json_rows
 from rigctl.report.drawing import COLOURS, few_log_labels, legend_below, legend_beside, placed_axes, png, subplots
 from rigctl.report.table import Column, Table
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from model.accuracy.series import SeriesCase, SeriesPrediction
     from model.acquisition import DolpBudget
     from rigctl.console.json_text import Json
-    from rigctl.predict.sessions import AcquisitionTradeoff
-    from rigctl.predict.tradeoff import CurvePoint, Curves, DigitPoint, NamedChoice
-    from rigctl.predict.tradeoff import CurvePoint as CostPoint
+    from rigctl.prediction.sessions import AcquisitionTradeoff
+    from rigctl.prediction.tradeoff import CurvePoint, Curves, DigitPoint, NamedChoice
+    from rigctl.prediction.tradeoff import CurvePoint as CostPoint
 
 
 _PERCENT = 100.0

@@ -12,7 +12,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile, SunSection
 from rigctl.files.session_file import MeteringSection
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight
 from rigctl.scene.scene import EXPOSURE
 from rigctl.session.plan import SessionPlan

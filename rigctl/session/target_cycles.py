@@ -7,7 +7,7 @@ from rigctl.calibrations.noise import NoiseParameters
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import SessionFile, Take
-from rigctl.predict.sessions import MORNING, OVERHEAD_S, SceneSessions
+from rigctl.prediction.sessions import MORNING, OVERHEAD_S, SceneSessions
 
 _MS_PER_S = 1000.0
 _RAD_PER_DEG = pi / 180.0

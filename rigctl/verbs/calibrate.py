@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from rigctl.calibrations.noise_frames import FrameSet
     from rigctl.calibrations.record import CalibrationFile
     from rigctl.calibrations.registration import AngleShift, RunRegistration, Walk
-    from rigctl.compare.panel_response import PanelResponse
+    from rigctl.comparison.panel_response import PanelResponse
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3
@@ -563,7 +563,7 @@ def radiometric(
     """
     from rigctl.calibrations.noise import read_fitting_noise
     from rigctl.calibrations.record import write_content
-    from rigctl.compare.panel_response import panel_response, radiometric_json
+    from rigctl.comparison.panel_response import panel_response, radiometric_json
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run

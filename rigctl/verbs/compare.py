@@ -26,7 +26,7 @@ from rigctl.verbs.options import (
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.compare.compare import ComparedSeries, Comparison, NumericalAccuracy, SeriesPoint, UsedFile
+    from rigctl.comparison.compare import ComparedSeries, Comparison, NumericalAccuracy, SeriesPoint, UsedFile
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.calibrations import CalibrationPaths, RunCalibrations
@@ -131,7 +131,7 @@ def _is_scene(given: "RunPath | ScenePath") -> bool:
 
 
 def _report(comparison: "Comparison") -> None:
-    from rigctl.compare.checks import refusals
+    from rigctl.comparison.checks import refusals
     from rigctl.files.rig_file import PLACEHOLDER
 
     run = comparison.measurement.run
@@ -290,7 +290,7 @@ def _short(found: "Comparison") -> str:
 
 def _verdict(found: "Comparison") -> str:
     """Return the verdict in a sentence, with its reservations."""
-    from rigctl.compare.checks import not_judged, reservations
+    from rigctl.comparison.checks import not_judged, reservations
 
     tests = sum(row.agrees is not None for row in found.rows)
     untested = len(found.rows) - tests if found.kind == "closed loop" else 0
@@ -311,7 +311,7 @@ def _verdict(found: "Comparison") -> str:
 
 def _of_run(found: "Comparison") -> Iterable[str]:
     """Return the faults that the run shows, its checks, and which regions cannot be judged."""
-    from rigctl.compare.checks import said_of, unjudged_lines
+    from rigctl.comparison.checks import said_of, unjudged_lines
     from rigctl.measure.faults import term_text
 
     if found.run_diagnosis is not None:
@@ -331,7 +331,7 @@ def compare_run(
     **options: Unpack[CompareOptions],
 ) -> "Comparison":
     """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
-    from rigctl.compare.compare import FIRST_TOLERANCE
+    from rigctl.comparison.compare import FIRST_TOLERANCE
     from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
     from rigctl.measure.diagnose import diagnosed
     from rigctl.runs.check import used_run
@@ -408,7 +408,7 @@ def _outlined(
 
 
 def _closed_loop(measurement: "Measurement", given: "RunCalibrations", options: CompareOptions) -> "Comparison":
-    from rigctl.compare.compare import compare_closed_loop
+    from rigctl.comparison.compare import compare_closed_loop
 
     if options.get("scale", "absolute") != "absolute" or given.radiometric is not None:
         raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
@@ -423,8 +423,8 @@ def _to_its_errors(
     tolerance: float,
 ) -> "Comparison":
     """Return a comparison with a scene whose numerical errors are far below those of its rows."""
-    from rigctl.compare.compare import EffectsTaken, accuracy_at, compare_with_scene
-    from rigctl.compare.predict_run import run_predictor
+    from rigctl.comparison.compare import EffectsTaken, accuracy_at, compare_with_scene
+    from rigctl.comparison.predict_run import run_predictor
     from rigctl.scene.reading import acting_effects, without_effects
 
     run = run_predictor(measurement, scene=scene, noise=given.noise)
@@ -469,8 +469,8 @@ def _to_its_errors(
 
 def _judged(comparison: "Comparison", seen: "DiagnosedRun", regions: "list[Region]") -> "Comparison":
     """Return a comparison with the checks and faults of the run, and with what cannot be judged."""
-    from rigctl.compare.checks import nothing_tested, refused_regions, registration_of, run_checks, without_decisions
-    from rigctl.compare.rows import with_diagnosis, with_registration
+    from rigctl.comparison.checks import nothing_tested, refused_regions, registration_of, run_checks, without_decisions
+    from rigctl.comparison.rows import with_diagnosis, with_registration
 
     measurement, diagnosis = seen.measurement, seen.diagnosis
     registered = registration_of(measurement)
@@ -491,7 +491,7 @@ def _judged(comparison: "Comparison", seen: "DiagnosedRun", regions: "list[Regio
 def _used_files(
     run: Path, scene: ScenePath | None, regions: RegionsPath | None, calibrations: "CalibrationPaths"
 ) -> "dict[str, UsedFile]":
-    from rigctl.compare.compare import used_file
+    from rigctl.comparison.compare import used_file
     from rigctl.runs.folder import MANIFEST_FILE
 
     named = {str(kind): path for kind, path in calibrations.files.items()}
@@ -503,7 +503,7 @@ def _series(
     runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "ComparedSeries":
     """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
-    from rigctl.compare.compare import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs, used_file
+    from rigctl.comparison.compare import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs, used_file
     from rigctl.files.scene_file import load_scene
     from rigctl.runs.check import used_run
 
@@ -534,7 +534,7 @@ def _series(
 
 
 def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPoint":
-    from rigctl.compare.compare import SeriesPoint
+    from rigctl.comparison.compare import SeriesPoint
 
     first = comparison.measurement.grid.records[0][0].start_utc
     return SeriesPoint(
@@ -546,7 +546,7 @@ def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPo
 
 
 def _sun_zenith_deg(measurement: "Measurement", scene: "SceneFile") -> float | None:
-    from rigctl.compare.predict_run import scene_of_run
+    from rigctl.comparison.predict_run import scene_of_run
     from rigctl.scene.reading import sun_of_file
 
     frames = measurement.grid.frames

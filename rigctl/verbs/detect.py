@@ -24,7 +24,7 @@ from rigctl.verbs.options import (
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.compare.detect import RxOnRun
+    from rigctl.comparison.detect import RxOnRun
 
 _FILES = ("rx.fits", "rx.png", "roc.csv", "roc.png", "detection.json")
 
@@ -81,8 +81,8 @@ def detect(
     import numpy as np
 
     from rigctl.calibrations.noise import read_fitting_noise
-    from rigctl.compare import detect as rx_detection
-    from rigctl.compare.predict_run import run_predictor
+    from rigctl.comparison import detect as rx_detection
+    from rigctl.comparison.predict_run import run_predictor
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure, signal_of_cycle
     from rigctl.runs.check import used_run

@@ -11,7 +11,7 @@ from rigctl.verbs.options import FilePath, RunOptions, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.compare.surface_fit import FittedMaterial
+    from rigctl.comparison.surface_fit import FittedMaterial
 
 
 def surface(
@@ -52,7 +52,7 @@ def surface(
         A file is wrong or asks for what cannot be, a run is unfit, or the search does not end.
     """
     from rigctl.base.durable import write_durably
-    from rigctl.compare.surface_fit import fit_regions
+    from rigctl.comparison.surface_fit import fit_regions
     from rigctl.files.materials import load_surface_fit, material_toml
 
     fitted = fit_regions(

@@ -15,7 +15,7 @@ from rigctl.archive.report import write_archive_rows
 from rigctl.base.destination import Origin, results_of
 from rigctl.base.durable import sha256_of
 from rigctl.calibrations.store import KINDS, NONE
-from rigctl.compare.compare import Comparison
+from rigctl.comparison.compare import Comparison
 from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT, failure_of
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions

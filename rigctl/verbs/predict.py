@@ -24,8 +24,15 @@ if TYPE_CHECKING:
     from model.effects.names import EffectPlan
     from model.prediction import PairDetection, RegionPrediction
     from rigctl.calibrations.store import RigPicks
-    from rigctl.predict.predict import Axis, Performance, PredictedUncertainty, RocPair, ScenePrediction, ScenePredictor
-    from rigctl.predict.sweep import Sweep
+    from rigctl.prediction.predict import (
+        Axis,
+        Performance,
+        PredictedUncertainty,
+        RocPair,
+        ScenePrediction,
+        ScenePredictor,
+    )
+    from rigctl.prediction.sweep import Sweep
     from rigctl.report.table import AnyTable
 
     Ranges: TypeAlias = str | Sequence[str]
@@ -81,7 +88,7 @@ def predict(
     ConfigError, DataError
         A file is wrong or does not fit, there is no such number, or the tolerance cannot be kept.
     """
-    from rigctl.predict.predict import performance_of, roc_curves
+    from rigctl.prediction.predict import performance_of, roc_curves
     from rigctl.scene.scene import only_uncertain
 
     tolerance = _tolerance(options)
@@ -98,7 +105,7 @@ def predict(
             light = predictor.predict()
             predictions, remarks = light.predictions, light.remarks
             if uncertainty:
-                from rigctl.predict.predict import predicted_uncertainty
+                from rigctl.prediction.predict import predicted_uncertainty
 
                 errors = predicted_uncertainty(predictor, predictions)
         else:
@@ -176,7 +183,7 @@ def sweep(
     ConfigError, DataError
         A file is wrong or does not fit, there is no such number, or a value is outside its range.
     """
-    from rigctl.predict.sweep import sweep_over, sweep_to_tolerance
+    from rigctl.prediction.sweep import sweep_over, sweep_to_tolerance
 
     axes, tolerance = _axes(ranges, values), _tolerance(options)
     twice = [axis.key for axis in axes if axis.key in changes_of(options.get("changes", ()))]
@@ -243,7 +250,7 @@ class Prediction(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about regions and their detection, each once."""
-        from rigctl.compare.remarks import model_warnings
+        from rigctl.comparison.remarks import model_warnings
 
         pairs = (*self.performance.detections, *self.rocs.values())
         of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)
@@ -527,7 +534,7 @@ def _tolerance(options: PredictOptions) -> float | None:
 def _axes(ranges: Ranges, values: "Values | None") -> "tuple[Axis, ...]":
     import numpy as np
 
-    from rigctl.predict.predict import Axis, parse_sweeps
+    from rigctl.prediction.predict import Axis, parse_sweeps
 
     texts = [ranges] if isinstance(ranges, str) else list(ranges)
     if values is None:
@@ -539,7 +546,7 @@ def _axes(ranges: Ranges, values: "Values | None") -> "tuple[Axis, ...]":
 
 
 def _pair(roc: str | None, predictor: "ScenePredictor") -> "RocPair | None":
-    from rigctl.predict.predict import parse_roc
+    from rigctl.prediction.predict import parse_roc
 
     return None if roc is None else parse_roc(roc, tuple(region.name for region in predictor.scene.regions))
 
@@ -554,7 +561,7 @@ def _predictor(
     from rigctl.base.numbers import utc_text
     from rigctl.calibrations.made_for import MadeFor
     from rigctl.calibrations.store import NONE, picked_for_scene
-    from rigctl.predict.predict import ScenePredictor
+    from rigctl.prediction.predict import ScenePredictor
     from rigctl.scene.light import SceneLight, require_engine
     from rigctl.scene.reading import with_choices
 
@@ -580,7 +587,7 @@ def _predictor(
         doubts = require_noise_fits(parameters, used)
     if radiometric is not None:
         from rigctl.calibrations.radiometric import read_radiometric_file, require_radiometric_fits
-        from rigctl.compare.scale import with_panel_scale
+        from rigctl.comparison.scale import with_panel_scale
 
         response = read_radiometric_file(Path(radiometric))
         scaled = partial(with_panel_scale, radiometric=response)

@@ -24,7 +24,7 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.processing.samples import Texture
-    from rigctl.compare.checks import Check
+    from rigctl.comparison.checks import Check
     from rigctl.files.regions import Region
     from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations
     from rigctl.measure.diagnose import RunDiagnosis
@@ -153,7 +153,7 @@ class StokesResult(Result):
     @property
     def refused(self) -> tuple[str, ...]:
         """Why the run is unsound; empty where it is sound."""
-        from rigctl.compare.checks import refused_regions
+        from rigctl.comparison.checks import refused_regions
 
         regions = {check.region for check in self.checks if check.region is not None}
         refused = refused_regions(self.checks)
@@ -191,7 +191,7 @@ class StokesResult(Result):
         yield lambda: scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)
 
     def _faults(self) -> Iterable[str]:
-        from rigctl.compare.checks import said_of
+        from rigctl.comparison.checks import said_of
         from rigctl.measure.faults import term_text
 
         if self.refused:
@@ -250,7 +250,7 @@ def stokes_of(
     run: "RunRecord", regions: "list[Region]", paths: "CalibrationPaths", *, correct: tuple[str, ...] = ()
 ) -> StokesResult:
     """Measure a run that was read already."""
-    from rigctl.compare.checks import registration_of, run_checks
+    from rigctl.comparison.checks import registration_of, run_checks
     from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
     from rigctl.measure.diagnose import diagnosed
 

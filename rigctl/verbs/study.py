@@ -20,7 +20,7 @@ from rigctl.verbs.result import Part, Result
 if TYPE_CHECKING:
     from rigctl.files.study_file import StudyFile
     from rigctl.mapped import Engine, Outcome
-    from rigctl.predict.predict import ScenePredictor
+    from rigctl.prediction.predict import ScenePredictor
     from rigctl.study import Axis, Case, DoneCases, SobolIndex, StudyScene, StudyTable, Wanted
 
 _FILES = ("study.parquet", "detection.parquet", *(f"sensitivity.{end}" for end in ("csv", "json", "png")))
@@ -231,7 +231,7 @@ def _study(
 
 def _plan(path: Path, tolerance: float | None) -> _Plan:
     from rigctl.files.study_file import load_study
-    from rigctl.predict.predict import ScenePredictor
+    from rigctl.prediction.predict import ScenePredictor
     from rigctl.scene.scene import get
     from rigctl.study import Axis, case_hash, cases_of, study_scene
 
@@ -259,7 +259,7 @@ def _plan(path: Path, tolerance: float | None) -> _Plan:
 
 def _wanted(file: "StudyFile", predictors: "Sequence[ScenePredictor]", tolerance: float | None) -> "Wanted":
     """Return what is computed; quantities are sought in the prediction of each scene as its file has it."""
-    from rigctl.predict.predict import parse_roc
+    from rigctl.prediction.predict import parse_roc
     from rigctl.study import Wanted
 
     known: dict[tuple[str, str], None] = {}
@@ -287,7 +287,7 @@ def _table(plan: _Plan, done: "DoneCases") -> "StudyTable":
     import time
 
     from rigctl.base.numbers import utc_text
-    from rigctl.predict.predict import ROC_RATES, SWEPT_RATES
+    from rigctl.prediction.predict import ROC_RATES, SWEPT_RATES
     from rigctl.study import CONVENTIONS, StudyTable, arrays_of, code_version
 
     return StudyTable(

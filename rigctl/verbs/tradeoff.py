@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from model.accuracy.predict import AccuratePrediction
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.files.scene_file import SceneFile
-    from rigctl.predict.sessions import AcquisitionTradeoff
-    from rigctl.predict.tradeoff import Curves
+    from rigctl.prediction.sessions import AcquisitionTradeoff
+    from rigctl.prediction.tradeoff import Curves
     from rigctl.report.table import AnyTable
 
 _SMALLEST, _LARGEST = 1e-5, 0.1
@@ -119,7 +119,7 @@ def tradeoff(
         found = AccuracyTradeoff(curves=_curves(file, parameters, tuple(tolerances), tuple(also)), is_wide=wide)
     else:
         from model.acquisition import Disturbances, Wanted
-        from rigctl.predict.sessions import TradeoffRequest, acquisition_tradeoff
+        from rigctl.prediction.sessions import TradeoffRequest, acquisition_tradeoff
 
         try:
             request = TradeoffRequest(
@@ -187,7 +187,7 @@ class AccuracyTradeoff(Result):
         )
 
     def _table(self) -> "AnyTable":
-        from rigctl.predict.tradeoff import WHOLE_CHAIN
+        from rigctl.prediction.tradeoff import WHOLE_CHAIN
         from rigctl.report.table import Table, text_columns
 
         better = set(self._seemingly_better())
@@ -211,14 +211,14 @@ class AccuracyTradeoff(Result):
 
     def _seemingly_better(self) -> Iterable[str]:
         """Yield choices that are faster and better than a tolerance: they come without an error that they promise."""
-        from rigctl.predict.tradeoff import faster_and_better
+        from rigctl.prediction.tradeoff import faster_and_better
 
         return (one.name for one in self.curves.named if faster_and_better(one, self.curves))
 
     def _explanation(self) -> Iterable[str]:
         if not any(self._seemingly_better()):
             return
-        from rigctl.predict.tradeoff import estimates_share
+        from rigctl.prediction.tradeoff import estimates_share
 
         yield (
             f'"{_NO_ERROR_STATED}": faster and better here than a tolerance, with settings that were chosen finer '
@@ -318,8 +318,8 @@ def _curves(
     from model.accuracy.plan import optical_depth
     from model.accuracy.predict import DEEPEST
     from rigctl.errors import as_config_error
-    from rigctl.predict.predict import ScenePredictor
-    from rigctl.predict.tradeoff import Curves, accuracy_curves, steps
+    from rigctl.prediction.predict import ScenePredictor
+    from rigctl.prediction.tradeoff import Curves, accuracy_curves, steps
     from rigctl.scene.light import SceneLight
 
     predictor = ScenePredictor(file, noise, light=SceneLight())

@@ -14,7 +14,7 @@ from model.atmosphere import aerosols as aerosol_models
 from model.atmosphere import layers as phase
 from model.effects.bounds import EFFECT_MODELS
 from model.surface.materials import MATERIALS, Property
-from rigctl.compare.checks import AGREES, VERDICT_WORDS, VerdictName
+from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
 from rigctl.console import failures
 from rigctl.files.session_file import InterlockSection
 from rigctl.session.interlocks import Name
@@ -161,7 +161,7 @@ def _checks() -> str:
     text = "\n## Checks of a run\n\nEach is sound, flagged, refused or not testable, and says why.\n\n"
     text += "| check | says, and what to do |\n|---|---|\n"
     found: dict[str, str] = {}
-    for function in _functions(ROOT / "rigctl" / "compare" / "checks.py"):
+    for function in _functions(ROOT / "rigctl" / "comparison" / "checks.py"):
         assigned: dict[str, ast.expr] = {}
         for one in ast.walk(function):
             if isinstance(one, ast.Assign):

@@ -9,7 +9,7 @@ from rigctl.files.materials import load_surface_fit
 from rigctl.files.regions import load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.files.study_file import load_study
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.study import cases_of
 from tests.rigctl.example_files import EXAMPLES
 

@@ -67,7 +67,7 @@ UNUSED = (
 _SKY = ("model.accuracy.errors", "model.accuracy.predict", "rigctl.rig.roof")
 _DRAWN = ("matplotlib", "reportlab", "jinja2")
 LATER = {
-    "stokes": (*_SKY, *_DRAWN, "scipy.special", "rigctl.files.scene_file", "rigctl.compare.detect"),
+    "stokes": (*_SKY, *_DRAWN, "scipy.special", "rigctl.files.scene_file", "rigctl.comparison.detect"),
     "predict": (*_SKY, *_DRAWN, "scipy", "cv2", "rigctl.runs.folder", "rigctl.measure.measure"),
     "acquire": (*_SKY, *_DRAWN, "scipy", "cv2", "urllib.request", "model.processing.diagnosis"),
     "compare": ("scipy.special", "numpy.f2py", "calibration.sensor.noise"),

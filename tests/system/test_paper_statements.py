@@ -24,7 +24,7 @@ from model.atmosphere.sky import Fidelity
 from model.processing.detection import rx_p_detection
 from rigctl.files.scene_file import load_scene
 from rigctl.files.toml import Uncertain
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
 from tests.rigctl.example_files import EXAMPLES
 

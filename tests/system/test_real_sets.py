@@ -12,7 +12,7 @@ import pytest
 from scipy.special import chdtri
 
 from model.processing.fault_fit import SHARED as RESPONSES
-from rigctl.compare.compare import Comparison, compare_closed_loop
+from rigctl.comparison.compare import Comparison, compare_closed_loop
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.images import ImportRequest
 from rigctl.measure.diagnose import diagnose_run

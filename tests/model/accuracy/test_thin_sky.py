@@ -12,7 +12,7 @@ from model.effects.bounds import effect_bounds, light_limits
 from model.effects.names import ALL, Bound, Effect
 from model.scene.scene import LitScene
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from tests.rigctl.example_files import EXAMPLES
 
 

@@ -7,7 +7,7 @@ from model.effects.names import ALL, Effect
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.effects import plan_effects, verify_effects
 from rigctl.scene.reading import acting_effects, scene_of_file, with_choices
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE

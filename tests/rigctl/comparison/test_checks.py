@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.cli import main
-from rigctl.compare.checks import Check, refusals, registration_of, run_checks
+from rigctl.comparison.checks import Check, refusals, registration_of, run_checks
 from rigctl.console.failures import EXIT_DATA
 from rigctl.files.regions import Region
 from rigctl.measure.measure import measure

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rigctl.compare.compare import compare_closed_loop
+from rigctl.comparison.compare import compare_closed_loop
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import measure

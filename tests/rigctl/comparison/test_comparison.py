@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rigctl.compare.compare import compare_with_scene
+from rigctl.comparison.compare import compare_with_scene
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure

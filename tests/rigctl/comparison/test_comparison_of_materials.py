@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from rigctl.compare.compare import compare_with_scene
+from rigctl.comparison.compare import compare_with_scene
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.scene_texts import SCENE, written

@@ -1,7 +1,7 @@
 import pytest
 
-from rigctl.compare.checks import diagnose
-from rigctl.compare.rows import Row
+from rigctl.comparison.checks import diagnose
+from rigctl.comparison.rows import Row
 
 
 def _row(quantity, agrees, statistic="mean", predicted=1.0, measured=1.0, region="a"):

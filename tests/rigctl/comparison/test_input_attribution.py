@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
-from rigctl.compare.compare import Comparison, compare_with_scene
-from rigctl.compare.explain import _remark
+from rigctl.comparison.compare import Comparison, compare_with_scene
+from rigctl.comparison.explain import _remark
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 

@@ -7,8 +7,8 @@ import pytest
 
 from model.accuracy.chain import Reading
 from model.effects.names import Bound, Effect
-from rigctl.compare.compare import ALLOWED_SHARE, NumericalAccuracy
-from rigctl.compare.rows import Row
+from rigctl.comparison.compare import ALLOWED_SHARE, NumericalAccuracy
+from rigctl.comparison.rows import Row
 
 QUANTITIES = {
     "s0": {"mean": 1000.0},

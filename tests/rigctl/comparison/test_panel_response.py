@@ -10,7 +10,7 @@ import pytest
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.radiometric import read_radiometric_file, require_radiometric_fits
 from rigctl.cli import main
-from rigctl.compare.panel_response import PanelResponse, panel_response
+from rigctl.comparison.panel_response import PanelResponse, panel_response
 from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene

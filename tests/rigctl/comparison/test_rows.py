@@ -3,7 +3,7 @@ import pytest
 from scipy.special import ndtr
 
 from model.processing.samples import deviation
-from rigctl.compare.rows import Row, decide, off_prediction, pair, scored
+from rigctl.comparison.rows import Row, decide, off_prediction, pair, scored
 
 
 def _row(predicted=1.0, measured=1.0, std_error=0.1, quantity="s0", **facts):

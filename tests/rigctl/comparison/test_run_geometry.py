@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.compare.predict_run import scene_of_run
+from rigctl.comparison.predict_run import scene_of_run
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.runs.folder import Run

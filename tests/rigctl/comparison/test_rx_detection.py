@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rigctl import cli
-from rigctl.compare.detect import detect
+from rigctl.comparison.detect import detect
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import measure, signal_of_cycle

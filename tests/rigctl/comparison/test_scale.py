@@ -12,15 +12,15 @@ from calibration.radiometric import fit_free_scale
 from calibration.results import CalibrationError
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
-from rigctl.compare.compare import Comparison, compare_with_scene
-from rigctl.compare.panel_response import panel_response, radiometric_json
-from rigctl.compare.rows import Row
-from rigctl.compare.scale import with_panel_scale
+from rigctl.comparison.compare import Comparison, compare_with_scene
+from rigctl.comparison.panel_response import panel_response, radiometric_json
+from rigctl.comparison.rows import Row
+from rigctl.comparison.scale import with_panel_scale
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measure.measure import measure
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.report.comparison import compared_json
 from rigctl.verbs.compare import compare_run
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text

@@ -11,8 +11,8 @@ from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.predict.predict import ScenePredictor
-from rigctl.predict.sessions import SceneSessions, TradeoffRequest, acquisition_tradeoff
+from rigctl.prediction.predict import ScenePredictor
+from rigctl.prediction.sessions import SceneSessions, TradeoffRequest, acquisition_tradeoff
 from rigctl.report.tradeoff import proposal, reached_table, tradeoff_csv, tradeoff_json, tradeoff_picture, ways_table
 from rigctl.session.target_cycles import with_cycles_for
 from tests.rigctl.example_files import SMALL_SCENE

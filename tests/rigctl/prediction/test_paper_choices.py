@@ -6,8 +6,8 @@ from model.accuracy.chain import evaluate, readings
 from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor
-from rigctl.predict.tradeoff import named_choices, settings_by
+from rigctl.prediction.predict import ScenePredictor
+from rigctl.prediction.tradeoff import named_choices, settings_by
 from tests.hard_cases.cases import HARD_CASES
 from tests.rigctl.scene_texts import written
 

@@ -5,7 +5,7 @@ from benchmarks.trial_pointing import POINTED, drawn, pointing_predictor, propag
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor, predicted_uncertainty
+from rigctl.prediction.predict import ScenePredictor, predicted_uncertainty
 from rigctl.report.prediction import input_effect_tables, input_effects_json, with_input_errors
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import written

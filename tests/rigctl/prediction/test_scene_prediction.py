@@ -7,8 +7,8 @@ from model.prediction import pair_detections
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor, parse_sweep, parse_sweeps
-from rigctl.predict.sweep import Sweep, sweep_over
+from rigctl.prediction.predict import ScenePredictor, parse_sweep, parse_sweeps
+from rigctl.prediction.sweep import Sweep, sweep_over
 from rigctl.report.light import light_json, phi_text
 from rigctl.report.prediction import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.scene.light import SceneLight, SkyStore

@@ -4,7 +4,7 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from rigctl.compare.rows import Row
+from rigctl.comparison.rows import Row
 from rigctl.report.comparison import mixed_row_table, row_table
 from rigctl.report.data_files import csv_rows, json_rows
 from rigctl.report.table import Shown

@@ -7,7 +7,7 @@ from model.processing.agreement import propagate_inputs
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import get

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
-from rigctl.compare.predict_run import cycle_of_run
+from rigctl.comparison.predict_run import cycle_of_run
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import RigSection, SceneFile, load_scene
 from rigctl.measure.measure import Measurement, frame_order, measure

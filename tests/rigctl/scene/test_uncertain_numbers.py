@@ -7,7 +7,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.place import Place, SiteSection
 from rigctl.files.scene_file import load_scene
 from rigctl.files.toml import with_std_apart
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import gather, get

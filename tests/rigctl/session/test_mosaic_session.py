@@ -13,7 +13,7 @@ import pytest
 
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame
 from rigctl.calibrations.noise_frames import run_frames
-from rigctl.compare.compare import Comparison, compare_with_scene
+from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene

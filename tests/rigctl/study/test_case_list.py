@@ -5,7 +5,7 @@ from benchmarks.trial_pointing import POINTED, pointing_predictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.study_file import CasesSection
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.study import cases_of, unit_draws
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE
 

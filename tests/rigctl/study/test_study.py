@@ -16,7 +16,7 @@ from rigctl import study as study_case
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.mapped import PARTS_FOLDER, Engine, client_of, held_folder, require_same_code
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.study import Batch, compute
 from rigctl.verbs.study import StudyResult, study
 from tests.rigctl.study.study_files import EFFICIENCY, EXPOSURE, GRID, study_file

@@ -11,7 +11,7 @@ from model.accuracy.series import SeriesPrediction
 from model.prediction import PairDetection, Quantities, RegionPrediction, detections_of_sweep, reason_missing
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, RocKind
-from rigctl.predict.predict import SWEPT_RATES, Axis, RocPair, ScenePredictor, roc_curves_of_sweep
+from rigctl.prediction.predict import SWEPT_RATES, Axis, RocPair, ScenePredictor, roc_curves_of_sweep
 from rigctl.scene.scene import Scene, require_within, with_values
 
 FloatArray = NDArray[np.float64]

@@ -33,7 +33,7 @@ from model.processing.dolp_studies import rx_draws
 from model.scene.field import TileRule
 from model.scene.scene import LitScene
 from rigctl.errors import ConfigError
-from rigctl.predict.predict import ScenePredictor
+from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.scene import Scene, rig_errors, with_value
 
 Clock = Callable[[], float]

@@ -10,7 +10,7 @@ from rigctl.base.numbers import wrapped
 
 if TYPE_CHECKING:
     from model.prediction import RegionPrediction
-    from rigctl.compare.scale import Scale
+    from rigctl.comparison.scale import Scale
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.measure import Measurement
     from rigctl.scene.scene import Inputs

@@ -26,7 +26,7 @@ from model.quantities import ORDERED, angle_of, is_counts
 from model.sensor import drifting_light
 from model.stokes import dolp
 from rigctl.base.numbers import p_value
-from rigctl.compare.rows import Row
+from rigctl.comparison.rows import Row
 from rigctl.imports.levels import histogram, odd_pattern, saturation_plateau
 from rigctl.measure.diagnose import RunDiagnosis, diagnose_run
 from rigctl.measure.measure import Measurement, frame_order, signal_of_cycle

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from model.processing import agreement as bayesian_update
 from model.processing.agreement import Propagation, chi_square_tail, deviations_cov
-from rigctl.compare.rows import Row, off_prediction
+from rigctl.comparison.rows import Row, off_prediction
 from rigctl.measure.measure import Measurement
-from rigctl.predict.predict import NumberKey
+from rigctl.prediction.predict import NumberKey
 from rigctl.scene.scene import Inputs, parameters
 
 FloatArray = NDArray[np.float64]

@@ -14,7 +14,7 @@ from calibration.radiometric import FreeScale, fit_free_scale
 from model.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from model.sensor import counts_per_radiance
-from rigctl.compare.predict_run import one_exposure_s
+from rigctl.comparison.predict_run import one_exposure_s
 from rigctl.errors import ConfigError, DataError
 from rigctl.scene.light import sensor_of
 from rigctl.scene.scene import EFFICIENCY, GAIN, TRANSMITTANCE, Inputs, Scene

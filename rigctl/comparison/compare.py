@@ -33,7 +33,7 @@ from model.sensor import ChannelMoments
 from rigctl.base.durable import sha256_of
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.radiometric import RadiometricResponse
-from rigctl.compare.checks import (
+from rigctl.comparison.checks import (
     AGREES,
     Check,
     Diagnosis,
@@ -46,10 +46,10 @@ from rigctl.compare.checks import (
     trends_of,
     verdict_of,
 )
-from rigctl.compare.explain import InputAttribution, attribute_residuals
-from rigctl.compare.predict_run import RunPredictor, run_predictor
-from rigctl.compare.remarks import model_warnings, not_tested, overruled
-from rigctl.compare.rows import (
+from rigctl.comparison.explain import InputAttribution, attribute_residuals
+from rigctl.comparison.predict_run import RunPredictor, run_predictor
+from rigctl.comparison.remarks import model_warnings, not_tested, overruled
+from rigctl.comparison.rows import (
     RegionBudget,
     Row,
     decide,
@@ -63,7 +63,7 @@ from rigctl.compare.rows import (
     scored,
     with_ratios,
 )
-from rigctl.compare.scale import Scale, scale_inputs
+from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import ScaleKind
 from rigctl.files.regions import Region
@@ -71,7 +71,7 @@ from rigctl.files.scene_file import SceneFile
 from rigctl.measure.calibrations import PickedCalibrations
 from rigctl.measure.diagnose import RunDiagnosis
 from rigctl.measure.measure import MeasuredRegion, Measurement, TemporalNoise, temporal_noise, temporal_variance
-from rigctl.predict.predict import NumberKey, Performance, curved_inputs, performance_of, propagate_numbers
+from rigctl.prediction.predict import NumberKey, Performance, curved_inputs, performance_of, propagate_numbers
 from rigctl.runs.folder import Run
 from rigctl.scene.effects import plan_effects
 from rigctl.scene.light import SceneLight, lit_scene, sensor_of

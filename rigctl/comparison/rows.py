@@ -23,7 +23,7 @@ from model.sensor import ChannelMoments
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measure.diagnose import RunDiagnosis
 from rigctl.measure.measure import MeasuredRegion, Measurement
-from rigctl.predict.predict import NumberKey
+from rigctl.prediction.predict import NumberKey
 from rigctl.scene.scene import ANGLE, DRIFT, OFFSET, Inputs
 
 if TYPE_CHECKING:

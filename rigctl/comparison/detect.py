@@ -10,7 +10,7 @@ from model.numerics import betaincinv
 from model.processing.detection import rx_roc, sample_roc, sample_threshold
 from rigctl.errors import DataError
 from rigctl.measure.measure import Measurement
-from rigctl.predict.predict import FALSE_ALARM_RATES
+from rigctl.prediction.predict import FALSE_ALARM_RATES
 
 FloatArray = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from model.processing.agreement import input_jacobian
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.radiometric import SCHEMA_VERSION
 from rigctl.calibrations.record import header_of, source_of, source_of_run
-from rigctl.compare.predict_run import one_exposure_s, run_readout, scene_of_run
-from rigctl.compare.scale import modelled_response, without_throughput
+from rigctl.comparison.predict_run import one_exposure_s, run_readout, scene_of_run
+from rigctl.comparison.scale import modelled_response, without_throughput
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile

@@ -18,7 +18,7 @@ from model.scene.field import FieldLight
 from model.scene.scene import Readout
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.noise import NoiseParameters
-from rigctl.compare.rows import with_ratios
+from rigctl.comparison.rows import with_ratios
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
 from rigctl.files.scene_file import SceneFile, SunSection
