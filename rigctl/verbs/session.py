@@ -31,7 +31,22 @@ Ask: TypeAlias = Literal["terminal", "hold"]
 
 _MOST_STEPS = 100
 _SECONDS_A_MINUTE = 60
-_UTC_DIGITS = 19
+_DATE_DIGITS, _UTC_DIGITS = 11, 19
+# A false DoLP below this is one of rounding.
+_ROUNDING = 1e-9
+_TITLES = {
+    "sequence": "step",
+    "round": "round",
+    "utc": "UTC",
+    "time": "UTC",
+    "sun_zenith_deg": "zenith",
+    "sun_azimuth_deg": "azimuth",
+    "phi_deg": "phi",
+    "kind": "kind",
+    "cycle": "cycle",
+    "angle_deg": "angle",
+    "exposure_ms": "exposure",
+}
 # Of the width or height of a picture.
 _MOST_DIGITS = 6
 # Share of saturated pixels beyond which a predicted DoLP says nothing.
@@ -408,14 +423,18 @@ class PlannedSession(Result):
         if plan.disk_bytes is not None:
             disk = f"{plan.disk_bytes / 1e6:.0f} MB"
         minutes, seconds = divmod(round(plan.duration_s), _SECONDS_A_MINUTE)
-        yield f"{len(steps)} frames, about {minutes} min {seconds} s, disk {disk}"
+        yield f"{len(steps)} frames from {steps[0].utc[:_UTC_DIGITS]}Z, about {minutes} min {seconds} s, disk {disk}"
         if plan.false_dolp is not None:
-            yield f"light that drifts by 1 % a minute shows a false DoLP of {plan.false_dolp:.2g} in a round"
+            shown_dolp = plan.false_dolp if plan.false_dolp > _ROUNDING else 0.0
+            yield f"light that drifts by 1 % a minute shows a false DoLP of {shown_dolp:.2g} in a round"
         sun = [name for name in SUN_ANGLES if getattr(steps[0], name) is not None]
+        yield "angles are in degrees, exposures in ms"
+        if sun:
+            yield "zenith and azimuth are those of the sun, phi is its azimuth less the camera's"
         if len(rounds) > 1:
             yield _table(rounds, ("round", "utc", *sun))
         shown = steps if self.all_steps else steps[:_MOST_STEPS]
-        yield _table(shown, ("sequence", "round", "utc", *sun, "kind", "cycle", "angle_deg", "exposure_ms"))
+        yield _table(shown, ("sequence", "round", "time", *sun, "kind", "cycle", "angle_deg", "exposure_ms"))
         if len(shown) < len(steps):
             yield f"... and {len(steps) - len(shown)} more; `rigctl plan --all` prints them"
         yield from map(_prediction_line, self.predictions or ())
@@ -438,16 +457,21 @@ def _pixels(frame: str) -> int:
 
 
 def _table(rows: "Sequence[_Row]", names: tuple[str, ...]) -> "Table[_Row]":
-    columns = tuple(Column["_Row"](title=name, text=partial(_cell, name=name)) for name in names)
-    return Table(columns=columns, rows=tuple(rows))
+    return Table(
+        columns=tuple(Column(title=_TITLES[name], text=partial(_cell, name=name)) for name in names), rows=tuple(rows)
+    )
 
 
 def _cell(row: "_Row", name: str) -> str:
+    if name == "time":
+        return row.utc[_DATE_DIGITS:_UTC_DIGITS]
     value = getattr(row, name)
+    if name == "exposure_ms":
+        return "metered" if value is None else f"{value:.6g}"
     if value is None:
         return "-"
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:g}" if name == "angle_deg" else f"{value:.2f}"
     return str(value)[:_UTC_DIGITS]
 
 

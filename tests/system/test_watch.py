@@ -138,5 +138,10 @@ def test_a_foreign_page_opens_no_socket(page: str) -> None:
 
 
 def test_a_place_where_nothing_can_be_is_refused(tmp_path: Path) -> None:
-    for words in ([str(tmp_path / "no" / "run")], [str(tmp_path), "--listen", "nowhere"], [__file__]):
+    for words in (
+        [str(tmp_path / "no" / "run")],
+        [str(tmp_path), "--listen", "nowhere"],
+        [__file__],
+        [str(tmp_path), "--runs", str(tmp_path)],
+    ):
         assert main(["serve", *words]) == 2

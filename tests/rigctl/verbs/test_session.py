@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
+import rigctl
 from rigctl.cli import main
+from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
@@ -14,7 +16,8 @@ from rigctl.runs.records import SessionNoise
 from rigctl.session.plan import plan_session
 from rigctl.session.predicted_rounds import predict_rounds
 from rigctl.session.take import take_session
-from tests.rigctl.example_files import EXAMPLES, small_rig
+from rigctl.verbs.session import hold, resume
+from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig, small_rig_text
 from tests.rigctl.scene_texts import SCENE, written
 from tests.rigctl.session.made_rig import START_NS, MadeWorld, unplugged
 from tests.rigctl.session.watched_sessions import take_watched
@@ -95,8 +98,30 @@ def test_a_plan_has_the_sun_at_every_step_against_the_camera(capsys):
         capsys, "plan", EXAMPLES / "rig-rooftop.toml", EXAMPLES / "session-rooftop.toml", "--at", "2026-05-04T14:00Z",
         "--until", "2026-05-04T14:05Z",
     ).out  # fmt: skip
-    head = next(line for line in text.splitlines() if "sequence" in line)
-    assert head.split()[2:6] == ["utc", "sun_zenith_deg", "sun_azimuth_deg", "phi_deg"]
+    head = next(line for line in text.splitlines() if line.startswith("step"))
+    assert head.split()[2:6] == ["UTC", "zenith", "azimuth", "phi"]
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_acquire_in_python_gives_the_run_and_resume_finds_nothing_left(tmp_path):
+    (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path).replace("speed=20", "speed=200"))
+    (tmp_path / "session.toml").write_text(SHORT_SESSION)
+    taken = rigctl.acquire(tmp_path / "rig.toml", tmp_path / "session.toml", out=tmp_path / "run")
+    assert (taken.exit_code, len(taken.run.frames("scene"))) == (0, 4)
+    again = resume(taken.run)
+    assert again.as_json() == {
+        "run": str(tmp_path / "run"), "process": None, "frames": 5, "planned": 5, "is_finished": True,
+        "was_finished": True, "adopted": [], "set_aside": [],
+    }  # fmt: skip
+    with pytest.raises(RunFolderError, match="no session writes into this run"):
+        hold(taken.run)
+
+
+def test_a_dry_run_prints_the_plan(tmp_path, capsys):
+    files = (EXAMPLES / "rig-sim.toml", EXAMPLES / "session.toml", "--at", "2026-05-04T14:00Z")
+    planned = _said(capsys, "plan", *files).out
+    assert _said(capsys, "acquire", *files, "--out", tmp_path / "run", "--dry-run").out == planned
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_disk_of_a_real_camera_is_that_of_its_pictures(tmp_path, capsys):
