@@ -1,6 +1,19 @@
-"""Noise parameters of a sensor from dark and flat levels, with their joint covariance."""
+"""Noise parameters of a sensor from dark and flat levels, with their joint covariance.
 
-from collections.abc import Sequence
+The way from levels to parameters has four steps:
+
+1. Frames that make every number wrong are refused, and dark levels that do not belong to the others are left out.
+2. Curves are fitted in DN: mean and variance of the darks against exposure, the photon-transfer curve of the flats.
+3. Seven numbers in DN are read off these curves and the fixed pattern, with their joint covariance from the sampling
+   errors of the levels (`_measure`).
+4. Gain, read noise, dark current, black level, PRNU and DSNU follow from them, and the covariance to first order
+   (`_parameters`).
+
+The fixed pattern pixel by pixel (`with_pattern`) shows whether light reached the dark frames: light in a dark stack has
+the pattern of the pixels' response to light, dark current has a pattern of its own.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -29,465 +42,244 @@ from calibration.sensor.curves import (
 )
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
 from calibration.sensor.findings import curve_flags, frame_flags, parameter_flags
-from calibration.sensor.judging import JudgedCurve, LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
+from calibration.sensor.judging import LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
 from calibration.sensor.levels import LevelStatistics, least_noise_dn2, small_scale_freedom, spatial_rounding_error_dn2
 from calibration.sensor.pattern import FixedPattern, left_out_flags, pattern_flags
 
-# Joint covariance of the calibrated quantities, carried from the statistics of the levels
-
 FloatArray = NDArray[np.float64]
+SingleArray = NDArray[np.float32]
 
-# Rows of the covariance that `measured_covariance` returns.
-GAIN, DARK_VARIANCE, FLAT_SPATIAL, DARK_SPATIAL, BLACK_LEVEL, DARK_SLOPE = range(6)
-# One more that is measured, independent of these: the slope of the response where the fixed pattern is taken.
-RESPONSE_SLOPE = 6
-N_MEASURED = 7
+_STATED = StatedExposures()
+_DARK_CURRENT = "dark_current_e_per_s"
+_STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
+# Rows of the seven numbers in DN; the last is independent of the others.
+_GAIN, _DARK_VARIANCE, _FLAT_SPATIAL, _DARK_SPATIAL, _BLACK_LEVEL, _DARK_SLOPE, _RESPONSE_SLOPE = range(7)
+# A variance that is not this many errors above 0 is not resolved.
+_RESOLVED_SIGMA = 3.0
+# A dark current that matters in few uses [e-/s].
+_SMALL_E_PER_S = 3.0
+# A dark current beyond this may be light; below, light and the dark current of pixels with unlike gains are as likely.
+_USUAL_DARK_E_PER_S = 1000.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpatialLevels:
-    """Which levels the fixed pattern is taken from: indices into flats and darks."""
+    """The levels from which the fixed pattern is taken."""
 
-    flat: int
-    dark: int
-
-
-def measured_covariance(
-    flats: Sequence[LevelStatistics],
-    darks: Sequence[LevelStatistics],
-    *,
-    transfer: PhotonTransfer,
-    dark: DarkSignal,
-    match: DarkMatch,
-    spatial: SpatialLevels,
-) -> FloatArray:
-    """Return the (6, 6) covariance of what is measured in DN, before division by the gain.
-
-    In this order: gain [DN/e-], dark temporal variance at no exposure [DN^2], spatial variance of the flat level
-    less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level
-    [DN], slope of the dark mean [DN/s]; zeros for what does not exist.
-
-    To first order in the errors. Each is linear in temporal and spatial variances and means of the levels. A
-    level's mean is taken as independent of its variances, which holds for noise without skewness, and the
-    error of a flat's mean is neglected: against that of its variance it is the square root of the gain over
-    the signal. The black level is that of the population from which this sensor's pixels are drawn, so the
-    fixed pattern's own sampling is in it.
-    """
-    response = _response(transfer, dark, match, spatial)
-    statistics = _statistics_covariance(flats, darks, transfer, dark)
-    covariance = np.zeros((6, 6))
-    covariance[:4, :4] = response @ statistics @ response.T
-    scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
-    covariance[GAIN, GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
-    covariance[GAIN, GAIN] += (transfer.relative_gain_error_of_change * transfer.gain_dn_per_e) ** 2
-    covariance[GAIN, GAIN] += transfer.gain_error_of_linearity_dn_per_e**2 + transfer.gain_error_of_black_dn_per_e**2
-    # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
-    covariance[FLAT_SPATIAL, FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
-    size = 2 if dark.has_slope else 1
-    covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance[:size, :size]
-    level = darks[spatial.dark]
-    if dark.quantisation_limited:
-        covariance[DARK_SPATIAL, DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
-    if dark.is_curved and dark.variance_fit is not None:
-        # The variance at no exposure is that at the mean of no exposure.
-        covariance[DARK_VARIANCE, DARK_VARIANCE] += (
-            dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
-        )
-    covariance[BLACK_LEVEL, BLACK_LEVEL] += max(level.spatial_variance_dn2, 0.0) / level.n_pixels
-    return covariance
-
-
-def _response(transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch, spatial: SpatialLevels) -> FloatArray:
-    """Return derivatives by flat and dark temporal variances, then flat and dark spatial variances."""
-    n_flat, n_dark = match.weights.shape
-    gain = np.zeros(n_flat)
-    gain[transfer.used] = transfer.gain_response
-    response = np.zeros((4, 2 * (n_flat + n_dark)))
-    temporal, pattern = response[:, : n_flat + n_dark], response[:, n_flat + n_dark :]
-    temporal[GAIN, :n_flat] = gain
-    temporal[GAIN, n_flat:] = -gain @ match.weights
-    if dark.variance_fit is not None:
-        temporal[DARK_VARIANCE, n_flat:] = dark.variance_fit.response[0]
-    pattern[FLAT_SPATIAL, spatial.flat] = 1.0
-    pattern[FLAT_SPATIAL, n_flat:] = -match.weights[spatial.flat]
-    pattern[DARK_SPATIAL, n_flat + spatial.dark] = 1.0
-    return response
-
-
-def _statistics_covariance(
-    flats: Sequence[LevelStatistics],
-    darks: Sequence[LevelStatistics],
-    transfer: PhotonTransfer,
-    dark: DarkSignal,
-) -> FloatArray:
-    """Return the covariance of all levels' temporal variances, then spatial ones: flats before darks."""
-    levels = (*flats, *darks)
-    n_flat, n = len(flats), len(levels)
-    temporal = np.zeros((n, n))
-    temporal[:n_flat, :n_flat] = np.diag(np.square(transfer.points.flat_std_error_dn2))
-    temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
-    spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + _rounding_dn4(levels))
-    cross = np.diag([level.ordinary.temporal_cov_dn4 for level in levels])
-    return np.block([[temporal, cross], [cross, spatial]])
-
-
-def _rounding_dn4(levels: Sequence[LevelStatistics]) -> FloatArray:
-    """Return what noise that hardly dithers leaves of rounding in spatial variances, squared [DN^4]."""
-    temporal = np.array([level.temporal_variance_dn2 for level in levels])
-    pattern = np.array([max(level.ordinary.variance_dn2, 0.0) for level in levels])
-    return np.square(spatial_rounding_error_dn2(least_noise_dn2(temporal, pattern), pattern))
-
-
-# Results of the levels in DN, with their joint covariance: what noise parameters are made from
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
-    """Results of the levels, in DN."""
-
-    values: FloatArray
-    covariance: FloatArray
-    signal_dn: float
-    n_gain: int
-    n_dark: int
-    n_flat_pattern: int
-    n_dark_pattern: int
-
-
-def choose_spatial_levels(
-    flats: Sequence[LevelStatistics],
-    darks: Sequence[LevelStatistics],
-    *,
-    transfer: PhotonTransfer,
-    match: DarkMatch,
-) -> SpatialLevels:
-    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark."""
-    signal = transfer.points.signal_dn
-    middle_dn = float(signal[transfer.used].max()) / (2.0 * RANGE_OF_SATURATION)
-    flat = max(
-        np.flatnonzero(transfer.used).tolist(),
-        key=lambda index: (flats[index].n_frames, -abs(signal[index] - middle_dn)),
-    )
-    dark = max(range(len(darks)), key=lambda index: (darks[index].n_frames, match.weights[flat, index]))
-    return SpatialLevels(flat=flat, dark=dark)
-
-
-def measure(
-    flats: Sequence[LevelStatistics],
-    darks: Sequence[LevelStatistics],
-    *,
-    transfer: PhotonTransfer,
-    dark: DarkSignal,
-    match: DarkMatch,
-    spatial: SpatialLevels,
-) -> Measured:
-    """Return what the levels gave in DN, with its covariance. What does not exist is 0, as is its covariance."""
-    dark_spatial = np.array([level.ordinary.variance_dn2 for level in darks])
-    flat_weights = match.weights[spatial.flat]
-    values, covariance = np.zeros(N_MEASURED), np.zeros((N_MEASURED, N_MEASURED))
-    values[GAIN] = transfer.gain_dn_per_e
-    values[DARK_VARIANCE] = 0.0 if dark.variance_fit is None else dark.variance_fit.parameters[0]
-    # What is smooth across the picture is light and lens rather than the sensor.
-    dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
-    values[FLAT_SPATIAL] = flats[spatial.flat].ordinary.small_scale_variance_dn2 - flat_weights @ dark_small
-    hidden_dn2 = _hidden_defects_dn2(flats[spatial.flat], darks, flat_weights)
-    values[FLAT_SPATIAL] -= 0.5 * hidden_dn2
-    values[DARK_SPATIAL] = dark_spatial[spatial.dark]
-    values[BLACK_LEVEL] = dark.mean_fit.parameters[0]
-    values[DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0
-    covariance[:RESPONSE_SLOPE, :RESPONSE_SLOPE] = measured_covariance(
-        flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial
-    )
-    covariance[FLAT_SPATIAL, FLAT_SPATIAL] += (0.5 * hidden_dn2) ** 2
-    signal_dn = float(transfer.points.signal_dn[spatial.flat])
-    slope = response_slope(transfer, signal_dn)
-    values[RESPONSE_SLOPE], covariance[RESPONSE_SLOPE, RESPONSE_SLOPE] = slope.value, slope.std_error**2
-    matched = np.greater(match.weights[transfer.used].sum(axis=0), 0.0)
-    return Measured(
-        values=values,
-        covariance=covariance,
-        signal_dn=signal_dn,
-        n_gain=_frames(flats, transfer.used) + _frames(darks, matched),
-        n_dark=_frames(darks, np.ones(len(darks), dtype=bool)),
-        n_flat_pattern=flats[spatial.flat].n_frames + _frames(darks, np.greater(flat_weights, 0.0)),
-        n_dark_pattern=darks[spatial.dark].n_frames,
-    )
-
-
-def _hidden_defects_dn2(flat: LevelStatistics, darks: Sequence[LevelStatistics], weights: FloatArray) -> float:
-    """Return the variance that pixels which are defect in the dark have at most among the others in the light [DN^2].
-
-    A hot pixel that stands out in the dark may lie within what pixels differ by with light; half of it is taken off,
-    and half is the error.
-    """
-    all_dn2 = np.array([level.small_scale_variance_dn2 for level in darks])
-    ordinary_dn2 = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
-    left_out = np.array([float(level.ordinary.left_out) for level in darks])
-    # The largest stand out in the light too, and are left out there.
-    hidden = np.maximum(left_out - flat.ordinary.left_out, 0.0) / np.maximum(left_out, 1.0)
-    return float(weights @ (hidden * np.maximum(all_dn2 - ordinary_dn2, 0.0)))
-
-
-def _frames(levels: Sequence[LevelStatistics], chosen: NDArray[np.bool_]) -> int:
-    return sum(level.n_frames for level, take in zip(levels, chosen, strict=True) if take)
-
-
-# Noise parameters in electrons, with their joint covariance, from what was measured in DN
-
-
-# A fixed pattern whose variance is not this many errors above 0 is not seen.
-_RESOLVED_SIGMA = 3.0
-# A dark current that matters in few uses [e-/s].
-_SMALL_E_PER_S = 3.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NoiseParameters:
-    """Estimates by name, bounds of those that do not exist, the covariance of errors, and why some do not exist."""
-
-    estimates: dict[str, Estimate]
-    bounds: dict[str, Bound]
-    covariance: JointCovariance
-    flags: tuple[Flag, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Parameter:
-    """A value, and its derivatives by what was measured."""
-
-    name: str
-    value: float
-    gradient: FloatArray
-    n: int
-
-
-def noise_parameters(
-    measured: Measured, *, has_read_noise: bool, has_dark_current: bool, longest_dark_s: float | None = None
-) -> NoiseParameters:
-    """Return the parameters in electrons."""
-    parameters = [_gain(measured)]
-    bounds = _bounds(measured, has_read_noise=has_read_noise)
-    no_read_noise = _unseen_read_noise(measured) if has_read_noise else None
-    if has_read_noise and no_read_noise is None:
-        parameters.append(_read_noise(measured))
-    if has_dark_current:
-        parameters.append(_dark_current(measured))
-    parameters.append(_black_level(measured))
-    no_prnu, no_dsnu = _unseen(measured, FLAT_SPATIAL, "prnu"), _unseen(measured, DARK_SPATIAL, "dsnu")
-    if no_prnu is None:
-        parameters.append(_prnu(measured))
-    if no_dsnu is None:
-        parameters.append(_dsnu(measured))
-    small = _small_dark_current(measured, longest_dark_s) if has_dark_current else None
-    flags = (no_read_noise, no_prnu, no_dsnu, small)
-    gradients = np.array([parameter.gradient for parameter in parameters])
-    matrix = gradients @ measured.covariance @ gradients.T
-    errors = np.sqrt(np.diag(matrix))
-    return NoiseParameters(
-        estimates={
-            parameter.name: Estimate(value=parameter.value, std_error=float(error), n=parameter.n)
-            for parameter, error in zip(parameters, errors, strict=True)
-        },
-        bounds={name: bound for name, bound in bounds.items() if name not in {one.name for one in parameters}},
-        covariance=JointCovariance(names=tuple(parameter.name for parameter in parameters), matrix=matrix),
-        flags=tuple(flag for flag in flags if flag is not None),
-    )
-
-
-def _bounds(measured: Measured, *, has_read_noise: bool) -> dict[str, Bound]:
-    """Return how large read noise and fixed pattern can be at most."""
-    gain, errors = float(measured.values[GAIN]), np.sqrt(np.diag(measured.covariance))
-    largest_dn2 = np.maximum(measured.values, 0.0) + _RESOLVED_SIGMA * errors
-    dark_dn2 = max(QUANTISATION_LIMIT_DN2, largest_dn2[DARK_VARIANCE] if has_read_noise else 0.0)
-    return {
-        "read_noise_e": Bound(bound="<", value=float(np.sqrt(dark_dn2)) / gain),
-        "prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2[FLAT_SPATIAL])) / measured.signal_dn),
-        "dsnu_e": Bound(bound="<", value=float(np.sqrt(largest_dn2[DARK_SPATIAL])) / gain),
-    }
-
-
-def _gradient(derivatives: dict[int, float]) -> FloatArray:
-    gradient = np.zeros(N_MEASURED)
-    gradient[list(derivatives)] = list(derivatives.values())
-    return gradient
-
-
-def _gain(measured: Measured) -> _Parameter:
-    return _Parameter(
-        name="gain_dn_per_e",
-        value=float(measured.values[GAIN]),
-        gradient=_gradient({GAIN: 1.0}),
-        n=measured.n_gain,
-    )
-
-
-def _read_noise(measured: Measured) -> _Parameter:
-    gain, variance = measured.values[GAIN], measured.values[DARK_VARIANCE] - QUANTISATION_VAR_DN2
-    value = float(np.sqrt(variance) / gain)
-    return _Parameter(
-        name="read_noise_e",
-        value=value,
-        gradient=_gradient({GAIN: -value / gain, DARK_VARIANCE: 0.5 * value / variance}),
-        n=measured.n_dark,
-    )
-
-
-def _dark_current(measured: Measured) -> _Parameter:
-    gain = measured.values[GAIN]
-    value = float(measured.values[DARK_SLOPE] / gain)
-    return _Parameter(
-        name="dark_current_e_per_s",
-        value=value,
-        gradient=_gradient({GAIN: -value / gain, DARK_SLOPE: 1.0 / gain}),
-        n=measured.n_dark,
-    )
-
-
-def _black_level(measured: Measured) -> _Parameter:
-    return _Parameter(
-        name="black_level_dn",
-        value=float(measured.values[BLACK_LEVEL]),
-        gradient=_gradient({BLACK_LEVEL: 1.0}),
-        n=measured.n_dark,
-    )
-
-
-def _prnu(measured: Measured) -> _Parameter:
-    variance, slope = measured.values[FLAT_SPATIAL], measured.values[RESPONSE_SLOPE]
-    value = float(np.sqrt(variance) / slope) / measured.signal_dn
-    return _Parameter(
-        name="prnu",
-        value=value,
-        gradient=_gradient({FLAT_SPATIAL: 0.5 * value / variance, RESPONSE_SLOPE: -value / slope}),
-        n=measured.n_flat_pattern,
-    )
-
-
-def _dsnu(measured: Measured) -> _Parameter:
-    gain, variance = measured.values[GAIN], measured.values[DARK_SPATIAL]
-    value = float(np.sqrt(variance) / gain)
-    return _Parameter(
-        name="dsnu_e",
-        value=value,
-        gradient=_gradient({GAIN: -value / gain, DARK_SPATIAL: 0.5 * value / variance}),
-        n=measured.n_dark_pattern,
-    )
-
-
-def _unseen(measured: Measured, row: int, name: str) -> Flag | None:
-    """Return a flag if a fixed pattern is lost in noise."""
-    variance, error = float(measured.values[row]), float(np.sqrt(measured.covariance[row, row]))
-    if variance > _RESOLVED_SIGMA * error:
-        return None
-    bound_dn = np.sqrt(max(variance, 0.0) + _RESOLVED_SIGMA * error)
-    size = f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[GAIN]:.3g} e-"
-    return Flag(
-        name=f"{name}_not_resolved",
-        message=f"the variance from pixel to pixel is "
-        f"{number_with_error(variance, error)} DN^2 once temporal noise is taken "
-        f"off, not more than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take "
-        f"a stack of 16 frames or more at one level to measure it",
-    )
-
-
-def _unseen_read_noise(measured: Measured) -> Flag | None:
-    """Return a flag if the read noise is lost in what dark current adds, or in rounding."""
-    variance = float(measured.values[DARK_VARIANCE])
-    error = float(np.sqrt(measured.covariance[DARK_VARIANCE, DARK_VARIANCE]))
-    if variance - QUANTISATION_VAR_DN2 > _RESOLVED_SIGMA * error and variance > QUANTISATION_LIMIT_DN2:
-        return None
-    bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[GAIN]
-    return Flag(
-        name="read_noise_not_resolved",
-        message=f"the dark variance at no exposure is "
-        f"{number_with_error(variance, error)} DN^2, which is not more than its "
-        f"error and rounding explain: the read noise is below {bound_e:.3g} e-; take dark frames at exposures so "
-        f"short that dark current adds little",
-    )
-
-
-def _small_dark_current(measured: Measured, longest_s: float | None) -> Flag | None:
-    """Return a flag if the dark current given is not different from none."""
-    slope, error = (
-        float(measured.values[DARK_SLOPE]),
-        float(np.sqrt(measured.covariance[DARK_SLOPE, DARK_SLOPE])),
-    )
-    if abs(slope) > _RESOLVED_SIGMA * error:
-        return None
-    bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[GAIN]
-    return Flag(
-        name="dark_current_not_resolved",
-        message=f"the dark mean grows by "
-        f"{number_with_error(slope, error)} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
-        f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {_longer(bound_e_per_s, longest_s)}",
-    )
-
-
-def _longer(bound_e_per_s: float, longest_s: float | None) -> str:
-    """Return how long dark exposures would show a dark current as cameras have it."""
-    if not longest_s:
-        return "longer dark exposures measure it"
-    wanted_s = float(np.clip(longest_s * bound_e_per_s / _SMALL_E_PER_S, 2.0 * longest_s, max(60.0, 2.0 * longest_s)))
-    return f"dark frames of {float(f'{wanted_s:.1g}'):g} s would show more than {_SMALL_E_PER_S:g} e-/s"
-
-
-# Performance of a sensor by its noise parameters: threshold, dynamic range, SNR, dark current by variance
+    flat: int  #: index into the flats
+    dark: int  #: index into the darks
 
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of merit; None is what the frames cannot give.
+    """Figures of merit; None is what the frames cannot give."""
 
-    Attributes
+    threshold_e: Estimate | None  #: absolute sensitivity threshold: electrons at which the temporal SNR is 1
+    dynamic_range: Estimate | None  #: saturation over that threshold
+    snr_max: Estimate | None  #: temporal SNR of a pixel at saturation, square root of its electrons
+    dark_current_variance_e_per_s: Estimate | None  #: dark current by the growth of the dark variance [e-/s]
+    dark_current_disagreement: float | None  #: dark current by mean less that by variance, in standard errors
+    quantum_efficiency: Estimate | None  #: electrons per stated photon; the error of the photons is not in its error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseCalibration:
+    """A sensor's noise parameters; None is what the frames cannot give, and a flag then says why."""
+
+    gain_dn_per_e: Estimate  #: conversion gain K of EMVA 1288 [DN/e-]
+    read_noise_e: Estimate | None  #: temporal noise of a dark pixel at no exposure, rounding removed [e-]
+    dark_current_e_per_s: Estimate | None  #: growth of the dark mean [e-/s]; may be below 0 by its error
+    black_level_dn: Estimate  #: dark mean at no exposure [DN]
+    saturation_e: Estimate | None  #: signal of largest temporal variance [e-]
+    prnu: Estimate | None  #: relative standard deviation of the pixels' response, without smooth structure
+    dsnu_e: Estimate | None  #: standard deviation of the dark signal from pixel to pixel [e-]
+    covariance: JointCovariance  #: of the errors of all that exist but the saturation
+    flags: tuple[Flag, ...]  #: none of them refuses: a refused set has no calibration
+    bounds: dict[str, Bound]  #: upper or lower bounds of numbers that are None, where the frames give one
+    performance: Performance
+    transfer: PhotonTransfer
+    dark: DarkSignal  #: lines through the dark levels
+    flats: tuple[LevelStatistics, ...]  #: by ascending mean
+    darks: tuple[LevelStatistics, ...]  #: the sound ones, as given
+    spatial: SpatialLevels
+    emva1288: dict[str, EmvaFigure | None]  #: by the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`
+    influence: tuple[LevelInfluence, ...]  #: each flat compared with all others, in the order of `flats`
+    light_stability: LightStability  #: wander of the light from frame to frame
+
+
+def calibrate_noise(
+    levels: Sequence[LevelStatistics], *, bit_depth: int, stated: StatedExposures = _STATED
+) -> NoiseCalibration:
+    """Return gain, read noise, dark current, black level, saturation, PRNU and DSNU of a sensor.
+
+    Parameters
     ----------
-    threshold_e : Estimate or None
-        Absolute sensitivity threshold: electrons in a pixel at which the temporal SNR is 1.
-    dynamic_range : Estimate or None
-        Saturation over that threshold.
-    snr_max : Estimate or None
-        Temporal SNR of a pixel at saturation, square root of its electrons.
-    dark_current_variance_e_per_s : Estimate or None
-        Dark current by the growth of the dark variance [e-/s].
-    dark_current_disagreement : float or None
-        Dark current by the mean less that by the variance, over the standard error of the difference.
-    quantum_efficiency : Estimate or None
-        Electrons per photon, where the photons of the levels are stated. What these photons are uncertain by is not in
-        its error.
+    levels : sequence of LevelStatistics
+        Dark and flat levels of one camera at one gain, in any order; at least one of each.
+    bit_depth : int
+        Bits per sample, 1 to 16; the largest sample is 2**bit_depth - 1.
+    stated : StatedExposures
+        Where the exposures are from, for advice on their unit.
+
+    Raises
+    ------
+    RefusedFramesError
+        The frames show something that makes any number from them wrong, there are no dark or no flat levels, they
+        differ in size, or no flat can be used; what was found is in its flags.
+    CalibrationError
+        The bit depth is not 1 to 16.
+
+    Notes
+    -----
+    Standard errors hold sampling and, where points scatter by more than that, their scatter. To first order:
+    good to a few per cent of themselves when the relative errors are below 10 %.
+
+    PRNU and DSNU are those of a population from which this sensor's pixels are drawn, taken from the levels
+    with the most frames, of those the flat nearest to half of saturation. What is smooth across the picture is taken
+    off the PRNU: uneven light and shading of a lens cannot be told from a sensor's own.
+
+    References
+    ----------
+    EMVA Standard 1288, Release 4.0 Linear, sections 6 to 8. Different from it: the response of the sensor, weights,
+    bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
+    flats, all_darks = _sorted_levels(levels, bit_depth)
+    flags = frame_flags(levels, bit_depth=bit_depth)
+    flags += impossible_exposures(levels, stated=stated)
+    _refuse_if_any(flags)
+    darks, dark_flags = sound_darks(all_darks)
+    dark, match = fit_dark_signal(darks), match_darks(flats, darks)
+    ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
+    curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
+    wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
+    flags += (*dark_flags, *curve.flags, *curve_flags(levels, flats, curve.transfer, dark, match, wrong=wrong))
+    _refuse_if_any(flags)
 
-    threshold_e: Estimate | None
-    dynamic_range: Estimate | None
-    snr_max: Estimate | None
-    dark_current_variance_e_per_s: Estimate | None
-    dark_current_disagreement: float | None
-    quantum_efficiency: Estimate | None
-
-
-def performance(
-    transfer: PhotonTransfer,
-    dark: DarkSignal,
-    *,
-    gain: Estimate,
-    read_noise_e: Estimate | None,
-    saturation_e: Estimate | None,
-) -> Performance:
-    """Return the figures of merit of a sensor.
-
-    Rounding counts as noise here: it is in what a pixel gives. In the dynamic range the gain cancels but for half an
-    electron, so its error is that of saturation and of the dark noise in counts.
-
-    EMVA Standard 1288, Release 4.0 Linear; the threshold here without its approximation.
-    """
-    threshold = None if read_noise_e is None else _threshold(gain, read_noise_e)
-    by_variance = _dark_current_by_variance(dark, gain, n=0 if read_noise_e is None else read_noise_e.n)
-    return Performance(
-        threshold_e=threshold,
-        dynamic_range=_dynamic_range(transfer, gain, saturation_e, threshold),
-        snr_max=None if saturation_e is None else _root(saturation_e),
-        dark_current_variance_e_per_s=by_variance,
-        dark_current_disagreement=None if by_variance is None else _disagreement(dark, gain, by_variance),
-        quantum_efficiency=_quantum_efficiency(transfer, gain),
+    transfer = curve.transfer
+    spatial = _choose_spatial_levels(flats, darks, transfer=transfer, match=match)
+    measured = _measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
+    best, covariance, of_parameters = _parameters(measured, dark, darks)
+    of_unit: tuple[Flag, ...] = ()
+    if is_absurd(best.get(_DARK_CURRENT)):
+        of_unit = _implausible_exposures(flats, darks, best.get(_DARK_CURRENT), stated)
+        best, covariance, of_parameters = _parameters(measured, dark, darks, has_dark_current=False)
+    saturation_e = _saturation(flats, transfer)
+    merit = _performance(transfer, dark, best, saturation_e)
+    standard = emva1288_figures(flats, darks, ceiling_dn=ceiling_dn)
+    if of_unit:
+        # Without a unit of the exposures there is no dark current.
+        merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
+        standard |= dict.fromkeys(_STANDARD_DARK_CURRENTS)
+    flags += (*of_parameters, *left_out_flags(darks[spatial.dark], flats[spatial.flat]), *of_unit)
+    flags += parameter_flags(dark_current_e_per_s=best.get(_DARK_CURRENT), quantum_efficiency=merit.quantum_efficiency)
+    flags += unusual_dark_current(best.get(_DARK_CURRENT), stated=stated)
+    return NoiseCalibration(
+        gain_dn_per_e=best["gain_dn_per_e"],
+        read_noise_e=best.get("read_noise_e"),
+        dark_current_e_per_s=best.get(_DARK_CURRENT),
+        black_level_dn=best["black_level_dn"],
+        saturation_e=saturation_e,
+        prnu=best.get("prnu"),
+        dsnu_e=best.get("dsnu_e"),
+        covariance=covariance,
+        flags=by_consequence(flags),
+        bounds=_bounds(measured, best, has_read_noise=dark.variance_fit is not None) | _saturation_bound(transfer),
+        performance=merit,
+        transfer=transfer,
+        dark=dark,
+        flats=tuple(flats),
+        darks=tuple(darks),
+        spatial=spatial,
+        emva1288=standard,
+        influence=curve.levels,
+        light_stability=curve.stability,
     )
+
+
+def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
+    """Return a calibration with what its fixed pattern says, without a dark current where darks may have seen light.
+
+    Parameters
+    ----------
+    calibration : NoiseCalibration
+        From the levels alone.
+    pattern : FixedPattern or None
+        Of its two stacks, pixel by pixel; None where there is none.
+
+    Notes
+    -----
+    A dark current within what cameras usually have is taken for one unless the pattern shows light in it; one that is
+    larger is taken for one where light would have shown, and is otherwise a bound.
+    """
+    found = () if pattern is None else pattern_flags(pattern)
+    # The pixel-by-pixel look at defects says more than that at their variance.
+    named = {flag.name for flag in found}
+    kept = tuple(flag for flag in calibration.flags if flag.name not in named)
+    calibration = replace(calibration, flags=by_consequence((*kept, *found)))
+    light = None if pattern is None else _dark_light(pattern, black_level_dn=calibration.black_level_dn.value)
+    if light is not None:
+        calibration = _with_own_response(calibration, light.covariance)
+    if light is not None and light.is_seen:
+        return _with_light(calibration, light.light)
+    current = calibration.dark_current_e_per_s
+    if current is None or (light is not None and light.excludes_light):
+        return calibration
+    if current.value - _SIGMA * current.std_error < _USUAL_DARK_E_PER_S:
+        return calibration
+    return _without_dark_current(calibration, _untestable_flag(current), bound=current)
+
+
+def not_known(calibration: NoiseCalibration) -> dict[str, str]:
+    """Return why each number that is not known is not, by the number's name.
+
+    Parameters
+    ----------
+    calibration : NoiseCalibration
+        The calibration; names of ``performance`` and ``emva1288`` are among the keys.
+    """
+    best, merit = calibration, calibration.performance
+    names = {flag.name for flag in best.flags}
+    found = {
+        name: _REASONS[flags[0] if not names.intersection(flags) else next(one for one in flags if one in names)]
+        for name, flags in _BY_FLAG.items()
+        if getattr(best, name) is None
+    }
+    if best.prnu is None:
+        found["prnu"] = f"noise in time hides it: {_STACKS}"
+    if best.dsnu_e is None:
+        found["dsnu_e"] = f"noise in time, or rounding, hides it: {_STACKS}, longer if it stays so"
+    if best.saturation_e is None:
+        found["saturation_e"] = f"the sweep ends below it: {_brighter(best)}"
+    if merit.quantum_efficiency is None:
+        found["quantum_efficiency"] = _no_efficiency(best)
+    if merit.threshold_e is None:
+        found["threshold_e"] = found.get("read_noise_e", "the read noise is not known")
+    if merit.dynamic_range is None:
+        found["dynamic_range"] = found.get("saturation_e") or found.get("read_noise_e", "saturation is not known")
+    if merit.snr_max is None:
+        found["snr_max"] = found.get("saturation_e", "saturation is not known")
+    if merit.dark_current_variance_e_per_s is None:
+        found["dark_current_variance_e_per_s"] = found.get("read_noise_e") or found.get(
+            "dark_current_e_per_s", "dark frames have one exposure: take longer ones too"
+        )
+    return found | _standard(best, found)
+
+
+def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
+    """Return three lines to read first.
+
+    Parameters
+    ----------
+    calibration : NoiseCalibration
+        The calibration, its flags in the order of what they do.
+    """
+    gain = calibration.gain_dn_per_e
+    share = gain.std_error / gain.value
+    trust = f"trust the gain to {share:.1%}" if share >= 1e-3 else f"trust the gain to {share:.2%}"
+    named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
+    if named:
+        trust += f"; {len(dict.fromkeys(named))} level{'s are' if len(set(named)) > 1 else ' is'} named as wrong"
+    return f"{trust}.", f"{_unknown(calibration)}.", f"{_next(calibration)}."
 
 
 def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e: float) -> FloatArray:
@@ -528,6 +320,396 @@ def total_noise_e(temporal_e: FloatArray, signal_e: FloatArray, *, prnu: float, 
     """
     noise: FloatArray = np.sqrt(np.square(temporal_e) + dsnu_e**2 + np.square(prnu * signal_e))
     return noise
+
+
+# Levels and the numbers in DN
+
+
+def _sorted_levels(
+    levels: Sequence[LevelStatistics], bit_depth: int
+) -> tuple[list[LevelStatistics], list[LevelStatistics]]:
+    if bit_depth not in range(1, 17):
+        raise CalibrationError(f"bit_depth is {bit_depth}; allowed is 1 to 16")
+    flats = sorted((level for level in levels if level.kind == "flat"), key=lambda level: level.mean_dn)
+    darks = [level for level in levels if level.kind == "dark"]
+    if not flats or not darks:
+        raise refused(
+            "missing_levels",
+            f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more; at least one of each is "
+            f"needed, better ten exposures with two flats and two darks at each",
+        )
+    shapes = {level.shape for level in levels}
+    if len(shapes) > 1:
+        raise refused(
+            "mixed_size", f"levels differ in size (rows, columns): {sorted(shapes)}; use one region throughout"
+        )
+    return flats, darks
+
+
+def _refuse_if_any(flags: tuple[Flag, ...]) -> None:
+    if any(flag.refuses for flag in flags):
+        raise RefusedFramesError(flags)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Measured:
+    """Seven numbers in DN; 0 with no covariance for those that do not exist."""
+
+    values: FloatArray
+    covariance: FloatArray
+    signal_dn: float  #: of the flat from which the fixed pattern is taken
+    n_gain: int  #: frames behind the gain
+    n_dark: int
+    n_flat_pattern: int
+    n_dark_pattern: int
+
+
+def _choose_spatial_levels(
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    *,
+    transfer: PhotonTransfer,
+    match: DarkMatch,
+) -> SpatialLevels:
+    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark."""
+    signal = transfer.points.signal_dn
+    middle_dn = float(signal[transfer.used].max()) / (2.0 * RANGE_OF_SATURATION)
+    flat = max(
+        np.flatnonzero(transfer.used).tolist(),
+        key=lambda index: (flats[index].n_frames, -abs(signal[index] - middle_dn)),
+    )
+    dark = max(range(len(darks)), key=lambda index: (darks[index].n_frames, match.weights[flat, index]))
+    return SpatialLevels(flat=flat, dark=dark)
+
+
+def _measure(
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    *,
+    transfer: PhotonTransfer,
+    dark: DarkSignal,
+    match: DarkMatch,
+    spatial: SpatialLevels,
+) -> _Measured:
+    """Read the numbers in DN off the curves and the levels of the fixed pattern."""
+    dark_spatial = np.array([level.ordinary.variance_dn2 for level in darks])
+    flat_weights = match.weights[spatial.flat]
+    values, covariance = np.zeros(7), np.zeros((7, 7))
+    values[_GAIN] = transfer.gain_dn_per_e
+    values[_DARK_VARIANCE] = 0.0 if dark.variance_fit is None else dark.variance_fit.parameters[0]
+    # A smooth pattern across the picture is that of light and lens, not of the sensor.
+    dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
+    values[_FLAT_SPATIAL] = flats[spatial.flat].ordinary.small_scale_variance_dn2 - flat_weights @ dark_small
+    hidden_dn2 = _hidden_defects_dn2(flats[spatial.flat], darks, flat_weights)
+    values[_FLAT_SPATIAL] -= 0.5 * hidden_dn2
+    values[_DARK_SPATIAL] = dark_spatial[spatial.dark]
+    values[_BLACK_LEVEL] = dark.mean_fit.parameters[0]
+    values[_DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0
+    covariance[:_RESPONSE_SLOPE, :_RESPONSE_SLOPE] = _measured_covariance(
+        flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial
+    )
+    covariance[_FLAT_SPATIAL, _FLAT_SPATIAL] += (0.5 * hidden_dn2) ** 2
+    signal_dn = float(transfer.points.signal_dn[spatial.flat])
+    slope = response_slope(transfer, signal_dn)
+    values[_RESPONSE_SLOPE], covariance[_RESPONSE_SLOPE, _RESPONSE_SLOPE] = slope.value, slope.std_error**2
+    matched = np.greater(match.weights[transfer.used].sum(axis=0), 0.0)
+    return _Measured(
+        values=values,
+        covariance=covariance,
+        signal_dn=signal_dn,
+        n_gain=_frames(flats, transfer.used) + _frames(darks, matched),
+        n_dark=_frames(darks, np.ones(len(darks), dtype=bool)),
+        n_flat_pattern=flats[spatial.flat].n_frames + _frames(darks, np.greater(flat_weights, 0.0)),
+        n_dark_pattern=darks[spatial.dark].n_frames,
+    )
+
+
+def _hidden_defects_dn2(flat: LevelStatistics, darks: Sequence[LevelStatistics], weights: FloatArray) -> float:
+    """Return the variance that pixels which are defect in the dark have at most among the others in the light [DN^2].
+
+    A hot pixel that stands out in the dark may lie within what pixels differ by with light; half of it is taken off,
+    and half is the error.
+    """
+    all_dn2 = np.array([level.small_scale_variance_dn2 for level in darks])
+    ordinary_dn2 = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
+    left_out = np.array([float(level.ordinary.left_out) for level in darks])
+    # The largest stand out in the light too, and are left out there.
+    hidden = np.maximum(left_out - flat.ordinary.left_out, 0.0) / np.maximum(left_out, 1.0)
+    return float(weights @ (hidden * np.maximum(all_dn2 - ordinary_dn2, 0.0)))
+
+
+def _frames(levels: Sequence[LevelStatistics], chosen: NDArray[np.bool_]) -> int:
+    return sum(level.n_frames for level, take in zip(levels, chosen, strict=True) if take)
+
+
+def _measured_covariance(
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    *,
+    transfer: PhotonTransfer,
+    dark: DarkSignal,
+    match: DarkMatch,
+    spatial: SpatialLevels,
+) -> FloatArray:
+    """Return the (6, 6) covariance of what is measured in DN, before division by the gain.
+
+    In this order: gain [DN/e-], dark temporal variance at no exposure [DN^2], spatial variance of the flat level
+    less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level
+    [DN], slope of the dark mean [DN/s]; zeros for what does not exist.
+
+    To first order in the errors. Each is linear in temporal and spatial variances and means of the levels. A
+    level's mean is taken as independent of its variances, which holds for noise without skewness, and the
+    error of a flat's mean is neglected: against that of its variance it is the square root of the gain over
+    the signal. The black level is that of the population from which this sensor's pixels are drawn, so the
+    fixed pattern's own sampling is in it.
+    """
+    response = _response(transfer, dark, match, spatial)
+    statistics = _statistics_covariance(flats, darks, transfer, dark)
+    covariance = np.zeros((6, 6))
+    covariance[:4, :4] = response @ statistics @ response.T
+    scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
+    covariance[_GAIN, _GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
+    covariance[_GAIN, _GAIN] += (transfer.relative_gain_error_of_change * transfer.gain_dn_per_e) ** 2
+    covariance[_GAIN, _GAIN] += transfer.gain_error_of_linearity_dn_per_e**2 + transfer.gain_error_of_black_dn_per_e**2
+    # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
+    covariance[_FLAT_SPATIAL, _FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
+    size = 2 if dark.has_slope else 1
+    covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance[:size, :size]
+    level = darks[spatial.dark]
+    if dark.quantisation_limited:
+        covariance[_DARK_SPATIAL, _DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
+    if dark.is_curved and dark.variance_fit is not None:
+        # The variance at no exposure is that at the mean of no exposure.
+        covariance[_DARK_VARIANCE, _DARK_VARIANCE] += (
+            dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
+        )
+    covariance[_BLACK_LEVEL, _BLACK_LEVEL] += max(level.spatial_variance_dn2, 0.0) / level.n_pixels
+    return covariance
+
+
+def _response(transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch, spatial: SpatialLevels) -> FloatArray:
+    """Return derivatives by flat and dark temporal variances, then flat and dark spatial variances."""
+    n_flat, n_dark = match.weights.shape
+    gain = np.zeros(n_flat)
+    gain[transfer.used] = transfer.gain_response
+    response = np.zeros((4, 2 * (n_flat + n_dark)))
+    temporal, pattern = response[:, : n_flat + n_dark], response[:, n_flat + n_dark :]
+    temporal[_GAIN, :n_flat] = gain
+    temporal[_GAIN, n_flat:] = -gain @ match.weights
+    if dark.variance_fit is not None:
+        temporal[_DARK_VARIANCE, n_flat:] = dark.variance_fit.response[0]
+    pattern[_FLAT_SPATIAL, spatial.flat] = 1.0
+    pattern[_FLAT_SPATIAL, n_flat:] = -match.weights[spatial.flat]
+    pattern[_DARK_SPATIAL, n_flat + spatial.dark] = 1.0
+    return response
+
+
+def _statistics_covariance(
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    transfer: PhotonTransfer,
+    dark: DarkSignal,
+) -> FloatArray:
+    """Return the covariance of all levels' temporal variances, then spatial ones: flats before darks."""
+    levels = (*flats, *darks)
+    n_flat, n = len(flats), len(levels)
+    temporal = np.zeros((n, n))
+    temporal[:n_flat, :n_flat] = np.diag(np.square(transfer.points.flat_std_error_dn2))
+    temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
+    spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + _rounding_dn4(levels))
+    cross = np.diag([level.ordinary.temporal_cov_dn4 for level in levels])
+    return np.block([[temporal, cross], [cross, spatial]])
+
+
+def _rounding_dn4(levels: Sequence[LevelStatistics]) -> FloatArray:
+    """Return what noise that hardly dithers leaves of rounding in spatial variances, squared [DN^4]."""
+    temporal = np.array([level.temporal_variance_dn2 for level in levels])
+    pattern = np.array([max(level.ordinary.variance_dn2, 0.0) for level in levels])
+    return np.square(spatial_rounding_error_dn2(least_noise_dn2(temporal, pattern), pattern))
+
+
+# Parameters in electrons
+
+
+def _parameters(
+    measured: _Measured, dark: DarkSignal, darks: Sequence[LevelStatistics], *, has_dark_current: bool = True
+) -> tuple[dict[str, Estimate], JointCovariance, tuple[Flag, ...]]:
+    """Return the parameters that are resolved, the covariance of their errors, and flags for the others."""
+    has_read_noise, has_dark_current = dark.variance_fit is not None, has_dark_current and dark.has_slope
+    no_read_noise = _unresolved_read_noise(measured) if has_read_noise else None
+    no_prnu = _unresolved_pattern(measured, _FLAT_SPATIAL, "prnu")
+    no_dsnu = _unresolved_pattern(measured, _DARK_SPATIAL, "dsnu")
+    gain, dark_variance, flat_spatial, dark_spatial, black_level, dark_slope, response = measured.values.tolist()
+    # Name: value, its derivatives by what was measured, frames.
+    found: dict[str, tuple[float, dict[int, float], int]] = {"gain_dn_per_e": (gain, {_GAIN: 1.0}, measured.n_gain)}
+    if has_read_noise and no_read_noise is None:
+        variance = dark_variance - QUANTISATION_VAR_DN2
+        noise = float(np.sqrt(variance)) / gain
+        by = {_GAIN: -noise / gain, _DARK_VARIANCE: 0.5 * noise / variance}
+        found["read_noise_e"] = noise, by, measured.n_dark
+    if has_dark_current:
+        current = dark_slope / gain
+        found[_DARK_CURRENT] = current, {_GAIN: -current / gain, _DARK_SLOPE: 1.0 / gain}, measured.n_dark
+    found["black_level_dn"] = black_level, {_BLACK_LEVEL: 1.0}, measured.n_dark
+    if no_prnu is None:
+        prnu = float(np.sqrt(flat_spatial)) / response / measured.signal_dn
+        by = {_FLAT_SPATIAL: 0.5 * prnu / flat_spatial, _RESPONSE_SLOPE: -prnu / response}
+        found["prnu"] = prnu, by, measured.n_flat_pattern
+    if no_dsnu is None:
+        dsnu = float(np.sqrt(dark_spatial)) / gain
+        by = {_GAIN: -dsnu / gain, _DARK_SPATIAL: 0.5 * dsnu / dark_spatial}
+        found["dsnu_e"] = dsnu, by, measured.n_dark_pattern
+    gradients = np.zeros((len(found), len(measured.values)))
+    for row, (_, by, _) in enumerate(found.values()):
+        gradients[row, list(by)] = list(by.values())
+    matrix = gradients @ measured.covariance @ gradients.T
+    errors = np.sqrt(np.diag(matrix)).tolist()
+    estimates = {
+        name: Estimate(value=value, std_error=error, n=n)
+        for (name, (value, _, n)), error in zip(found.items(), errors, strict=True)
+    }
+    small = _unresolved_dark_current(measured, darks) if has_dark_current else None
+    flags = tuple(flag for flag in (no_read_noise, no_prnu, no_dsnu, small) if flag is not None)
+    return estimates, JointCovariance(names=tuple(found), matrix=matrix), flags
+
+
+def _bounds(measured: _Measured, best: Collection[str], *, has_read_noise: bool) -> dict[str, Bound]:
+    """Return upper bounds of read noise and fixed pattern where these are not among the best."""
+    gain, errors = float(measured.values[_GAIN]), np.sqrt(np.diag(measured.covariance))
+    largest_dn2 = np.maximum(measured.values, 0.0) + _RESOLVED_SIGMA * errors
+    dark_dn2 = max(QUANTISATION_LIMIT_DN2, largest_dn2[_DARK_VARIANCE] if has_read_noise else 0.0)
+    bounds = {
+        "read_noise_e": Bound(bound="<", value=float(np.sqrt(dark_dn2)) / gain),
+        "prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2[_FLAT_SPATIAL])) / measured.signal_dn),
+        "dsnu_e": Bound(bound="<", value=float(np.sqrt(largest_dn2[_DARK_SPATIAL])) / gain),
+    }
+    return {name: bound for name, bound in bounds.items() if name not in best}
+
+
+def _unresolved_pattern(measured: _Measured, row: int, name: str) -> Flag | None:
+    """Return a flag if a fixed pattern is lost in noise."""
+    variance, error = float(measured.values[row]), float(np.sqrt(measured.covariance[row, row]))
+    if variance > _RESOLVED_SIGMA * error:
+        return None
+    bound_dn = np.sqrt(max(variance, 0.0) + _RESOLVED_SIGMA * error)
+    size = f"{bound_dn / measured.signal_dn:.2%}" if name == "prnu" else f"{bound_dn / measured.values[_GAIN]:.3g} e-"
+    return Flag(
+        name=f"{name}_not_resolved",
+        message=f"the variance from pixel to pixel is "
+        f"{number_with_error(variance, error)} DN^2 once temporal noise is taken "
+        f"off, not more than {_RESOLVED_SIGMA:.0f} standard errors above 0: the {name.upper()} is below {size}; take "
+        f"a stack of 16 frames or more at one level to measure it",
+    )
+
+
+def _unresolved_read_noise(measured: _Measured) -> Flag | None:
+    """Return a flag if dark current or rounding hides the read noise."""
+    variance = float(measured.values[_DARK_VARIANCE])
+    error = float(np.sqrt(measured.covariance[_DARK_VARIANCE, _DARK_VARIANCE]))
+    if variance - QUANTISATION_VAR_DN2 > _RESOLVED_SIGMA * error and variance > QUANTISATION_LIMIT_DN2:
+        return None
+    bound_e = np.sqrt(max(variance, QUANTISATION_LIMIT_DN2) + _RESOLVED_SIGMA * error) / measured.values[_GAIN]
+    return Flag(
+        name="read_noise_not_resolved",
+        message=f"the dark variance at no exposure is "
+        f"{number_with_error(variance, error)} DN^2, which is not more than its "
+        f"error and rounding explain: the read noise is below {bound_e:.3g} e-; take dark frames at exposures so "
+        f"short that dark current adds little",
+    )
+
+
+def _unresolved_dark_current(measured: _Measured, darks: Sequence[LevelStatistics]) -> Flag | None:
+    """Return a flag if the dark current does not differ from 0 significantly."""
+    slope, error = (
+        float(measured.values[_DARK_SLOPE]),
+        float(np.sqrt(measured.covariance[_DARK_SLOPE, _DARK_SLOPE])),
+    )
+    if abs(slope) > _RESOLVED_SIGMA * error:
+        return None
+    bound_e_per_s = (max(slope, 0.0) + _RESOLVED_SIGMA * error) / measured.values[_GAIN]
+    advice = _longer(bound_e_per_s, _longest_s(darks))
+    return Flag(
+        name="dark_current_not_resolved",
+        message=f"the dark mean grows by "
+        f"{number_with_error(slope, error)} DN/s, not more than {_RESOLVED_SIGMA:.0f} standard "
+        f"errors from 0: the dark current is below {bound_e_per_s:.3g} e-/s; {advice}",
+    )
+
+
+def _longer(bound_e_per_s: float, longest_s: float) -> str:
+    """Return the advice on dark exposures that would show a usual dark current."""
+    if not longest_s:
+        return "longer dark exposures measure it"
+    wanted_s = float(np.clip(longest_s * bound_e_per_s / _SMALL_E_PER_S, 2.0 * longest_s, max(60.0, 2.0 * longest_s)))
+    return f"dark frames of {float(f'{wanted_s:.1g}'):g} s would show more than {_SMALL_E_PER_S:g} e-/s"
+
+
+def _longest_s(darks: Sequence[LevelStatistics]) -> float:
+    """Return the longest exposure that is known, 0 if none is."""
+    return max((dark.exposure_s for dark in darks if dark.exposure_s is not None), default=0.0)
+
+
+def _implausible_exposures(
+    flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
+    dark_current_e_per_s: Estimate | None,
+    stated: StatedExposures,
+) -> tuple[Flag, ...]:
+    """Return what a dark current that no camera has says of the exposures."""
+    return implausible_unit((*flats, *darks), dark_current_e_per_s, stated=stated) or (
+        Flag(
+            name="dark_current_not_resolved",
+            message=f"dark exposures up to {_longest_s(darks):.3g} s are too short for a dark current of any camera to "
+            f"show: it is not known; take dark frames of 1 s or more",
+        ),
+    )
+
+
+def _saturation_bound(transfer: PhotonTransfer) -> dict[str, Bound]:
+    """Return the brightest signal without saturation, where saturation was not reached."""
+    if transfer.saturation is not None:
+        return {}
+    below = transfer.points.signal_dn[~transfer.points.saturated]
+    return {"saturation_e": Bound(bound=">", value=float(below.max()) / transfer.gain_dn_per_e)} if below.size else {}
+
+
+def _saturation(flats: Sequence[LevelStatistics], transfer: PhotonTransfer) -> Estimate | None:
+    level = transfer.saturation
+    if level is None:
+        return None
+    value = level.signal_dn / transfer.gain_dn_per_e
+    relative_gain_error = float(np.sqrt(transfer.fit.covariance[0, 0])) / transfer.gain_dn_per_e
+    return Estimate(
+        value=value,
+        std_error=float(np.hypot(level.std_error_dn / transfer.gain_dn_per_e, value * relative_gain_error)),
+        n=flats[level.lower].n_frames + flats[level.upper].n_frames,
+    )
+
+
+# Figures of merit
+
+
+def _performance(
+    transfer: PhotonTransfer, dark: DarkSignal, best: Mapping[str, Estimate], saturation_e: Estimate | None
+) -> Performance:
+    """Return the figures of merit of a sensor.
+
+    Rounding counts as noise here. The gain cancels in the dynamic range but for half an electron, so its error is that
+    of the saturation and of the dark noise in counts.
+
+    EMVA Standard 1288, Release 4.0 Linear; the threshold here without its approximation.
+    """
+    gain, read_noise_e = best["gain_dn_per_e"], best.get("read_noise_e")
+    threshold = None if read_noise_e is None else _threshold(gain, read_noise_e)
+    by_variance = _dark_current_by_variance(dark, gain, n=0 if read_noise_e is None else read_noise_e.n)
+    return Performance(
+        threshold_e=threshold,
+        dynamic_range=_dynamic_range(transfer, gain, saturation_e, threshold),
+        snr_max=None if saturation_e is None else _root(saturation_e),
+        dark_current_variance_e_per_s=by_variance,
+        dark_current_disagreement=None if by_variance is None else _disagreement(dark, gain, by_variance),
+        quantum_efficiency=_quantum_efficiency(transfer, gain),
+    )
 
 
 def _threshold(gain: Estimate, read_noise_e: Estimate) -> Estimate:
@@ -583,267 +765,12 @@ def _quantum_efficiency(transfer: PhotonTransfer, gain: Estimate) -> Estimate | 
     return Estimate(value=value, std_error=float(value * relative), n=gain.n)
 
 
-# A sensor's noise parameters from dark and flat levels, each with what it is uncertain by
+# Words for numbers that are not known, and the first lines of a report
 
-_STATED = StatedExposures()
-_STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NoiseCalibration:
-    """A sensor's noise parameters; None is what the frames cannot give, and a flag then says why.
-
-    Attributes
-    ----------
-    gain_dn_per_e : Estimate
-        Counts per electron [DN/e-].
-    read_noise_e : Estimate or None
-        Temporal noise of a dark pixel at no exposure, rounding taken off [e-].
-    dark_current_e_per_s : Estimate or None
-        Growth of the dark mean [e-/s]; may be below 0 by its error.
-    black_level_dn : Estimate
-        Dark mean at no exposure [DN].
-    saturation_e : Estimate or None
-        Signal of largest temporal variance [e-].
-    prnu : Estimate or None
-        Standard deviation of the response from pixel to pixel, relative to its mean; without what is smooth on a
-        sixteenth of the picture.
-    dsnu_e : Estimate or None
-        Standard deviation of the dark signal from pixel to pixel [e-].
-    covariance : JointCovariance
-        Of the errors of all that exist but the saturation.
-    flags : tuple of Flag
-        What is to be known of the frames. None of them refuses: a refused set has no calibration.
-    bounds : dict
-        How large or small the numbers that are None can be, by their names, where the frames say that.
-    performance : Performance
-        Threshold, dynamic range, SNR, dark current by variance, quantum efficiency.
-    transfer : PhotonTransfer
-        The photon-transfer curve.
-    dark : DarkSignal
-        The lines through the dark levels.
-    flats, darks : tuple of LevelStatistics
-        The levels: flats by ascending mean, darks as given.
-    spatial : SpatialLevels
-        Which of them the fixed pattern was taken from.
-    emva1288 : dict
-        The numbers of EMVA 1288 by its own unweighted fits, by the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`.
-    influence : tuple of LevelInfluence
-        Each flat beside what all others say of it, in the order of `flats`.
-    light_stability : LightStability
-        Wander of the light from frame to frame, from the repeats within levels.
-    """
-
-    gain_dn_per_e: Estimate
-    read_noise_e: Estimate | None
-    dark_current_e_per_s: Estimate | None
-    black_level_dn: Estimate
-    saturation_e: Estimate | None
-    prnu: Estimate | None
-    dsnu_e: Estimate | None
-    covariance: JointCovariance
-    flags: tuple[Flag, ...]
-    bounds: dict[str, Bound]
-    performance: Performance
-    transfer: PhotonTransfer
-    dark: DarkSignal
-    flats: tuple[LevelStatistics, ...]
-    darks: tuple[LevelStatistics, ...]
-    spatial: SpatialLevels
-    emva1288: dict[str, EmvaFigure | None]
-    influence: tuple[LevelInfluence, ...]
-    light_stability: LightStability
-
-
-def calibrate_noise(
-    levels: Sequence[LevelStatistics], *, bit_depth: int, stated: StatedExposures = _STATED
-) -> NoiseCalibration:
-    """Return gain, read noise, dark current, black level, saturation, PRNU and DSNU of a sensor.
-
-    Parameters
-    ----------
-    levels : sequence of LevelStatistics
-        Dark and flat levels of one camera at one gain, in any order; at least one of each.
-    bit_depth : int
-        Bits per sample, 1 to 16; the largest sample is 2**bit_depth - 1.
-    stated : StatedExposures
-        Where the exposures are from, for advice on their unit.
-
-    Raises
-    ------
-    RefusedFramesError
-        The frames show something that makes any number from them wrong, there are no dark or no flat levels, they
-        differ in size, or no flat can be used; what was found is in its flags.
-    CalibrationError
-        The bit depth is none.
-
-    Notes
-    -----
-    Standard errors hold sampling and, where points scatter by more than that, their scatter. To first order:
-    good to a few per cent of themselves when the relative errors are below 10 %.
-
-    PRNU and DSNU are those of a population from which this sensor's pixels are drawn, taken from the levels
-    with the most frames, of those the flat nearest to half of saturation. What is smooth across the picture is taken
-    off the PRNU: uneven light and shading of a lens cannot be told from a sensor's own.
-
-    References
-    ----------
-    EMVA Standard 1288, Release 4.0 Linear, sections 6 to 8. Different from it: the response of the sensor, weights,
-    bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
-    """
-    flats, all_darks = _sorted_levels(levels, bit_depth)
-    flags = frame_flags(levels, bit_depth=bit_depth)
-    flags += impossible_exposures(levels, stated=stated)
-    _refuse_if_any(flags)
-    darks, dark_flags = sound_darks(all_darks)
-    dark, match = fit_dark_signal(darks), match_darks(flats, darks)
-    ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
-    curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
-    wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
-    flags += (*dark_flags, *curve.flags, *curve_flags(levels, flats, curve.transfer, dark, match, wrong=wrong))
-    _refuse_if_any(flags)
-    found = _Levels(flats=flats, darks=darks, dark=dark, match=match, curve=curve, ceiling_dn=ceiling_dn, stated=stated)
-    return _numbers(found, flags)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Levels:
-    """Levels that nothing refuses, and the lines and the curve through them."""
-
-    flats: Sequence[LevelStatistics]
-    darks: Sequence[LevelStatistics]
-    dark: DarkSignal
-    match: DarkMatch
-    curve: JudgedCurve
-    ceiling_dn: int
-    stated: StatedExposures
-
-
-def _numbers(of: _Levels, flags: tuple[Flag, ...]) -> NoiseCalibration:
-    """Return the numbers of levels, with what was said of them before and what their numbers say."""
-    transfer = of.curve.transfer
-    spatial = choose_spatial_levels(of.flats, of.darks, transfer=transfer, match=of.match)
-    measured = measure(of.flats, of.darks, transfer=transfer, dark=of.dark, match=of.match, spatial=spatial)
-    parameters, of_unit = _plausible_parameters(measured, of)
-    best = parameters.estimates
-    saturation_e = _saturation(of.flats, transfer)
-    merit, standard = _merit(of, best, saturation_e, has_unit=not of_unit)
-    flags += (*parameters.flags, *left_out_flags(of.darks[spatial.dark], of.flats[spatial.flat]), *of_unit)
-    flags += parameter_flags(
-        dark_current_e_per_s=best.get("dark_current_e_per_s"), quantum_efficiency=merit.quantum_efficiency
-    )
-    flags += unusual_dark_current(best.get("dark_current_e_per_s"), stated=of.stated)
-    return NoiseCalibration(
-        gain_dn_per_e=best["gain_dn_per_e"],
-        read_noise_e=best.get("read_noise_e"),
-        dark_current_e_per_s=best.get("dark_current_e_per_s"),
-        black_level_dn=best["black_level_dn"],
-        saturation_e=saturation_e,
-        prnu=best.get("prnu"),
-        dsnu_e=best.get("dsnu_e"),
-        covariance=parameters.covariance,
-        flags=by_consequence(flags),
-        bounds=parameters.bounds | _saturation_bound(transfer),
-        performance=merit,
-        transfer=transfer,
-        dark=of.dark,
-        flats=tuple(of.flats),
-        darks=tuple(of.darks),
-        spatial=spatial,
-        emva1288=standard,
-        influence=of.curve.levels,
-        light_stability=of.curve.stability,
-    )
-
-
-def _merit(
-    of: _Levels, best: dict[str, Estimate], saturation_e: Estimate | None, *, has_unit: bool
-) -> tuple[Performance, dict[str, EmvaFigure | None]]:
-    """Return figures of merit and those of the standard; without a unit of the exposures no dark current."""
-    merit = performance(
-        of.curve.transfer,
-        of.dark,
-        gain=best["gain_dn_per_e"],
-        read_noise_e=best.get("read_noise_e"),
-        saturation_e=saturation_e,
-    )
-    standard = emva1288_figures(of.flats, of.darks, ceiling_dn=of.ceiling_dn)
-    if has_unit:
-        return merit, standard
-    merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
-    return merit, standard | dict.fromkeys(_STANDARD_DARK_CURRENTS)
-
-
-def _sorted_levels(
-    levels: Sequence[LevelStatistics], bit_depth: int
-) -> tuple[list[LevelStatistics], list[LevelStatistics]]:
-    if bit_depth not in range(1, 17):
-        raise CalibrationError(f"bit_depth is {bit_depth}; allowed is 1 to 16")
-    flats = sorted((level for level in levels if level.kind == "flat"), key=lambda level: level.mean_dn)
-    darks = [level for level in levels if level.kind == "dark"]
-    if not flats or not darks:
-        raise refused(
-            "missing_levels",
-            f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more; at least one of each is "
-            f"needed, better ten exposures with two flats and two darks at each",
-        )
-    shapes = {level.shape for level in levels}
-    if len(shapes) > 1:
-        raise refused(
-            "mixed_size", f"levels differ in size (rows, columns): {sorted(shapes)}; use one region throughout"
-        )
-    return flats, darks
-
-
-def _plausible_parameters(measured: Measured, of: _Levels) -> tuple[NoiseParameters, tuple[Flag, ...]]:
-    """Return the parameters, without a dark current that no camera has, and what is said of it."""
-    has_read_noise = of.dark.variance_fit is not None
-    longest_s = max((one.exposure_s for one in of.darks if one.exposure_s is not None), default=None)
-    found = noise_parameters(
-        measured, has_read_noise=has_read_noise, has_dark_current=of.dark.has_slope, longest_dark_s=longest_s
-    )
-    dark_current_e_per_s = found.estimates.get("dark_current_e_per_s")
-    if not is_absurd(dark_current_e_per_s):
-        return found, ()
-    said = implausible_unit((*of.flats, *of.darks), dark_current_e_per_s, stated=of.stated) or (
-        Flag(
-            name="dark_current_not_resolved",
-            message=f"dark exposures up to {longest_s or 0.0:.3g} s are too short for a dark current of any camera to "
-            f"show: it is not known; take dark frames of 1 s or more",
-        ),
-    )
-    return noise_parameters(measured, has_read_noise=has_read_noise, has_dark_current=False), said
-
-
-def _saturation_bound(transfer: PhotonTransfer) -> dict[str, Bound]:
-    """Return the brightest signal without saturation, where saturation was not reached."""
-    if transfer.saturation is not None:
-        return {}
-    below = transfer.points.signal_dn[~transfer.points.saturated]
-    return {"saturation_e": Bound(bound=">", value=float(below.max()) / transfer.gain_dn_per_e)} if below.size else {}
-
-
-def _saturation(flats: Sequence[LevelStatistics], transfer: PhotonTransfer) -> Estimate | None:
-    level = transfer.saturation
-    if level is None:
-        return None
-    value = level.signal_dn / transfer.gain_dn_per_e
-    relative_gain_error = float(np.sqrt(transfer.fit.covariance[0, 0])) / transfer.gain_dn_per_e
-    return Estimate(
-        value=value,
-        std_error=float(np.hypot(level.std_error_dn / transfer.gain_dn_per_e, value * relative_gain_error)),
-        n=flats[level.lower].n_frames + flats[level.upper].n_frames,
-    )
-
-
-def _refuse_if_any(flags: tuple[Flag, ...]) -> None:
-    if any(flag.refuses for flag in flags):
-        raise RefusedFramesError(flags)
-
-
-# Reasons why a number of a calibration is not known, each with the one measurement that would tell
 
 _STACKS = "take a stack of 16 frames or more at half of saturation, and as many dark frames"
+
+
 _BY_FLAG = {
     "read_noise_e": ("quantisation_limited", "read_noise_not_resolved"),
     "dark_current_e_per_s": (
@@ -855,6 +782,8 @@ _BY_FLAG = {
         "single_dark_exposure",
     ),
 }
+
+
 _REASONS = {
     "quantisation_limited": "rounding to whole counts hides the noise of dark frames: raise the camera's gain",
     "read_noise_not_resolved": "dark current or rounding hides it: take dark frames at the shortest exposure",
@@ -863,44 +792,8 @@ _REASONS = {
     "dark_current_or_light": "it may be light: cover the lens and take stacks of 16 flats and darks at one exposure",
     "dark_current_changed": "it changed while the dark frames were taken: let the camera warm up and take them again",
     "dark_current_not_resolved": "dark exposures are too short: take dark frames of 1 s or more",
-    "single_dark_exposure": "dark frames have one exposure: take dark frames of 1 s or more beside them",
+    "single_dark_exposure": "dark frames have one exposure: take dark frames of 1 s or more too",
 }
-
-
-def not_known(calibration: NoiseCalibration) -> dict[str, str]:
-    """Return why each number that is not known is not, by the number's name.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        The calibration; names of ``performance`` and ``emva1288`` are among the keys.
-    """
-    best, merit = calibration, calibration.performance
-    names = {flag.name for flag in best.flags}
-    found = {
-        name: _REASONS[flags[0] if not names.intersection(flags) else next(one for one in flags if one in names)]
-        for name, flags in _BY_FLAG.items()
-        if getattr(best, name) is None
-    }
-    if best.prnu is None:
-        found["prnu"] = f"noise in time hides it: {_STACKS}"
-    if best.dsnu_e is None:
-        found["dsnu_e"] = f"noise in time, or rounding, hides it: {_STACKS}, longer if it stays so"
-    if best.saturation_e is None:
-        found["saturation_e"] = f"the sweep ends below it: {_brighter(best)}"
-    if merit.quantum_efficiency is None:
-        found["quantum_efficiency"] = _no_efficiency(best)
-    if merit.threshold_e is None:
-        found["threshold_e"] = found.get("read_noise_e", "the read noise is not known")
-    if merit.dynamic_range is None:
-        found["dynamic_range"] = found.get("saturation_e") or found.get("read_noise_e", "saturation is not known")
-    if merit.snr_max is None:
-        found["snr_max"] = found.get("saturation_e", "saturation is not known")
-    if merit.dark_current_variance_e_per_s is None:
-        found["dark_current_variance_e_per_s"] = found.get("read_noise_e") or found.get(
-            "dark_current_e_per_s", "dark frames have one exposure: take longer ones beside them"
-        )
-    return found | _standard(best, found)
 
 
 def _brighter(best: NoiseCalibration) -> str:
@@ -940,8 +833,6 @@ def _standard(best: NoiseCalibration, found: dict[str, str]) -> dict[str, str]:
     return {name: reason for name, reason in reasons.items() if name not in found}
 
 
-# Three lines of a calibration to read first: what to trust, what is a bound or not known, what to do next
-
 _NAMES = {
     "read_noise_e": "read noise",
     "dark_current_e_per_s": "dark current",
@@ -949,6 +840,8 @@ _NAMES = {
     "prnu": "PRNU",
     "dsnu_e": "DSNU",
 }
+
+
 _NEXT = {
     "light_or_gain_changed": "take all levels again with automatic gain off and a lamp that is warm",
     "wrong_time_unit": "correct the unit of the exposures, as wrong_time_unit says",
@@ -963,7 +856,7 @@ _NEXT = {
     "wrong_dark": "take the named dark level again, with the lens covered",
     "wrong_variance": "take the named level again",
     "wrong_light": "correct exposure or photons of the named level",
-    "unclear_level": "take the named level again, and more beside it",
+    "unclear_level": "take the named level again, with more levels near it",
     "dark_current_changed": "let the camera warm up, and take the dark frames in mixed order",
     "quantisation_limited": "raise the camera's gain, or save more bits",
     "too_few_levels": "take ten levels or more between dark and 80 % of saturation",
@@ -977,23 +870,6 @@ _NEXT = {
     "prnu_not_resolved": "take a stack of 16 flats or more",
     "short_stack": "take stacks of 16 frames or more",
 }
-
-
-def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
-    """Return three lines to read first.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        The calibration, its flags in the order of what they do.
-    """
-    gain = calibration.gain_dn_per_e
-    share = gain.std_error / gain.value
-    trust = f"trust the gain to {share:.1%}" if share >= 1e-3 else f"trust the gain to {share:.2%}"
-    named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
-    if named:
-        trust += f"; {len(dict.fromkeys(named))} level{'s are' if len(set(named)) > 1 else ' is'} named as wrong"
-    return f"{trust}.", f"{_unknown(calibration)}.", f"{_next(calibration)}."
 
 
 def _unknown(calibration: NoiseCalibration) -> str:
@@ -1022,23 +898,19 @@ def _next(calibration: NoiseCalibration) -> str:
     return "nothing needs to be taken again"
 
 
-# Light in dark frames: whether the fixed pattern shows it, and what a calibration may then say of its dark current
+# Light in dark frames, by the fixed pattern
 
-SingleArray = NDArray[np.float32]
 
-# A dark current beyond this may be light; below, light and the dark current of pixels with unlike gains are as likely.
-USUAL_DARK_E_PER_S = 1000.0
 _WINDOW, _OUTLIER, _LEAST_PIXELS = 15, 5.0, 1000
 # Variance of white noise that a local mean leaves.
 _LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
 _SIGMA, _LEAST_SHARE = 5.0, 1e-4
 _GAIN_SIGMA = 3.0
 _OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
-_DARK_CURRENT = "dark_current_e_per_s"
 
 
 @dataclass(frozen=True, kw_only=True)
-class DarkLight:
+class _DarkLight:
     """Light in a dark stack by the pattern of the response to light in it."""
 
     light: Estimate
@@ -1047,7 +919,7 @@ class DarkLight:
     excludes_light: bool
 
 
-def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | None:
+def _dark_light(pattern: FixedPattern, *, black_level_dn: float) -> _DarkLight | None:
     """Return the light in a dark stack, None where the response has no pattern to know it by.
 
     Dark current has its own pattern from pixel to pixel, light has that of the response (PRNU), and so has dark current
@@ -1079,7 +951,7 @@ def dark_light(pattern: FixedPattern, *, black_level_dn: float) -> DarkLight | N
         _GAIN_SIGMA * float(np.hypot(error_dn, share.std_error * dark_dn))
     )
     is_there = light.value > _SIGMA * error_dn and light.value > _LEAST_SHARE * pattern.signal_dn
-    return DarkLight(
+    return _DarkLight(
         light=light,
         covariance=Estimate(value=together / pattern.signal_dn, std_error=of_chance / pattern.signal_dn, n=light.n),
         is_seen=is_there and not is_of_gain,
@@ -1116,39 +988,6 @@ def _local(picture: SingleArray) -> SingleArray:
 
 def _robust_std(picture: SingleArray) -> float:
     return 1.4826 * float(np.median(np.abs(picture)))
-
-
-def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
-    """Return a calibration with what its fixed pattern says, without a dark current where darks may have seen light.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        From the levels alone.
-    pattern : FixedPattern or None
-        Of its two stacks, pixel by pixel; None where there is none.
-
-    Notes
-    -----
-    A dark current within what cameras usually have is taken for one unless the pattern shows light in it; one that is
-    larger is taken for one where light would have shown, and is otherwise a bound.
-    """
-    found = () if pattern is None else pattern_flags(pattern)
-    # The pixel-by-pixel look at defects says more than that at their variance.
-    named = {flag.name for flag in found}
-    kept = tuple(flag for flag in calibration.flags if flag.name not in named)
-    calibration = replace(calibration, flags=by_consequence((*kept, *found)))
-    light = None if pattern is None else dark_light(pattern, black_level_dn=calibration.black_level_dn.value)
-    if light is not None:
-        calibration = _with_own_response(calibration, light.covariance)
-    if light is not None and light.is_seen:
-        return _with_light(calibration, light.light)
-    current = calibration.dark_current_e_per_s
-    if current is None or (light is not None and light.excludes_light):
-        return calibration
-    if current.value - _SIGMA * current.std_error < USUAL_DARK_E_PER_S:
-        return calibration
-    return _without_dark_current(calibration, _untestable_flag(current), bound=current)
 
 
 def _share_of_flat(calibration: NoiseCalibration) -> float:
@@ -1193,7 +1032,7 @@ def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibrat
     if current is None or not dark.exposure_s:
         return flagged
     rate_e_per_s = light.value / calibration.gain_dn_per_e.value / dark.exposure_s
-    if rate_e_per_s >= USUAL_DARK_E_PER_S:
+    if rate_e_per_s >= _USUAL_DARK_E_PER_S:
         return _without_dark_current(calibration, _light_flag(light), bound=current)
     names, wider = calibration.covariance.names, calibration.covariance.matrix.copy()
     own = names.index(_DARK_CURRENT)
@@ -1238,6 +1077,6 @@ def _untestable_flag(current: Estimate) -> Flag:
         name="dark_current_or_light",
         message=f"dark frames gain "
         f"{number_with_error(current.value, current.std_error)} e-/s, more than cameras usually do "
-        f"({USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too little known to tell dark current from light: "
+        f"({_USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too little known to tell dark current from light: "
         f"cover the lens, and take stacks of 16 flats and 16 darks or more at one exposure",
     )
