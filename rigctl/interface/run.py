@@ -16,7 +16,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
-from rigctl.reports.data_frames import Backend, optional
+from rigctl.report.data_frames import Backend, optional
 from rigctl.runs.check import wholeness, wholeness_remark
 from rigctl.runs.folder import Run as RunRecord
 from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_run

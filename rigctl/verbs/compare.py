@@ -222,7 +222,7 @@ class ComparisonResult(Result):
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of comparison.csv as a data frame: predicted, measured, errors, scores, verdict."""
         from rigctl.report.comparison import row_table
-        from rigctl.reports.data_frames import data_frame
+        from rigctl.report.data_frames import data_frame
 
         return data_frame(row_table(self.comparison.rows), backend)
 
@@ -271,7 +271,7 @@ class SeriesResult(Result):
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of series.csv as a data frame."""
         from rigctl.report.comparison import series_rows
-        from rigctl.reports.data_frames import data_frame
+        from rigctl.report.data_frames import data_frame
 
         return data_frame(series_rows(self.series), backend)
 

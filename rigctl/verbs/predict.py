@@ -373,7 +373,7 @@ class Prediction(Result):
         backend : {"pandas", "polars"}
             Whose data frame. The error is there after ``predict(..., uncertainty=True)``.
         """
-        from rigctl.reports.data_frames import data_frame, number_table
+        from rigctl.report.data_frames import data_frame, number_table
 
         errors = {} if self.uncertainty is None else self.uncertainty.std_errors
         rows = (
@@ -474,8 +474,8 @@ class SweepResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every number at every value: key, at, region, quantity, statistic, value."""
+        from rigctl.report.data_frames import data_frame
         from rigctl.report.table import Table
-        from rigctl.reports.data_frames import data_frame
 
         found = self.found
         rows = tuple(

@@ -133,7 +133,7 @@ class SkyResult(Result):
 
     def to_xarray(self) -> Any:
         """Return s0, s1, s2 [W m-2 sr-1 in band] and dolp over zenith_deg and azimuth_deg as an `xarray.Dataset`."""
-        from rigctl.reports.data_frames import optional
+        from rigctl.report.data_frames import optional
 
         places = ("zenith_deg", "azimuth_deg")
         unit = {"units": "W m-2 sr-1"}

@@ -228,14 +228,14 @@ class StokesResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every measured number as a data frame: region, quantity, statistic, value, std_error."""
-        from rigctl.reports.data_frames import data_frame, measured_numbers, number_table
+        from rigctl.report.data_frames import data_frame, measured_numbers, number_table
 
         found = {name: region.quantities for name, region in self.measurement.regions.items()}
         return data_frame(number_table(measured_numbers(found), error="std_error"), backend)
 
     def to_xarray(self) -> Any:
         """Return the pictures as an `xarray.Dataset`: s0, s1, s2, dolp, aolp_deg and unusable over y and x."""
-        from rigctl.reports.data_frames import optional
+        from rigctl.report.data_frames import optional
 
         images, unit = self.measurement.images, self.measurement.grid.unit
         units = {"s0": unit, "s1": unit, "s2": unit, "dolp": "1", "aolp_deg": "deg"}

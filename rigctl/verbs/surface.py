@@ -137,8 +137,8 @@ class SurfaceResult(Result):
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return camera_zenith_deg, f00_per_sr, s1n and dolp in the plane of sun and normal."""
+        from rigctl.report.data_frames import data_frame
         from rigctl.report.table import Column, Table
-        from rigctl.reports.data_frames import data_frame
 
         keys = ("camera_zenith_deg", "f00_per_sr", "s1n", "dolp")
         columns = tuple(Column[Any](key=key) for key in keys)

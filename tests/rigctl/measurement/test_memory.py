@@ -22,11 +22,11 @@ _TRIAL = """
 import json, sys
 from pathlib import Path
 from calibration.sensor.levels import level_statistics
-from rigctl.calibrations.noise.noise_frames import run_frames
-from rigctl.calibrations.registration.register_run import register_run
+from rigctl.calibrations.noise_frames import run_frames
+from rigctl.calibrations.registration import register_run
 from rigctl.files.regions import Region
-from rigctl.measurement import measurement
-from rigctl.runs.run_folder import read_run
+from rigctl.measure import measure as measurement
+from rigctl.runs.folder import read_run
 
 run, region = read_run(Path(sys.argv[1])), Region(name="all", rectangle=json.loads(sys.argv[2]))
 measurement.MOST_HELD_BYTES //= 50

@@ -197,7 +197,7 @@ def test_times_have_nine_digits():
 WRITER = """
 import sys
 from pathlib import Path
-from rigctl.runs.run_writer import RunWriter
+from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import make_record, noisy_counts
 with RunWriter.create(Path(sys.argv[1]), {}) as writer:
     for i in range(100000):

@@ -307,7 +307,7 @@ def _fail_writes(monkeypatch, code, fails):
     monkeypatch.setattr(run_writer, "write_durably", sometimes)
 
 
-def test_a_disk_that_will_be_full_before_the_end_is_told_at_the_start(tmp_path, monkeypatch, capsys):
+def test_a_disk_that_will_be_full_before_the_end_is_told_at_the_start(tmp_path, monkeypatch, caplog):
     class _Usage:
         free = 20_000
 
@@ -317,5 +317,5 @@ def test_a_disk_that_will_be_full_before_the_end_is_told_at_the_start(tmp_path, 
     events = [event for event in events_of(tmp_path / "run") if event["event"] == "disk is short"]
     assert len(events) == 1
     assert "has room for 2 of them" in events[0]["facts"]["found"]
-    assert "has room for 2 of them" in " ".join(capsys.readouterr().err.split())
+    assert "has room for 2 of them" in " ".join(caplog.text.split())
     assert_whole(tmp_path)
