@@ -46,13 +46,8 @@ def _folder(*names: str) -> _Place:
     return _Place(kind="folder", names=names)
 
 
-# As many figures and sets of materials as are asked for.
-_PAPER = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png")
 DESTINATIONS: dict[str, dict[str, _Place]] = {
     "record": {"out": _FILE},
-    "dolp estimators": {"out": _folder("estimators.png")},
-    "dolp fig5": {"out": _folder("fig5.png")},
-    "paper": {"out": _folder(*_PAPER)},
 }
 
 

@@ -68,8 +68,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "fit surface": ("rigctl.verbs.fit:surface", "Fit index, roughness and reflectance of a surface."),
         "sky": ("rigctl.verbs.sky:sky", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),
         "surface": ("rigctl.verbs.surface:surface", "DoLP and reflectance of a material against angle, with sources."),
-        "dolp": ("old", "What noise does to DoLP: [MK14] Fig. 5 exactly; estimators of the true DoLP."),
-        "paper": ("old", "Figures and statements of the paper, with verdicts."),
+        "paper": ("rigctl.verbs.paper:paper", "Figures and statements of the paper, with verdicts."),
     },
     "Many runs": {
         "archive": (None, "Index an archive of runs, find runs in it, and do a verb over all of them."),
@@ -88,6 +87,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
 MOVED = {
     "calibrations": "calibrate list, or calibrate history --out FILE.png",
     "point": "calibrate pointing RUN",
+    "dolp": "paper --figure 5, paper --estimators",
     "exclude": "note RUN --exclude FRAMES REASON",
     "info": "status RUN --contents",
     "log": "status RUN --log",

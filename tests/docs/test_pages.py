@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from model.quantities import QUANTITIES
-from rigctl import paper as paper_files
 from rigctl.files.session_file import InterlockSection
-from rigctl.paper import statement_csv
+from rigctl.paper import report as paper_files
+from rigctl.paper.report import statement_csv
 from rigctl.report.comparison import row_table, series_rows
 from rigctl.report.data_files import csv_rows
 from rigctl.report.prediction import measured_roc_table, roc_csv, sweep_csv

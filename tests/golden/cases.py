@@ -102,7 +102,7 @@ CHAPTERS = {
             "surface-list": "surface --list --json",
             "surface": "surface black-paint --sun-zenith-deg 50 --out black-paint --json",
             "surface-own": "surface material-mine.toml --json",
-            "dolp-estimators": "dolp estimators --json",
+            "dolp-estimators": "paper --estimators --json",
         },
     ),
     "panels": Chapter(

@@ -40,8 +40,7 @@ plan rig.toml session.toml --at 2026-05-04T10:00Z --until 2026-05-04T10:05Z --al
 plan rig.toml session.toml --scene scene.toml --noise noise.json --frame 96x48
 acquire rig.toml session.toml --out OUT --dry-run
 acquire rig.toml session.toml --out OUT --dry-run --scene scene.toml --noise noise.json --target-dolp-sigma 0.05
-dolp estimators --json
-dolp fig5 --draws 100 --seed 3 --json
+paper --estimators --json
 new OUT --simulated --no-input --json
 new OUT --stage zaber:/dev/none --camera gige:192.0.2.1 --latitude-deg 43 --longitude-deg -77 --elevation-m 100
 verify run

@@ -1,6 +1,7 @@
 """Verdicts of inequalities: what counts, what cannot be seen, and what only noise would decide."""
 
-from rigctl.paper import Number, Understanding, above, falls, peak_within, some_step_rises
+from rigctl.paper.scenes import Number
+from rigctl.paper.statements import Reading, above, falls, peak_within, some_step_rises
 
 
 def number(value, *, error=0.0, kind="plain"):
@@ -28,13 +29,13 @@ def test_ratios_of_noise_are_the_noise_floor():
 
 
 def test_one_reversed_inequality_refutes_a_reading():
-    reading = Understanding(name="falls", tests=falls([number(3.0), number(1.0), number(2.0)]))
+    reading = Reading(name="falls", tests=falls([number(3.0), number(1.0), number(2.0)]))
     assert reading.verdict == "opposite"
     assert reading.deciding.margin == -1.0
 
 
 def test_a_reading_without_numbers_cannot_be_seen():
-    assert Understanding(name="their data", tests=()).verdict == "cannot_be_seen"
+    assert Reading(name="their data", tests=()).verdict == "cannot_be_seen"
 
 
 def test_peaks_and_steps():

@@ -5,9 +5,10 @@ import json
 import pytest
 
 from rigctl.cli import main
-from rigctl.jobs.paper import PaperRequest, check_paper
-from rigctl.paper import STATEMENTS, verdict_cell
+from rigctl.paper.statements import statements
+from rigctl.verbs.paper import PaperResult, paper
 from tests.rigctl.example_files import EXAMPLES
+from tests.rigctl.paper.statements_page import verdict_cell
 
 PAGE = EXAMPLES.parent / "docs" / "paper-statements.md"
 # How many statements the issue of each figure's text has at least.
@@ -21,13 +22,13 @@ def page_rows():
 
 def test_the_page_has_every_sentence_of_the_program_and_no_other():
     rows = page_rows()
-    assert set(rows) - {"id", "---"} == {one.id for one in STATEMENTS}
-    for one in STATEMENTS:
+    assert set(rows) - {"id", "---"} == {one.id for one in statements()}
+    for one in statements():
         assert rows[one.id][:5] == [one.figure, one.id, one.sentence, one.geometry, one.check]
 
 
 def test_every_figure_has_its_sentences():
-    by_figure = [one.figure.rstrip("ab") for one in STATEMENTS]
+    by_figure = [one.figure.rstrip("ab") for one in statements()]
     for figure, least in LEAST.items():
         assert by_figure.count(figure) >= least
 
@@ -36,8 +37,9 @@ def test_every_figure_has_its_sentences():
 def test_verdicts_and_numbers_of_the_page_are_those_computed(materials):
     # The figures with the most sentences; benchmarks/trial_paper.py does the whole page.
     column = 5 + ["library", "rough"].index(materials)
-    results = check_paper(PaperRequest(figures=(9, 10), materials=(materials,))).results
-    rows, found = page_rows(), [one for one in results if one.statement.figure.rstrip("ab") in ("9", "10")]
+    computed = paper(figures=(9, 10), materials=(materials,))
+    assert isinstance(computed, PaperResult)
+    rows, found = page_rows(), [one for one in computed.results if one.statement.figure.rstrip("ab") in ("9", "10")]
     assert len(found) >= LEAST["9"] + LEAST["10"]
     for one in found:
         assert rows[one.statement.id][column] == verdict_cell(one)

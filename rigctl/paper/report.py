@@ -1,0 +1,488 @@
+"""What comes out of the paper as tables, figures, a page and files; points of its figures that somebody read off."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+from rigctl.errors import ConfigError
+from rigctl.paper.curves import Panel, PaperFigure, curves_of
+from rigctl.paper.scenes import PANELS, Number
+from rigctl.paper.statements import IN_WORDS, Description, Judged, Search, descriptions
+from rigctl.report.data_files import csv_rows, finite
+from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section
+from rigctl.report.drawing import COLOURS, legend_below, legend_of_all, png, say_beneath, subplots
+from rigctl.report.output import html, write_folder
+from rigctl.report.prediction import laws_of, sky_picture
+from rigctl.report.table import Column, Table
+from rigctl.scene.sky_map import sky_map
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from model.prediction import RegionPrediction
+    from model.processing.dolp_studies import EstimatorError
+    from rigctl.console.json_text import Json
+    from rigctl.verbs.paper import MaterialSet, PaperResult
+
+
+_POINT_COLUMNS = ("figure", "panel", "label", "x", "y")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DigitisedPoint:
+    """A point: number of the figure, letter of its panel (empty for all), which curve, and where."""
+
+    figure: int
+    panel: str
+    label: str
+    x: float
+    y: float
+
+
+def read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
+    """Return the points of a CSV file with the columns figure, panel, label, x, y.
+
+    Raises
+    ------
+    ConfigError
+        It cannot be read, lacks a column, or a row is no point.
+    """
+    try:
+        rows = list(csv.DictReader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    if not rows or not set(_POINT_COLUMNS) <= set(rows[0]):
+        raise ConfigError(f"{path}: needs a first line {','.join(_POINT_COLUMNS)} and a point a line")
+    return tuple(_point(path, line, row) for line, row in enumerate(rows, start=2))
+
+
+def _point(path: Path, line: int, row: dict[str, str]) -> DigitisedPoint:
+    try:
+        x, y = float(row["x"]), float(row["y"])
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError("x and y must be finite")
+        return DigitisedPoint(figure=int(row["figure"]), panel=row["panel"].strip(), label=row["label"], x=x, y=y)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}, line {line}: {error}") from error
+
+
+_LINE = re.compile(r"^\s*(?P<key>[A-Za-z_]+)\s*=\s*(?P<value>[^#]*?)\s*#\s*assumed:?\s*(?P<why>.*)$")
+_TABLE = re.compile(r"^\s*\[+(?P<name>[\w.]+)\]+")
+_NAME = re.compile(r'^\s*name\s*=\s*"(?P<name>[^"]*)"')
+
+
+def assumed_lines(path: Path) -> tuple[str, ...]:
+    """Return a text for each number of a scene file whose line says in a comment that it is assumed."""
+    table, found = "", []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        head, name, one = _TABLE.match(line), _NAME.match(line), _LINE.match(line)
+        if head is not None:
+            table = f"{head['name']}."
+        elif name is not None and table.startswith("regions."):
+            table = f"regions.{name['name']}."
+        if one is not None:
+            why = f" ({one['why']})" if one["why"] else ""
+            found.append(f"assumed: {table}{one['key']} = {one['value']}{why}")
+    return tuple(found)
+
+
+# Statements as tables, CSV and JSON.
+
+
+# More numbers of a statement stand in CSV and JSON.
+_MOST_SHOWN = 8
+
+
+def statement_json(found: Sequence[Judged]) -> list[dict[str, Json]]:
+    """Return the statements as programs read them."""
+    return [_object(one) for one in found]
+
+
+def _object(one: Judged) -> dict[str, Json]:
+    content: dict[str, Json] = {
+        "id": one.id,
+        "figure": one.statement.figure,
+        "sentence": one.statement.sentence,
+        "geometry": one.statement.geometry,
+        "check": one.statement.check,
+        "numbers": {label: finite(number.value) for label, number in one.numbers},
+        "margin": one.margin,
+        "numerical_error": one.numerical_error,
+        "verdict": one.verdict,
+        "materials": one.materials,
+        "readings": {reading.name: reading.verdict for reading in one.readings},
+    }
+    if one.as_paper:
+        content["as_paper"] = {
+            "numbers": {label: finite(number.value) for label, number in one.as_paper_numbers},
+            "verdict": one.as_paper_verdict,
+        }
+    return content
+
+
+def statement_csv(found: Sequence[Judged]) -> bytes:
+    """Return a row a statement."""
+    columns: tuple[Column[Judged], ...] = (
+        Column(key="id"),
+        *(Column(key=name, value=_of_statement(name)) for name in ("figure", "sentence", "geometry", "check")),
+        Column(key="numbers", value=lambda one: "; ".join(_number(*pair, digits=8) for pair in one.numbers)),
+        Column(key="margin"),
+        Column(key="numerical_error"),
+        Column(key="verdict"),
+        Column(key="materials"),
+        Column(key="readings", value=lambda one: "; ".join(f"{r.name}: {r.verdict}" for r in one.readings)),
+        Column(
+            key="as_paper_numbers",
+            value=lambda one: "; ".join(_number(*pair, digits=8) for pair in one.as_paper_numbers),
+        ),
+        Column(key="as_paper_verdict"),
+    )
+    return csv_rows(Table(columns=columns, rows=tuple(found)))
+
+
+def _of_statement(name: str) -> Any:
+    return lambda one: getattr(one.statement, name)
+
+
+def _number(label: str, number: Number, *, digits: int = 4) -> str:
+    return f"{label} {number.value:.{digits}g}"
+
+
+def statement_table(found: Sequence[Judged], *, title: str = "") -> Table[Judged]:
+    """Return the statements with their verdicts, and the numbers of each."""
+    columns: tuple[Column[Judged], ...] = (
+        Column(title="id", text=lambda one: one.id, left=True, unbroken=True),
+        Column(title="sentence", text=lambda one: one.statement.sentence, left=True, wide=True),
+        Column(title="where", text=lambda one: one.statement.geometry, left=True),
+        Column(title="check", text=lambda one: one.statement.check, left=True),
+        Column(title="numbers", text=_numbers_text, left=True),
+        Column(title="margin", text=lambda one: "–" if one.margin is None else f"{one.margin:.3g}"),
+        Column(
+            title="num. error", text=lambda one: "–" if one.numerical_error is None else f"{one.numerical_error:.1g}"
+        ),
+        Column(title="verdict", text=verdict_text, brief=lambda one: IN_WORDS[one.verdict], left=True),
+    )
+    return Table(title=title, columns=columns, rows=tuple(found), is_off=lambda one: one.verdict == "opposite")
+
+
+def description_table(figure: int) -> Table[Description]:
+    """Return the sentences that say what a figure shows, and how the figure here follows them."""
+    columns: tuple[Column[Description], ...] = (
+        Column(title="what the text says is drawn", text=lambda one: one.sentence, left=True, wide=True),
+        Column(title="here", text=lambda one: one.here, left=True),
+    )
+    return Table(columns=columns, rows=tuple(one for one in descriptions() if one.figure == figure))
+
+
+def terminal_statements(found: Sequence[Judged]) -> Table[Judged]:
+    """Return what fits a terminal: id, check, margin, verdict."""
+    whole = statement_table(found)
+    kept = {"id", "check", "margin", "num. error", "verdict"}
+    return Table(columns=tuple(column for column in whole.columns if column.title in kept), rows=whole.rows)
+
+
+def _numbers_text(one: Judged) -> str:
+    pairs = one.numbers
+    more = f"; {len(pairs) - _MOST_SHOWN} more in statements.json" if len(pairs) > _MOST_SHOWN else ""
+    text = "; ".join(_number(*pair) for pair in pairs[:_MOST_SHOWN]) + more
+    if not one.as_paper:
+        return text
+    costs = {label: number.value for label, number in one.as_paper_numbers}
+    shown = [f"{label} {costs[label]:.4g} ({costs[label] - number.value:+.2g})" for label, number in pairs[:_MOST_SHOWN]
+             if label in costs]  # fmt: skip
+    return f"{text} | as the paper computes: {'; '.join(shown)}"
+
+
+def verdict_text(one: Judged) -> str:
+    """Return the verdict, with that of each reading where they differ."""
+    text = IN_WORDS[one.verdict]
+    if len({reading.verdict for reading in one.readings}) > 1:
+        text += " (" + "; ".join(f"{reading.name}: {IN_WORDS[reading.verdict]}" for reading in one.readings) + ")"
+    if one.as_paper_verdict is not None and one.as_paper_verdict != one.verdict:
+        text += f"; as the paper computes: {IN_WORDS[one.as_paper_verdict]}"
+    return text
+
+
+def tally(found: Sequence[Judged]) -> str:
+    """Return how many statements have each verdict."""
+    counts = Counter(one.verdict for one in found)
+    return ", ".join(f"{IN_WORDS[name]} {counts[name]}" for name in IN_WORDS if counts[name])
+
+
+def search_lines(found: Search | None) -> Iterable[str]:
+    """Return what a search came to."""
+    if found is None:
+        return
+    start = next(one for one in found.tried if not one.numbers)
+    yield (
+        f"search: {len(found.tried)} sets of materials tried, the first set itself among them, and {found.impossible} "
+        f"draws that are no possible surface; most statements that hold {found.tried[0].held} of "
+        f"{len(found.tried[0].verdicts)}, with the first set {start.held}"
+    )
+    for key, value in found.tried[0].numbers.items():
+        yield f"  {key} = {value:.4g}"
+
+
+def verdict_lines(found: Iterable[Judged]) -> tuple[str, ...]:
+    """Return a line a statement, as it stands under a picture."""
+    return tuple(f"{one.statement.id} {verdict_text(one)}: {one.statement.check}" for one in found)
+
+
+def estimator_table(found: Mapping[str, EstimatorError], true_snr: Sequence[float]) -> Table[int]:
+    """Return bias and rms error of estimators of the true DoLP, a row a true signal-to-noise ratio."""
+    columns: tuple[Column[int], ...] = (
+        Column(title="true SNR", text=lambda k: f"{true_snr[k]:g}"),
+        *(Column(title=name, text=partial(_errors, found=error), unbroken=True) for name, error in found.items()),
+    )
+    return Table(title="bias/rms error", columns=columns, rows=tuple(range(len(true_snr))))
+
+
+def _errors(k: int, found: EstimatorError) -> str:
+    return f"{found.bias[k]:+.3f}/{found.rms[k]:.3f}"
+
+
+# Figures.
+
+
+_PANEL_PIXELS = 120
+_MOST_FALSE_ALARMS = 0.03
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
+
+
+def curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[DigitisedPoint] = ()) -> bytes:
+    """Return a figure of curves; points of the paper's own figure, where somebody has them, lie over them."""
+    columns = len(figure.panels)
+    drawn, axes = subplots(1, columns, size=(max(6.4 * columns, 8.5), 4.8 + 0.16 * len(beneath)))
+    for ax, panel in zip(axes, figure.panels, strict=True):
+        _draw(ax, panel)
+        if not panel.log_y:
+            _overlay(ax, [one for one in points if one.panel in ("", panel.letter)])
+        legend_below(ax)
+    drawn.suptitle(f"[MK14] Fig. {figure.number}: {figure.title}", fontsize=11)
+    say_beneath(drawn, beneath)
+    return png(drawn)
+
+
+def _draw(ax: Axes, panel: Panel) -> None:
+    colours = len(COLOURS)
+    for k, curve in enumerate(panel.curves):
+        # Where colours come round again, lines are broken.
+        line = "--" if k >= colours and curve.line == "-" else curve.line
+        ax.plot(curve.x, curve.y, linestyle=line or "none", marker=curve.marker or None, label=curve.label)
+    if panel.log_x:
+        ax.set_xscale("log")
+    if panel.log_y:
+        ax.set_yscale("log")
+        # Toward false alarms everywhere next to nothing is missed, by so many decades that they would hide the others.
+        shown = np.concatenate([curve.y[curve.x <= _MOST_FALSE_ALARMS] for curve in panel.curves])
+        ax.set_ylim(0.1 * float(np.min(shown)), 10.0 * float(np.max(shown)))
+    elif panel.log_x:
+        ax.set_ylim(0.0, 1.03)
+    else:
+        ax.set_ylim(0.0, 1.05 * max(float(np.nanmax(curve.y)) for curve in panel.curves))
+    ax.set_title(panel.title, fontsize=9)
+    ax.set_xlabel(panel.x_label)
+    ax.set_ylabel(panel.y_label)
+
+
+def _overlay(ax: Axes, points: Sequence[DigitisedPoint]) -> None:
+    for name in dict.fromkeys(point.label for point in points):
+        own = [point for point in points if point.label == name]
+        ax.plot([point.x for point in own], [point.y for point in own], "kx", markersize=6, label=f"digitised: {name}")
+
+
+def panels_png(predictions: Mapping[str, RegionPrediction], names: Mapping[str, str], beneath: Sequence[str]) -> bytes:
+    """Return Fig. 6: S0 and DoLP of panels, each pixel drawn from the predicted law (seed 1)."""
+    generator = np.random.default_rng(1)
+    size = (_PANEL_PIXELS * _PANEL_PIXELS, 3)
+    s0, degree = [], []
+    for name in names:
+        stokes = predictions[name].stokes_dn
+        pixels = stokes.mean + generator.standard_normal(size) @ np.linalg.cholesky(stokes.cov).T
+        s0.append(pixels[:, 0].reshape(_PANEL_PIXELS, -1))
+        degree.append(np.hypot(pixels[:, 1], pixels[:, 2]).reshape(_PANEL_PIXELS, -1) / s0[-1])
+    figure, axes = subplots(1, 2, size=(12.0, 4.0))
+    for ax, parts, label, cmap in zip(axes, (s0, degree), ("S0 [DN]", "DoLP"), ("gray", "magma"), strict=True):
+        shown = ax.imshow(np.hstack(parts), cmap=cmap, vmin=0.0)
+        ax.set_title(f"{label}: {', '.join(names.values())} (left to right)", fontsize=9)
+        ax.set_xlabel("x [pixel]")
+        ax.set_ylabel("y [pixel]")
+        figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
+    figure.suptitle("[MK14] Fig. 6: panels drawn from the predicted law; no picture of the authors", fontsize=11)
+    say_beneath(figure, beneath)
+    return png(figure)
+
+
+def laws_figure_png(
+    predictions: Mapping[str, RegionPrediction],
+    names: Mapping[str, str],
+    beneath: Sequence[str],
+    points: Sequence[DigitisedPoint] = (),
+) -> bytes:
+    """Return Fig. 8 (b): laws of s1, s2 and DoLP of the panels' pixels, exact and, dashed, Gaussian to first order."""
+    figure, axes = subplots(1, 3, size=(14.0, 4.6 + 0.16 * len(beneath)))
+    quantities = ("s1n", "s2n", "dolp")
+    for name, label in names.items():
+        one = predictions[name]
+        for ax, quantity, (x, density) in zip(axes, quantities, laws_of(one), strict=True):
+            # Where both are the same the thin line lies on the broad one.
+            (line,) = ax.plot(x, density, linewidth=4.0, alpha=0.35, label=f"{label}, exact")
+            mean, std = one.quantities[quantity]["mean"], one.quantities[quantity]["std"]
+            gauss = np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
+            ax.plot(x, gauss, "--", color=line.get_color(), linewidth=1.4, label=f"{label}, first order")
+    for letter, ax, label in zip("abc", axes, ("s1 = S1/S0", "s2 = S2/S0", "DoLP"), strict=True):
+        _overlay(ax, [one for one in points if one.panel in ("", letter)])
+        ax.set_xlabel(f"{label} of a pixel")
+        ax.set_ylabel("density")
+        ax.locator_params(axis="x", nbins=6)
+        ax.set_ylim(bottom=0.0)
+        legend_below(ax)
+    figure.suptitle("[MK14] Fig. 8 (b): sun 22, view 53, phi 180", fontsize=11)
+    say_beneath(figure, beneath)
+    return png(figure)
+
+
+def estimator_plot(true_snr: NDArray[np.float64], errors: Mapping[str, EstimatorError]) -> bytes:
+    """Return bias and rms error of every estimator against the true signal-to-noise ratio."""
+    figure, axes = subplots(1, 2, size=(11.0, 4.2))
+    for (name, found), dash in zip(errors.items(), _DASHES, strict=True):
+        axes[0].plot(true_snr, found.bias, linestyle=dash, label=name)
+        axes[1].plot(true_snr, found.rms, linestyle=dash, label=name)
+    for ax, label in zip(axes, ("bias", "rms error"), strict=True):
+        ax.set_xlabel("true DoLP / deviation")
+        ax.set_ylabel(f"{label} / deviation")
+        ax.axhline(0.0 if label == "bias" else 1.0, color="0.8", linewidth=1.0)
+    legend_of_all(figure, axes[1])
+    return png(figure)
+
+
+# The page and the files.
+
+
+NOTHING_STATED = "The text says what is drawn, and nothing of it that could be held or not."
+_MEANING = (
+    "holds, opposite: margins above three numerical errors. Cannot be seen: every P_D compared above .999, or the "
+    "authors' measured points are needed. Noise floor: exact DoLP SNRs below 2.1, that of unpolarised light is 1.913. "
+    "Ambiguous: readings of the sentence differ, each is named. A statement that does not come out is a result: the "
+    "optical properties of the paper are not at hand."
+)
+
+
+def paper_report(found: PaperResult, pictures: Mapping[str, bytes]) -> Report:
+    """Return the report on the paper.
+
+    Parameters
+    ----------
+    found : PaperResult
+        What came out.
+    pictures : mapping
+        File name to picture, as `rigctl.paper` has them.
+    """
+    return Report(
+        title="[MK14] figure by figure and sentence by sentence",
+        source="Meng & Kerekes, An Analytical Model for Optical Polarimetric Imaging Systems, IEEE TGRS 2014",
+        sections=[_summary(found), *_figures(found, pictures), *_search(found), *_assumed(found)],
+    )
+
+
+def _summary(found: PaperResult) -> Section:
+    lines = tuple(f"{one.name}: {tally(one.results)}" for one in found.sets)
+    return Section(title="What comes out", blocks=(Bullets(items=lines), Paragraph(text=_MEANING)))
+
+
+def _figures(found: PaperResult, pictures: Mapping[str, bytes]) -> Iterable[Section]:
+    for number in found.figures:
+        shown = [Picture(png=png, caption=name) for name, png in pictures.items() if name.startswith(f"fig{number}-")]
+        rows = [one for one in found.results if number in one.statement.figures]
+        judged = [statement_table(rows)] if rows else [Paragraph(text=NOTHING_STATED)]
+        blocks = (*shown, *judged, description_table(number))
+        yield Section(title=f"Fig. {number}", blocks=blocks)
+
+
+def _search(found: PaperResult) -> Iterable[Section]:
+    if found.search is None:
+        return
+    note = "Without a tolerance: to be confirmed with --materials."
+    yield Section(title="Search", blocks=(Bullets(items=(*search_lines(found.search), note)),))
+
+
+def _assumed(found: PaperResult) -> Iterable[Section]:
+    yield Section(title="Assumed", blocks=(Bullets(items=found.remarks),))
+    for one in found.sets:
+        yield Section(title=f"Assumed in {one.name}", blocks=(Bullets(items=one.assumed),), folded=True)
+
+
+_SAME_FOR_ALL = (2, 5)
+_FIG2 = (
+    "[MK14] Fig. 2: Stokes parameters and DoLP of the sky, with the sun and air of section V: Table I is not at hand"
+)
+
+
+def write_paper(found: PaperResult, out: Path) -> tuple[str, ...]:
+    """Write paper.html, statements.csv, statements.json, curves.csv and fig*.png; return their names."""
+    curves = {(one.name, number): _curves(one, number) for one in found.sets for number in found.figures}
+    pictures = dict(_pictures(found, curves))
+    contents = {
+        "paper.html": html(paper_report(found, pictures)).encode(),
+        "statements.json": (json.dumps(statement_json(found.results), indent=2, allow_nan=False) + "\n").encode(),
+        "statements.csv": statement_csv(found.results),
+        "curves.csv": _curves_csv(curves),
+        **pictures,
+    }
+    return write_folder(out, contents)
+
+
+def _curves(one: MaterialSet, number: int) -> PaperFigure | None:
+    return curves_of(number, one.scenes, as_paper=one.as_paper)
+
+
+def _pictures(found: PaperResult, curves: dict[tuple[str, int], PaperFigure | None]) -> Iterable[tuple[str, bytes]]:
+    for number in found.figures:
+        for k, one in enumerate(found.sets):
+            if number in _SAME_FOR_ALL and k > 0:
+                continue
+            label = "model" if number in _SAME_FOR_ALL else one.name
+            yield f"fig{number}-{label}.png", _picture(found, one, number, curves[one.name, number])
+
+
+def _picture(found: PaperResult, one: MaterialSet, number: int, curves: PaperFigure | None) -> bytes:
+    rows = [row for row in one.results if number in row.statement.figures]
+    of_what = "the same for all materials" if number in _SAME_FOR_ALL else f"materials: {one.name}"
+    beneath = (of_what, *(verdict_lines(rows) or (NOTHING_STATED,)))
+    points = [point for point in found.points if point.figure == number]
+    if curves is not None:
+        return curves_png(curves, beneath, points)
+    if number == 2:
+        return sky_picture(sky_map(one.scene), title=(_FIG2,), beneath=beneath)
+    panels = one.scenes.rooftop.predictions
+    return panels_png(panels, PANELS, beneath) if number == 6 else laws_figure_png(panels, PANELS, beneath, points)
+
+
+def _curves_csv(curves: dict[tuple[str, int], PaperFigure | None]) -> bytes:
+    """Return the points of all curves: a row a point."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("materials", "figure", "panel", "label", "x", "y"))
+    for (name, number), figure in curves.items():
+        if figure is None:
+            continue
+        for panel in figure.panels:
+            for curve in panel.curves:
+                writer.writerows(
+                    (name, number, panel.letter, curve.label, x, y) for x, y in zip(curve.x, curve.y, strict=True)
+                )
+    return text.getvalue().encode()

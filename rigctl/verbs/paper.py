@@ -1,0 +1,301 @@
+"""`rigctl paper`: the figures of [MK14], and a verdict on every sentence of its text about them."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import ConfigError
+from rigctl.files.choices import SnrForm
+from rigctl.verbs.options import FilePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from model.processing.dolp_studies import EstimatorError
+    from rigctl.files.scene_file import SceneFile
+    from rigctl.paper.report import DigitisedPoint
+    from rigctl.paper.scenes import LowLight, PaperScenes
+    from rigctl.paper.statements import Judged, Search
+
+SHIPPED = ("library", "rough")
+# As many figures and sets of materials as are asked for.
+_FILES = ("paper.html", "statements.csv", "statements.json", "curves.csv", "fig*.png", "estimators.png")
+_LEAST_HEIGHT_M, _MOST_HEIGHT_M = 1.0, 90_000.0
+_TRUE_SNR = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
+_PLOTTED_SNR = (0.0, 6.0, 121)
+
+
+def paper(
+    *,
+    figures: Annotated[Sequence[int], Parameter(name="--figure")] = (),
+    materials: Sequence[str] = SHIPPED,
+    snr: SnrForm = "exact",
+    height_m: Annotated[float, Parameter(validator=Number(gte=_LEAST_HEIGHT_M, lte=_MOST_HEIGHT_M))] = 3000.0,
+    as_paper: bool = False,
+    search: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1,
+    digitised: FilePath | None = None,
+    estimators: bool = False,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
+) -> "PaperResult | EstimatorResult":
+    """Compute the figures of Meng & Kerekes 2014 and judge every sentence of its text about them.
+
+    Verdicts: holds, opposite, cannot be seen (all is detected, or their measured points are needed), noise floor,
+    ambiguous (readings of the sentence differ). A statement that does not come out is a result: the exit code is 0.
+
+    Example: rigctl paper --out paper
+
+    Example: rigctl paper --figure 9 --figure 13 --materials rough --as-paper --out paper
+
+    Parameters
+    ----------
+    figures : sequence of int
+        2 or 5 to 15; all unless given. Repeatable.
+    materials : sequence of str
+        library, rough, or a scene file like theirs; the first two unless given. Repeatable.
+    snr : {"exact", "first-order"}
+        DoLP SNR that is compared: exact, or first-order as the paper.
+    height_m : float
+        Height of the camera where the paper states none [m].
+    as_paper : bool
+        Also compute as the authors did, and state the error of that.
+    search : int
+        Try so many random sets of materials within their uncertainties.
+    seed : int
+        Of the search.
+    digitised : path
+        CSV of points of the paper's figures (figure,panel,label,x,y), drawn over ours.
+    estimators : bool
+        Compare estimators of the true DoLP instead: bias and rms error against its signal-to-noise ratio, in units of
+        the deviation of S1/S0 and of S2/S0.
+    out : path
+        Folder for paper.html, statements.csv and .json, curves.csv, and a picture of each figure; or estimators.png.
+
+    Returns
+    -------
+    PaperResult or EstimatorResult
+        Verdicts on the statements; errors of the estimators.
+
+    Raises
+    ------
+    ConfigError
+        A figure is not there, or a file is wrong.
+    """
+    found: PaperResult | EstimatorResult
+    if estimators:
+        found = _compared(_TRUE_SNR)
+    else:
+        found = _checked(
+            tuple(figures),
+            tuple(materials),
+            snr=snr,
+            height_m=height_m,
+            as_paper=as_paper,
+            sets=search,
+            seed=seed,
+            digitised=digitised,
+        )
+    if out is not None:
+        found.write(Path(out))
+        names = (
+            "estimators.png" if estimators else "paper.html, statements.csv, statements.json, curves.csv and pictures"
+        )
+        note(f"{names} in {out}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MaterialSet:
+    """One set of materials: its scenes, what comes out of the statements, and what is assumed."""
+
+    name: str
+    scene: "SceneFile"
+    scenes: "PaperScenes"
+    as_paper: "PaperScenes | None"  #: the same, computed as the authors did
+    results: "tuple[Judged, ...]"
+    assumed: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperResult(Result):
+    """Verdicts on the statements of the paper, by set of materials."""
+
+    sets: tuple[MaterialSet, ...]
+    figures: tuple[int, ...]
+    search: "Search | None"  #: about the first set
+    points: "tuple[DigitisedPoint, ...]"  #: of the paper's figures, where somebody has them
+    remarks: tuple[str, ...]
+
+    @property
+    def results(self) -> "tuple[Judged, ...]":
+        """Verdicts of all sets."""
+        return tuple(one for each in self.sets for one in each.results)
+
+    def content(self) -> Iterable[Part]:
+        """Return how many statements hold, each with its verdict, and what is assumed."""
+        from rigctl.paper.report import search_lines, tally, terminal_statements
+
+        yield from (f"{one.name}: {tally(one.results)}" for one in self.sets)
+        yield from search_lines(self.search)
+        yield terminal_statements(self.results)
+        yield from self.remarks
+        yield from dict.fromkeys(text for one in self.sets for text in one.assumed)
+
+    def as_json(self) -> list[dict[str, Json]]:
+        """Return what statements.json holds."""
+        from rigctl.paper.report import statement_json
+
+        return statement_json(self.results)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write the page, statements, curves and pictures into a folder; return the names of the files."""
+        from rigctl.paper.report import write_paper
+
+        return write_paper(self, folder)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EstimatorResult(Result):
+    """Bias and rms error of estimators of the true DoLP."""
+
+    true_snr: Any  #: true DoLP over the deviation of S1/S0 and of S2/S0, (k,) array
+    errors: "dict[str, EstimatorError]"  #: in units of that deviation, at each
+
+    def content(self) -> Iterable[Part]:
+        """Return the estimator with the least error where the signal is twice the noise, and the table."""
+        from rigctl.paper.report import estimator_plot, estimator_table
+
+        place = list(self.true_snr).index(2.0)
+        best = min(self.errors, key=lambda name: float(self.errors[name].rms[place]))
+        yield f"at a true SNR of 2 {best} has the least rms error, {self.errors[best].rms[place]:.3f} deviations"
+        yield estimator_table(self.errors, self.true_snr.tolist())
+        yield lambda: estimator_plot(self.true_snr, self.errors)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the same for programs."""
+        errors: dict[str, Json] = {
+            name: {"bias": _numbers(one.bias), "rms": _numbers(one.rms)} for name, one in self.errors.items()
+        }
+        return {"true_snr": self.true_snr.tolist(), **errors}
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write estimators.png into a folder."""
+        import numpy as np
+
+        from rigctl.paper.report import estimator_plot
+        from rigctl.report.output import write_folder
+
+        plotted = _compared(np.linspace(*_PLOTTED_SNR))
+        return write_folder(folder, {"estimators.png": estimator_plot(plotted.true_snr, plotted.errors)})
+
+
+def _numbers(values: Iterable[float]) -> list[Json]:
+    """Return numbers as JSON holds them: what does not exist is null."""
+    return [float(value) if math.isfinite(value) else None for value in values]
+
+
+def _compared(true_snr: Any) -> EstimatorResult:
+    import numpy as np
+
+    from model.processing.dolp_studies import ESTIMATORS, bias_and_rms
+
+    values = np.array(true_snr)
+    return EstimatorResult(true_snr=values, errors={name: bias_and_rms(name, values) for name in ESTIMATORS})
+
+
+def _checked(
+    figures: tuple[int, ...],
+    materials: tuple[str, ...],
+    *,
+    snr: SnrForm,
+    height_m: float,
+    as_paper: bool,
+    sets: int,
+    seed: int,
+    digitised: FilePath | None,
+) -> PaperResult:
+    from rigctl.paper.curves import FIGURES
+    from rigctl.paper.report import read_digitised
+    from rigctl.paper.scenes import LowLight
+    from rigctl.paper.statements import search
+
+    unknown = set(figures) - set(FIGURES)
+    if unknown:
+        raise ConfigError(f"--figure: {min(unknown)} is not computed; there are {', '.join(map(str, FIGURES))}")
+    if sets and figures:
+        raise ConfigError("--search: counts all statements; leave out --figure")
+    points = () if digitised is None else read_digitised(Path(digitised))
+    low_light, found = LowLight(), list[MaterialSet]()
+    for name in dict.fromkeys(materials):
+        note(f"{name}: computing")
+        found.append(_set(name, low_light, figures, snr=snr, height_m=height_m, as_paper=as_paper))
+    tried = None
+    if sets:
+        tell = _count_told(sets)
+        tried = search(found[0].scene, found[0].scenes, sets=sets, seed=seed, tell=tell)
+    return PaperResult(
+        sets=tuple(found),
+        figures=figures or FIGURES,
+        search=tried,
+        points=points,
+        remarks=tuple(_remarks(height_m, as_paper=as_paper)),
+    )
+
+
+def _count_told(sets: int) -> Any:
+    return lambda count: note(f"search: {count} of {sets}")
+
+
+def _set(
+    name: str, low_light: "LowLight", figures: tuple[int, ...], *, snr: SnrForm, height_m: float, as_paper: bool
+) -> MaterialSet:
+    from importlib.resources import as_file, files
+
+    from rigctl.files.scene_file import load_scene
+    from rigctl.paper.report import assumed_lines
+    from rigctl.paper.scenes import Airborne, PaperScenes, Rooftop
+    from rigctl.paper.statements import judged
+
+    if name in SHIPPED:
+        with as_file(files("rigctl") / "data" / "examples" / "paper") as folder:
+            scene, assumed = load_scene(folder / f"{name}.toml"), assumed_lines(folder / f"{name}.toml")
+    else:
+        scene, assumed = load_scene(Path(name)), assumed_lines(Path(name))
+    label = name if name in SHIPPED else Path(name).stem
+    airborne = Airborne(scene, snr=snr)
+    scenes = PaperScenes(airborne=airborne, rooftop=Rooftop(airborne), low_light=low_light, height_m=height_m)
+    other = None
+    if as_paper:
+        authors = Airborne(scene, light=airborne.light, as_paper=True)
+        other = PaperScenes(airborne=authors, rooftop=scenes.rooftop, low_light=low_light, height_m=height_m)
+    return MaterialSet(
+        name=label,
+        scene=scene,
+        scenes=scenes,
+        as_paper=other,
+        results=judged(scenes, label, figures, as_paper=other),
+        assumed=(*assumed, *airborne.predictor.remarks),
+    )
+
+
+def _remarks(height_m: float, *, as_paper: bool) -> Iterable[str]:
+    from rigctl.paper.scenes import ASSUMED
+
+    yield (
+        f"assumed: {height_m / 1000:g} km where the paper states no height (Figs 9, 12 to 15; --height-m), "
+        "and both views where it states none (Fig. 15)"
+    )
+    rooftop = ", ".join(f"{key} = {value:g}" for key, value in ASSUMED.items())
+    yield f"assumed for section III (Figs 6 to 8): {rooftop}"
+    yield "assumed for Fig. 2: the sun, air and band of section V, for Table I of the paper is not at hand"
+    if as_paper:
+        yield (
+            "as the paper computes: 3 x 3 tiles at their midpoints, a sky on a 10 deg grid, 1e5 draws of target and of "
+            "background, DoLP SNR to first order; number of tiles and their place are assumed"
+        )
