@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from model.accuracy.chain import Readings
-from model.accuracy.effect_estimates import change, readings_of
+from model.accuracy.effect_check import change, readings_of
 from model.effects.names import EffectPlan, EffectRule
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predict import ScenePredictor
@@ -23,7 +23,7 @@ from rigctl.prediction.predict import ScenePredictor
 _FOLDER = Path(__file__).parents[1] / "examples" / "effects"
 _SCENES = ("bench", "lamp", "roof-3m", "airborne", "twilight")
 _FINER = 1e-2
-_RULES: tuple[EffectRule, ...] = ("all", "safe", "estimated")
+_RULES: tuple[EffectRule, ...] = ("all", "safe")
 
 
 @dataclass(frozen=True, kw_only=True)

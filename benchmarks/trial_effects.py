@@ -4,25 +4,23 @@ Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0] [--ho
 
 For each scene, every effect that is there and has a bound below 1 (whether the planner left it out or not) is left out
 alone; then all that are not there, and all that the planner leaves out at a random tolerance, together. Each number of
-the prediction is compared. The same for the rule "estimated", which promises nothing: of the scenes in which an
-estimate leaves out what a bound does not, those are counted in which more than the tolerance changes. On a busy machine
-OPENBLAS_NUM_THREADS=1 makes it several times faster.
+the prediction is compared. On a busy machine OPENBLAS_NUM_THREADS=1 makes it several times faster.
 """
 
 import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene, thin_scene
-from model.accuracy.chain import LightStore, Readings, Settings, evaluate, scenario_of
-from model.accuracy.effect_estimates import change, estimate_effects, readings_of, skylight_bound
-from model.effects.names import ALL, Bound, Effect, EffectPlan, EffectRule
+from model.accuracy.chain import LightStore, Readings, Settings, evaluate
+from model.accuracy.effect_check import change, readings_of, skylight_bound
+from model.effects.names import ALL, Bound, Effect, EffectPlan
 from model.effects.planner import plan
 from model.scene.scene import LitScene
 
@@ -39,9 +37,6 @@ class Score:
     checked: Counter[str] = field(default_factory=Counter)
     left_out: Counter[str] = field(default_factory=Counter)
     violations: list[str] = field(default_factory=list)
-    estimated: int = 0
-    by_estimate: int = 0
-    wrong: list[str] = field(default_factory=list)
 
 
 def run_effects(scenes: int, *, first: int = 0, kind: str = "random") -> bool:
@@ -79,41 +74,14 @@ def _check(score: Score, scene: LitScene, seed: int, tolerance: float, settings:
 
     whole = seen(ALL)
 
-    def planned(rule: EffectRule) -> EffectPlan:
-        return plan(
-            scene,
-            tolerance=tolerance,
-            known=lambda effects: scenario_of(scene, settings, effects=effects, store=store).regions,
-            rule=rule,
-            estimates=None if rule == "safe" else partial(estimate_effects, scene, limit=tolerance),
-            sharper=partial(skylight_bound, scene),
-        )
-
-    found = planned("safe")
+    found = plan(scene, tolerance=tolerance, sharper=partial(skylight_bound, scene))
     for name, left_out, bound in _tried(found):
         actual = change(whole, seen(ALL - left_out))
         score.checked[name] += 1
         if not bound.holds(actual):
             score.violations.append(f"seed {seed}, {name}: bound {bound.in_words}; is {actual.in_words}")
             print(score.violations[-1], flush=True)
-    _check_estimates(score, planned("estimated"), whole, seen, seed)
     score.left_out.update(one.effect.value for one in found.decisions if not one.acts and one.bound.largest > 0.0)
-
-
-def _check_estimates(
-    score: Score, found: EffectPlan, whole: Readings, seen: Callable[[frozenset[Effect]], Readings], seed: int
-) -> None:
-    by_estimate = [one.effect.value for one in found.decisions if not one.acts and one.acts_by_bound]
-    if not by_estimate:
-        return
-    score.estimated += 1
-    score.by_estimate += len(by_estimate)
-    actual = change(whole, seen(found.active))
-    if actual.largest > found.tolerance:
-        score.wrong.append(
-            f"seed {seed}, estimated: {', '.join(by_estimate)}: tolerance {found.tolerance:g}; is {actual.in_words}"
-        )
-        print(score.wrong[-1], flush=True)
 
 
 def _tried(found: EffectPlan) -> Iterator[tuple[str, frozenset[Effect], Bound]]:
@@ -127,10 +95,6 @@ def _tried(found: EffectPlan) -> Iterator[tuple[str, frozenset[Effect], Bound]]:
 
 def _summary(score: Score, taken_s: float) -> Iterator[str]:
     yield f"{score.scenes} scenes ({score.refused} refused) in {taken_s:.0f} s, {len(score.violations)} bounds violated"
-    yield (
-        f"estimates left out {score.by_estimate} effects that bounds do not, in {score.estimated} scenes; "
-        f"more than the tolerance changed in {len(score.wrong)}"
-    )
     for effect in (*(one.value for one in Effect), "all that is not there", "all that is left out together"):
         yield f"  {effect:32} checked {score.checked[effect]:5}, left out though there {score.left_out[effect]:5}"
 

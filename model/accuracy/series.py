@@ -34,8 +34,7 @@ from model.accuracy.predict import (
     plan_beside,
     predict_together,
 )
-from model.effects.names import ALL, Effect, EffectPlan, EffectRule
-from model.effects.planner import LIGHT
+from model.effects.names import ALL, LIGHT, Effect, EffectPlan, EffectRule
 from model.numerics import ndtri
 from model.scene.field import known_rules
 from model.scene.panel import View
@@ -191,9 +190,6 @@ def _from_glint_rad(region: LitRegion, view: View, sun: FloatArray) -> float:
 
 # Effects that a series of neighbouring scenes leaves out: decided for those that are judged, shared between them
 
-# What an estimate between judged scenes may be, over the largest of theirs.
-_MARGIN = 1.5
-
 
 @dataclass(frozen=True, kw_only=True)
 class TakenEffects:
@@ -213,7 +209,7 @@ class SeriesEffects:
     acting
         Those that are not left out by request.
     rule
-        By bounds, by estimates, or none is left out.
+        By bounds, or none is left out.
     planned
         Gives the plan of a scene by this rule; None for the rule "all".
 
@@ -247,16 +243,13 @@ class SeriesEffects:
 
         Notes
         -----
-        Bounds are held to the scene itself, for they are promises; estimates are taken from its neighbours, with a
-        margin.
+        Bounds are those of the scene itself, for they are promises.
         """
         left_out = frozenset.intersection(*(one.left_out for one in neighbours))
         if not left_out:
             return TakenEffects(acting=self.acting)
-        if self.rule == "safe":
-            own = self.of(scene)
-            return self._without(left_out & own.left_out, spent=own.spent)
-        return self._without(left_out, spent=_MARGIN * max(one.spent for one in neighbours))
+        own = self.of(scene)
+        return self._without(left_out & own.left_out, spent=own.spent)
 
     def _without(self, left_out: frozenset[Effect], *, spent: float) -> TakenEffects:
         return TakenEffects(acting=self.acting - left_out, left_out=left_out, spent=spent if left_out else 0.0)

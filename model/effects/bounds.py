@@ -1,17 +1,16 @@
-"""Bounds of the change of a prediction by each effect that is left out, before anything is solved.
+"""Bounds of what leaving out an effect of the light changes of a prediction, before anything is solved.
 
-Arguments and result of each are those of `model.effects.bounds.EffectModel.bound`.
-
-Arguments and result of each are those of `model.effects.bounds.EffectModel.bound`.
-
-Arguments and result of each are those of `model.effects.bounds.EffectModel.bound`.
+A bound is made in three steps. `light_limits` gives the limits of each region's radiance: that of the beam is known,
+and what air scatters is bounded by its optical depth and the conservation of energy. From them follow limits of the
+mean counts of a region and of their covariance (`radiance_bounds`). For each effect a function then states by how much
+the mean and the covariance can change (`Disturbance`), and `bound_of` and `detection_bound` translate that into the
+numbers of a prediction: radiance, ratios, deviations and probabilities of detection.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,26 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 from model import stokes as geometry
 from model.atmosphere.air import Column, column
 from model.atmosphere.sky import Fidelity, Lighting, SolarBand, SolverSettings, compute_lighting, unlit_solution
-from model.effects.names import ALL, EVERYTHING, NOTHING, UNKNOWN, Bound, Disturbance, Effect
+from model.effects.names import EVERYTHING, LIGHT, Bound, Effect
 from model.numerics import chdtri, erfc, expn
 from model.processing.detection import CONDITION_LIMIT
 from model.processing.reconstruction import design
 from model.scene.field import BACKSCATTER, FieldPart, cosine_fourth, half_diagonal_rad, middle, off_axis
 from model.scene.panel import View, aperture_lights
-from model.scene.scene import Air, LightParts, LitRegion, LitScene, RegionLight
+from model.scene.scene import Air, LitRegion, LitScene
 from model.scene.sky_light import illuminate
-from model.sensor import (
-    Imperfections,
-    Sensor,
-    SensorNoise,
-    electrons_per_radiance,
-    saturation_probability,
-    temporal_variance_dn2,
-)
+from model.sensor import electrons_per_radiance, temporal_variance_dn2
 from model.stokes import analyzer_row
 from model.surface.pbrdf import Surface, Tilt, mueller
-
-# Limits of the light of a region, which bounds of effects are made of
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +54,6 @@ class LightLimits:
     depth: float = np.inf
     depth_below: float = np.inf
     texture: FloatArray | None = None
-    field_cov: FloatArray | None = None
 
     @property
     def added(self) -> float:
@@ -72,22 +61,78 @@ class LightLimits:
         return self.sky + self.path + self.adjacency
 
 
-def known_light(light: RegionLight, *, margin: float = 0.0) -> LightLimits:
-    """Return the limits of a region whose light is known."""
-    stokes = np.asarray(light.stokes_radiance, dtype=np.float64)
-    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
-    apart = margin * s0
-    off = np.array([2.0 * apart, 0.0, 0.0])
-    texture = light.texture_rms**2 * np.outer(stokes, stokes) + light.texture_cov
-    return LightLimits(
-        beams=np.stack([stokes - off, stokes + off]),
-        s0_low=s0 - apart,
-        s0_high=s0 + apart,
-        polarised_low=max(polarised - apart, 0.0),
-        polarised_high=polarised + apart,
-        texture=(1.0 + margin) ** 2 * texture,
-        field_cov=light.field_cov,
-    )
+@dataclass(frozen=True, kw_only=True)
+class Disturbance:
+    """Largest change of the mean and of the covariance of one region where an effect is left out."""
+
+    s0: float = 0.0  #: of the mean S0, over S0
+    polarised: float = 0.0  #: of the mean (S1, S2), over S0
+    share: float = 0.0  #: of the covariance, over itself, along any direction
+    share_of_dolp: float | None = None  #: the same as far as the DoLP of the pixels depends on it; None: as `share`
+
+    @property
+    def is_nothing(self) -> bool:
+        """True if the effect is not there at all."""
+        return not (self.s0 or self.polarised or self.share)
+
+
+NOTHING = Disturbance()
+UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)
+
+
+def light_limits(scene: LitScene) -> dict[str, LightLimits]:
+    """Return the limits of each region's light, without solving anything."""
+    found = {one.name: _given_light(one, one.radiance) for one in scene.regions if one.radiance is not None}
+    materials = [one for one in scene.regions if one.surface is not None]
+    if not materials or scene.air is None:
+        return found
+    limits = bound_air(scene.air)
+    lighting = _beam_lighting(scene.air)
+    return found | {one.name: _sun_light(scene, one, lighting, limits) for one in materials}
+
+
+def effect_bounds(
+    scene: LitScene, limits: Mapping[str, LightLimits], effects: frozenset[Effect] = LIGHT
+) -> dict[Effect, Bound]:
+    """Return for each of some effects of the light how much leaving it out can change."""
+    regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
+    found: dict[Effect, Bound] = {}
+    for effect in (one for one in Effect if one in effects):
+        of_region = _BOUNDS[effect]
+        changes = {name: of_region(scene, region, limits[name]) for name, region in regions.items()}
+        found[effect] = _worst(scene, regions, changes)
+    return found
+
+
+def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
+    """Return whether field or band of a scene in daylight may be found small enough to be left out.
+
+    Parameters
+    ----------
+    scene
+        All that the scene is.
+    depth
+        Optical depth of its air, 0.05 or more.
+    tolerance
+        That the sum of what is left out may reach, 0.05 or less.
+
+    Notes
+    -----
+    The bound of skylight is a tenth of the beam's light at the least there: 2.25 depth / mu0^2. With so much of it no
+    bound of skylight is within the tolerance, and this is what the bounds of field and band come to at the least.
+    """
+    air, view = scene.air, scene.view
+    if air is None or view is None:
+        return True
+    slant = 1.0 / np.cos(view.zenith_rad)
+    steepness = _steepness(air, depth, slant)
+    of_band = 0.5 * _relative_variance(air) * steepness * (steepness + 5.0) * _LEAST_SKY
+    fields = [
+        SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
+        for one in scene.regions
+        if one.surface is not None and one.part is not None
+    ]
+    return of_band <= tolerance or 0.0 < max(fields, default=0.0) <= tolerance
 
 
 # Upper bounds of the light that air scatters, from its optical depth alone and without solving anything
@@ -419,28 +464,21 @@ _FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, t
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 
-def light_limits(scene: LitScene) -> dict[str, LightLimits]:
-    """Return the limits of each region's light, without solving anything."""
-    found = {one.name: known_light(_as_given(one)) for one in scene.regions if one.radiance is not None}
-    materials = [one for one in scene.regions if one.surface is not None]
-    if not materials or scene.air is None:
-        return found
-    limits = bound_air(scene.air)
-    lighting = beam_lighting(scene.air)
-    return found | {one.name: sun_light(scene, one, lighting, limits) for one in materials}
-
-
-def _as_given(region: LitRegion) -> RegionLight:
-    radiance = np.zeros(3) if region.radiance is None else region.radiance
-    return RegionLight(
-        name=region.name,
-        stokes_radiance=radiance,
-        texture_rms=region.texture_rms,
-        texture_cov=region.texture_cov,
+def _given_light(region: LitRegion, radiance: FloatArray) -> LightLimits:
+    """Limits of a region whose radiance is given."""
+    stokes = np.asarray(radiance, dtype=np.float64)
+    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
+    return LightLimits(
+        beams=np.stack([stokes, stokes]),
+        s0_low=s0,
+        s0_high=s0,
+        polarised_low=polarised,
+        polarised_high=polarised,
+        texture=region.texture_rms**2 * np.outer(stokes, stokes) + region.texture_cov,
     )
 
 
-def beam_lighting(air: Air) -> Lighting:
+def _beam_lighting(air: Air) -> Lighting:
     """Return the light of the beam alone; nothing is solved."""
     if air.table is not None:
         return air.table
@@ -460,7 +498,7 @@ def beam_lighting(air: Air) -> Lighting:
     )
 
 
-def sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> LightLimits:
+def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> LightLimits:
     """Return the limits of a region's radiance before sky and path are known.
 
     Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
@@ -642,14 +680,10 @@ class RegionBounds:
     polarised_low: float
     polarised_high: float
     signal_low: FloatArray
-    signal_high: FloatArray
     variance_low: FloatArray
-    variance_high: FloatArray
     inverse: FloatArray
     counts_per_radiance: float
     noise_low: FloatArray
-    noise_high: FloatArray
-    texture: FloatArray
     cov_high: FloatArray
     own_high: FloatArray
     cycles: int
@@ -660,11 +694,6 @@ class RegionBounds:
         """True if there is light for certain, and not without limit."""
         return self.s0_low > 0.0 and bool(np.isfinite(self.s0_high))
 
-    @property
-    def is_exact(self) -> bool:
-        """True if the limits are equal."""
-        return self.s0_low == self.s0_high
-
     def to_channels(self, cov: FloatArray) -> FloatArray:
         """Return a covariance of Stokes parameters as one of channels, shape (N, N)."""
         system = np.linalg.pinv(self.inverse)
@@ -672,35 +701,19 @@ class RegionBounds:
 
     @cached_property
     def share_of_noise(self) -> float:
-        """Share of a temporal variance of 1 DN^2 of every channel; of another it is as much larger."""
-        return self.temporal_share(np.ones_like(self.signal_low))
+        """Share of a temporal variance of 1 DN^2 of every channel, in any direction and channel."""
+        ones, least = np.ones_like(self.variance_low), float(np.min(self.variance_low))
+        if not np.all(np.isfinite(self.variance_low)) or least <= 0.0:
+            return np.inf
+        # Of channels that vary apart the largest ratio is that of one of them.
+        return max(share_of(_of_channels(self.inverse, ones), self.noise_low), 1.0 / least)
 
     @cached_property
     def share_of_light(self) -> float:
         """Ratio of a variance of 1 DN^2 of every Stokes parameter to the least noise of a mean over the cycles."""
-        return self.spatial_share(self.to_channels(np.eye(3)), is_part=False)
-
-    def temporal_share(self, variances: FloatArray, *, bright: bool = False) -> float:
-        """Return the share of a part of the temporal variance, in any direction and channel."""
-        if not np.any(variances):
-            return 0.0
-        whole, each = (self.noise_high, self.variance_high) if bright else (self.noise_low, self.variance_low)
-        in_stokes = share_of(_of_channels(self.inverse, variances), whole)
-        # Of channels that vary apart the largest ratio is that of one of them.
-        if not np.all(np.isfinite(each)) or np.any((each <= 0.0) & (variances > 0.0)):
-            return np.inf
-        ratios = np.divide(variances, each, out=np.zeros_like(variances), where=variances > 0.0)
-        return max(in_stokes, float(np.max(ratios)))
-
-    def spatial_share(self, cov: FloatArray, *, is_part: bool = True) -> float:
-        """Return the share of a part of the covariance over pixels, of channels, shape (N, N) [DN^2].
-
-        Means over cycles have the least noise beside it, and so the largest share. A part of the whole has a share of
-        r / (1 + r), r being its ratio to the rest; something that is no part has r.
-        """
+        cov = self.to_channels(np.eye(3))
         in_stokes = share_of(self.inverse @ cov @ self.inverse.T, self.noise_low / self.cycles)
-        ratio = max(in_stokes, share_of(cov, np.diag(self.variance_low) / self.cycles))
-        return ratio / (1.0 + ratio) if is_part and np.isfinite(ratio) else ratio
+        return max(in_stokes, share_of(cov, np.diag(self.variance_low) / self.cycles))
 
 
 # One plan asks for the bounds of effects in several groups: records are known by their identity.
@@ -723,7 +736,7 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> R
     noise_low, noise_high = (_of_channels(plan.inverse, one) for one in (variance_low, variance_high))
     s0_high = most * (light.s0_high + light.added)
     texture = _texture_high(region, light, s0_high=s0_high, scale=scale)
-    over_field = _over_field(scene, region, light, s0_high=s0_high, scale=most)
+    over_field = _over_field(scene, region, light, s0_high=s0_high)
     turned = noise_high + over_field + _scatter_high(scene, texture, plan.inverse, s0_high)
     apart = _apart_high(region, light, texture, s0_high=s0_high, scale=scale)
     return RegionBounds(
@@ -733,14 +746,10 @@ def radiance_bounds(scene: LitScene, region: LitRegion, light: LightLimits) -> R
         polarised_low=least * session.kept_polarization * max(light.polarised_low - light.added, 0.0),
         polarised_high=min(most * (light.polarised_high + light.added), s0_high),
         signal_low=low,
-        signal_high=high,
         variance_low=variance_low,
-        variance_high=variance_high,
         inverse=plan.inverse,
         counts_per_radiance=scale,
         noise_low=noise_low,
-        noise_high=noise_high,
-        texture=texture,
         cov_high=turned + _with_light(scene, texture, plan.inverse, high, s0_high),
         own_high=turned + _with_light(scene, apart, plan.inverse, np.zeros_like(high), s0_high),
         cycles=readout.cycles,
@@ -805,14 +814,13 @@ def _texture_high(region: LitRegion, light: LightLimits, *, s0_high: float, scal
     return np.asarray(common + own + scale**2 * region.texture_cov)
 
 
-def _over_field(scene: LitScene, region: LitRegion, light: LightLimits, *, s0_high: float, scale: float) -> FloatArray:
+def _over_field(scene: LitScene, region: LitRegion, light: LightLimits, *, s0_high: float) -> FloatArray:
     """Upper bound of the covariance over the field of view, by geometry and by the lens."""
     if not np.isfinite(s0_high * light.deviation):
         return np.full((3, 3), np.inf)
     lens = scene.imperfections.off_axis_falloff and region.part is not None
     var = cosine_fourth(region.part).var if lens and region.part is not None else 0.0
-    geometry = np.zeros((3, 3)) if light.field_cov is None else scale**2 * light.field_cov
-    return np.asarray(geometry + s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
+    return np.asarray(s0_high**2 * (light.deviation + np.sqrt(2.0 * var)) ** 2 * np.eye(3))
 
 
 def _apart_high(
@@ -917,10 +925,10 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
         return _ANYTHING
     snr = _of_mean(found, divergence, high=high, dolp_low=dolp_low, tail=tail)
     return Bound(
-        radiance=_of_counts(bounds, found, shift),
+        radiance=_of_counts(bounds, shift),
         ratios=min(shift / (1.0 - tail) + divergence * high, _of_ratios(found, turned, share, high=high, tail=tail)),
         # An SNR to first order knows no common factor: it grows as the deviation falls.
-        deviations=max((spread + snr + found.factor) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share),
+        deviations=max((spread + snr) / (1.0 - spread), (1.0 - found.share) ** -0.5 - 1.0, found.share),
     )
 
 
@@ -955,10 +963,7 @@ def _missed(
     target: RegionBounds, of_target: Disturbance, background: RegionBounds, of_background: Disturbance, *, eta: float
 ) -> float:
     """Largest chance of a miss with or without an effect, by S0 alone; of thresholds that background hardly passes."""
-    shifts = [
-        region.s0_high * (found.s0 + found.factor)
-        for region, found in ((target, of_target), (background, of_background))
-    ]
+    shifts = [region.s0_high * found.s0 for region, found in ((target, of_target), (background, of_background))]
     apart = max(target.s0_low - background.s0_high, background.s0_low - target.s0_high) - sum(shifts)
     of_background_s0, of_target_s0 = (
         np.sqrt(region.cov_high[0, 0] * (1.0 + found.share)) if np.isfinite(found.share) else np.inf
@@ -1047,18 +1052,17 @@ def _of_mean(found: Disturbance, divergence: float, *, high: float, dolp_low: fl
     return float(moved / ((1.0 - found.s0) * (1.0 - tail)) + spread)
 
 
-def _of_counts(bounds: RegionBounds, found: Disturbance, shift: float) -> float:
+def _of_counts(bounds: RegionBounds, shift: float) -> float:
     """Change of the Stokes parameters over S0, and of counts each over itself."""
-    moved = shift + found.counts
-    if moved == 0.0:
-        return found.factor
+    if shift == 0.0:
+        return 0.0
     darkest = float(np.min(bounds.signal_low))
-    return moved * max(1.0, bounds.s0_high / darkest if darkest > 0.0 else np.inf) + found.factor
+    return shift * max(1.0, bounds.s0_high / darkest if darkest > 0.0 else np.inf)
 
 
 def _shift_in_deviations(found: Disturbance, moved: RegionBounds, seen: RegionBounds) -> float:
     """Shift of a mean in deviations of the target."""
-    length = np.hypot(found.s0 + found.factor, found.polarised + found.factor) * moved.s0_high
+    length = np.hypot(found.s0, found.polarised) * moved.s0_high
     if length == 0.0:
         return 0.0
     least = float(np.linalg.eigvalsh(seen.noise_low)[0])
@@ -1110,8 +1114,10 @@ def field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> 
     if not (region.is_known and light.spread < 1.0):
         return UNKNOWN
     moved = _moved(scene, region, light.spread, light.spread)
-    spread = region.to_channels((light.deviation * region.s0_high) ** 2 * np.eye(3))
-    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + region.spatial_share(spread))
+    ratio = _times((light.deviation * region.s0_high) ** 2, region.share_of_light)
+    # A part of the whole has the share r / (1 + r), r being its ratio to the rest.
+    share = ratio / (1.0 + ratio) if np.isfinite(ratio) else ratio
+    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + share)
 
 
 def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
@@ -1137,53 +1143,6 @@ def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Di
     missed = 0.5 * variance * steepness * (steepness + 5.0) * scattered
     missed += 0.5 * variance * way * (way + 5.0 + 2.0 * steepness)
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
-
-
-def falloff(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return mean and variance of cos^4 over the region's part of the field: both are closed integrals.
-
-    A factor common to the Stokes vector with mean m and variance v leaves ratios of the mean alone; noise over light
-    changes by at most 1 / m^2 - 1, and v S S' is added to the covariance.
-    """
-    part = region.region.part
-    if part is None or not scene.imperfections.off_axis_falloff:
-        return NOTHING
-    if not region.is_known:
-        return UNKNOWN
-    found = cosine_fourth(part)
-    apart = region.to_channels(found.var / found.mean**2 * 2.0 * region.s0_high**2 * np.eye(3))
-    return Disturbance(factor=1.0 / found.mean - 1.0, share=found.mean**-4 - 1.0 + region.spatial_share(apart))
-
-
-def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
-    """Return whether field or band of a scene in daylight may be found small enough to be left out.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    depth
-        Optical depth of its air, 0.05 or more.
-    tolerance
-        That the sum of what is left out may reach, 0.05 or less.
-
-    Notes
-    -----
-    The bound of skylight is a tenth of the beam's light at the least there: 2.25 depth / mu0^2. With so much of it no
-    bound of skylight is within the tolerance, and this is what the bounds of field and band come to at the least.
-    """
-    air, view = scene.air, scene.view
-    if air is None or view is None:
-        return True
-    slant = 1.0 / np.cos(view.zenith_rad)
-    steepness = _steepness(air, depth, slant)
-    of_band = 0.5 * _relative_variance(air) * steepness * (steepness + 5.0) * _LEAST_SKY
-    fields = [
-        SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
-        for one in scene.regions
-        if one.surface is not None and one.part is not None
-    ]
-    return of_band <= tolerance or 0.0 < max(fields, default=0.0) <= tolerance
 
 
 def _steepness(air: Air, depth: float, slant: float) -> float:
@@ -1246,381 +1205,13 @@ def _times(size: float, share: float) -> float:
     return size * share if np.isfinite(size) else np.inf
 
 
-# Bounds of what noise, pattern and texture add to the covariance of a region
-
-# The share that a factor common to a pixel's Stokes vector is of its DoLP, over the factor's root mean square: 2, and
-# room for larger factors, up to a twentieth.
-_OF_FACTOR, _LARGEST_FACTOR = 2.3, 0.05
-
-
-def dark_current(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the share of dark electrons' shot noise: their mean is taken off, and they add to nothing else."""
-    noise = scene.sensor.noise
-    dark_dn = noise.gain_dn_per_e * noise.dark_current_e_per_s * scene.sensor.exposure_s
-    variance = noise.noise_factor**2 * noise.gain_dn_per_e * dark_dn
-    return _temporal(region, np.full_like(region.signal_low, variance))
-
-
-def read_noise(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the share of the read noise."""
-    noise = scene.sensor.noise
-    variance = (noise.noise_factor * noise.gain_dn_per_e * noise.read_noise_e) ** 2
-    return _temporal(region, np.full_like(region.signal_low, variance))
-
-
-def quantisation(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the share of 1/12 DN^2."""
-    noise = scene.sensor.noise
-    return _temporal(region, np.full_like(region.signal_low, noise.noise_factor**2 / 12.0))
-
-
-def shot_noise(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the share of the shot noise of light, which grows with the light: that at its upper limit.
-
-    A covariance of the texture that does not depend on the light is counted beside it.
-    """
-    noise = scene.sensor.noise
-    variance = noise.noise_factor**2 * noise.gain_dn_per_e * region.signal_high
-    return Disturbance(share=region.temporal_share(variance, bright=True)) if np.any(variance) else NOTHING
-
-
-def texture(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the share of the texture at the upper limit of the light, over the noise of a mean over the cycles."""
-    if not np.any(region.texture):
-        return NOTHING
-    if not region.is_known:
-        return Disturbance(share=np.inf)
-    factor = 1.0 + scene.sensor.noise.prnu**2
-    share = region.spatial_share(factor * region.to_channels(region.texture))
-    one, is_still = region.region, scene.imperfections.misregistration_pixels == 0.0
-    if one.radiance is None or not is_still or any(one.texture_diagonal) or one.texture_rms > _LARGEST_FACTOR:
-        # Of a material the path has no texture, and pictures that shift differ in it: it is no common factor there.
-        return Disturbance(share=share)
-    own = region.counts_per_radiance**2 * one.texture_cov
-    rest = region.spatial_share(factor * region.to_channels(own)) if np.any(own) else 0.0
-    return Disturbance(share=share, share_of_dolp=min(rest + _OF_FACTOR * one.texture_rms, share))
-
-
-def nonuniformity(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the share of PRNU and DSNU at the upper limit of the light, in the noise of a mean over the cycles."""
-    noise = scene.sensor.noise
-    if noise.prnu == 0.0 and noise.dsnu_e == 0.0:
-        return NOTHING
-    if not region.is_known:
-        return Disturbance(share=np.inf)
-    ones, gain = np.ones_like(region.signal_high), noise.gain_dn_per_e
-    rest = noise.prnu**2 * region.to_channels(region.cov_high) + (gain * noise.dsnu_e) ** 2 * np.outer(ones, ones)
-    share = region.spatial_share(noise.prnu**2 * np.outer(region.signal_high, region.signal_high) + rest)
-    if noise.prnu > _LARGEST_FACTOR:
-        return Disturbance(share=share)
-    return Disturbance(share=share, share_of_dolp=min(region.spatial_share(rest) + _OF_FACTOR * noise.prnu, share))
-
-
-def saturation(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return the chance that a pixel is clipped: of so many pixels the linear model says nothing.
-
-    No number of a prediction depends on it; it decides whether a warning is given.
-    """
-    if not region.is_known:
-        return Disturbance(counts=1.0)
-    noise = scene.sensor.noise
-    dark_dn = noise.gain_dn_per_e * noise.dark_current_e_per_s * scene.sensor.exposure_s
-    cov = region.to_channels(region.cov_high)
-    chance = saturation_probability(scene.sensor, region.signal_high + dark_dn, region.variance_high, cov)
-    return Disturbance(counts=float(np.max(chance)))
-
-
-def _temporal(region: RegionBounds, variances: np.ndarray) -> Disturbance:
-    return Disturbance(share=region.temporal_share(variances)) if np.any(variances) else NOTHING
-
-
-# Bounds of what a leaking or turned polarizer, pictures that shift, and light that drifts change of a region
-
-
-def leakage(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return what a finite extinction ratio 1/e changes, being calibrated: counts and noise, no Stokes parameter.
-
-    Counts grow by at most 2 e of their mean. The inverse divides the noise of S0 by 1 + e and that of S1 and S2 by
-    1 - e: with condition c of the noise's covariance, its share changes by at most 2 e (1 + e) sqrt(c) / (1 - e)^2,
-    beside what 2 e more light brings of shot noise. Where the light is known the two covariances of noise are compared.
-    Where angles scatter or pictures shift, c is that of the whole covariance. Drift, which mixes Stokes parameters by a
-    share x, does so by 2 e / (1 - e) x more or less.
-    """
-    along, across = scene.sensor.tau_parallel, scene.sensor.tau_perpendicular
-    if across == 0.0 and np.isinf(scene.readout.extinction_ratio):
-        return NOTHING
-    if not region.is_known:
-        return UNKNOWN
-    e, noise = across / along, scene.sensor.noise
-    if e >= 0.5:
-        return UNKNOWN
-    mixed = 2.0 * e / (1.0 - e) * region.crosstalk
-    share = max(_leaked_share(scene, region, e), 2.0 * e * (1.0 + 2.0 * e))
-    session = scene.imperfections
-    if not region.is_exact or session.polarizer_angle_std_rad > 0.0 or session.misregistration_pixels > 0.0:
-        least, most = np.linalg.eigvalsh(region.noise_low)[0], np.linalg.eigvalsh(region.cov_high)[-1]
-        turned = 2.0 * e * (1.0 + e) / (1.0 - e) ** 2 * np.sqrt(most / least) if least > 0.0 else np.inf
-        more = np.full_like(region.signal_low, noise.noise_factor**2 * noise.gain_dn_per_e * e * region.s0_high)
-        share = max(share, float(turned) + region.temporal_share(more) * (1.0 + e) / (1.0 - e))
-    share += _of_scene(region, mixed) if mixed > 0.0 else 0.0
-    return Disturbance(counts=2.0 * e, s0=mixed, polarised=mixed, share=share)
-
-
-def polarizer_angle(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return what angles that scatter by s change: exp(-2 s^2) of (S1, S2), and a variance of each channel.
-
-    Covariances of what differs over the region keep exp(-4 s^2) of their polarised part. The variance is at most
-    Q^2 (1 - exp(-8 s^2)) / 2 + Q^2 (1 - exp(-4 s^2))^2 / 2 times the square of half the counts, Q^2 being the mean
-    square of the polarised light, texture included.
-    """
-    std_rad, noise = scene.imperfections.polarizer_angle_std_rad, scene.sensor.noise
-    if std_rad == 0.0:
-        return NOTHING
-    if not region.is_known:
-        return UNKNOWN
-    lost = -np.expm1(-2.0 * std_rad**2)
-    polarised = lost * region.polarised_high / region.s0_low / (1.0 - lost)
-    own = region.texture
-    square = region.polarised_high**2 / (1.0 - lost) ** 2 + float(own[1, 1] + own[2, 2])
-    factor = 0.5 * -np.expm1(-8.0 * std_rad**2) + 0.5 * np.expm1(-4.0 * std_rad**2) ** 2
-    drifted = (1.0 + 0.5 * abs(scene.imperfections.drift)) ** 2
-    variances = np.full_like(region.signal_low, 0.25 * drifted * square * factor)
-    ratio = region.temporal_share(variances)
-    share = ratio / (1.0 + ratio) if np.isfinite(ratio) else np.inf
-    gain = np.full_like(
-        region.signal_low, noise.gain_dn_per_e * noise.noise_factor**2 * 0.5 * region.s0_low * polarised
-    )
-    mixed = region.crosstalk * polarised
-    polarised = polarised + mixed
-    return Disturbance(
-        s0=mixed, polarised=polarised, share=share + region.temporal_share(gain) + _of_scene(region, lost)
-    )
-
-
-def misregistration(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return what shifts of the picture take from the correlation of texture between frames.
-
-    With kappa the correlation that is kept, (1 - kappa) of the covariance C of the channels goes over to its diagonal:
-    the change lies between -(1 - kappa) C and (1 - kappa) diag C.
-    """
-    kept = scene.imperfections.kept_correlation
-    if kept == 1.0 or not np.any(region.texture):
-        return NOTHING
-    if not region.is_known:
-        return UNKNOWN
-    channels = region.to_channels(region.texture)
-    gained = region.spatial_share((1.0 - kept) * np.diag(np.diag(channels)), is_part=False)
-    return Disturbance(share=gained * (1.0 + scene.sensor.noise.prnu**2) + (1.0 - kept))
-
-
-def drift(scene: LitScene, region: RegionBounds, _light: LightLimits) -> Disturbance:
-    """Return what light that drifts does to the Stokes parameters: W diag(f - 1) applied to the largest counts.
-
-    Each frame k has the factor f_k; the change of a Stokes parameter is at most sum |W_jk| |f_k - 1| I_k, and noise and
-    texture change by at most |f_k - 1| and twice that of themselves.
-    """
-    if scene.imperfections.drift == 0.0:
-        return NOTHING
-    if not region.is_known:
-        return UNKNOWN
-    size = 0.5 * abs(scene.imperfections.drift)
-    apart = np.abs(scene.imperfections.light_factors(region.signal_low.size) - 1.0) / (1.0 - size)
-    most = np.abs(region.inverse) @ (apart * region.signal_high) / region.s0_low
-    moved = float(np.hypot(most[1], most[2]))
-    counts = np.full_like(region.signal_low, size)
-    noise = scene.sensor.noise
-    shot = noise.noise_factor**2 * noise.gain_dn_per_e * counts * region.signal_high / (1.0 - size)
-    return Disturbance(
-        s0=float(most[0]),
-        polarised=moved,
-        counts=2.0 * size,
-        share=region.temporal_share(shot) + _of_scene(region, size / (1.0 - size)),
-    )
-
-
-def _of_scene(region: RegionBounds, change: float) -> float:
-    """Share by which texture, pattern and spread over the field change where their amplitudes change by a share."""
-    # Twice for the channels, of which each changes by its own share: |D C^(1/2)| is at most the largest share times it.
-    widest = float(np.linalg.eigvalsh(region.cov_high)[-1])
-    amplitude = np.sqrt(region.spatial_share(region.to_channels(4.0 * change**2 * widest * np.eye(3)), is_part=False))
-    return float(2.0 * amplitude + amplitude**2)
-
-
-def _leaked_share(scene: LitScene, region: RegionBounds, e: float) -> float:
-    """Largest relative change of the noise's covariance, in Stokes parameters and in channels."""
-    noise = scene.sensor.noise
-    ideal = np.diag([1.0 + e, 1.0 - e, 1.0 - e]) @ region.inverse
-    darker = e * (region.s0_high * 0.5) * np.ones_like(region.signal_low)
-    fewer = region.variance_low - noise.noise_factor**2 * noise.gain_dn_per_e * np.minimum(
-        darker * 2.0, region.signal_low
-    )
-    alone = ideal @ np.diag(fewer) @ ideal.T
-    more, less = share_of(alone, region.noise_low), share_of(region.noise_low, alone)
-    in_channels = share_of(np.diag(region.variance_low - fewer), np.diag(region.variance_low))
-    wholly = ideal @ np.diag(region.variance_low) @ ideal.T
-    larger = share_of(wholly, region.noise_low)
-    lowest = 1.0 / less if less > 0.0 else 0.0
-    return float(max(more - 1.0, larger - 1.0, 1.0 - lowest, in_channels))
-
-
-# Table of all effects: what each changes, what computing it costs, how it is bounded and how it is removed
-
-_RECORD = "model.effects.planner"
-_STORE = "model.accuracy.chain"
-_CHAIN = "model.accuracy.chain"
-_LITTLE = "microseconds"
-
-
-@dataclass(frozen=True, kw_only=True)
-class EffectModel:
-    """An effect: a new one is an entry here, its bound, and the place that computes it."""
-
-    changes: str
-    place: str = _RECORD
-    cost: str = _LITTLE
-    of_light: bool = False
-    bound: Callable[[LitScene, RegionBounds, LightLimits], Disturbance]
-    removed: Callable[[LitScene], LitScene]
-
-
-def _with_parts(scene: LitScene, parts: LightParts) -> LitScene:
-    return replace(scene, parts=parts)
-
-
-def _with_noise(scene: LitScene, noise: SensorNoise) -> LitScene:
-    return _with_sensor(scene, replace(scene.sensor, noise=noise))
-
-
-def _with_sensor(scene: LitScene, sensor: Sensor) -> LitScene:
-    return replace(scene, sensor=sensor)
-
-
-def _with_session(scene: LitScene, imperfections: Imperfections) -> LitScene:
-    return replace(scene, imperfections=imperfections)
-
-
-def _without_leakage(scene: LitScene) -> LitScene:
-    ideal = replace(scene.readout, extinction_ratio=np.inf)
-    return replace(scene, sensor=replace(scene.sensor, tau_perpendicular=0.0), readout=ideal)
-
-
-def _smooth(region: LitRegion) -> LitRegion:
-    return replace(region, texture_rms=0.0, texture_diagonal=(0.0, 0.0, 0.0), texture_cov=np.zeros((3, 3)))
-
-
-EFFECT_MODELS: Mapping[Effect, EffectModel] = MappingProxyType(
-    {
-        Effect.FIELD_OF_VIEW: EffectModel(
-            changes="mean light and its spread over a region",
-            place=_STORE,
-            cost="a light for each tile",
-            of_light=True,
-            bound=field_of_view,
-            removed=lambda scene: _with_parts(scene, replace(scene.parts, field_of_view=False)),
-        ),
-        Effect.TEXTURE: EffectModel(
-            changes="covariance over pixels",
-            bound=texture,
-            removed=lambda scene: replace(scene, regions=tuple(_smooth(region) for region in scene.regions)),
-        ),
-        Effect.SKYLIGHT: EffectModel(
-            changes="mean light",
-            place=_STORE,
-            cost="sky, and an integral over it a view",
-            of_light=True,
-            bound=skylight,
-            removed=lambda scene: _with_parts(scene, replace(scene.parts, skylight=False)),
-        ),
-        Effect.PATH_RADIANCE: EffectModel(
-            changes="mean light",
-            place=_STORE,
-            cost="one ray a view",
-            of_light=True,
-            bound=path_radiance,
-            removed=lambda scene: _with_parts(scene, replace(scene.parts, path_radiance=False)),
-        ),
-        Effect.LEAKAGE: EffectModel(changes="counts, noise of S1 and S2", bound=leakage, removed=_without_leakage),
-        Effect.DARK_CURRENT: EffectModel(
-            changes="temporal noise",
-            bound=dark_current,
-            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, dark_current_e_per_s=0.0)),
-        ),
-        Effect.SHOT_NOISE: EffectModel(
-            changes="temporal noise",
-            bound=shot_noise,
-            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, shot_noise=False)),
-        ),
-        Effect.READ_NOISE: EffectModel(
-            changes="temporal noise",
-            bound=read_noise,
-            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, read_noise_e=0.0)),
-        ),
-        Effect.QUANTISATION: EffectModel(
-            changes="temporal noise",
-            bound=quantisation,
-            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, quantisation=False)),
-        ),
-        Effect.WAVELENGTHS: EffectModel(
-            changes="light of sky and path",
-            place=_CHAIN,
-            cost="a solution for each",
-            of_light=True,
-            bound=wavelengths,
-            removed=lambda scene: _with_parts(scene, replace(scene.parts, wavelengths=False)),
-        ),
-        Effect.POLARIZER_ANGLE: EffectModel(
-            changes="degree of polarization, temporal noise",
-            bound=polarizer_angle,
-            removed=lambda scene: _with_session(scene, replace(scene.imperfections, polarizer_angle_std_rad=0.0)),
-        ),
-        Effect.MISREGISTRATION: EffectModel(
-            changes="correlation of texture between frames",
-            bound=misregistration,
-            removed=lambda scene: _with_session(scene, replace(scene.imperfections, misregistration_pixels=0.0)),
-        ),
-        Effect.DRIFT: EffectModel(
-            changes="mean Stokes parameters",
-            bound=drift,
-            removed=lambda scene: _with_session(scene, replace(scene.imperfections, drift=0.0)),
-        ),
-        Effect.NONUNIFORMITY: EffectModel(
-            changes="covariance over pixels",
-            bound=nonuniformity,
-            removed=lambda scene: _with_noise(scene, replace(scene.sensor.noise, prnu=0.0, dsnu_e=0.0)),
-        ),
-        Effect.SATURATION: EffectModel(
-            changes="warnings; the share of pixels for which the model is void",
-            bound=saturation,
-            removed=lambda scene: _with_sensor(scene, replace(scene.sensor, saturates=False)),
-        ),
-        Effect.FALLOFF: EffectModel(
-            changes="counts and their spread over a region",
-            place=_CHAIN,
-            bound=falloff,
-            removed=lambda scene: _with_session(scene, replace(scene.imperfections, off_axis_falloff=False)),
-        ),
-        Effect.ADJACENCY: EffectModel(
-            changes="mean light",
-            place=_CHAIN,
-            of_light=True,
-            bound=adjacency,
-            removed=lambda scene: _with_session(scene, replace(scene.imperfections, surround_albedo=None)),
-        ),
-    }
-)
-
-
-def effect_bounds(
-    scene: LitScene, limits: Mapping[str, LightLimits], effects: frozenset[Effect] = ALL
-) -> dict[Effect, Bound]:
-    """Return for each effect how much leaving it out can change."""
-    regions = {one.name: radiance_bounds(scene, one, limits[one.name]) for one in scene.regions}
-    found: dict[Effect, Bound] = {}
-    for effect in (one for one in Effect if one in effects):
-        bound = EFFECT_MODELS[effect].bound
-        changes = {name: bound(scene, region, limits[name]) for name, region in regions.items()}
-        found[effect] = _worst(scene, regions, changes)
-    return found
+_BOUNDS: Mapping[Effect, Callable[[LitScene, RegionBounds, LightLimits], Disturbance]] = {
+    Effect.FIELD_OF_VIEW: field_of_view,
+    Effect.SKYLIGHT: skylight,
+    Effect.PATH_RADIANCE: path_radiance,
+    Effect.WAVELENGTHS: wavelengths,
+    Effect.ADJACENCY: adjacency,
+}
 
 
 def _worst(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:

@@ -1,12 +1,15 @@
-"""Names of effects, bounds of their consequences, and decisions on which of them act."""
+"""Effects of the model: their names, bounds of what leaving one out changes, and decisions on which of them act.
+
+An effect is a part of the physics that a prediction can do without: skylight, the field of view, read noise. Those of
+the light before the lens cost time, so that a plan leaves them out where a bound shows that nobody would notice. Those
+of sensor and session cost microseconds: they act where the scene states them.
+"""
 
 from dataclasses import astuple, dataclass, field, fields
 from enum import StrEnum
 from typing import Literal
 
 import numpy as np
-
-# Names of the effects that a scene may call for beyond light on a surface and an ideal camera
 
 
 class Effect(StrEnum):
@@ -31,13 +34,12 @@ class Effect(StrEnum):
     ADJACENCY = "adjacency"
 
 
-# What decides whether an effect is left out: its bound, its estimate where that is the smaller, or nothing.
-EffectRule = Literal["safe", "estimated", "all"]
+#: What decides whether an effect of the light is left out: its bound, or nothing.
+EffectRule = Literal["safe", "all"]
 
 ALL = frozenset(Effect)
-
-
-# Bounds of the change of a prediction where an effect is left out
+#: Effects of the light before the lens: those that cost time.
+LIGHT = frozenset({Effect.FIELD_OF_VIEW, Effect.SKYLIGHT, Effect.PATH_RADIANCE, Effect.WAVELENGTHS, Effect.ADJACENCY})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,107 +128,24 @@ EVERYTHING = Bound(radiance=np.inf, ratios=np.inf, deviations=np.inf, detection=
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """Change of a prediction where an effect is left out, as a coarse evaluation has it; nothing is promised.
-
-    Attributes
-    ----------
-    value
-        The change.
-    error
-        How far it may be off.
-    """
-
-    value: Bound
-    error: Bound
-
-    @property
-    def most(self) -> Bound:
-        """The change with its error."""
-        return self.value + self.error
-
-
-@dataclass(frozen=True, kw_only=True)
-class Disturbance:
-    """Largest change of one region where an effect is left out."""
-
-    s0: float = 0.0
-    polarised: float = 0.0
-    factor: float = 0.0
-    share: float = 0.0
-    counts: float = 0.0
-    share_of_dolp: float | None = None
-
-    @property
-    def is_nothing(self) -> bool:
-        """True if the effect is not there at all."""
-        return not (self.s0 or self.polarised or self.factor or self.share or self.counts)
-
-
-NOTHING = Disturbance()
-UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)
-
-
-# Decisions on the effects of a scene: which act, which are left out, and why
-
-
-@dataclass(frozen=True, kw_only=True)
 class Decision:
-    """Decision on an effect, and its reason.
-
-    Attributes
-    ----------
-    effect
-        Which.
-    acts
-        Whether it is computed.
-    bound
-        How much leaving it out can change.
-    reason
-        In words.
-    forced
-        Whether the user decided.
-    acts_by_bound, acts_by_estimate
-        Whether it is computed by the rule "safe" and by the rule "estimated".
-    estimate
-        What leaving it out is estimated to change; None where that was not asked for, or nothing can tell.
-    """
+    """Decision on an effect, and its reason."""
 
     effect: Effect
-    acts: bool
-    bound: Bound
+    acts: bool  #: whether it is computed
+    bound: Bound  #: most that leaving it out can change; 0 if not stated, infinite for stated ones behind the lens
     reason: str
-    forced: bool = False
-    acts_by_bound: bool = True
-    acts_by_estimate: bool = True
-    estimate: Estimate | None = None
-
-    @property
-    def most(self) -> Bound:
-        """The bound, or the estimate with its error where that is smaller."""
-        return self.bound if self.estimate is None else self.bound.tighter(self.estimate.most)
+    forced: bool = False  #: whether the user decided
+    acts_by_bound: bool = True  #: whether it is computed by the rule "safe"
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffectPlan:
-    """Decisions on all effects of a scene.
+    """Decisions on all effects of a scene."""
 
-    Attributes
-    ----------
-    decisions
-        In the order of their bounds, smallest first.
-    tolerance
-        That the sum of what is left out had to stay within.
-    spent
-        Sum of what the planner left out may change: of bounds, or by the rule "estimated" of the smaller of bound and
-        estimate.
-    rule
-        By which it was decided.
-    """
-
-    decisions: tuple[Decision, ...]
-    tolerance: float
-    spent: Bound = field(default_factory=Bound)
+    decisions: tuple[Decision, ...]  #: in the order of their bounds, smallest first
+    tolerance: float  #: allowed sum of the bounds of the effects that are left out
+    spent: Bound = field(default_factory=Bound)  #: sum of the bounds of the effects that the planner left out
     rule: EffectRule = "safe"
 
     @property
@@ -236,16 +155,9 @@ class EffectPlan:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks for every result: what a user left out and may matter, and what was left out by an estimate."""
-        return (
-            *(
-                f"{one.effect} is left out by request, though it may change numbers by {one.bound.in_words}"
-                for one in self.decisions
-                if one.forced and not one.acts and one.bound.largest > 0.0
-            ),
-            *(
-                f"{one.effect} is left out by an estimate: it changes numbers by {one.most.in_words}; not guaranteed"
-                for one in self.decisions
-                if not one.forced and not one.acts and one.acts_by_bound
-            ),
+        """A remark for each stated effect that a user left out."""
+        return tuple(
+            f"{one.effect} is left out by request, though it may change numbers by {one.bound.in_words}"
+            for one in self.decisions
+            if one.forced and not one.acts and one.bound.largest > 0.0
         )

@@ -1,63 +1,27 @@
-"""Plan of the effects that act in a scene: the others are left out within a tolerance, each with its reason."""
+"""Which effects act in a scene: those of the light by their bounds, those of sensor and session where they are stated.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+`plan` takes the effects of the light by their largest bound, smallest first, and leaves out as many as stay together
+within a tolerance. `acting` removes the others from the record of a scene: what is gone from it is not computed.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from model.effects.bounds import EFFECT_MODELS, LightLimits, effect_bounds, known_light, light_limits
-from model.effects.names import ALL, EVERYTHING, Bound, Decision, Effect, EffectPlan, EffectRule, Estimate
-from model.scene.scene import LightParts, LitScene, RegionLight
+from model.effects.names import ALL, EVERYTHING, LIGHT, Bound, Decision, Effect, EffectPlan, EffectRule
+from model.scene.scene import LightParts, LitScene
 
-# The record of a scene with effects left out: what is gone from it is computed by nobody
+if TYPE_CHECKING:
+    from model.effects.bounds import LightLimits
 
-
-def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
-    """Return the scene with all effects left out that do not act."""
-    if effects >= ALL:
-        return scene
-    from model.effects.bounds import EFFECT_MODELS
-
-    for effect, entry in EFFECT_MODELS.items():
-        if effect not in effects:
-            scene = entry.removed(scene)
-    return scene
-
-
-def acting_parts(effects: frozenset[Effect]) -> LightParts:
-    """Return the parts of the light that are computed where some effects act.
-
-    Parameters
-    ----------
-    effects
-        That act.
-    """
-    return LightParts(
-        field_of_view=Effect.FIELD_OF_VIEW in effects,
-        skylight=Effect.SKYLIGHT in effects,
-        path_radiance=Effect.PATH_RADIANCE in effects,
-        wavelengths=Effect.WAVELENGTHS in effects,
-    )
-
-
-# Plan of the effects that a scene calls for: the others are left out within a tolerance, each with its reason
-
-# Light of the regions where only these effects act.
-KnownLight = Callable[[frozenset[Effect]], tuple[RegionLight, ...]]
-# Estimates of effects with these bounds, those that cannot be had left out.
-Estimates = Callable[[Mapping[Effect, Bound]], Mapping[Effect, Estimate]]
-# A sharper bound of an effect than the general one, from the limits of the light; None where there is none.
-SharperBound = Callable[[Mapping[str, LightLimits]], Bound | None]
-# A bound below this share of the tolerance needs no estimate.
-_SMALL = 0.5
-
-# Effects of the light before the lens: those that cost time.
-LIGHT = frozenset(effect for effect, entry in EFFECT_MODELS.items() if entry.of_light)
-# Of them those that cost most, decided first: where they are left out, one wavelength misses nothing of them.
-_OF_AIR = frozenset({Effect.SKYLIGHT, Effect.PATH_RADIANCE})
+# A sharper bound of skylight than the general one, from the limits of the light; None where there is none.
+SharperBound = Callable[[Mapping[str, "LightLimits"]], Bound | None]
 
 _NO_CHOICE: Mapping[Effect, bool] = {}
+_ALL = "every effect acts by request"
 
 
 def plan(
@@ -65,36 +29,26 @@ def plan(
     *,
     tolerance: float,
     forced: Mapping[Effect, bool] = _NO_CHOICE,
-    known: KnownLight | None = None,
     rule: EffectRule = "safe",
-    estimates: Estimates | None = None,
-    every_estimate: bool = False,
     sharper: SharperBound | None = None,
-    asked: frozenset[Effect] = ALL,
+    asked: bool = True,
 ) -> EffectPlan:
     """Return which effects a scene calls for.
 
     Parameters
     ----------
-    scene
+    scene : LitScene
         All that the scene is.
-    tolerance
-        That the sum of the bounds of what is left out may reach in each quantity of `Bound`, 0 or more.
-    forced
-        Effects that the user switched on (True) or off (False); what is off by request does not count in the sum.
-    known
-        Gives the light of the regions where the effects of `LIGHT` are left out that are not in its argument. It is
-        called once these are decided, for the bounds of the others; None: they are had from limits of the light.
-    rule
-        By bounds ("safe"), by estimates where these are smaller ("estimated"), or without a decision ("all").
-    estimates
-        Estimates effects, first those of `LIGHT`, then the others; None for no estimates.
-    every_estimate
-        Whether effects are estimated too that their bounds let be left out.
-    sharper
-        Gives a sharper bound of skylight, asked for where the general one is above the tolerance; None for none.
-    asked
-        Effects that may be left out; no bound is looked for of others, which act.
+    tolerance : float
+        Allowed sum of the bounds of the effects that are left out, in each quantity of `Bound`; 0 or more.
+    forced : mapping of Effect to bool
+        Effects that the user switched on (True) or off (False); those that are off do not count in the sum.
+    rule : {"safe", "all"}
+        By bounds, or every effect acts; the decisions say in either case what "safe" would leave out.
+    sharper : callable or None
+        Gives a sharper bound of skylight, called where the general one is above the tolerance; None for none.
+    asked : bool
+        Whether bounds of the light are computed; if not, its effects act unless the user forces one.
 
     Raises
     ------
@@ -103,182 +57,282 @@ def plan(
 
     Notes
     -----
-    Effects of the light, which cost time, are decided first, skylight and path radiance before the others of them; then
-    those of sensor and session. Each group is taken by its largest bound, smallest first; bounds of means add, shares
-    of variances add, and so do the bounds made of them. Where skylight and path radiance are left out, of the others
-    only what they change beside that counts in the sum.
+    Skylight and path radiance are decided first. Bounds of means add, shares of variances add, and so do the bounds
+    made of them. Where skylight and path radiance are left out, the band counts only with what it changes besides.
     """
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
-    choice = _Choice(tolerance=tolerance, forced=forced, rule=rule, estimates=estimates, every_estimate=every_estimate)
-    asked |= forced.keys()
-    if not asked:
-        return EffectPlan(decisions=tuple(map(_unasked, Effect)), tolerance=tolerance, rule=rule)
-    bounds_of, limits = partial(_bounds_beside, scene, forced), light_limits(scene)
-    of_air, spent = choice.decided(_sharpened(bounds_of(limits, _OF_AIR), limits, choice, sharper), _Spent())
-    of_band, spent = choice.decided(bounds_of(limits, LIGHT - _OF_AIR), spent, unlit=_unlit(bounds_of, limits, of_air))
-    of_light = [*of_air, *of_band]
-    if known is not None and any(one.surface is not None for one in scene.regions):
-        left_out = [one for one in of_light if not one.acts]
-        margin = sum((one.bound if rule == "safe" else one.most).radiance for one in left_out)
-        light = known(ALL - {one.effect for one in left_out})
-        limits = {one.name: known_light(one, margin=margin) for one in light} if np.isfinite(margin) else limits
-    others, spent = choice.decided(bounds_of(limits, asked - LIGHT), spent)
-    others += map(_unasked, (one for one in Effect if one not in asked | LIGHT))
-    decisions = sorted([*of_light, *others], key=lambda one: one.bound.largest)
-    return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=spent.by(rule), rule=rule)
-
-
-def _unasked(effect: Effect) -> Decision:
-    return Decision(effect=effect, acts=True, bound=EVERYTHING, reason="costs less than to look for a bound of it")
-
-
-def _sharpened(
-    bounds: dict[Effect, Bound], limits: Mapping[str, LightLimits], choice: "_Choice", sharper: SharperBound | None
-) -> dict[Effect, Bound]:
-    """Bounds with that of skylight sharper, where a decision may hang on it; that of detection stays."""
-    general = bounds[Effect.SKYLIGHT]
-    is_asked = general.detection <= choice.tolerance < general.largest and Effect.SKYLIGHT not in choice.forced
-    found = sharper(limits) if sharper is not None and is_asked else None
-    if found is None:
-        return bounds
-    return bounds | {Effect.SKYLIGHT: general.tighter(replace(found, detection=general.detection))}
-
-
-def _bounds_beside(
-    scene: LitScene, forced: Mapping[Effect, bool], limits: Mapping[str, LightLimits], effects: frozenset[Effect]
-) -> dict[Effect, Bound]:
-    """Bounds of effects beside what is left over: noise that is left out by request hides nothing of other noise."""
-    off = frozenset(effect for effect, is_on in forced.items() if not is_on) - LIGHT
-    left = scene
-    for effect in off:
-        left = EFFECT_MODELS[effect].removed(left)
-    found = effect_bounds(left, limits, effects - off)
-    return found | (effect_bounds(scene, limits, effects & off) if effects & off else {})
+    decisions, spent = _stated(scene, forced), Bound()
+    if asked or LIGHT & forced.keys():
+        of_light, spent = _of_light(scene, tolerance, forced, sharper)
+        decisions += of_light
+    else:
+        reason = "costs less than to look for a bound of it"
+        decisions += [Decision(effect=one, acts=True, bound=EVERYTHING, reason=reason) for one in LIGHT]
+    if rule == "all":
+        decisions, spent = [one if one.forced else replace(one, acts=True, reason=_ALL) for one in decisions], Bound()
+    order = list(Effect)
+    decisions.sort(key=lambda one: (one.bound.largest, order.index(one.effect)))
+    return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=spent, rule=rule)
 
 
 def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float = 0.0) -> EffectPlan:
-    """Return the plan in which every effect acts that is not left out by request; no bound is looked for.
-
-    Parameters
-    ----------
-    forced
-        Effects that the user switched on (True) or off (False).
-    tolerance
-        Stated in the plan; nothing is spent of it.
-    """
-    choice = _Choice(tolerance=tolerance, forced=forced, rule="all")
-    found, _ = choice.decided(dict.fromkeys(Effect, EVERYTHING), _Spent())
-    return EffectPlan(decisions=tuple(found), tolerance=tolerance, rule="all")
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Spent:
-    """Sum of what may change by what is left out, by either rule."""
-
-    by_bound: Bound = field(default_factory=Bound)
-    by_estimate: Bound = field(default_factory=Bound)
-
-    def by(self, rule: EffectRule) -> Bound:
-        """Return the sum by one rule."""
-        return {"safe": self.by_bound, "estimated": self.by_estimate, "all": Bound()}[rule]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Unlit:
-    """What effects change beside skylight and path radiance, for a rule by which these are left out; else nothing."""
-
-    by_bound: Mapping[Effect, Bound] = field(default_factory=dict)
-    by_estimate: Mapping[Effect, Bound] = field(default_factory=dict)
-
-
-_LIT = _Unlit()
-
-
-def _unlit(
-    bounds_of: Callable[[Mapping[str, LightLimits], frozenset[Effect]], dict[Effect, Bound]],
-    limits: Mapping[str, LightLimits],
-    of_air: Sequence[Decision],
-) -> _Unlit:
-    by_bound, by_estimate = (
-        not any(getattr(one, rule) or one.forced for one in of_air) for rule in ("acts_by_bound", "acts_by_estimate")
+    """Return the plan in which every effect acts that is not left out by request; no bound is computed."""
+    decisions = tuple(
+        Decision(
+            effect=effect,
+            acts=forced.get(effect, True),
+            bound=EVERYTHING,
+            reason=_by_request(forced[effect]) if effect in forced else _ALL,
+            forced=effect in forced,
+        )
+        for effect in Effect
     )
-    if not (by_bound or by_estimate):
-        return _LIT
-    dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
-    found = bounds_of(dark, frozenset({Effect.WAVELENGTHS}))
-    return _Unlit(by_bound=found if by_bound else {}, by_estimate=found if by_estimate else {})
+    return EffectPlan(decisions=decisions, tolerance=tolerance, rule="all")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _LeftOut:
-    """Effects that a rule leaves out, the sums that each reached or would have, and the sum of what is left out."""
+def acting(scene: LitScene, effects: frozenset[Effect]) -> LitScene:
+    """Return the scene with all effects left out that do not act."""
+    for effect in Effect:
+        if effect not in effects:
+            scene = EFFECTS[effect].removed(scene)
+    return scene
 
-    effects: frozenset[Effect]
-    sums: Mapping[Effect, float]
-    spent: Bound
+
+def acting_parts(effects: frozenset[Effect]) -> LightParts:
+    """Return the parts of the light that are computed where some effects act."""
+    return LightParts(
+        field_of_view=Effect.FIELD_OF_VIEW in effects,
+        skylight=Effect.SKYLIGHT in effects,
+        path_radiance=Effect.PATH_RADIANCE in effects,
+        wavelengths=Effect.WAVELENGTHS in effects,
+    )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Choice:
-    """What decides of an effect."""
-
-    tolerance: float
-    forced: Mapping[Effect, bool]
-    rule: EffectRule
-    estimates: Estimates | None = None
-    every_estimate: bool = False
-
-    def decided(
-        self, bounds: Mapping[Effect, Bound], spent: _Spent, *, unlit: _Unlit = _LIT
-    ) -> tuple[list[Decision], _Spent]:
-        """Return decisions by both rules, and what they spend."""
-        by_bound = self._left_out({**bounds, **unlit.by_bound}, spent.by_bound)
-        found = self._estimated(bounds, by_bound.effects)
-        most = {one: bound.tighter(found[one].most) if one in found else bound for one, bound in bounds.items()}
-        by_estimate = self._left_out({**most, **unlit.by_estimate}, spent.by_estimate)
-        used = by_estimate if self.rule == "estimated" else by_bound
-        decisions = [
+def _stated(scene: LitScene, forced: Mapping[Effect, bool]) -> list[Decision]:
+    """Decisions on the effects of sensor and session, which act where the scene states them."""
+    found = []
+    for effect, entry in EFFECTS.items():
+        if entry.is_stated is None:
+            continue
+        is_stated = entry.is_stated(scene)
+        found.append(
             Decision(
                 effect=effect,
-                acts=self.forced.get(effect, self.rule == "all" or effect not in used.effects),
-                bound=bound,
-                reason=self._reason(effect, used),
-                forced=effect in self.forced,
-                acts_by_bound=effect not in by_bound.effects,
-                acts_by_estimate=effect not in by_estimate.effects,
-                estimate=found.get(effect),
+                acts=forced.get(effect, is_stated),
+                bound=EVERYTHING if is_stated else Bound(),
+                reason=_by_request(forced[effect]) if effect in forced else "stated" if is_stated else "not stated",
+                forced=effect in forced,
+                acts_by_bound=is_stated or effect in forced,
             )
-            for effect, bound in bounds.items()
-        ]
-        return decisions, _Spent(by_bound=by_bound.spent, by_estimate=by_estimate.spent)
+        )
+    return found
 
-    def _estimated(self, bounds: Mapping[Effect, Bound], left_out: frozenset[Effect]) -> Mapping[Effect, Estimate]:
-        """Return estimates, where any are wanted: of effects that their bounds let act, and of others beside them."""
-        undecided = {one for one, bound in bounds.items() if bound.largest > 0.0} - left_out - self.forced.keys()
-        if self.estimates is None or not (undecided or self.every_estimate):
-            return {}
-        least = 0.0 if self.every_estimate else _SMALL * self.tolerance
-        return self.estimates({one: bound for one, bound in bounds.items() if bound.largest > least})
 
-    def _left_out(self, most: Mapping[Effect, Bound], spent: Bound) -> _LeftOut:
-        effects, sums = set(), {}
-        for effect in sorted(most.keys() - self.forced.keys(), key=lambda one: (most[one].largest, one)):
-            total = spent + most[effect]
-            sums[effect] = total.largest if most[effect].largest > 0.0 else 0.0
-            if sums[effect] <= self.tolerance:
-                effects.add(effect)
-                spent = total
-        return _LeftOut(effects=frozenset(effects), sums=sums, spent=spent)
+def _of_light(
+    scene: LitScene, tolerance: float, forced: Mapping[Effect, bool], sharper: SharperBound | None
+) -> tuple[list[Decision], Bound]:
+    """Decisions on the effects of the light, and the sum of the bounds of those that are left out."""
+    from model.effects.bounds import effect_bounds, light_limits
 
-    def _reason(self, effect: Effect, used: _LeftOut) -> str:
-        if effect in self.forced:
-            return "switched on by request" if self.forced[effect] else "left out by request"
-        if self.rule == "all":
-            return "every effect acts by request"
-        total = used.sums[effect]
-        if total == 0.0:
-            return "is not there"
-        if np.isinf(total):
-            return "no useful bound"
-        return f"sum {total:.1e} {'<=' if effect in used.effects else '>'} {self.tolerance:.1e}"
+    # Noise that is left out by request hides nothing of what the light changes.
+    left = acting(scene, ALL - {effect for effect, is_on in forced.items() if not is_on and effect not in LIGHT})
+    limits = light_limits(scene)
+    bounds = effect_bounds(left, limits)
+    general = bounds[Effect.SKYLIGHT]
+    if sharper is not None and Effect.SKYLIGHT not in forced and general.detection <= tolerance < general.largest:
+        found = sharper(limits)
+        if found is not None:
+            bounds[Effect.SKYLIGHT] = general.tighter(replace(found, detection=general.detection))
+    of_air = {effect: bounds.pop(effect) for effect in (Effect.SKYLIGHT, Effect.PATH_RADIANCE)}
+    first, spent = _decided(of_air, of_air, Bound(), forced, tolerance)
+    counted = dict(bounds)
+    if not any(one.acts or one.forced for one in first):
+        # One wavelength misses nothing of light that is not computed.
+        dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
+        counted |= effect_bounds(left, dark, frozenset({Effect.WAVELENGTHS}))
+    others, spent = _decided(bounds, counted, spent, forced, tolerance)
+    return first + others, spent
+
+
+def _decided(
+    bounds: Mapping[Effect, Bound],
+    counted: Mapping[Effect, Bound],
+    spent: Bound,
+    forced: Mapping[Effect, bool],
+    tolerance: float,
+) -> tuple[list[Decision], Bound]:
+    """Decisions on some effects, smallest first, and the sum of what is left out; `counted` is what each adds to it."""
+    found = []
+    for effect in sorted(bounds, key=lambda one: (counted[one].largest, one)):
+        total = spent + counted[effect]
+        size = total.largest if counted[effect].largest > 0.0 else 0.0
+        acts = forced.get(effect, size > tolerance)
+        if effect in forced:
+            reason = _by_request(acts)
+        elif size == 0.0:
+            reason = "is not there"
+        elif np.isinf(size):
+            reason = "no useful bound"
+        else:
+            reason = f"sum {size:.1e} {'>' if acts else '<='} {tolerance:.1e}"
+        if not acts and effect not in forced:
+            spent = total
+        found.append(
+            Decision(
+                effect=effect,
+                acts=acts,
+                bound=bounds[effect],
+                reason=reason,
+                forced=effect in forced,
+                acts_by_bound=acts or effect in forced,
+            )
+        )
+    return found, spent
+
+
+def _by_request(is_on: bool) -> str:
+    return "switched on by request" if is_on else "left out by request"
+
+
+# What each effect changes, what computing it costs, and how it is removed
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectEntry:
+    """An effect: a new one is an entry here and the place that computes it; one of the light has a bound as well."""
+
+    changes: str
+    removed: Callable[[LitScene], LitScene]
+    is_stated: Callable[[LitScene], bool] | None = None  #: None for effects of the light, which have a bound
+    place: str = "model.effects.planner"
+    cost: str = "microseconds"
+
+
+def _without_part(name: str) -> Callable[[LitScene], LitScene]:
+    return lambda scene: replace(scene, parts=replace(scene.parts, **{name: False}))
+
+
+def _without_noise(**values: Any) -> Callable[[LitScene], LitScene]:
+    return lambda scene: replace(scene, sensor=replace(scene.sensor, noise=replace(scene.sensor.noise, **values)))
+
+
+def _without_session(**values: Any) -> Callable[[LitScene], LitScene]:
+    return lambda scene: replace(scene, imperfections=replace(scene.imperfections, **values))
+
+
+def _without_leakage(scene: LitScene) -> LitScene:
+    ideal = replace(scene.readout, extinction_ratio=np.inf)
+    return replace(scene, sensor=replace(scene.sensor, tau_perpendicular=0.0), readout=ideal)
+
+
+def _without_texture(scene: LitScene) -> LitScene:
+    regions = tuple(
+        replace(one, texture_rms=0.0, texture_diagonal=(0.0, 0.0, 0.0), texture_cov=np.zeros((3, 3)))
+        for one in scene.regions
+    )
+    return replace(scene, regions=regions)
+
+
+def _has_texture(scene: LitScene) -> bool:
+    return any(one.texture_rms > 0.0 or any(one.texture_diagonal) or np.any(one.texture_cov) for one in scene.regions)
+
+
+EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
+    {
+        Effect.FIELD_OF_VIEW: EffectEntry(
+            changes="mean light and its spread over a region",
+            removed=_without_part("field_of_view"),
+            place="model.accuracy.chain",
+            cost="a light for each tile",
+        ),
+        Effect.TEXTURE: EffectEntry(
+            changes="covariance over pixels",
+            removed=_without_texture,
+            is_stated=_has_texture,
+        ),
+        Effect.SKYLIGHT: EffectEntry(
+            changes="mean light",
+            removed=_without_part("skylight"),
+            place="model.accuracy.chain",
+            cost="sky, and an integral over it a view",
+        ),
+        Effect.PATH_RADIANCE: EffectEntry(
+            changes="mean light",
+            removed=_without_part("path_radiance"),
+            place="model.accuracy.chain",
+            cost="one ray a view",
+        ),
+        Effect.LEAKAGE: EffectEntry(
+            changes="counts, noise of S1 and S2",
+            removed=_without_leakage,
+            is_stated=lambda scene: (
+                scene.sensor.tau_perpendicular != 0.0 or bool(np.isfinite(scene.readout.extinction_ratio))
+            ),
+        ),
+        Effect.DARK_CURRENT: EffectEntry(
+            changes="temporal noise",
+            removed=_without_noise(dark_current_e_per_s=0.0),
+            is_stated=lambda scene: scene.sensor.noise.dark_current_e_per_s > 0.0,
+        ),
+        Effect.SHOT_NOISE: EffectEntry(
+            changes="temporal noise",
+            removed=_without_noise(shot_noise=False),
+            is_stated=lambda scene: scene.sensor.noise.shot_noise,
+        ),
+        Effect.READ_NOISE: EffectEntry(
+            changes="temporal noise",
+            removed=_without_noise(read_noise_e=0.0),
+            is_stated=lambda scene: scene.sensor.noise.read_noise_e > 0.0,
+        ),
+        Effect.QUANTISATION: EffectEntry(
+            changes="temporal noise",
+            removed=_without_noise(quantisation=False),
+            is_stated=lambda scene: scene.sensor.noise.quantisation,
+        ),
+        Effect.WAVELENGTHS: EffectEntry(
+            changes="light of sky and path",
+            removed=_without_part("wavelengths"),
+            place="model.accuracy.chain",
+            cost="a solution for each",
+        ),
+        Effect.POLARIZER_ANGLE: EffectEntry(
+            changes="degree of polarization, temporal noise",
+            removed=_without_session(polarizer_angle_std_rad=0.0),
+            is_stated=lambda scene: scene.imperfections.polarizer_angle_std_rad > 0.0,
+        ),
+        Effect.MISREGISTRATION: EffectEntry(
+            changes="correlation of texture between frames",
+            removed=_without_session(misregistration_pixels=0.0),
+            is_stated=lambda scene: scene.imperfections.misregistration_pixels > 0.0 and _has_texture(scene),
+        ),
+        Effect.DRIFT: EffectEntry(
+            changes="mean Stokes parameters",
+            removed=_without_session(drift=0.0),
+            is_stated=lambda scene: scene.imperfections.drift != 0.0,
+        ),
+        Effect.NONUNIFORMITY: EffectEntry(
+            changes="covariance over pixels",
+            removed=_without_noise(prnu=0.0, dsnu_e=0.0),
+            is_stated=lambda scene: scene.sensor.noise.prnu > 0.0 or scene.sensor.noise.dsnu_e > 0.0,
+        ),
+        Effect.SATURATION: EffectEntry(
+            changes="warnings; the share of pixels for which the model is void",
+            removed=lambda scene: replace(scene, sensor=replace(scene.sensor, saturates=False)),
+            is_stated=lambda scene: scene.sensor.saturates,
+        ),
+        Effect.FALLOFF: EffectEntry(
+            changes="counts and their spread over a region",
+            removed=_without_session(off_axis_falloff=False),
+            is_stated=lambda scene: (
+                scene.imperfections.off_axis_falloff and any(one.part is not None for one in scene.regions)
+            ),
+            place="model.accuracy.chain",
+        ),
+        Effect.ADJACENCY: EffectEntry(
+            changes="mean light",
+            removed=_without_session(surround_albedo=None),
+            place="model.accuracy.chain",
+        ),
+    }
+)

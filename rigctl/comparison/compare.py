@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import Reading, Settings
-from model.accuracy.effect_estimates import kind_of
+from model.accuracy.effect_check import kind_of
 from model.accuracy.plan import NUMERICAL_SETTINGS
 from model.accuracy.predict import SMALLEST, AccuratePrediction, predict
-from model.effects.names import Effect, EffectPlan, EffectRule
-from model.effects.planner import LIGHT
+from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
 from model.prediction import Quantities, RegionPrediction, predict_region
 from model.processing.agreement import DriftLine, Propagation, drift_line, propagate_inputs
 from model.processing.samples import Sample, check_dolp_distribution, deviation
@@ -194,8 +193,6 @@ def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> Numeri
     planned = plan_effects(
         scene,
         tolerance=tolerance,
-        rule="safe" if rule == "all" else rule,
-        light=run.light,
         readout=run.readout,
         exposure_s=run.exposure_s,
     )

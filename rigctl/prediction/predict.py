@@ -155,8 +155,7 @@ class ScenePredictor:
     ) -> "EffectPlan":
         """Return which effects the scene calls for, of a tolerance of which leaving out may take a half.
 
-        By the rule "estimated" effects of the light are estimated, which cost time; the others go by their bounds. Of
-        the scene as it is, none is estimated in daylight.
+        Effects of sensor and session act where they are stated.
         """
         # What holds errors to a tolerance takes a quarter of a second to import, and most predictions state none.
         from rigctl.scene.effects import plan_for_prediction
@@ -167,7 +166,6 @@ class ScenePredictor:
                 tolerance=tolerance,
                 forced=forced_effects(self.scene),
                 rule=rule,
-                store=self._light.lights,
                 is_of_many=of is not None,
             )
 

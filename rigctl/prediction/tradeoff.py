@@ -23,7 +23,7 @@ from model.accuracy.chain import (
     evaluate,
     readings,
 )
-from model.accuracy.effect_estimates import kind_of, readings_of
+from model.accuracy.effect_check import kind_of, readings_of
 from model.accuracy.errors import error_budget, light_errors
 from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
 from model.accuracy.predict import ESTIMATES, AccuratePrediction, predict

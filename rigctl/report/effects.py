@@ -6,12 +6,12 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from model.effects.bounds import EFFECT_MODELS
+from model.effects.planner import EFFECTS
 from rigctl.base.numbers import NOTHING, size
 from rigctl.report.table import Column, Table
 
 if TYPE_CHECKING:
-    from model.accuracy.effect_estimates import CheckedEffect
+    from model.accuracy.effect_check import CheckedEffect
     from model.effects.names import Bound, Decision, Effect, EffectPlan
     from rigctl.comparison.compare import EffectsTaken
     from rigctl.console.json_text import Json
@@ -59,7 +59,7 @@ def effects_json(plan: EffectPlan, checked: Verification | None) -> dict[str, Js
 
 
 def _entry(decision: Decision, checked: CheckedEffect | None) -> dict[str, Json]:
-    facts = EFFECT_MODELS[decision.effect]
+    facts = EFFECTS[decision.effect]
     entry: dict[str, Json] = {
         "effect": decision.effect.value,
         "acts": decision.acts,

@@ -5,21 +5,19 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from model.accuracy.chain import scenario_of
-from model.accuracy.effect_estimates import CheckedEffect, chain_time_s, check_effects, estimate_effects, skylight_bound
+from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects, skylight_bound
 from model.accuracy.plan import optical_depth
 from model.accuracy.predict import SMALLEST
 from model.effects.bounds import may_be_small
 from model.effects.names import ALL, Effect, EffectPlan, EffectRule
-from model.effects.planner import LIGHT, plan, plan_of_all
+from model.effects.planner import plan, plan_of_all
 from rigctl.errors import as_config_error
 from rigctl.scene.light import SceneLight, lit_scene, readout_of, sensor_of, settings_of
 from rigctl.scene.reading import forced_effects
 
 if TYPE_CHECKING:
     from model.accuracy.chain import LightStore, Settings
-    from model.effects.names import Bound, Estimate
-    from model.scene.scene import LitScene, Readout, RegionLight
+    from model.scene.scene import LitScene, Readout
     from rigctl.scene.scene import Scene
 
 # Told the optical depth of each wavelength before it is solved.
@@ -61,8 +59,6 @@ def plan_effects(
     *,
     tolerance: float,
     rule: EffectRule = "safe",
-    every_estimate: bool = False,
-    light: SceneLight | None = None,
     readout: "Readout | None" = None,
     exposure_s: float | None = None,
 ) -> PlannedScene:
@@ -70,23 +66,12 @@ def plan_effects(
     settings = settings_of(scene)
     sensor = sensor_of(scene, scene.exposure_s if exposure_s is None else exposure_s)
     lit = lit_scene(scene, sensor=sensor, readout=readout_of(scene) if readout is None else readout)
-    computer = SceneLight() if light is None else light
-
-    def known(effects: frozenset[Effect]) -> tuple["RegionLight", ...]:
-        return scenario_of(lit, settings, effects=effects, store=computer.lights).regions
-
-    def estimated(bounds: Mapping[Effect, "Bound"]) -> dict[Effect, "Estimate"]:
-        return estimate_effects(lit, bounds, store=computer.lights)
-
     with as_config_error(f"scene {scene.name}"):
         found = plan(
             lit,
             tolerance=SHARE * tolerance,
             forced=forced_effects(scene),
-            known=known,
             rule=rule,
-            estimates=estimated if rule == "estimated" or every_estimate else None,
-            every_estimate=every_estimate,
             sharper=partial(skylight_bound, lit),
         )
     return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*scene.remarks, *found.remarks))
@@ -98,7 +83,6 @@ def plan_for_prediction(
     tolerance: float,
     forced: Mapping[Effect, bool],
     rule: EffectRule,
-    store: "LightStore",
     is_of_many: bool,
 ) -> EffectPlan:
     """Return which effects a scene calls for where finding that out must cost less than what it saves.
@@ -111,21 +95,14 @@ def plan_for_prediction(
     if rule == "all":
         return plan_of_all(forced, tolerance=share)
 
-    def estimated(bounds: Mapping[Effect, "Bound"]) -> dict[Effect, "Estimate"]:
-        of_light = {effect: bound for effect, bound in bounds.items() if effect in LIGHT}
-        return estimate_effects(lit, of_light, limit=share, store=store)
-
     depth = optical_depth(lit)
     pays = is_of_many or depth < _THIN
-    asked = LIGHT if pays or may_be_small(lit, depth=depth, tolerance=share) else frozenset()
     return plan(
         lit,
         tolerance=share,
         forced=forced,
-        rule=rule,
-        estimates=estimated if rule == "estimated" and pays else None,
         sharper=partial(skylight_bound, lit),
-        asked=ALL if lit.air is None else asked,
+        asked=pays or may_be_small(lit, depth=depth, tolerance=share),
     )
 
 

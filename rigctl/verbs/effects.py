@@ -18,7 +18,7 @@ from rigctl.verbs.options import EffectOptions, FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from model.accuracy.effect_estimates import CheckedEffect
+    from model.accuracy.effect_check import CheckedEffect
     from model.effects.names import Decision, EffectPlan
     from rigctl.report.table import Table
     from rigctl.rig.simulation import RenderingCost, RenderingCosts
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Row = tuple[Decision, CheckedEffect | None]
 
-# Numbers that an effect changes: field of `model.effects.bound.Bound`, and its name in the table.
+# Numbers that an effect changes: field of `model.effects.names.Bound`, and its name in the table.
 _KINDS = {"radiance": "counts", "ratios": "DoLP, s1, s2", "deviations": "noise, SNR", "detection": "P_D"}
 _LEAST_SHOWN = 1e-10
 
@@ -89,7 +89,6 @@ def effects(
     from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
     from rigctl.scene.effects import plan_effects, verify_effects
-    from rigctl.scene.light import SceneLight
     from rigctl.scene.reading import scene_of_file, with_choices
 
     chosen = with_choices(
@@ -99,9 +98,7 @@ def effects(
     )
     record = scene_of_file(chosen, None if noise is None else read_noise_file(Path(noise)))
     with solving_shown() as tell:
-        planned = plan_effects(
-            record, tolerance=tolerance, rule=options.get("effects") or "safe", light=SceneLight(tell=tell)
-        )
+        planned = plan_effects(record, tolerance=tolerance, rule=options.get("effects") or "safe")
         checked = verify_effects(planned, tell=tell) if verify else None
     found = EffectsResult(plan=planned.plan, checked=checked, remarks=planned.remarks, is_wide=wide)
     if checked is not None and checked.violations:
@@ -171,7 +168,7 @@ class EffectsResult(Result):
         return Table(columns=tuple(columns), rows=self._rows())
 
     def _wide_tables(self) -> "Iterable[Table[Row]]":
-        from model.effects.bounds import EFFECT_MODELS
+        from model.effects.planner import EFFECTS
         from rigctl.report.table import Column, Table
 
         columns: list[Column[Row]] = [
@@ -184,16 +181,20 @@ class EffectsResult(Result):
         yield Table(columns=tuple(columns), rows=self._rows())
         sources: tuple[Column[Row], ...] = (
             columns[0],
-            Column(title="changes", text=lambda row: EFFECT_MODELS[row[0].effect].changes, left=True),
-            Column(title="cost", text=lambda row: EFFECT_MODELS[row[0].effect].cost, left=True),
+            Column(title="changes", text=lambda row: EFFECTS[row[0].effect].changes, left=True),
+            Column(title="cost", text=lambda row: EFFECTS[row[0].effect].cost, left=True),
             Column(title="decided by", text=lambda row: row[0].reason, left=True),
         )
         yield Table(columns=sources, rows=self._rows())
 
     def _reason(self, row: "Row") -> str:
+        from model.effects.names import LIGHT
+
         one = row[0]
         if one.forced:
             return "by request"
+        if one.effect not in LIGHT:
+            return one.reason if one.acts else ""
         if not one.acts:
             return "" if one.bound.largest == 0.0 else "within what is allowed"
         if self.plan.rule == "all":
@@ -223,9 +224,11 @@ class EffectsResult(Result):
 
     def _chart(self) -> bytes:
         """Return a bar for the bound of each effect, against what is allowed, on a logarithmic axis."""
+        from model.effects.names import LIGHT
         from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
 
-        rows = [row for row in self._rows() if row[0].bound.largest > _LEAST_SHOWN][::-1]
+        shown = [row for row in self._rows() if row[0].effect in LIGHT and row[0].bound.largest > _LEAST_SHOWN]
+        rows = shown[::-1]
         finite = [row[0].bound.largest for row in rows if math.isfinite(row[0].bound.largest)]
         right = 10.0 * max([*finite, self.plan.tolerance, 1.0])
         figure, (axes,) = subplots(1, 1, size=(8.0, 1.6 + 0.3 * len(rows)))

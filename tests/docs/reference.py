@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 from model.atmosphere import aerosols as aerosol_models
 from model.atmosphere import layers as phase
-from model.effects.bounds import EFFECT_MODELS
+from model.effects.planner import EFFECTS
 from model.surface.materials import MATERIALS, Property
 from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
 from rigctl.console import failures
@@ -187,7 +187,7 @@ def _effects() -> str:
         "tolerance asked for is taken, the others are left out and it is said; [how that is decided](effects.md).\n\n"
         "| effect | key | changes | costs |\n|---|---|---|---|\n"
     )
-    for name, effect in EFFECT_MODELS.items():
+    for name, effect in EFFECTS.items():
         text += f"| {name.value} | `{name.value.replace(' ', '-')}` | {effect.changes} | {effect.cost} |\n"
     return text
 

@@ -7,8 +7,10 @@ from model.accuracy.chain import STAGES, LightStore, differences, evaluate, read
 from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.accuracy.predict import ESTIMATES, predict, predict_together
 from model.atmosphere.layers import AerosolKind
+from model.effects.names import ALL, LIGHT, Effect
 from model.scene.scene import LitRegion
 from tests.model.accuracy.random_scenes import random_scene
+from tests.model.effects.scenes import panel_scene
 
 FINER = dict.fromkeys(NUMERICAL_SETTINGS, 2) | {"wavelengths": 3}
 
@@ -124,3 +126,13 @@ def test_a_line_of_sight_without_transmittance_has_the_errors_of_its_path():
 def test_a_tolerance_outside_its_range_is_refused(tolerance):
     with pytest.raises(ValueError, match=r"allowed is 1e-06 to 0\.1"):
         predict(given(), tolerance=tolerance)
+
+
+def test_what_is_left_out_has_no_numerical_error():
+    light = LIGHT - {Effect.ADJACENCY}
+    scene = panel_scene(half_field_rad=0.05, surround_albedo=0.4, off_axis_falloff=True, drift=0.01)
+    found = predict(scene, tolerance=1e-4, effects=ALL - light)
+    assert found.rounds == 1
+    assert not found.not_guaranteed
+    for setting in ("streams", "layers", "wavelengths", "sky grid", "hemisphere", "tiles"):
+        assert found.budget.worst(setting) == 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.effect_scenes import SETTINGS
 from model.accuracy.chain import LightStore, evaluate
-from model.accuracy.effect_estimates import change, readings_of, skylight_bound
+from model.accuracy.effect_check import change, readings_of, skylight_bound
 from model.effects.bounds import effect_bounds, light_limits
 from model.effects.names import ALL, Bound, Effect
 from model.scene.scene import LitScene

@@ -3,7 +3,8 @@
 import pytest
 
 from benchmarks.trial_effects import Score, score_scene
-from model.effects.names import Effect
+from model.effects.bounds import Disturbance
+from model.effects.names import LIGHT
 
 SEEDS = range(20_000, 20_030)
 
@@ -13,20 +14,21 @@ def score():
     found = Score()
     for seed in SEEDS:
         score_scene(found, seed)
+        score_scene(found, seed, kind="thin")
     return found
 
 
 def test_bounds_hold_in_random_scenes(score):
     assert score.violations == []
-    assert score.scenes + score.refused == len(SEEDS)
+    assert score.scenes + score.refused == 2 * len(SEEDS)
 
 
-def test_random_scenes_try_many_effects(score):
-    assert sum(score.checked[effect.value] > 0 for effect in Effect) >= 8
+def test_random_scenes_try_most_effects_of_the_light(score):
+    assert sum(score.checked[effect.value] > 0 for effect in LIGHT) >= 4
 
 
 def test_bound_that_is_too_small_is_found(monkeypatch):
-    monkeypatch.setattr("model.effects.bounds.RegionBounds.temporal_share", lambda *_, **__: 1e-9)
+    monkeypatch.setattr("model.effects.bounds._moved", lambda *_, **__: Disturbance(s0=1e-12))
     found = Score()
     for seed in SEEDS:
         if not found.violations:

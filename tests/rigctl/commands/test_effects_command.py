@@ -13,6 +13,7 @@ from rigctl.scene.reading import acting_effects, scene_of_file, with_choices
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"
+LAMP = EXAMPLES / "effects" / "lamp.toml"
 
 
 def answer(capsys, *arguments):
@@ -46,13 +47,13 @@ def test_verified_bounds_hold_and_times_are_given(capsys):
 
 
 def test_bound_that_does_not_hold_is_an_error(capsys, monkeypatch):
-    monkeypatch.setattr("model.accuracy.effect_estimates.CheckedEffect.holds", False)
+    monkeypatch.setattr("model.accuracy.effect_check.CheckedEffect.holds", False)
     assert main(["effects", str(PANELS), "--verify"]) == 70
     assert "does not hold" in capsys.readouterr().err
 
 
 def test_table_is_printed_for_people(capsys):
-    assert main(["effects", str(PANELS)]) == 0
+    assert main(["effects", str(LAMP)]) == 0
     text = capsys.readouterr().out
     first, *table = text.splitlines()
     assert re.match(r"\d+ of 17 effects act; the other \d+ together change DoLP by at most \S+", first)
@@ -124,7 +125,7 @@ def test_errors_of_a_scene_file_reach_the_prediction(small):
 
 
 def test_planner_and_accuracy_share_a_tolerance():
-    predictor = ScenePredictor(load_scene(PANELS), None)
+    predictor = ScenePredictor(load_scene(LAMP), None)
     plan = predictor.effect_plan(0.02)
     found = predictor.to_tolerance(0.02, effects=plan)
     assert 0.0 < plan.spent.largest <= 0.01

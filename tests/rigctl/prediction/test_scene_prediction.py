@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from model.effects.names import LIGHT
 from model.prediction import pair_detections
 from rigctl.cli import main
 from rigctl.errors import ConfigError
@@ -192,8 +193,10 @@ def test_the_rule_of_effects_is_of_a_tolerance(capsys):
     assert "give --tolerance" in capsys.readouterr().err
 
 
-def test_in_daylight_nothing_is_estimated_of_one_scene():
-    plan = ScenePredictor(load_scene(EXAMPLES / "effects" / "roof-3m.toml"), None).effect_plan(0.01, rule="estimated")
-    assert all(one.estimate is None for one in plan.decisions)
-    lamp = ScenePredictor(load_scene(EXAMPLES / "effects" / "lamp.toml"), None).effect_plan(0.005, rule="estimated")
-    assert any(one.estimate is not None for one in lamp.decisions)
+def test_in_daylight_no_bound_is_looked_for_of_one_scene():
+    day, lamp = (
+        ScenePredictor(load_scene(EXAMPLES / "effects" / f"{name}.toml"), None).effect_plan(0.01)
+        for name in ("roof-3m", "lamp")
+    )
+    assert {one.effect for one in day.decisions if "costs less" in one.reason} == LIGHT
+    assert not lamp.active >= LIGHT
