@@ -22,7 +22,7 @@ from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import MadeFor, Measured, UtcText, made_for, made_for_of_file, require_fit
 from rigctl.calibrations.record import CalibrationFile, header_of, source_of_run
 from rigctl.errors import DataError
-from rigctl.files.toml import describe, newer_schema
+from rigctl.files.toml import describe, other_schema
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
 
@@ -255,7 +255,7 @@ def _facts(path: Path, text: bytes) -> FlatFacts:
     try:
         return TypeAdapter(FlatFacts).validate_json(text)
     except ValidationError as error:
-        later = newer_schema(_json(text), FlatFacts)
+        later = other_schema(_json(text), FlatFacts)
         if later is not None:
             raise DataError(f"{path}: {later}\n  flat fields are made by `rigctl calibrate flat`") from error
         raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error

@@ -130,22 +130,6 @@ def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class CameraOfVersion1:
-    """The camera of a noise calibration of version 1, which has it in place of `MadeFor`."""
-
-    model: str | None = None
-    serial: str | None = None
-    gain_db: Bounded | None = None
-    bit_depth: Count | None = None
-
-    def made_for(self) -> MadeFor:
-        """Return what it says of devices and settings."""
-        return MadeFor(
-            camera_model=self.model, camera_serial=self.serial, gain_db=self.gain_db, bit_depth=self.bit_depth
-        )
-
-
 def made_for_of_file(made_for: MadeFor | None, *, created_utc: str | None, valid_days: float) -> MadeFor:
     """Return what a calibration was made for, completed by what is known of its file."""
     found = MadeFor() if made_for is None else made_for

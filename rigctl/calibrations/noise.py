@@ -13,7 +13,6 @@ from calibration.results import Flag
 from model.sensor import SensorNoise
 from rigctl.calibrations.made_for import (
     Bounded,
-    CameraOfVersion1,
     MadeFor,
     MeasuredOverFrames,
     UtcText,
@@ -27,8 +26,6 @@ from rigctl.runs.folder import Run
 FloatArray = NDArray[np.float64]
 
 SCHEMA_VERSION = 2
-# Version 1 has "camera" in place of "made_for".
-_OLDEST_VERSION = 1
 # For how long a noise calibration is trusted where it does not say so itself: a choice.
 VALID_DAYS = 365.0
 QUANTITIES = (
@@ -100,7 +97,7 @@ class Performance:
 class NoiseParameters:
     """A noise calibration as its file holds it."""
 
-    schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     #: Each in the unit that its name ends in; None is not known, or known by a bound only (``{"bound": "<", "value":
     #: 4.2}``). What cannot be below 0 may be, by its error.
     gain_dn_per_e: Gain
@@ -113,8 +110,7 @@ class NoiseParameters:
     covariance: JointErrors | None = None  #: Of their errors.
     performance: Performance | None = None  #: Figures of merit.
     flags: tuple[Flag, ...] = ()  #: What was odd in the frames.
-    made_for: MadeFor | None = None  #: Devices, settings and time; files of version 1 have ``camera`` instead.
-    camera: CameraOfVersion1 | None = None
+    made_for: MadeFor | None = None  #: Devices, settings and time.
     created_utc: UtcText | None = None  #: When the file was written.
 
     @property
@@ -134,10 +130,7 @@ class NoiseParameters:
     @property
     def origin(self) -> MadeFor:
         """What it was made for, and until when it holds."""
-        origin = self.made_for
-        if origin is None and self.camera is not None:
-            origin = self.camera.made_for()
-        return made_for_of_file(origin, created_utc=self.created_utc, valid_days=VALID_DAYS)
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
 
     def sensor_noise(self) -> SensorNoise:
         """Return the noise of the sensor; what is not known, or below 0 by its error, is 0."""

@@ -36,8 +36,6 @@ from rigctl.runs.folder import Run
 from rigctl.runs.records import PolarizerAsTaken
 
 SCHEMA_VERSION = 2
-# Version 1 has "devices" in place of "made_for".
-_OLDEST_VERSION = 1
 # For how long it is trusted where it does not say so itself: until the polarizer is taken out of its mount. A choice.
 VALID_DAYS = 180.0
 # Rounding of the lines that are copied into a rig file.
@@ -61,19 +59,18 @@ class Channel:
 class PolarizerParameters:
     """A polarizer calibration as its file holds it."""
 
-    schema_version: Annotated[int, Field(ge=_OLDEST_VERSION, le=SCHEMA_VERSION)]
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     sense: Literal[1, -1]  #: Of the polarizer angle against the stage angle.
     offset_deg: Angle  #: Polarizer angle where the stage stands at 0 [deg].
     #: Each stage angle by itself; None where fixed references were used, which do not measure throughput.
     channels: Annotated[tuple[Channel, ...], at_least(1)] | None = None
-    made_for: MadeFor | None = None  #: Devices, settings and time; files of version 1 have ``devices`` instead.
-    devices: MadeFor | None = None
+    made_for: MadeFor | None = None  #: Devices, settings and time.
     created_utc: UtcText | None = None  #: When the file was written.
 
     @property
     def origin(self) -> MadeFor:
         """What it was made for, and until when it holds."""
-        return made_for_of_file(self.made_for or self.devices, created_utc=self.created_utc, valid_days=VALID_DAYS)
+        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
 
 
 def read_polarizer_file(path: str | Path) -> PolarizerParameters:

@@ -17,7 +17,7 @@ from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.console.anonymity import told_content
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.toml import describe, newer_schema
+from rigctl.files.toml import describe, other_schema
 from rigctl.runs.folder import MANIFEST_FILE, Run
 from rigctl.runs.records import FrameRecord
 from rigctl.version import VERSION
@@ -129,7 +129,7 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
         other = _other_kind(text, made_by)
         if other is not None:
             raise DataError(f"{path}: this is {other}; {made_by}") from error
-        later = newer_schema(json.loads(text), record)
+        later = other_schema(json.loads(text), record)
         if later is not None:
             raise DataError(f"{path}: {later}\n  {made_by}") from error
         raise DataError(f"{describe(path, error)}\n  {made_by}") from error

@@ -292,24 +292,27 @@ def load(path: Path, model: type[FileModel]) -> FileModel:
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        later = newer_schema(table, model)
+        later = other_schema(table, model)
         raise ConfigError(f"{path}: {later}" if later else describe(path, error, model)) from error
 
 
-def newer_schema(content: object, model: type[object]) -> str | None:
-    """Return in words that a file is of a later schema than a record reads; None where it is not."""
+def other_schema(content: object, model: type[object]) -> str | None:
+    """Return in words that a file is of another schema than a record reads; None if it is not."""
     found = content if isinstance(content, dict) else {}
-    version, newest = found.get("schema_version"), _newest_schema(model)
-    if not isinstance(version, int) or isinstance(version, bool) or newest is None or version <= newest:
+    version, read = found.get("schema_version"), _schema_of(model)
+    if not isinstance(version, int) or isinstance(version, bool) or read is None or version == read:
         return None
     by = found.get("created_by")
     known = isinstance(by, str) and re.fullmatch(r"rigctl [\w.+-]{1,40}", by)
-    reads = f"1 to {newest}" if newest > 1 else "1"
-    advice = f"{by} wrote it: use that, or a later one" if known else "a later rigctl reads it: use that which wrote it"
-    return f"schema_version is {version}, and rigctl {VERSION} reads {reads}; {advice}"
+    later = version > read
+    if known:
+        advice = f"{by} wrote it: use that{', or a later one' if later else ''}"
+    else:
+        advice = f"{'a later' if later else 'an earlier'} rigctl reads it: use that which wrote it"
+    return f"schema_version is {version}, and rigctl {VERSION} reads {read}; {advice}"
 
 
-def _newest_schema(model: type[object]) -> int | None:
+def _schema_of(model: type[object]) -> int | None:
     kind = get_type_hints(model, include_extras=True).get("schema_version")
     if get_origin(kind) is Literal:
         return int(max(get_args(kind)))

@@ -20,7 +20,7 @@ from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import utc_text, wrapped
 from rigctl.calibrations.made_for import Measured
 from rigctl.errors import DataError
-from rigctl.files.toml import describe, newer_schema
+from rigctl.files.toml import describe, other_schema
 from rigctl.version import VERSION
 
 Side = Literal["forward", "backward"]
@@ -240,7 +240,7 @@ def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
-        later = newer_schema(found, _Content)
+        later = other_schema(found, _Content)
         if later is not None:
             raise DataError(f"{path}: {later}") from error
         problem = describe(path, error) if isinstance(error, ValidationError) else f"{path}: is no JSON: {error}"

@@ -58,7 +58,6 @@ from rigctl.runs.records import (
 from rigctl.runs.writer import json_line
 
 State = Literal["whole", "unfinished", "damaged"]
-_CLOSING_OF_OLD = ("finished", "imported")
 _LOG = logging.getLogger(__name__)
 
 
@@ -68,7 +67,6 @@ class Wholeness:
 
     state: State  #: Whole is: every check holds, and the session has noted its end over these very frames.
     problems: tuple[tuple[str, str], ...]  #: What is damaged.
-    unchecked: tuple[str, ...] = ()  #: What cannot be checked, since an older program made the run.
 
 
 def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
@@ -112,24 +110,14 @@ def wholeness(path: Path, contents: Contents) -> Wholeness:
     description = contents.description
     if description is None:
         return Wholeness(state="damaged", problems=tuple(problems))
-    keeps_none = not description.is_sealed and not (path / INPUTS_FOLDER).exists()
-    if not keeps_none:
-        problems += _input_problems(path, description, any_frames=bool(contents.frames))
-    if description.is_sealed:
-        is_closed, contradictions = _closing(events, contents)
-        unchecked: tuple[str, ...] = ()
-    else:
-        is_closed, contradictions = _closing_of_old(events, description), []
-        unchecked = (f"{MANIFEST_FILE}, {EVENTS_FILE} and {SESSION_FILE} carry no checksums: {description.created_by}",)
-        if keeps_none and _stated_inputs(description):
-            # The first programs kept none; a folder that was taken away later looks the same.
-            unchecked += (f"{INPUTS_FOLDER}/ is not there: the program that made the run kept no copy of its files",)
+    problems += _input_problems(path, description, any_frames=bool(contents.frames))
+    is_closed, contradictions = _closing(events, contents)
     problems += contradictions
     if is_closed and (contents.torn_manifest_line or is_torn):
         problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "goes on after the session had finished"))
     if problems:
-        return Wholeness(state="damaged", problems=tuple(problems), unchecked=unchecked)
-    return Wholeness(state="whole" if is_closed else "unfinished", problems=(), unchecked=unchecked)
+        return Wholeness(state="damaged", problems=tuple(problems))
+    return Wholeness(state="whole" if is_closed else "unfinished", problems=())
 
 
 def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
@@ -147,10 +135,6 @@ def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tup
         return False, []
     text = f"the session closed with {frames} frames, and these are others: {len(contents.frames)} are named"
     return False, [(MANIFEST_FILE, text)]
-
-
-def _closing_of_old(events: list[RunEvent], description: RunDescription) -> bool:
-    return not description.record.is_of_session or any(event.event in _CLOSING_OF_OLD for event in events)
 
 
 def _input_problems(path: Path, description: RunDescription, *, any_frames: bool) -> list[tuple[str, str]]:
@@ -205,7 +189,7 @@ class Verification:
     leftovers: tuple[Finding, ...]  #: What a killed writer leaves: never acknowledged, so no data are lost by it.
     state: State = "whole"  #: Whole: nothing is bad, and the session has noted its end over these very frames.
     gaps: tuple[str, ...] = ()  #: Steps of the session's plan that have no frame.
-    unchecked: tuple[str, ...] = ()  #: What cannot be checked, since an older program made the run.
+    unchecked: tuple[str, ...] = ()  #: What this program cannot check.
 
 
 def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
@@ -228,7 +212,6 @@ def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
         bad=tuple(bad),
         leftovers=tuple(leftovers),
         state="damaged" if bad else found.state,
-        unchecked=found.unchecked,
     )
 
 
@@ -237,7 +220,7 @@ def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Fi
     description = contents.description
     if description is None or not whole:
         return []
-    if state == "whole" and description.is_sealed:
+    if state == "whole":
         return [Finding(file=finding.file, problem="not of this run, which has finished") for finding in whole]
     may_be_left = 1 if description.record.cell_deg is None else EXPOSURE_PARTS
     if len(whole) > may_be_left and description.record.is_of_session:
@@ -322,7 +305,7 @@ def _is_of_other_session(path: Path) -> bool:
 
 
 class _Repairer:
-    def __init__(self, path: Path, link: str | None) -> None:
+    def __init__(self, path: Path, link: str) -> None:
         self._path, self._first_link = path, link
         self._frames: dict[int, FrameRecord] = {}
         self._adopted: list[Finding] = []

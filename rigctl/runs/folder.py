@@ -55,6 +55,7 @@ from rigctl.runs.fits import FitsFrame, decode_frame, record_from_header
 from rigctl.runs.records import (
     FRAME_RECORD,
     SESSION_FILE,
+    UNKNOWN_LINK,
     Annotation,
     FrameRecord,
     Lines,
@@ -64,7 +65,6 @@ from rigctl.runs.records import (
     exclusions_text,
     explain_invalid,
     first_link,
-    first_link_of,
     journal_bytes,
     read_description,
     read_lines,
@@ -143,7 +143,7 @@ class Contents:
     frames: tuple[FrameRecord, ...]  #: Every record of the manifest that could be read, by sequence number.
     problems: tuple[tuple[str, str], ...]  #: What is wrong with the session file and the manifest.
     torn_manifest_line: bool  #: The last line of the manifest has no end: the writer was killed in the middle of it.
-    links: tuple[str, ...] = ()  #: The chain of the manifest after 0, 1, 2, ... lines; empty for old runs.
+    links: tuple[str, ...] = ()  #: The chain of the manifest after 0, 1, 2, ... lines.
     begins_elsewhere: bool = False  #: The manifest does not follow on the session file: either is of another run.
 
 
@@ -200,7 +200,7 @@ def _read_manifest(file: Path, description: RunDescription | None, problems: lis
     except OSError as error:
         problems.append((file.name, f"cannot be read: {error.strerror}"))
         data = b""
-    return read_lines(data, first_link_of(data) if description is None else first_link(description))
+    return read_lines(data, UNKNOWN_LINK if description is None else first_link(description))
 
 
 def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord, ...]:
@@ -240,11 +240,11 @@ def _duplicates(frames: list[FrameRecord]) -> list[str]:
 class Journal:
     """A file of lines, opened for adding to it."""
 
-    def __init__(self, path: Path, *, first_link: str | None) -> None:
+    def __init__(self, path: Path, *, first_link: str) -> None:
         present = read_bounded(path, MOST_RECORD_BYTES) if path.exists() else b""
         whole = present[: present.rfind(b"\n") + 1]
         self.lines = whole.count(b"\n")
-        self.link = first_link if first_link is None else read_lines(whole, first_link).links[-1]
+        self.link = read_lines(whole, first_link).links[-1]
         self._length = len(whole)
         self._file = path.open("ab", buffering=0)
         self._file.truncate(self._length)
@@ -361,10 +361,6 @@ def _process_in(descriptor: int) -> int:
     return int(text) if text.isdecimal() else 0
 
 
-# Of runs whose own journals have no seals; this file has them always.
-_LINK_OF_OLD = "annotations"
-
-
 _ANNOTATION = TypeAdapter(Annotation)
 
 
@@ -452,9 +448,9 @@ def annotate(path: Path, annotation: Annotation) -> None:
 def _link(path: Path) -> str:
     """Return what the chain of a run's annotations begins with."""
     try:
-        return first_link(read_description(path / SESSION_FILE)) or _LINK_OF_OLD
+        return first_link(read_description(path / SESSION_FILE))
     except DataError:
-        return _LINK_OF_OLD
+        return UNKNOWN_LINK
 
 
 def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
@@ -543,7 +539,7 @@ class RunTail:
 
     def _begin_again(self) -> None:
         self._end = 0
-        self._link: str | None = None
+        self._link = UNKNOWN_LINK
         self._frames: list[FrameRecord] = []
         self.problems: list[str] = []
 
@@ -557,10 +553,10 @@ class RunTail:
 
     def _take_in(self, data: bytes) -> None:
         if self._end == 0:
-            self._link = first_link_of(data) if self._description is None else first_link(self._description)
+            self._link = UNKNOWN_LINK if self._description is None else first_link(self._description)
         lines = read_lines(data, self._link)
         self._end += len(data)
-        self._link = lines.links[-1] if lines.links else None
+        self._link = lines.links[-1]
         for line in lines.lines:
             self._take_line(line.content, line.problem)
 

@@ -33,7 +33,7 @@ from rigctl.errors import DataError, RunFolderError
 from rigctl.files.choices import FrameKind, Interpolation
 from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rig_file import polarizer_axes_deg
-from rigctl.files.toml import newer_schema
+from rigctl.files.toml import other_schema
 
 _SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a-f]{64})"\}$')
 
@@ -51,7 +51,7 @@ class Lines:
     """Lines of a journal, as they are read."""
 
     lines: tuple[Line, ...]  #: In the order of the file.
-    links: tuple[str, ...]  #: The chain after 0, 1, 2, ... lines; empty for journals of old runs, which have none.
+    links: tuple[str, ...]  #: The chain after 0, 1, 2, ... lines.
     is_torn: bool  #: What follows the last line has no end: the writer was killed in the middle of it.
 
     @property
@@ -70,13 +70,11 @@ def sealed(content: bytes, link: str) -> tuple[bytes, str]:
     return content[:-1] + f', "line_sha256": "{own}", "chain_sha256": "{after}"}}\n'.encode("ascii"), after
 
 
-def sealed_all(contents: Iterable[bytes], link: str | None) -> bytes:
-    """Return the whole of a journal; without a chain to begin with, its lines as they are."""
+def sealed_all(contents: Iterable[bytes], link: str) -> bytes:
+    """Return the whole of a journal whose chain begins with a link."""
     lines = []
     for content in contents:
-        line = content + b"\n"
-        if link is not None:
-            line, link = sealed(content, link)
+        line, link = sealed(content, link)
         lines.append(line)
     return b"".join(lines)
 
@@ -89,12 +87,10 @@ def journal_bytes(file: Path) -> bytes:
         raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
 
 
-def read_lines(data: bytes, first_link: str | None) -> Lines:
-    """Return the lines of a journal, each held against its seal."""
+def read_lines(data: bytes, first_link: str) -> Lines:
+    """Return the lines of a journal, each held against its seal; `first_link` is what the chain begins with."""
     whole, end, rest = data.rpartition(b"\n")
     raw = whole.split(b"\n") if end else []
-    if first_link is None:
-        return Lines(lines=tuple(Line(content=line) for line in raw), links=(), is_torn=bool(rest))
     links = [first_link]
     lines = []
     for text in raw:
@@ -102,11 +98,6 @@ def read_lines(data: bytes, first_link: str | None) -> Lines:
         lines.append(line)
         links.append(link)
     return Lines(lines=tuple(lines), links=tuple(links), is_torn=bool(rest))
-
-
-def first_link_of(data: bytes) -> str | None:
-    """Return what to read a journal from whose beginning of the chain is not known: None where it has no seals."""
-    return "" if _SEAL.search(data.partition(b"\n")[0]) else None
 
 
 def _read_line(text: bytes, link: str) -> tuple[Line, str]:
@@ -287,8 +278,9 @@ def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
 
 
 SCHEMA_VERSION = 2
-"""Version of the layout: from 2 on every line and this file carry checksums."""
-_UNSEALED_VERSION = 1
+"""Version of the layout."""
+UNKNOWN_LINK = ""
+"""Beginning of a chain whose session file cannot be read."""
 SESSION_FILE = "session.json"
 
 
@@ -297,22 +289,17 @@ SESSION_FILE = "session.json"
 class RunDescription:
     """A run folder by its own word."""
 
-    schema_version: Annotated[int, Field(le=SCHEMA_VERSION)]  #: Which layout the folder has.
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]  #: Which layout the folder has.
     created_by: str  #: Program and version that made it.
     created_utc: str  #: When it was made.
     session: dict[str, JsonValue]  #: The resolved session; ``origin`` is "simulated", "device" or "import".
-    #: ``sha256:`` and 64 hexadecimal digits over the rest of the file; None in runs of layout 1, which have none.
+    #: ``sha256:`` and 64 hexadecimal digits over the rest of the file; None until it is written.
     checksum: str | None = None
 
     @property
     def record(self) -> SessionRecord:
         """The session as far as the program asks."""
         return session_record(self.session)
-
-    @property
-    def is_sealed(self) -> bool:
-        """True where the lines of manifest and events carry their checksums and a chain."""
-        return self.schema_version > _UNSEALED_VERSION
 
 
 _DESCRIPTION = TypeAdapter(RunDescription)
@@ -324,9 +311,9 @@ def encode_description(description: RunDescription) -> bytes:
     return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii")
 
 
-def first_link(description: RunDescription) -> str | None:
-    """Return what the chains of a run begin with; None where its lines have no seal."""
-    return description.checksum if description.is_sealed else None
+def first_link(description: RunDescription) -> str:
+    """Return what the chains of a run begin with."""
+    return description.checksum or _checksum(description)
 
 
 def read_description(file: Path) -> RunDescription:
@@ -338,11 +325,9 @@ def read_description(file: Path) -> RunDescription:
     try:
         description = _DESCRIPTION.validate_json(text)
     except ValidationError as error:
-        later = _later_layout(text)
-        raise DataError(later if later is not None else explain_invalid(error)) from error
-    if description.schema_version < _UNSEALED_VERSION:
-        raise DataError(f"schema_version is {description.schema_version}; it begins with {_UNSEALED_VERSION}")
-    if description.checksum != (_checksum(description) if description.is_sealed else None):
+        other = _other_layout(text)
+        raise DataError(other if other is not None else explain_invalid(error)) from error
+    if description.checksum != _checksum(description):
         raise DataError("damaged or edited: its checksum is another")
     try:
         _ = description.record
@@ -351,10 +336,10 @@ def read_description(file: Path) -> RunDescription:
     return description
 
 
-def _later_layout(text: bytes) -> str | None:
-    """Return in words that a session file is of a later layout than this program reads; None where it is not."""
+def _other_layout(text: bytes) -> str | None:
+    """Return in words that a session file is of a layout that this program does not read; None if it is not."""
     try:
-        return newer_schema(json.loads(text), RunDescription)
+        return other_schema(json.loads(text), RunDescription)
     except (ValueError, RecursionError):
         return None
 
@@ -572,7 +557,7 @@ def read_journal(path: Path) -> Lines:
     try:
         first = first_link(read_description(path / SESSION_FILE))
     except DataError:
-        first = first_link_of(data)
+        first = UNKNOWN_LINK
     return read_lines(data, first)
 
 
@@ -601,7 +586,7 @@ def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
 
 
 def closing_facts(*, frames: int, link: str | None) -> dict[str, JsonValue]:
-    """Return what the event that closes a run says of its manifest; nothing in an old run, which has no chain."""
+    """Return what the event that closes a run says of its manifest: number of frames and chain."""
     return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
 
 

@@ -59,7 +59,7 @@ _BYTES = 65536
 class EventLog:
     """Notes events, each a line with the time by two clocks."""
 
-    def __init__(self, path: Path, *, first_link: str | None, utc_ns: Clock, monotonic_ns: Clock) -> None:
+    def __init__(self, path: Path, *, first_link: str, utc_ns: Clock, monotonic_ns: Clock) -> None:
         self._utc_ns = utc_ns
         self._monotonic_ns = monotonic_ns
         self._journal = Journal(path / EVENTS_FILE, first_link=first_link)
@@ -124,7 +124,7 @@ class RunWriter:
         *,
         lock: RunLock,
         sequences: Iterable[int],
-        first_link: str | None = None,
+        first_link: str,
         utc_ns: Clock = time.time_ns,
         monotonic_ns: Clock = time.monotonic_ns,
         disk: DiskCalls | None = None,

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from rigctl.session.plan import Step
 
 _MOST_GAPS = 20
-_LEFT_OUT = ("round missed", "time is up")
 
 
 def verify(run: RunPath, /) -> "VerifiedRun":
@@ -97,7 +96,7 @@ def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
     from pydantic import ValidationError
 
     from rigctl.errors import ConfigError, DataError
-    from rigctl.runs.check import Finding, verify_run
+    from rigctl.runs.check import verify_run
     from rigctl.runs.folder import read_contents
 
     found = verify_run(path, watch=watch)
@@ -110,11 +109,6 @@ def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
         return replace(found, unchecked=(*found.unchecked, "the plan: this program does not know such a session"))
     taken = {record.sequence for record in contents.frames}
     gaps = tuple(f"step {step.sequence} ({_named(step)}) has no frame" for step in steps if step.sequence not in taken)
-    # A run whose chain holds has the frames that it closed with. An unsealed one is held against its plan.
-    if gaps and found.state == "whole" and not contents.description.is_sealed and not _left_some_out(path):
-        problem = f"the session finished, and {len(gaps)} of {len(steps)} steps have no frame"
-        bad = (*found.bad, Finding(file="plan", problem=problem))
-        found = replace(found, ok=False, state="damaged", bad=bad)
     return replace(found, gaps=gaps)
 
 
@@ -124,12 +118,6 @@ def _planned(description: "RunDescription") -> "tuple[Step, ...]":
 
     session, record = SessionFile.model_validate(description.session["session"]), description.record
     return plan_steps(session, record.rounds_ns, cell_deg=record.cell_deg)
-
-
-def _left_some_out(path: Path) -> bool:
-    from rigctl.runs.records import read_events
-
-    return any(event.event in _LEFT_OUT for event in read_events(path))
 
 
 def _named(step: "Step") -> str:

@@ -31,15 +31,3 @@ def with_line(run: Path, number: int, change: Callable[[dict[str, Any]], object]
     change(content)
     contents[number] = json.dumps(content).encode()
     (run / "manifest.jsonl").write_bytes(sealed_all(contents, first))
-
-
-def as_of_layout_1(run: Path) -> None:
-    """Take all seals off a run, as programs before them wrote it."""
-    description = read_description(run / "session.json")
-    for name in ("manifest.jsonl", "events.jsonl"):
-        if (run / name).exists():
-            lines = read_lines((run / name).read_bytes(), first_link(description)).lines
-            (run / name).write_bytes(sealed_all([line.content for line in lines], None))
-    content = json.loads((run / "session.json").read_text())
-    del content["checksum"]
-    (run / "session.json").write_text(json.dumps(content | {"schema_version": 1}))

@@ -1,4 +1,4 @@
-"""Files of a later schema are refused by its number, with the version that wrote them."""
+"""Files of another schema are refused by its number, with the version that wrote them."""
 
 import json
 import shutil
@@ -34,6 +34,14 @@ def test_a_later_calibration_is_refused_by_its_number(tmp_path, read):
     assert "rigctl 9.1.0 wrote it" in str(refused.value)
 
 
+@pytest.mark.parametrize("read", [read_noise_file, read_polarizer_file])
+def test_an_earlier_calibration_is_refused_by_its_number(tmp_path, read):
+    file = tmp_path / "calibration.json"
+    file.write_text(json.dumps({"schema_version": 1, "created_by": "rigctl 0.0.9"}))
+    with pytest.raises(DataError, match=r"schema_version is 1, and rigctl .* reads 2; rigctl 0.0.9 wrote it: use that"):
+        read(file)
+
+
 def test_later_flats_are_refused_by_their_number(tmp_path):
     facts = np.frombuffer(json.dumps(_LATER).encode(), dtype=np.uint8)
     np.savez(tmp_path / "flat.npz", facts=facts, throughput=np.ones((1, 2, 2)))
@@ -41,12 +49,14 @@ def test_later_flats_are_refused_by_their_number(tmp_path):
         read_flat_facts(tmp_path / "flat.npz")
 
 
-def test_a_later_run_is_refused_by_its_number(tmp_path, capsys):
+def test_an_earlier_or_later_run_is_refused_by_its_number(tmp_path, capsys):
     make_run(tmp_path / "run", [(at(0.0), np.zeros((4, 4)))])
     file = tmp_path / "run" / "session.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | _LATER))
-    assert cli.main(["status", "--contents", str(tmp_path / "run")]) == 4
-    assert "schema_version is 7, and rigctl" in capsys.readouterr().err
+    content = json.loads(file.read_text())
+    for version in (1, 7):
+        file.write_text(json.dumps(content | {"schema_version": version}))
+        assert cli.main(["status", "--contents", str(tmp_path / "run")]) == 4
+        assert f"schema_version is {version}, and rigctl" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from rigctl.runs.check import used_run
 from rigctl.runs.folder import read_run
 from rigctl.session.take import resume_session
 from rigctl.verbs.verify import verification_of
-from tests.rigctl.resealed import as_of_layout_1, with_line
+from tests.rigctl.resealed import with_line
 from tests.rigctl.run_samples import write_run
 
 
@@ -98,20 +98,6 @@ def test_readers_work_on_an_unfinished_run_and_say_so(run, caplog):
     with caplog.at_level(logging.WARNING, logger="rigctl"):
         assert len(used_run(run).frames) == 10
     assert "is unfinished" in caplog.text
-
-
-def test_an_old_run_is_whole_and_what_cannot_be_checked_is_said(run):
-    as_of_layout_1(run)
-    found = verification_of(run)
-    assert found.state == "whole"
-    assert "carry no checksums" in found.unchecked[0]
-
-
-def test_an_old_run_without_a_frame_of_its_plan_is_damaged(run):
-    as_of_layout_1(run)
-    _without_last_line(run / "manifest.jsonl")
-    sorted((run / "frames").iterdir())[-1].unlink()
-    assert verification_of(run).state == "damaged"
 
 
 def test_a_repair_that_makes_the_manifest_again_leaves_a_whole_run(run):

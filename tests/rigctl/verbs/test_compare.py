@@ -14,8 +14,8 @@ from tests.rigctl.example_files import small_rig, small_session
 
 def _noise_file(folder, **camera):
     content = {
-        **NOISE, "schema_version": 1, "prnu": None, "dsnu_e": None, "flags": [],
-        "saturation_e": None, "camera": {"model": "x", "serial": None, "gain_db": None, "bit_depth": None} | camera,
+        **NOISE, "schema_version": 2, "prnu": None, "dsnu_e": None, "flags": [],
+        "saturation_e": None, "made_for": camera,
     }  # fmt: skip
     (folder / "noise.json").write_text(json.dumps(content))
     return folder / "noise.json"
@@ -35,7 +35,7 @@ def _compare(folder, **options):
 
 @pytest.mark.parametrize(
     ("camera", "named"),
-    [({"serial": "other"}, "serial"), ({"gain_db": 6.0}, "gain setting"), ({"bit_depth": 10}, "bit depth")],
+    [({"camera_serial": "other"}, "serial"), ({"gain_db": 6.0}, "gain setting"), ({"bit_depth": 10}, "bit depth")],
 )
 def test_a_calibration_of_another_camera_or_setting_is_refused(folder, camera, named):
     with pytest.raises(DataError, match=named):

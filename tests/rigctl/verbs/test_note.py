@@ -19,7 +19,6 @@ from rigctl.verbs.stokes import stokes
 from rigctl.verbs.verify import verification_of
 from rigctl.web.what import RunReader
 from tests.rigctl.made_runs import at, make_run
-from tests.rigctl.resealed import as_of_layout_1
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 NOW_NS = 1_777_890_000_000_000_000  # 2026-05-04T10:20:00Z
@@ -228,12 +227,6 @@ def test_a_torn_last_line_was_never_acknowledged(run):
     assert (verification_of(run).state, len(used_run(run).excluded)) == ("whole", 1)
     _exclude(run, "9")
     assert [one.frames for one in read_annotations(run)] == [(8,), (9,)]
-
-
-def test_runs_of_the_first_layout_are_annotated_too(run):
-    as_of_layout_1(run)
-    _exclude(run, "8")
-    assert [record.sequence for record in used_run(run).excluded] == [8]
 
 
 def test_many_at_once_lose_no_line(run):

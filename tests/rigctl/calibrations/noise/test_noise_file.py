@@ -171,20 +171,6 @@ def test_quantities_that_are_not_known_are_allowed(tmp_path: Path) -> None:
     assert read_noise_file(path).dsnu_e is None
 
 
-def version_1(made: dict[str, Any]) -> None:
-    made.pop("made_for")
-    made.update(schema_version=1, camera={"model": "synthetic", "serial": "42", "gain_db": 0.0, "bit_depth": 12})
-
-
-def test_a_file_of_version_1_is_read_and_says_of_which_camera_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "noise.json"
-    path.write_bytes(spoilt(version_1))
-    noise = read_noise_file(path)
-    assert require_noise_fits(noise, MadeFor(camera_serial="42", gain_db=0.0)) == ()
-    with pytest.raises(DataError, match="calibrated 42, used 43"):
-        require_noise_fits(noise, MadeFor(camera_serial="43"))
-
-
 def test_it_is_too_old_after_a_year(tmp_path: Path) -> None:
     write_content(tmp_path / "noise.json", content())
     noise = read_noise_file(tmp_path / "noise.json")
