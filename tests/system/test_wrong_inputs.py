@@ -23,7 +23,7 @@ CASES = [
     # Commands and options.
     (("comapre",), 2, 'Did you mean "compare"?', ()),
     (("help",), 2, "Try: rigctl --help", ()),
-    (("calibrate", "nois"), 2, "Did you mean 'noise'?", ()),
+    (("calibrate", "nois"), 2, 'Did you mean "noise"?', ()),
     (("dolp", "fig6"), 2, "'dolp' is now: rigctl paper --figure 5", ()),
     (("predict", SCENE, "--noize", "x"), 2, "--noise", ()),
     (("predict", SCENE, "--tolerance", "abc"), 2, 'unable to convert "abc"', ()),
