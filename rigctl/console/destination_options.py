@@ -46,9 +46,7 @@ def _folder(*names: str) -> _Place:
     return _Place(kind="folder", names=names)
 
 
-DESTINATIONS: dict[str, dict[str, _Place]] = {
-    "record": {"out": _FILE},
-}
+DESTINATIONS: dict[str, dict[str, _Place]] = {}
 
 
 def with_tried_destinations(verb: str, command: Any) -> Any:

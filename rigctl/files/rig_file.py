@@ -204,8 +204,6 @@ PLACEHOLDER = (
     "sense and offset of the polarizer are placeholders: angles, S1, S2 and AoLP mean nothing until "
     "`rigctl calibrate axis ... --write RIG.toml` has filled them in"
 )
-# Begins the address of a device that a recording stands for.
-REPLAY = "replay:"
 # Axes of one cell that are closer than this are one.
 _HALF_TURN_DEG, _LEAST_GAP_DEG = 180.0, 5.0
 
@@ -367,12 +365,6 @@ class RigFile(Section):
         return polarizer_axes_deg(
             self.camera.mosaic_deg, sense=self.polarizer.sense, offset_deg=self.polarizer.offset_deg
         )
-
-    @property
-    def is_replayed(self) -> bool:
-        """True if a recording stands for any device of the rig."""
-        ports = () if self.stage is None else (self.stage.port,)
-        return any(address.startswith(REPLAY) for address in (*ports, self.camera.address))
 
     @model_validator(mode="before")
     @classmethod

@@ -22,7 +22,7 @@ from drivers.network_path import interface_of, path_mtu
 from drivers.serial_port import resolve_port
 from rigctl.console.terminal import warn
 from rigctl.errors import DataError
-from rigctl.files.rig_file import REPLAY, RigFile
+from rigctl.files.rig_file import RigFile
 from rigctl.rig.rig import SIMULATED, cell_problem, find_driver, open_rig
 from rigctl.rig.simulated_parts import ON_NETWORK, THIS_MACHINE
 from rigctl.runs.records import START_SOURCES, start_error_text
@@ -156,7 +156,7 @@ class RigCheckup:
     def _ways(self) -> Iterator[Finding]:
         """Give what there is to say of the ways to the devices."""
         stage = self._rig.stage
-        if stage is not None and not stage.port.startswith((SIMULATED, REPLAY)):
+        if stage is not None and not stage.port.startswith(SIMULATED):
             adapter = adapter_wait(resolve_port(stage.port, warn=warn))
             if adapter is not None:
                 yield adapter

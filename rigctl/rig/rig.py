@@ -8,7 +8,6 @@ Opens the devices of a rig file: the one place where a rig is put together.
 import inspect
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,21 +30,19 @@ from drivers.interfaces import (
     StageStatus,
     Way,
 )
-from drivers.recording import read_recording
 from drivers.serial_port import resolve_port
 from model.processing.mosaic import pair_by_light
 from rigctl.base.numbers import wrapped
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
-from rigctl.files.rig_file import REPLAY, RigFile, StageSection
+from rigctl.files.rig_file import RigFile, StageSection
 from rigctl.rig.characterise import load_settle_s
 from rigctl.rig.simulated_parts import SimulatedClock, require_known_camera
 from rigctl.rig.simulation import Simulation, simulate
 from rigctl.runs.records import SimulatedLight
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
-from sim_devices.stages.replayed_device import ReplayedDevice, exchanges_of
 from sim_devices.stages.stage import serve_on_pty
 
 _PLACES = ("upper left", "upper right", "lower left", "lower right")
@@ -199,8 +196,6 @@ class SettlingStage:
         self._stage.close()
 
 
-# How often each recording's stage was opened in this program.
-_REPLAYED: Counter[Path] = Counter()
 # A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
 _CELL_TOLERANCE_DEG = 22.5
 REQUESTS: dict[FrameKind, str] = {
@@ -219,6 +214,10 @@ def _ask_nobody(_kind: FrameKind) -> None:
     """Return: nobody's hands are needed."""
 
 
+def _write_nothing(_text: str) -> None:
+    """Return: no trace is wanted."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
     """Devices that are open, and what they say they are."""
@@ -231,11 +230,12 @@ class Rig:
     present: Callable[[FrameKind], None]
     #: Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
     ask: Callable[[FrameKind], None] = _ask_nobody
-    origin: Literal["simulated", "device", "replay"]  #: Where the frames come from; "replay" of a recording.
+    origin: Literal["simulated", "device"]  #: Where the frames come from.
     #: To be told of each step, by its sequence number, before its first frame; says whether the numbers of the camera's
     #: frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
     begin_step: Callable[[int], bool] = _do_nothing
     light: SimulatedLight | None = None  #: What lights a simulated roof.
+    trace: Callable[[str], None] = _write_nothing  #: Takes what the camera was set to and gave, for a trace.
 
 
 @contextmanager
@@ -277,8 +277,8 @@ def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
             stage_identity=None if stage is None else stage.identify(),
             camera_identity=camera_identity,
             present=_ask_nobody if simulation is None else simulation.world.present,
-            ask=_ask_operator if simulation is None and not rig.is_replayed else _ask_nobody,
-            origin="replay" if rig.is_replayed else "device" if simulation is None else "simulated",
+            ask=_ask_operator if simulation is None else _ask_nobody,
+            origin="device" if simulation is None else "simulated",
             begin_step=_do_nothing if simulation is None else simulation.begin_step,
             light=None if simulation is None else simulation.light,
         )
@@ -289,27 +289,11 @@ def _stage(rig: RigFile, simulation: Simulation | None) -> Iterator[RotationStag
     if rig.stage is None:
         yield None
         return
-    if rig.stage.port.startswith(REPLAY):
-        clock = SimClock(speed=1.0)
-        device = _replayed_line(rig.stage.port.removeprefix(REPLAY), clock)
-        with serve_on_pty(device, clock=clock) as port, connect_stage(rig.stage, port) as stage:
-            yield stage
-        return
     simulated_port = None if simulation is None else simulation.stage_port
     is_real = simulated_port is None or not rig.stage.port.startswith(SIMULATED)
     port = resolve_port(rig.stage.port, warn=warn) if is_real or simulated_port is None else simulated_port
     with connect_stage(rig.stage, port) as stage:
         yield stage
-
-
-def _replayed_line(place: str, clock: SimClock) -> ReplayedDevice:
-    """Return what answers as a recorded stage did; each opening is the next one that was recorded."""
-    path = Path(place)
-    opened = read_recording(path).opened
-    number = _REPLAYED[path.resolve()]
-    _REPLAYED[path.resolve()] += 1
-    line = opened[number % len(opened)].line if opened else ()
-    return ReplayedDevice(exchanges_of((one.time_s, one.heard, one.data) for one in line), clock=clock)
 
 
 def require_cell(rig: RigFile, camera: Camera) -> None:

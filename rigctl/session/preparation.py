@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from rigctl.session.numbers import noise_numbers
 from rigctl.session.plan import Need, Step, estimate, grouping_cost, missing_axes, plan_steps, round_times_ns
 from rigctl.session.take import Outcome, require_hands, take_session
 from rigctl.session.timing import SessionClock, clock_of
+from rigctl.session.trace import Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,8 +123,7 @@ def require_takeable(
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
-    needs_nobody = rig_file.is_simulated or rig_file.is_replayed
-    require_hands(steps, are_asked=needs_nobody or asks_by_hold)
+    require_hands(steps, are_asked=rig_file.is_simulated or asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
     if rig_file.simulation is None:
@@ -140,9 +140,15 @@ def take_prepared(
     at_ns: int | None = None,
     until_ns: int | None = None,
     asks_by_hold: bool = False,
+    trace: Trace | None = None,
 ) -> Outcome:
     """Take a session into a new run folder; doubts about the calibrations are reported once the devices are open."""
     clock = clock_of(prepared.rig_file)
+
+    def opener() -> AbstractContextManager[Rig]:
+        opened = _open_calibrated_rig(prepared, out, clock=clock)
+        return opened if trace is None else trace.of(opened)
+
     return take_session(
         prepared.rig_file,
         prepared.session_file,
@@ -152,7 +158,7 @@ def take_prepared(
         until_ns=until_ns,
         noise=None if prepared.noise is None else noise_numbers(prepared.noise),
         clock=clock,
-        opener=lambda: _open_calibrated_rig(prepared, out, clock=clock),
+        opener=opener,
         asks_by_hold=asks_by_hold,
         calibrations=json.loads(json_text(prepared.picked.as_json())),
     )

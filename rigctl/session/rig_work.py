@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import DeviceError
 from drivers.interfaces import CameraSettings, CameraWithFacts, Frame, Move, StageStatus
 from model.processing.mosaic import planes
 from rigctl.base.numbers import utc_text
@@ -23,6 +24,7 @@ from rigctl.rig.rig import Rig
 from rigctl.runs.records import METERED_EVENT, FrameRecord
 from rigctl.runs.writer import RunWriter
 from rigctl.session.plan import Step, SunAngles, nominal_deg
+from rigctl.session.trace import fields_text
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,7 +173,12 @@ class RigWork:
         settings = self._configured(exposure_s)
         is_new_move = self._turn(polarizer_angle_deg)
         before, self._number = self._number, None  # a picture that does not come may have a number
-        frame = self._rig.camera.take_frame(timeout_s=settings.exposure_s + self._rig_file.camera.timeout_s)
+        try:
+            frame = self._rig.camera.take_frame(timeout_s=settings.exposure_s + self._rig_file.camera.timeout_s)
+        except DeviceError as error:
+            self._rig.trace(f"camera failed: {type(error).__name__}: {error}")
+            raise
+        self._rig.trace(f"camera frame {frame.sequence}: {fields_text(frame.settings)}")
         self._number = frame.sequence
         return CapturedFrame(
             frame=frame,
@@ -191,7 +198,14 @@ class RigWork:
 
     def _configured(self, exposure_s: float) -> CameraSettings:
         if self._settings is None or exposure_s != self._exposure_asked_s:
-            self._settings = self._rig.camera.configure(exposure_s=exposure_s, gain_db=self._rig_file.camera.gain_db)
+            gain_db = self._rig_file.camera.gain_db
+            try:
+                self._settings = self._rig.camera.configure(exposure_s=exposure_s, gain_db=gain_db)
+            except DeviceError as error:
+                self._rig.trace(f"camera failed: {type(error).__name__}: {error}")
+                raise
+            asked = f"exposure_s={exposure_s:g} gain_db={gain_db:g}"
+            self._rig.trace(f"camera set {asked}: {fields_text(self._settings)}")
             self._exposure_asked_s = exposure_s
         return self._settings
 

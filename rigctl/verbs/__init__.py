@@ -23,7 +23,6 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "resume": ("rigctl.verbs.session:resume", "Go on with a session that holds or was interrupted."),
         "hold": ("rigctl.verbs.session:hold", "Ask a running session to hold after this frame."),
         "stop": ("rigctl.verbs.session:stop", "Ask a running session to stop after this frame."),
-        "record": ("old", "Write down what a session's devices say, for a replay without them."),
     },
     "Run": {
         "status": ("rigctl.verbs.status:status", "Print where a session stands, what its run holds, and its log."),
@@ -85,6 +84,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
 
 # Names that verbs had before, and what does their work now.
 MOVED = {
+    "record": "acquire --trace FILE",
     "calibrations": "calibrate list, or calibrate history --out FILE.png",
     "point": "calibrate pointing RUN",
     "dolp": "paper --figure 5, paper --estimators",

@@ -44,6 +44,7 @@ def bundle(
     *,
     out: Annotated[FilePath, Writes(kind="file")],
     frames: Annotated[int, Parameter(validator=Number(gte=0))] = 3,
+    trace: FilePath | None = None,
 ) -> "Bundle":
     """Pack log, versions, check-up and a few frames of a run into one file, without secrets, for a report of a fault.
 
@@ -60,6 +61,8 @@ def bundle(
         File to make (.zip); it is complete, or not there at all.
     frames : int
         Frames to pack, spread over the run.
+    trace : path
+        What `rigctl acquire --trace` wrote, to be packed too.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def bundle(
     RunFolderError
         The folder is not a run.
     ConfigError
-        The file cannot be written.
+        The file cannot be written, or the trace cannot be read.
     """
     from rigctl.runs.folder import ANNOTATIONS_FILE, INPUTS_FOLDER, MANIFEST_FILE, read_contents
     from rigctl.runs.records import EVENTS_FILE, SESSION_FILE
@@ -89,6 +92,8 @@ def bundle(
     packed["versions.json"] = json_text(_versions()).encode()
     packed["verify.txt"] = scrubber.text("\n".join(_verified(path))).encode()
     packed["doctor.txt"] = scrubber.text("\n".join(_checked())).encode()
+    if trace is not None:
+        packed["trace.txt"] = scrubber.text(_readable(Path(trace))).encode()
     chosen = dict(_frames(path, scrubber, frames))
     packed |= chosen
     files = "".join(f"  {name} ({len(content)} bytes)\n" for name, content in packed.items())
@@ -119,6 +124,13 @@ def _text(file: Path) -> str:
     from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 
     return read_bounded(file, MOST_RECORD_BYTES).decode("utf-8", errors="replace")
+
+
+def _readable(file: Path) -> str:
+    try:
+        return _text(file)
+    except OSError as error:
+        raise ConfigError(f"--trace: {file} cannot be read: {error.strerror}") from error
 
 
 def _scrubbed_lines(file: Path, scrubber: Scrubber) -> bytes:

@@ -145,6 +145,7 @@ def acquire(
     clock: str | None = None,
     perturb: RoofChange | None = None,
     ask: Ask = "terminal",
+    trace: Annotated[FilePath | None, Writes(kind="absent")] = None,
 ) -> "SessionResult":
     """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
 
@@ -188,6 +189,8 @@ def acquire(
         Simulated roof: change it against its scene file.
     ask : {"terminal", "hold"}
         Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
+    trace : path
+        Text file to make: bytes on the stage's line with their times, settings and frames of the camera.
 
     Returns
     -------
@@ -203,6 +206,7 @@ def acquire(
     from rigctl.session.plan import plan_session
     from rigctl.session.preparation import prepare_session, require_takeable, take_prepared
     from rigctl.session.timing import clock_of
+    from rigctl.session.trace import trace_into
 
     def path(given: FilePath | None) -> Path | None:
         return None if given is None else Path(given)
@@ -226,7 +230,10 @@ def acquire(
         for line in light:
             note(line)
         if not dry_run:
-            outcome = take_prepared(prepared, folder, at_ns=at_ns, until_ns=until_ns, asks_by_hold=by_hold)
+            with trace_into(path(trace)) as traced:
+                outcome = take_prepared(
+                    prepared, folder, at_ns=at_ns, until_ns=until_ns, asks_by_hold=by_hold, trace=traced
+                )
             return SessionResult(path=folder, outcome=outcome)
     now_ns = clock_of(prepared.rig_file).utc_ns() if at_ns is None else at_ns
     planned = plan_session(prepared.rig_file, prepared.session_file, now_ns=now_ns, until_ns=until_ns)

@@ -94,7 +94,7 @@ effects roof.toml --json
 tradeoff scene.toml --noise noise.json --tolerances 0.1,0.01 --json
 tradeoff scene.toml --acquisition --target-dolp-sigma 0.01 --drift-percent-per-min 1 --settling-time-ms 10 --json
 doctor rig.toml session.toml --json --frames 2
-record rig.toml session.toml --out OUT
+acquire rig.toml session.toml --out OUT --trace TRACE
 """
 # They take several seconds.
 _HEAVY = """
