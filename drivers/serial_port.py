@@ -1,7 +1,4 @@
-"""Serial ports of this machine, and the name of each that will still be its own after a restart.
-
-A stream of bytes to a device, and its form over a serial port.
-"""
+"""Serial ports: which there are, the name of each that survives a restart, and a stream of bytes over one."""
 
 import errno
 import re

@@ -1,14 +1,7 @@
-"""The truth about a simulated lens and detector, as plain records.
+"""From the radiance that enters a simulated lens to counts: the detector, and a list of effects that act on a frame.
 
-Effects of the rendering, and what each is told of the frame that it acts on.
-
-Effects of lamp, polarizer and lens, on the expected photo-electrons of a frame.
-
-Effects of the detector and of what hits it.
-
-From the radiance that enters a lens to counts: a plain list of effects, each called only if it is there.
-
-The first effect makes a picture of its own, so the radiance stays as it was.
+Effects of lamp, polarizer and lens act on expected photo-electrons, those of the detector on counts; each is called
+only if it is stated. The first makes a picture of its own, so the radiance stays as it was.
 """
 
 from collections.abc import Callable, Sequence

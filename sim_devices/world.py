@@ -1,12 +1,10 @@
-"""The scene as it really is in a simulation: one Stokes vector a pixel, drawn once from plain records.
+"""The world before a simulated camera: a scene, a polarizer on a stage, or something held in front of both.
+
+One Stokes vector a pixel is drawn once from plain records; mean and spread of each region may change with time.
 
 Pictures: the first row is the top, x runs right, y down. Stokes vectors (S0, S1, S2) are radiances in band
 [W m^-2 sr^-1] with S1 = horizontal - vertical and S2 = (+45) - (-45), where angles run counter-clockwise from
 horizontal in the picture as it is shown.
-
-A scene whose light changes: the texture of every pixel is drawn once, mean and spread are told anew.
-
-World before a simulated camera: a scene, a polarizer on a stage, or something held in front of both.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,14 +1,11 @@
-"""The functions of libaravis 0.8 that the driver of GigE and USB3 cameras calls, through ctypes: no compiler.
+"""libaravis 0.8 as the driver of GigE and USB3 cameras uses it: functions, features, stream and clock.
 
-The features of a GenICam camera by name: written, read back, and what was used written down.
+The functions are called through ctypes, so no compiler is needed. Features of GenICam are written, read back and noted.
+Buffers of the stream are lent to libaravis and come back filled.
 
-The stream of pictures from a GigE or USB3 Vision camera: buffers lent to libaravis, and got back filled.
-
-The clock of a GenICam camera, held against the host's: what a picture's own time stamp says becomes a time.
-
-The camera is told to latch its clock, between two readings of the host's: the offset is known to half of what lies
-between these. Two such looks give the rate. A camera whose clock follows a PTP master is believed as far as it says
-that it is off from that master, once its clock shows UTC or TAI at all.
+The camera's clock is latched between two readings of the host's: its offset is known to half the time between these.
+Two such measurements give the rate. A camera whose clock follows a PTP master is believed as far as it reports its
+offset from that master, once its clock shows UTC or TAI at all.
 """
 
 import ctypes

@@ -1,12 +1,11 @@
-"""Place of a camera and options for its use, in one text: ``PLACE?key=value&key=value``.
+"""A camera whose calls end in time, whatever its library or the kernel does with them.
 
-A camera whose calls end in time, whatever its library or the system's kernel does with them.
+A call to a camera that fell silent may wait longer than a session allows: libaravis asks for 2.5 s at each register, a
+request to a video device may not come back at all, and neither can be interrupted. So each call is made in a thread of
+the camera's own. If it does not come back in time, the thread is left behind with the camera, which it closes once the
+call returns. At most one thread a camera is left so: the camera is opened anew only when the earlier call came back.
 
-A call to a camera that fell silent may wait for longer than anybody allows: libaravis asks for 2.5 s at each register,
-a request to a video device may not come back at all, and neither can be interrupted. So each call is made in a thread
-of the camera's own. Where it does not come back in time, the thread is left behind with the camera, which it closes
-once the call returns; nobody else touches that camera any more. One thread a camera at most is left so: the camera is
-opened anew only when the earlier one has come back.
+Addresses of cameras have the form ``PLACE?key=value&key=value``.
 """
 
 import threading

@@ -1,14 +1,7 @@
-"""Options of a GigE or USB3 Vision camera, as its address gives them.
+"""GigE Vision and USB3 Vision cameras, through libaravis: options, connection, settings, frames, finding.
 
-All that is written to a GigE Vision camera when it is opened, each thing read back, and what it then is.
-
-One connection to a GigE or USB3 Vision camera, from finding it to giving it up.
-
-From a picture as it came in to a frame: counts, numbers that grow, times of the exposure.
-
-A GigE or USB3 Vision camera, through libaravis.
-
-Finds GigE and USB3 Vision cameras.
+Each setting that is written when the camera is opened is read back. Counts, growing numbers and times of exposure are
+derived from each picture as it comes in.
 """
 
 import ipaddress

@@ -1,8 +1,6 @@
-"""From the bytes that a camera sends to whole counts: plain, shifted and packed samples.
+"""From the bytes that a camera sends to whole counts: plain, shifted, packed, and one colour of a mosaic.
 
-The formats of samples that are read, by the numbers of GigE Vision (PFNC) and the letters of V4L2.
-
-One colour of a mosaic, or several summed: every pixel of the result is one cell of 2 x 2 samples.
+Formats are known by the numbers of GigE Vision (PFNC) and the letters of V4L2.
 """
 
 import re

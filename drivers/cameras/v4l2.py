@@ -1,16 +1,7 @@
-"""Structures and numbers of the Linux video interface (V4L2), as 64-bit little-endian Linux lays them out.
+"""Cameras behind Linux's video interface (V4L2), by its requests directly, on 64-bit little-endian Linux.
 
-A video device of Linux: its file, its requests, its memory.
-
-Time stamps of a video device: by which clock they are, and when the exposure of a picture began.
-
-Options of a video device, as its address gives them.
-
-The controls of a video device: everything automatic off, exposure and gain set and read back.
-
-A camera behind Linux's video interface (V4L2), straight through its requests: nothing is hidden on the way.
-
-Finds video devices, and the format in which each is best read.
+Structures, the device with its memory, controls (everything automatic off, exposure and gain read back), time stamps,
+options of an address, the camera, and finding devices with the format in which each is best read.
 """
 
 import ctypes

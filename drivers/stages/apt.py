@@ -1,22 +1,15 @@
-"""Known Thorlabs rotation stages with an APT controller, and how they count.
+"""Thorlabs rotation stages with an APT controller: K10CR1, K10CR2, and a PRM1-Z8 on a KDC101 or TDC001.
 
-Sources: Thorlabs, "APT Host-Controller Communications Protocol", issue 25, section on scaling; parameters of the K10CR1
-as its maker's program sets them.
+Language: a message is 6 bytes, little-endian: its number (16 bits), then either two parameters, or the length of the
+data that follow (16 bits, and bit 7 of the destination is set), destination, source. There is no checksum: bytes that
+are not a message from the unit to the host, of a number and a length that are known here, are skipped.
 
-The language of Thorlabs APT controllers, without input or output.
+Line: the protocol has neither checksums nor message numbers. The link therefore knows whether it is in step, that is,
+whether every question so far has had its answer. If not, it listens until the line is quiet before it asks the next.
+No status is kept: it is asked for each time it is needed.
 
-Source: Thorlabs, "APT Host-Controller Communications Protocol", issue 25. A message is 6 bytes, little-endian: its
-number (16 bits), then either two parameters, or the length of the data that follow (16 bits, and bit 7 of the
-destination is set), destination, source. There is no checksum: what is not a message from the unit to the host, of a
-number and a length that are known here, is passed over.
-
-Questions and answers with one APT controller: every wait has a deadline, and no answer is taken for another's.
-
-The protocol has neither checksums nor message numbers. The link therefore knows whether it is in step, that is, whether
-every question so far has had its answer. When it is not, it listens until the line is quiet before it asks the next.
-Nothing that a message says is kept: a status is one that was asked for now.
-
-A Thorlabs rotation stage with an APT controller: K10CR1, K10CR2, and a PRM1-Z8 on a KDC101 or TDC001.
+Source: Thorlabs, "APT Host-Controller Communications Protocol", issue 25, with its section on scaling; parameters of
+the K10CR1 as its maker's program sets them.
 """
 
 import struct

@@ -1,17 +1,15 @@
-"""The language of Thorlabs Elliptec (ELLx) rotation stages, without input or output.
+"""Thorlabs Elliptec (ELLx) rotation stages: ELL14, ELL16, ELL18, ELL21.
 
-Source: Thorlabs, "Elliptec ELLx modules protocol manual", Issue 10 (October 2025). A command is an address
-(one hexadecimal digit), two small letters, then a fixed number of capital hexadecimal digits; nothing ends it
-and nothing checks it. A reply is the address, two capital letters, digits, carriage return, line feed.
+Language: a command is an address (one hexadecimal digit), two small letters, then a fixed number of capital
+hexadecimal digits; nothing ends it and nothing checks it. A reply is the address, two capital letters, digits,
+carriage return, line feed.
 
-Questions and answers with one Elliptec stage: every wait has a deadline, and no answer is taken for another's.
+Line: the protocol has no message numbers, so an answer can only be told from a late one by order. The link therefore
+knows whether it is in step, that is, whether every command so far has had its answer. If not, it makes the stage
+discard what it has received in part, listens until the line is quiet, and asks for the status until the stage is no
+longer busy; only then is the next command sent.
 
-The protocol has no message numbers, so an answer can only be told from a late one by order. The link therefore
-knows whether it is in step, that is, whether every command so far has had its answer. When it is not, it makes
-the stage forget what it has received in part, listens until the line is quiet, and asks for the status until
-the stage is no longer busy; only then is the next command sent.
-
-A Thorlabs Elliptec (ELLx) rotation stage: ELL14, ELL16, ELL18, ELL21.
+Source: Thorlabs, "Elliptec ELLx modules protocol manual", Issue 10 (October 2025).
 """
 
 import math

@@ -1,6 +1,7 @@
-"""Shared by all families of stages on serial ports: opening, finding, the line, angles, and the way to an angle.
+"""What all families of stages on serial ports share: opening, finding, the line, angles, and the way to an angle.
 
-A family states its language (`*_protocol`), how it asks (a `Line`) and what its stage does (a `SerialStage`).
+The module of a family has, in this order: its language without input or output, its line (a `Line`), and its stage (a
+`SerialStage`). Its entry point names a function `open_...`; `PROBE` lets `drivers.discovery` find it.
 """
 
 import math

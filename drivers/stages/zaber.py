@@ -1,15 +1,13 @@
-"""The language of Zaber devices (ASCII protocol, firmware 6 and 7), without input or output.
+"""Zaber rotation stages with the ASCII protocol (firmware 6 and 7): X-RST, X-RSW, X-RSM and related ones.
 
-Source: Zaber Technologies, "ASCII Protocol Manual". A command is ``/device axis id words:CK`` and a line feed; a reply
-is ``@device axis id OK|RJ BUSY|IDLE flag data:CK``, carriage return, line feed. CK is two hexadecimal digits that make
-the bytes after the first character add up to 0 modulo 256; the id, 00 to 99, is that of the command that is answered.
+Language: a command is ``/device axis id words:CK`` and a line feed; a reply is ``@device axis id OK|RJ BUSY|IDLE flag
+data:CK``, carriage return, line feed. CK is two hexadecimal digits that make the bytes after the first character add
+up to 0 modulo 256; the id, 00 to 99, is that of the command that is answered.
 
-Questions and answers with one Zaber device: every wait has a deadline, and no answer is taken for another's.
+Line: by message id and checksum a late or damaged answer is told from the right one at once. Any command used here may
+be sent again: none of them moves by a distance.
 
-Each command has its message id and each reply its checksum, so that a late answer and a damaged one are told from the
-right one at once. Any command used here may be sent again: none of them moves by a distance.
-
-A Zaber rotation stage that speaks the ASCII protocol: X-RST, X-RSW, X-RSM and their kin.
+Source: Zaber Technologies, "ASCII Protocol Manual".
 """
 
 import re

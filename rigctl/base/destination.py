@@ -1,6 +1,6 @@
-"""Origin of results: which command wrote a file, and from what; noted in the user's own folder, known again by that.
+"""Destinations of results, tried before any work; a file that somebody else made is never replaced.
 
-Destinations of results: tried before any work, and never a file that somebody else made.
+Which command wrote a file, and from what, is noted in the user's own folder; by that a result is known again.
 """
 
 import hashlib

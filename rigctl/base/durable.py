@@ -1,9 +1,4 @@
-"""Files read whole: only plain ones, and none that is larger than what is asked for can be.
-
-Calls to a disk that end in time, also where the disk hangs and the kernel holds whoever writes to it.
-
-Small files that are either whole under their name, or not there: power cuts and full disks included.
-"""
+"""Files whole or absent: bounded reads of plain files, durable writes, calls to a hung disk that end in time."""
 
 import errno
 import hashlib

@@ -1,11 +1,4 @@
-"""Angles that come back to themselves after a turn.
-
-Range that every number of a file, an option or an address keeps to, so that arithmetic with it stays finite.
-
-Numbers as people write them: to the digits that are known, no power of ten that means nothing, no bare nan.
-
-Points in time as text, the one way this project writes them.
-"""
+"""Numbers, angles and times as text: allowed range, as many digits as are known, one form of UTC."""
 
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, date, datetime, timedelta

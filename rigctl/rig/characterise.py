@@ -1,7 +1,4 @@
-"""Measures a stage with its own encoder: readback error, backlash, and how long it takes to come to rest.
-
-The file that `rigctl calibrate stage` writes, and of which a session uses the time to settle.
-"""
+"""Measures a stage with its own encoder: readback error, backlash, settling time; and the file that keeps them."""
 
 import json
 import time

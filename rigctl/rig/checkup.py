@@ -1,7 +1,4 @@
-"""Check-up of this machine: network buffers, disk, clock.
-
-Check-up of the devices of a rig: how fast they answer, and what is lost on the way.
-"""
+"""Check-up of this machine (network buffers, disk, clock) and of a rig's devices (speed, losses)."""
 
 import ctypes
 import os

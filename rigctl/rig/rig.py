@@ -1,8 +1,6 @@
-"""Cell of a camera with polarizers on its pixels: held against the light that it sees.
+"""Opens the devices of a rig file: the one place where a rig is put together.
 
-Opens rotation stages: through the entry points of their drivers, on real ports and on simulated ones.
-
-Opens the devices of a rig file: the one place where a rig is put together.
+Drivers are found by their entry points; simulated devices by addresses that begin with ``sim:``.
 """
 
 import inspect

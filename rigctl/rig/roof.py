@@ -1,7 +1,4 @@
-"""Changes of a simulated rig or roof on purpose, against what its files state, to show what a comparison finds.
-
-A simulated roof: the light of its regions, computed by the model for the sun of each moment.
-"""
+"""A simulated roof: light of its regions, by the model for the sun of each moment, changed on purpose if asked."""
 
 import math
 from collections.abc import Callable

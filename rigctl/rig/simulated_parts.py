@@ -1,12 +1,6 @@
-"""The time of a simulated rig: it passes by what the session does, and by waiting, which takes no time.
+"""Parts of a simulated rig as its rig file states them: stage, scene, polarizer, camera, lens, clock, random numbers.
 
-The options of a simulated camera's address: where the truth is noted, and what goes wrong on its network.
-
-Where the lens of a simulated camera is turned to: kept in its rig file, read at each frame, turned from outside.
-
-The numbers on which a simulated camera's noise hangs: a session goes on as if it had not been interrupted.
-
-Parts of a simulated rig, as its rig file states them: stage, scene, polarizer, camera and its flaws.
+Random numbers hang on a frame's place in the session, so a session goes on as if it had not been interrupted.
 """
 
 import hashlib

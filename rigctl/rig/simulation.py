@@ -1,8 +1,6 @@
-"""Time that each effect of a simulated camera's pictures takes, measured on a picture of its size.
+"""A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light.
 
-A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light.
-
-A simulated session looked at before it is taken: whether camera and light can do what it asks.
+A session can be rehearsed before it is taken, and the time of each effect on a picture measured.
 """
 
 import statistics

@@ -1,8 +1,6 @@
-"""Wholeness of a run: held against what its session has noted of itself, it is whole, unfinished or damaged.
+"""A run is whole, unfinished or damaged: by its own notes, by every checksum, and made whole again after a kill.
 
-Verification of a run folder: every checksum again, and manifest against headers.
-
-Makes a run folder whole after a kill or a power cut: adopts whole frames, sets damaged ones aside, loses nothing.
+Repair adopts whole frames and sets damaged ones aside; it deletes nothing.
 """
 
 import hashlib

@@ -1,8 +1,6 @@
-"""Header cards of a FITS file: a keyword, a value, and a word on what it means; 80 characters each.
+"""A frame as a FITS file and back: 16-bit samples, first row on top, checksums, and its whole record in the header.
 
-One frame as the bytes of a FITS file, and back: 16-bit samples, first row on top, with checksums.
-
-Header of a frame's file: all of its record, so that a lost manifest can be made again.
+From the headers alone a lost manifest can be made again.
 """
 
 import re

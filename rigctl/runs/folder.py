@@ -1,26 +1,16 @@
-"""A run folder as it is read: what was done, and the frames that came of it.
+"""A run folder as it is read, also while it grows, and what people note of it.
 
 ::
 
     RUN/session.json      the resolved session, versions, schema version
+    RUN/inputs/*.toml     the files that it was made from
     RUN/frames/*.fits     one whole frame each, with all that is known of it in its header
     RUN/manifest.jsonl    one line a frame, appended once the frame is on the disk
     RUN/events.jsonl      what happened, and when
-    RUN/annotations.jsonl what people note of it, and which frames they leave out (rigctl.runs.folder)
+    RUN/annotations.jsonl what people note of it, and which frames they leave out
 
-The frames are the truth; the manifest is their table of contents and can be made again from them.
-
-A file of lines that only grows, each on the disk before the next begins.
-
-One writer a run folder: a lock that ends with its process, however that ends.
-
-The file ``annotations.jsonl`` of a run folder: what people note of it, and which frames they leave out, and why.
-
-It only grows, each line on the disk before the next, and is chained as the other journals are; frames never change.
-
-The files that a run was made from: kept in it, and read back out of it.
-
-The frames of a run that may be growing: each line of its manifest is read once.
+The frames are the truth; the manifest is their table of contents and can be made again from them. Journals only grow,
+each line on the disk before the next. A lock that ends with its process keeps a second writer away.
 """
 
 import fcntl

@@ -1,18 +1,7 @@
-"""Lines that carry their own checksum and the chain of all before them: a line changed, moved or taken out is found.
+"""Records of a run and their lines: frames, session, events, readings of sensors, annotations, simulated light.
 
-The light of a simulated roof, as its run keeps it: what lit it, what was changed, and what that proves.
-
-Origin of a run by its session file, as far as the program asks.
-
-The file ``session.json`` of a run folder: what was to be done, and which program made the folder.
-
-Record of one frame: all that is known of it, as its line in the manifest and its own header hold it.
-
-The file ``events.jsonl`` of a run folder: what happened, and when.
-
-Readings of sensors beside the frames, as the events of a run hold them.
-
-What people note of a run, and which frames they leave out: the record of it, and what follows from many.
+Each line of a journal carries its own checksum and the chain of all lines before it: a line that was changed, moved or
+taken out is found.
 """
 
 import hashlib

@@ -1,7 +1,4 @@
-"""The events of a run as they are written: each on the disk at once, the last ones even on a full disk.
-
-A run folder as it is written: each frame durable before the manifest names it.
-"""
+"""A run folder as it is written: a frame is on the disk before the manifest names it, an event at once."""
 
 import errno
 import json

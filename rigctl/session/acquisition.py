@@ -1,6 +1,6 @@
-"""Stores frames while the next is taken: a bounded queue that makes the session wait, for a full disk too.
+"""Takes a session: turn, expose, check, store; frames are stored while the next is taken.
 
-Takes a session: turn, expose, store; each frame durable, and labelled with what the devices say of themselves.
+A bounded queue leads to the thread that writes; it makes the session wait for a slow or full disk.
 """
 
 import errno

@@ -1,9 +1,4 @@
-"""The cycles of a run one after the other: light, polarization, sum rule and drift, from the frames themselves.
-
-Change of the light over a run, beside sensors that follow it: what is left of it once they are divided out.
-
-History of a session from its run folder: events, mean counts of every frame, cycles, and some frames to look at.
-"""
+"""History of a session from its run folder: events, means of every frame, cycles, and change of the light."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence

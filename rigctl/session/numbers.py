@@ -1,16 +1,6 @@
-"""Noise of the mean of many pixels, by a noise calibration: for the sum rule, and for whoever watches.
+"""Numbers of frames as they come, for people who watch: means, level of light, sum rule, drift, DoLP with deviations.
 
-The mean counts of regions, fast enough to be taken of every frame while the session runs.
-
-A frame in a few numbers.
-
-From mean counts to the level of the light: without what the camera counts in the dark, and per second.
-
-Drift of the light: the same angle looked at twice.
-
-Numbers of a whole cycle of angles: the sum rule, and DoLP of regions with the deviation that noise predicts.
-
-Numbers of the frames as they come, by angle and by cycle: for whoever watches, not for processing.
+They are fast enough to be computed of every frame; results for processing come from `rigctl.measure`.
 """
 
 import math

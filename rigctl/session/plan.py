@@ -1,14 +1,7 @@
-"""The steps of a session in their order, and what they need of time and disk.
+"""A session laid out in time: its steps in order, when rounds begin, where the sun is, what it needs of time and disk.
 
-The sun over a session: where it stands at any moment, at the price of one exact position a minute.
-
-Times at which the rounds of a session begin.
-
-Cost of an order of angles: unpolarized light that changes looks polarized, and too few axes tell nothing.
-
-A session laid out in time: its steps, where the sun stands at them, and what they need.
-
-Demand of a session on the disk: bytes in all, and the period of frames where it is fastest.
+It also says what an order of angles costs: unpolarized light that changes looks polarized, and too few axes measure
+nothing.
 """
 
 import math

@@ -1,9 +1,4 @@
-"""A frame as it came from the devices, and its record: what was asked for, and what devices, clocks and sun said.
-
-One rig at work: what stands before the camera, how it is set, where the polarizer is; one frame at a time.
-
-Finds, once a round, the exposure at which the brightest polarizer angle fills the range and does not saturate.
-"""
+"""One rig at work, a frame at a time: what stands before the camera, its settings, the polarizer's angle, metering."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,9 +1,4 @@
-"""The file ``status.json`` of a run folder: how the session stands now, for whoever looks from another terminal.
-
-State of a session, as far as its run folder tells.
-
-The live numbers of a session in words: for its own terminal, and for `rigctl status`.
-"""
+"""How a session stands now: the file ``status.json`` of its run, its state as far as the folder tells, and in words."""
 
 import json
 import shutil

@@ -1,15 +1,4 @@
-"""Notices to people who are not there: sent by a thread of its own, which no session waits for.
-
-All that a reader of a run must know of how it came about, as the run's description holds it.
-
-Rest of a session: the steps that have no frame yet, and what the earlier part has settled.
-
-Shows how a session goes: a bar and live numbers on this terminal, and the run's status file for others.
-
-Takes what is left of a session at open devices, and opens them again where one goes away meanwhile.
-
-One session from its files to its run folder, and on from there after an interruption.
-"""
+"""A session from open devices to its run folder, through devices that go away, and on after an interruption."""
 
 import hashlib
 import json

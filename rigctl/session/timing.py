@@ -1,9 +1,4 @@
-"""The clocks that a session lives by; tests hand in others.
-
-Context of a session beside its steps: clocks, interlocks, who may interrupt it, where the sun is.
-
-Waits of a session: until a round is due, while somebody or an interlock holds it, or for good.
-"""
+"""Clocks and waits of a session, and the context that it runs in; tests hand in other clocks."""
 
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,4 @@
-"""Frames and maps of polarization as JPEG files for a page: small, with fixed colour scales, fast to make.
-
-Pictures of a run: which of its frames each shows, drawn once for all who look.
-"""
+"""Frames and maps of polarization as JPEG files for a page: small, with fixed colour scales, fast to make."""
 
 import threading
 from collections import OrderedDict

@@ -1,7 +1,4 @@
-"""Devices at work for a page: a picture to focus by, or polarization as fast as the stage turns; nothing is stored.
-
-A picture that is there already, seen on a page as a live one is.
-"""
+"""Devices at work for a page: a picture to focus by, or polarization as fast as the stage turns; nothing is stored."""
 
 import threading
 import time

@@ -1,16 +1,7 @@
-"""Who may look and who may act: tokens, the cookie they are exchanged for, and what a request must show of itself.
+"""The page over HTTP: who may look and act, routes, the socket, what it shows, and serving it.
 
-How many may be connected to a page and for how long: whoever says nothing makes room for who does.
-
-An address as a QR code of characters, for the telephone of whoever stands before the terminal.
-
-What a page with hands may do: ask sessions, work the devices, write regions; each only where it is given.
-
-The page over HTTP: its files, the state of a run, its pictures, and a socket that is asked for them.
-
-What a page shows: one run, or the runs of a folder with what lies beside them.
-
-Serving a page: where it listens, and until when.
+Two tokens, for looking and for acting, are exchanged for a cookie. Connections are bounded in number and time; idle
+ones are dropped when new ones come.
 """
 
 import asyncio

@@ -1,12 +1,6 @@
-"""What a page is shown of a run: frozen records, which become JSON as they are.
+"""What a page may be shown of a run: frozen records that become JSON as they are, read as the run grows.
 
-Devices at work for a page: which are open, what they shall do, and what they see.
-
-Curves of a run cycle by cycle, read from its frames in the background while somebody looks.
-
-The calibrations that lie beside a run, and whether each holds for it.
-
-A run as it stands now, for a page that asks each second: only what is new is read, and nothing is written.
+A page asks each second: only what is new is read, and nothing is written.
 """
 
 import json

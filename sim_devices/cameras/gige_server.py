@@ -1,23 +1,9 @@
-"""libaravis's own GigE Vision device: it answers on the network, and asks Python for every picture.
+"""A simulated camera on the network: any GigE Vision program can take pictures of the simulated world with it.
 
-The clock of a simulated GigE camera: runs as it likes, is latched by a register, and may follow a PTP master.
-
-From a reading of the GigE Vision standard's registers and of the names that GenICam has for them. libaravis's own
-device has neither: whoever stands before it on the network answers for its clock (`lossy_network`).
-
-Faults of a simulated GigE camera: at which of its pictures, counted from its power-up.
-
-Samples of a simulated GigE camera in bytes, written from the standard.
-
-Features of the simulated GigE camera: the library's own list, and more in the same memory.
-
-A network between a GigE Vision camera and whoever uses it: it loses packets of pictures, and sends them again.
-
-From a reading of the GigE Vision standard (control: GVCP, pictures: GVSP). The camera is libaravis's own, which does
-not send any packet twice: so what passed is kept here for a while, as a camera's memory would, and what is asked for
-again comes from there. It has no clock either that could be read: that of a `DeviceClock` answers for it.
-
-A simulated camera on the network: any GigE Vision program can take pictures of the simulated world with it.
+libaravis's own simulated device answers on the network and asks Python for every picture. It neither sends a packet
+twice nor has a clock that can be read, so a network stands before it (control: GVCP, pictures: GVSP): it loses packets,
+keeps those that passed for a while, sends them again on request, and answers for a clock that may follow a PTP master.
+Written from the GigE Vision standard and the names of GenICam, without the driver's code.
 """
 
 import ctypes

@@ -1,8 +1,6 @@
-"""Options of a simulated Thorlabs APT stage, and their form as an address: ``sim:apt?model=K10CR2``.
+"""A simulated Thorlabs APT controller with its stage: messages, parameters, answers, address ``sim:apt?...``.
 
-Messages and parameters of a simulated APT controller, from a reading of Thorlabs' protocol document (issue 25).
-
-Answers of a simulated APT controller with its stage, from a reading of Thorlabs' protocol document (issue 25).
+Written from Thorlabs' protocol document (issue 25), without the driver's code.
 """
 
 import struct

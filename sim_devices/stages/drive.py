@@ -1,7 +1,4 @@
-"""Interface of a simulated device to whatever carries its bytes.
-
-A ring that turns, and a motor that obeys, or does not, as its options say.
-"""
+"""A ring and its motor: each motion arrives, stalls, fails or is disturbed by hand, as the options say."""
 
 import math
 from dataclasses import dataclass

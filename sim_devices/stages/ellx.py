@@ -1,10 +1,6 @@
-"""Motors of a simulated Elliptec stage: periods, currents, and what keeps them well; see `ellx_language`.
+"""A simulated Elliptec stage: motors, commands byte by byte, answers, address (``sim:ellx?stall=3&busy=1``).
 
-Commands to a simulated Elliptec stage, byte by byte, from a reading of the ELLx protocol manual (Issue 10, 2025).
-
-Options of a simulated Elliptec stage, and their form as an address: ``sim:ellx?stall=3&busy=1``.
-
-Answers of a simulated Elliptec stage, from a reading of the ELLx protocol manual (Issue 10, October 2025).
+Written from the ELLx protocol manual (Issue 10, October 2025), without the driver's code.
 """
 
 import string

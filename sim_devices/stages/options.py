@@ -1,7 +1,4 @@
-"""Address of a simulated stage: a scheme, then ``?`` and ``key=value`` pairs joined by ``&``.
-
-Options that simulated stages of every family share: how they turn, what their line does, and what goes wrong.
-"""
+"""Options that simulated stages of every family share, and their form as an address: ``sim:ellx?stall=3&busy=1``."""
 
 import math
 from collections.abc import Callable, Mapping

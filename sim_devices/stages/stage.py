@@ -1,8 +1,7 @@
-"""A simulated device on a pseudo-terminal, where any program can talk to it.
+"""A simulated rotation stage: drive, language and line in one, safe to use from several threads.
 
-A line to a simulated device without an operating system between: for long sessions in simulated time.
-
-A simulated rotation stage: drive, language and line in one, safe to use from several threads.
+It answers on a pseudo-terminal, where any program can talk to it, or on a line within the process, for long sessions in
+simulated time.
 """
 
 import os

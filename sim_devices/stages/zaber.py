@@ -1,17 +1,8 @@
-"""Texts that a simulated Zaber stage keeps under keys, and what its commands come to.
+"""A simulated Zaber rotation stage: settings, triggers, commands, answers, address (``sim:zaber?stall=3``).
 
-Commands to a simulated Zaber stage, out of the characters that come in; from a reading of its protocol manual.
-
-Triggers of a simulated Zaber stage: kept, told, and fired, from a reading of Zaber's ASCII protocol manual.
-
-An enabled trigger fires when its condition becomes true, at once where it is true already. The device looks each
-millisecond while it turns. It has no lines: what waits for one never fires.
-
-Options of a simulated Zaber rotation stage, and their form as an address: ``sim:zaber?stall=3``.
-
-Settings of a simulated Zaber stage, from a reading of Zaber's ASCII protocol manual (firmware 7).
-
-Answers of a simulated Zaber stage, from a reading of Zaber's ASCII protocol manual (firmware 6 and 7).
+Written from Zaber's ASCII protocol manual (firmware 6 and 7), without the driver's code. An enabled trigger fires when
+its condition becomes true, at once where it is true already; the device looks each millisecond while it turns. It has
+no digital lines: a trigger that waits for one never fires.
 """
 
 import math
