@@ -4,13 +4,13 @@ import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Unpack
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ExportFormat
-from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes, path_of
 from rigctl.verbs.result import Part, Result
 
 _MOST_NAME = 100  # characters of the name that the unfinished export bears
@@ -22,7 +22,7 @@ def export(
     *,
     to: ExportFormat,
     out: Annotated[FilePath, Writes(kind="absent")],
-    ignore_exclusions: bool = False,
+    **frames: Unpack[RunOptions],
 ) -> "ExportedRun":
     """Write a run in a format that other programs read; each frame's checksum is verified on the way.
 
@@ -36,8 +36,8 @@ def export(
         TIFF files, one HDF5 file, or a Zarr folder.
     out : path
         File or folder to make; it is complete, or not there at all.
-    ignore_exclusions : bool
-        Take frames too that people have excluded.
+    **frames
+        Which frames are read, see `RunOptions`.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def export(
     path, place = path_of(run), Path(out)
     if place.exists():
         raise ConfigError(f"--out: {place} is there already; name a file or folder that does not exist yet")
-    used = used_run(path, ignore_exclusions=ignore_exclusions)
+    used = used_run(path, **frames)
     write = {"tiff": export_tiff, "hdf5": export_hdf5, "zarr": export_zarr}[to]
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name[:_MOST_NAME]}-", suffix=PART_SUFFIX) as at:
         part = Path(at) / "part"

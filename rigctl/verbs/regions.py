@@ -4,7 +4,7 @@ import webbrowser
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -13,7 +13,7 @@ from rigctl.console.json_text import Json
 from rigctl.console.terminal import note
 from rigctl.errors import DataError
 from rigctl.files.choices import Dictionary
-from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def draw(
     port: Annotated[int, Parameter(validator=Number(gte=0, lte=65535))] = 0,
     minutes: Annotated[float, Parameter(validator=Number(gte=0.01))] = 60.0,
     no_browser: bool = False,
-    ignore_exclusions: bool = False,
+    **frames: Unpack[RunOptions],
 ) -> "WrittenRegions":
     """Draw regions on a picture of a run, in the page of `rigctl serve`, which this machine serves to itself.
 
@@ -57,8 +57,8 @@ def draw(
         How long to wait for you.
     no_browser : bool
         Print the address, do not open a browser.
-    ignore_exclusions : bool
-        Take frames too that people have excluded.
+    **frames
+        Which frames are read, see `RunOptions`.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def draw(
     from rigctl.outlines import search_markers
     from rigctl.web.regions_page import RegionsPage
 
-    picture = _picture(run, ignore_exclusions=ignore_exclusions)
+    picture = _picture(run, frames)
     drawn = [] if start is None else _read(start).regions
     title = f"draw regions on {path_of(run).resolve().name}"
     page = RegionsPage(picture, drawn=drawn, title=title, file=Path(out).name, port=port)
@@ -93,7 +93,7 @@ def mark(
     *,
     out: Followed,
     dictionary: Dictionary = "4x4_50",
-    ignore_exclusions: bool = False,
+    **frames: Unpack[RunOptions],
 ) -> "WrittenRegions":
     """Write down where the markers are in the picture that the regions were drawn on.
 
@@ -109,8 +109,8 @@ def mark(
         Regions file to write; it may be the same one.
     dictionary : Dictionary
         Family of the printed markers.
-    ignore_exclusions : bool
-        Take frames too that people have excluded.
+    **frames
+        Which frames are read, see `RunOptions`.
 
     Returns
     -------
@@ -126,14 +126,14 @@ def mark(
     from rigctl.outlines import search_markers
 
     drawn = _read(regions)
-    seen = search_markers(_picture(run, ignore_exclusions=ignore_exclusions), dictionary)
+    seen = search_markers(_picture(run, frames), dictionary)
     if not seen:
         advice = "Print them large: 4x4 cells of six pixels at least"
         raise DataError(f"{path_of(run)}: no marker of {dictionary} is seen. {advice}")
     return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
 
 
-def find(run: RunPath, regions: FilePath, /, *, out: Followed, ignore_exclusions: bool = False) -> "FoundRegions":
+def find(run: RunPath, regions: FilePath, /, *, out: Followed, **frames: Unpack[RunOptions]) -> "FoundRegions":
     """Find regions again by their markers, after the camera has moved, and write them where they are now.
 
     Each outline grows its left-out border by twice the error that the markers leave.
@@ -148,8 +148,8 @@ def find(run: RunPath, regions: FilePath, /, *, out: Followed, ignore_exclusions
         Regions file with the markers as they were.
     out : path
         Regions file to write.
-    ignore_exclusions : bool
-        Take frames too that people have excluded.
+    **frames
+        Which frames are read, see `RunOptions`.
 
     Returns
     -------
@@ -166,7 +166,7 @@ def find(run: RunPath, regions: FilePath, /, *, out: Followed, ignore_exclusions
 
     drawn = _read(regions)
     family = "4x4_50" if drawn.markers is None else drawn.markers.dictionary
-    now = search_markers(_picture(run, ignore_exclusions=ignore_exclusions), family)
+    now = search_markers(_picture(run, frames), family)
     followed = tuple(follow_markers(drawn, now))
     file = RegionsFile(regions=[one.region for one in followed], markers=moved_markers(drawn, now))
     written = _written(out, file)
@@ -224,11 +224,11 @@ class FoundRegions(Result):
             yield one.region.name, one.markers, one.shift_px, one.std_error_px, one.region.edge_px
 
 
-def _picture(run: RunPath, *, ignore_exclusions: bool) -> Any:
+def _picture(run: RunPath, frames: RunOptions) -> Any:
     from rigctl.outlines import grey_picture
     from rigctl.runs.check import used_run
 
-    return grey_picture(used_run(path_of(run), ignore_exclusions=ignore_exclusions))
+    return grey_picture(used_run(path_of(run), **frames))
 
 
 def _read(path: FilePath) -> "RegionsFile":

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Unpack
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes, path_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def status(
     page: Annotated[FilePath | None, Writes(kind="file")] = None,
     only: str | None = None,
     last: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
-    ignore_exclusions: bool = False,
+    **frames: Unpack[RunOptions],
 ) -> "SessionStatus | RunContents | SessionLog | SessionPage":
     """Print where a session stands; ask from any terminal, while it runs and years later.
 
@@ -65,8 +65,8 @@ def status(
         With --log: events of this name only, such as interlock, round or note.
     last : int
         With --log: the last N of them.
-    ignore_exclusions : bool
-        With --contents and --page: take frames too that people have excluded.
+    **frames
+        With --contents and --page: which frames are read, see `RunOptions`.
 
     Returns
     -------
@@ -88,14 +88,14 @@ def status(
     if not log and (only is not None or last is not None):
         raise ConfigError(f"{'--last' if only is None else '--only'}: is an option of --log")
     if contents:
-        found = contents_of(used_run(path, ignore_exclusions=ignore_exclusions))
+        found = contents_of(used_run(path, **frames))
         for doubt in found.doubts:
             warn(doubt)
         return found
     if log:
         return _log(path, only=only, last=last)
     if page is not None:
-        return _page(path, Path(page), used_run(path, ignore_exclusions=ignore_exclusions))
+        return _page(path, Path(page), used_run(path, **frames))
     from rigctl.session.status import state_of
 
     return SessionStatus(state_of(path))
