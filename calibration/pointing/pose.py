@@ -175,7 +175,7 @@ def _corners(picture: NDArray[np.generic], columns: int, rows: int) -> NDArray[n
 # What is known of elevation and roll where no source says anything: they are between the poles.
 _PRIOR_STD_RAD = np.radians([3600.0, 60.0, 60.0])
 # Focal lengths, axis and distortion of a lens.
-LENS_NUMBERS = 8
+_LENS_NUMBERS = 8
 # Beyond this a direction counts as not determined.
 UNKNOWN_STD_RAD = float(np.radians(20.0))
 _STEP_RAD, _ITERATIONS, _STARTS = 1e-6, 60, 8
@@ -323,7 +323,7 @@ def fuse(sources: Sequence[PoseSource], lens_covariance: FloatArray | None = Non
     contradicts. Sources none of which can be told alone may contradict together. Where
     they contradict, the covariance is widened by chi-square over its degrees of freedom.
     """
-    lens = np.zeros((LENS_NUMBERS, LENS_NUMBERS)) if lens_covariance is None else lens_covariance
+    lens = np.zeros((_LENS_NUMBERS, _LENS_NUMBERS)) if lens_covariance is None else lens_covariance
     fit = _fit(_Together(sources, lens))
     freedom = max(sum(len(one.residual(fit.angles)) for one in sources) - _determined(fit.covariance), 0)
     found = (_contradiction(one, sources, lens, fit.angles) for one in sources)
@@ -353,7 +353,7 @@ class _Together:
         return np.asarray(block_diag(*(one.covariance(angles) for one in self._sources)))
 
     def by_lens(self, angles: FloatArray) -> FloatArray:
-        none = np.zeros(LENS_NUMBERS)
+        none = np.zeros(_LENS_NUMBERS)
         parts = (
             np.tile(none, (len(one.residual(angles)), 1)) if one.by_lens is None else one.by_lens(angles)
             for one in self._sources

@@ -18,7 +18,7 @@ _WORST_CONDITION = 1e3
 # Whole turns in equal steps have sqrt 2; half a turn has hundreds.
 _APART_CONDITION = 3.0
 # What the residual of Malus' law shows, by cycles a turn.
-HARMONIC_ORDERS = (1, 3, 4)
+_HARMONIC_ORDERS = (1, 3, 4)
 # An amplitude of noise alone is larger than this many standard errors of its parts in 1 of 1000 cases.
 SEEN_SIGMAS = 3.717
 
@@ -159,7 +159,7 @@ def residual_harmonics(angles_rad: FloatArray, values: FloatArray) -> tuple[Harm
         Intensities of one region, dark taken off.
     """
     found = []
-    for order in HARMONIC_ORDERS:
+    for order in _HARMONIC_ORDERS:
         design = _design(angles_rad, (2, order))
         if len(angles_rad) <= design.shape[1] or np.linalg.cond(design) > _WORST_CONDITION:
             continue
@@ -179,7 +179,7 @@ def residual_harmonics(angles_rad: FloatArray, values: FloatArray) -> tuple[Harm
 
 def harmonics_are_told_apart(angles_rad: FloatArray) -> bool:
     """Return whether a scan's angles tell the harmonics from one another: over a whole turn, not over half of one."""
-    design = _design(angles_rad, (2, *HARMONIC_ORDERS))
+    design = _design(angles_rad, (2, *_HARMONIC_ORDERS))
     return len(angles_rad) > design.shape[1] and bool(np.linalg.cond(design) < _APART_CONDITION)
 
 

@@ -47,7 +47,7 @@ class EmvaSweep:
         return len(np.unique(self.exposure_s)) > 2
 
 
-def emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> EmvaSweep:
+def _emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> EmvaSweep:
     """Return the sweep of a set of levels.
 
     Where three levels or more are pairs, the others are left to the fixed pattern, as in the standard's own
@@ -107,16 +107,16 @@ def _dark_frames(weights: FloatArray, darks: Sequence[LevelStatistics]) -> NDArr
 Mask = NDArray[np.bool_]
 
 # Upper end of the fits of gain and responsivity, and range of the linearity fit, as shares of saturation.
-GAIN_RANGE = 0.7
+_GAIN_RANGE = 0.7
 _LINEARITY_RANGE = (0.05, 0.95)
 
 
-def temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
+def _temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
     """Return the figures that come from means and temporal variances; those that do not exist are left out.
 
     EMVA Standard 1288, Release 4.0 Linear, sections 6.5 to 6.9 and 7.1.
     """
-    chosen = flats & (sweep.signal_dn <= GAIN_RANGE * sweep.saturation_signal_dn)
+    chosen = flats & (sweep.signal_dn <= _GAIN_RANGE * sweep.saturation_signal_dn)
     if not np.any(sweep.signal_dn[chosen] > 0.0):
         return {}
     gain = _slope(sweep.signal_dn[chosen], sweep.variance_dn2[chosen])
@@ -137,7 +137,7 @@ def temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str,
     return found | _saturation_figures(sweep, found)
 
 
-def is_capped(sweep: EmvaSweep) -> bool:
+def _is_capped(sweep: EmvaSweep) -> bool:
     """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place."""
     every = np.ones(len(sweep.exposure_s), dtype=bool)
     return _dark_line(sweep, sweep.dark_variance_dn2, every)[0] < QUANTISATION_LIMIT_DN2
@@ -185,7 +185,7 @@ def _saturation_figures(sweep: EmvaSweep, found: dict[str, float]) -> dict[str, 
     }
 
 
-def linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
+def _linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
     """Return by how much the means within 5 to 95 % of saturation are off their line, relative to it.
 
     None where there is no saturation, no light that is known, or fewer than three levels. The line is fitted
@@ -293,7 +293,7 @@ def emva1288_figures(
 
     EMVA Standard 1288, Release 4.0 Linear.
     """
-    sweep = emva_sweep(flats, darks, ceiling_dn=ceiling_dn)
+    sweep = _emva_sweep(flats, darks, ceiling_dn=ceiling_dn)
     found: dict[str, EmvaFigure | None] = {**_temporal(sweep), **_linearity(sweep)}
     gain = found.get("gain_dn_per_e")
     if gain is not None:
@@ -302,11 +302,11 @@ def emva1288_figures(
 
 
 def _temporal(sweep: EmvaSweep) -> dict[str, EmvaFigure]:
-    values = temporal_figures(sweep, flats=_all(sweep.signal_dn), darks=_all(sweep.exposure_s))
-    in_range = sweep.signal_dn <= GAIN_RANGE * sweep.saturation_signal_dn
-    by_flats = [temporal_figures(sweep, flats=rest, darks=_all(sweep.exposure_s)) for rest in _each_left_out(in_range)]
+    values = _temporal_figures(sweep, flats=_all(sweep.signal_dn), darks=_all(sweep.exposure_s))
+    in_range = sweep.signal_dn <= _GAIN_RANGE * sweep.saturation_signal_dn
+    by_flats = [_temporal_figures(sweep, flats=rest, darks=_all(sweep.exposure_s)) for rest in _each_left_out(in_range)]
     by_darks = [
-        temporal_figures(sweep, flats=_all(sweep.signal_dn), darks=rest)
+        _temporal_figures(sweep, flats=_all(sweep.signal_dn), darks=rest)
         for rest in _each_left_out(_all(sweep.exposure_s))
     ]
     n_flat = int(sweep.n_frames[in_range].sum())
@@ -315,7 +315,7 @@ def _temporal(sweep: EmvaSweep) -> dict[str, EmvaFigure]:
             value=value,
             std_error=_error(name, value, sweep, by_flats, by_darks),
             n=sweep.n_dark_frames if name in _OF_DARKS else n_flat,
-            bound=_CAPPED.get(name) if is_capped(sweep) else None,
+            bound=_CAPPED.get(name) if _is_capped(sweep) else None,
         )
         for name, value in values.items()
     }
@@ -357,7 +357,7 @@ def _relative_step(sweep: EmvaSweep) -> float:
 
 
 def _linearity(sweep: EmvaSweep) -> dict[str, EmvaFigure]:
-    deviation = linearity_deviation(sweep)
+    deviation = _linearity_deviation(sweep)
     if deviation is None:
         return {}
     n, error = int(sweep.n_frames.sum()), sweep.wander or None

@@ -47,7 +47,7 @@ def fit_with_scatter(
             design, values, sampling_covariance + np.diag(scatter_variance * shape_variance), shape_variance
         )
         chi2_of_sampling = chi2 if chi2_of_sampling is None else chi2_of_sampling
-        before, scatter_variance = scatter_variance, scatter_step(scatter_variance, chi2=chi2, fall=fall, freedom=dof)
+        before, scatter_variance = scatter_variance, _scatter_step(scatter_variance, chi2=chi2, fall=fall, freedom=dof)
         if abs(scatter_variance - before) <= _CONVERGED * scatter_variance:
             break
     covariance = sampling_covariance + np.diag(scatter_variance * shape_variance)
@@ -61,7 +61,7 @@ def fit_with_scatter(
     )
 
 
-def scatter_step(scatter_variance: float, *, chi2: float, fall: float, freedom: int) -> float:
+def _scatter_step(scatter_variance: float, *, chi2: float, fall: float, freedom: int) -> float:
     """Return the variance of scatter that brings chi-squared closer to its degrees of freedom, 0 where none is needed.
 
     Newton's step for the inverse of chi-squared, which is concave in the variance: steps come to the root from below.
@@ -146,7 +146,7 @@ class CurveFit:
         return self.curve_variance / self.variance
 
 
-def fit_curve(
+def _fit_curve(
     model: CurveModel, values: FloatArray, sampling_variance: FloatArray, *, used: Mask, start: float = 0.0
 ) -> CurveFit:
     """Return the weighted fit through the used points, with the scatter that makes chi-squared what it should be."""
@@ -164,7 +164,7 @@ def fit_curve(
         chi2 = float(of_each.sum())
         if abs(chi2 - freedom) <= _CONVERGED_CURVE_MODEL * freedom or (scatter == 0.0 and chi2 < freedom):
             break
-        scatter = scatter_step(scatter, chi2=chi2, fall=float(of_each @ (weight * shape)), freedom=freedom)
+        scatter = _scatter_step(scatter, chi2=chi2, fall=float(of_each @ (weight * shape)), freedom=freedom)
     return CurveFit(
         curve=model.basis @ parameters,
         curve_variance=np.maximum(np.sum((model.basis @ covariance) * model.basis, axis=1), 0.0),
@@ -181,7 +181,7 @@ def _known_of_terms(model: CurveModel) -> FloatArray:
     return known
 
 
-def cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
+def _cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
     """Return Occam's factor of the terms: by how much the points narrow what each may be.
 
     Where nothing is known of their sizes it is that of the information in n points (Schwarz). It is too small for terms
@@ -287,7 +287,7 @@ def _eliminate(
 ) -> PointInfluence:
     n = len(values)
     active = np.ones(n, dtype=bool)
-    chosen, fit = active, fit_curve(model, values, sampling, used=active)
+    chosen, fit = active, _fit_curve(model, values, sampling, used=active)
     for _ in range(max(1, int(_LARGEST_SHARE * n))):
         freedom = int(active.sum()) - model.n_free - 1
         if freedom < _LEAST_FREEDOM - 1:
@@ -298,7 +298,7 @@ def _eliminate(
             break
         active = active.copy()
         active[worst] = False
-        others = fit_curve(model, values, sampling, used=active, start=fit.scatter_variance)
+        others = _fit_curve(model, values, sampling, used=active, start=fit.scatter_variance)
         off, limit = _distance(others, values, sampling, worst, freedom=freedom, p_one=p_false / n)
         if off > limit:
             chosen = active
@@ -336,7 +336,7 @@ def _distance(
 def _beside_the_others(
     model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, sound: Mask
 ) -> PointInfluence:
-    fit = fit_curve(model, values, sampling, used=sound)
+    fit = _fit_curve(model, values, sampling, used=sound)
     variance, leverage, residual = fit.variance, fit.leverage, values - fit.curve
     open_ = np.maximum(1.0 - leverage, 1.0 - _LARGEST_LEVERAGE)
     wide = np.square(model.scatter_shape * np.median(np.abs(values) / model.scatter_shape)) + sampling
@@ -352,6 +352,6 @@ def _beside_the_others(
         std_error=np.sqrt(np.where(sound, variance / open_, variance * (1.0 + leverage))),
         scatter=float(np.sqrt(fit.scatter_variance)),
         model=model,
-        cost=float(cost.sum()) + unusual + cost_of_terms(model, fit),
+        cost=float(cost.sum()) + unusual + _cost_of_terms(model, fit),
         cost_of_each=cost,
     )

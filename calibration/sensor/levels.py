@@ -86,7 +86,7 @@ class VarianceMoments:
     covariance_dn4: float
 
 
-def variance_moments(square_sums: SingleArray, deviations: SingleArray, *, n_frames: int) -> VarianceMoments:
+def _variance_moments(square_sums: SingleArray, deviations: SingleArray, *, n_frames: int) -> VarianceMoments:
     """Return temporal and spatial variance of a level."""
     n = deviations.size
     sums = sum(starmap(_sums, _blocks(square_sums.ravel(), deviations.ravel())), np.zeros(5))
@@ -232,7 +232,7 @@ class RowColumnNoise:
     column_std_error_dn2: float
 
 
-def row_column_noise(
+def _row_column_noise(
     first: NDArray[np.uint16], second: NDArray[np.uint16], *, outlier: NDArray[np.bool_] | None
 ) -> RowColumnNoise:
     """Return what pixels share of the noise in time.
@@ -286,12 +286,12 @@ class ImageLag:
     std_error: float
 
 
-def shown_rows(frame: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return the part of a frame that `image_lag` looks at, as a copy."""
+def _shown_rows(frame: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return the part of a frame that `_image_lag` looks at, as a copy."""
     return frame[: max(2, _PIXELS // frame.shape[1])].copy()
 
 
-def image_lag(first: NDArray[np.uint16], second: NDArray[np.uint16], third: NDArray[np.uint16]) -> ImageLag | None:
+def _image_lag(first: NDArray[np.uint16], second: NDArray[np.uint16], third: NDArray[np.uint16]) -> ImageLag | None:
     """Return how much of the noise goes over from frame to frame, None where there is no noise.
 
     Two differences that follow one another share the middle frame: of independent frames their correlation is -1/2. A
@@ -337,7 +337,7 @@ class FrameSums:
         self._square_sum: SingleArray | None = None
         self._outlier: NDArray[np.bool_] | None = None
         self._previous = first
-        self._first_rows = shown_rows(first)
+        self._first_rows = _shown_rows(first)
         self._count(first)
 
     def add(self, frame: NDArray[np.uint16]) -> None:
@@ -353,7 +353,7 @@ class FrameSums:
         self._count(frame)
         self._add_difference(frame)
         if self.n_frames == _FRAMES_OF_LAG:
-            self.lag = image_lag(self._first_rows, shown_rows(self._previous), shown_rows(frame))
+            self.lag = _image_lag(self._first_rows, _shown_rows(self._previous), _shown_rows(frame))
         self._previous = frame
 
     @property
@@ -420,7 +420,7 @@ class FrameSums:
             self._outlier = outlier if self._outlier is None else self._outlier | outlier
         if self._square_sum is None:
             self._square_sum = square
-            self.row_column = row_column_noise(self._previous, frame, outlier=outlier)
+            self.row_column = _row_column_noise(self._previous, frame, outlier=outlier)
         else:
             self._square_sum += square
 
@@ -478,7 +478,7 @@ class PatternParts:
     pixel_dn2: float
 
 
-def pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise_dn2: float) -> PatternParts:
+def _pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise_dn2: float) -> PatternParts:
     """Return the parts of the spatial variance that rows, columns and pixels have.
 
     A picture of one row, one column or 2 x 2 pixels has no parts that could be told apart; all of it counts as pixels'.
@@ -500,7 +500,7 @@ def pattern_parts(picture_dn: SingleArray, *, spatial_variance_dn2: float, noise
     )
 
 
-def small_scale_variance(picture_dn: SingleArray) -> float | None:
+def _small_scale_variance(picture_dn: SingleArray) -> float | None:
     """Return the variance of pixels about the mean of their block, noise included [DN^2]; None for a tiny picture.
 
     Blocks have a sixteenth of the shorter side; the last rows and columns that fill none are left out.
@@ -645,7 +645,7 @@ class OrdinaryPattern:
     left_out: int
 
 
-def ordinary_pattern(
+def _ordinary_pattern(
     squares: SingleArray,
     deviations: SingleArray,
     *,
@@ -663,8 +663,8 @@ def ordinary_pattern(
         # From the mean of the ordinary ones: that of all holds the defects.
         deviations = np.where(defect, np.float32(0.0), deviations - deviations[ordinary].mean(dtype=np.float64))
         deviations = deviations.astype(np.float32)
-        moments = variance_moments(squares[ordinary], deviations[ordinary], n_frames=n_frames)
-        left_out, small_scale_dn2 = int(np.count_nonzero(defect)), small_scale_variance(deviations)
+        moments = _variance_moments(squares[ordinary], deviations[ordinary], n_frames=n_frames)
+        left_out, small_scale_dn2 = int(np.count_nonzero(defect)), _small_scale_variance(deviations)
     return OrdinaryPattern(
         variance_dn2=moments.spatial_dn2,
         std_error_dn2=float(np.sqrt(moments.spatial_error_dn4)),
@@ -842,8 +842,8 @@ def _statistics(
         raise CalibrationError(f"a level needs at least two frames, to see noise; this {kind} has {n_frames}")
     mean_dn = sums.mean_dn()
     deviations = sums.deviations(mean_dn)
-    moments = variance_moments(sums.kept(sums.squares()), sums.kept(deviations), n_frames=n_frames)
-    small = small_scale_variance(deviations)
+    moments = _variance_moments(sums.kept(sums.squares()), sums.kept(deviations), n_frames=n_frames)
+    small = _small_scale_variance(deviations)
     of_rows_dn2 = _shared_by_rows_dn2(row_column, sums.shape)
     return LevelStatistics(
         kind=kind,
@@ -862,7 +862,7 @@ def _statistics(
         small_scale_variance_dn2=moments.spatial_dn2 if small is None else small - moments.temporal_dn2 / n_frames,
         ordinary=_ordinary(sums, deviations, moments, small_scale_dn2=small, of_rows_dn2=of_rows_dn2),
         mosaic_contrast=mosaic_contrast(deviations, mean_dn=mean_dn),
-        pattern=pattern_parts(
+        pattern=_pattern_parts(
             deviations,
             spatial_variance_dn2=moments.spatial_dn2,
             noise_dn2=moments.temporal_dn2 / n_frames,
@@ -883,7 +883,7 @@ def _ordinary(
     of_rows_dn2: float,
 ) -> OrdinaryPattern:
     """Return the spatial variance without defect pixels, its error with the noise that rows share."""
-    found = ordinary_pattern(
+    found = _ordinary_pattern(
         sums.squares(),
         deviations,
         kept=sums.kept_mask(),

@@ -18,7 +18,7 @@ from calibration.sensor.levels import LevelPicture, LevelStatistics, Spectrogram
 SingleArray = NDArray[np.float32]
 
 # Normal deviations are larger than this once in 5e8.
-DEFECT_SIGMA = 6.0
+_DEFECT_SIGMA = 6.0
 _CHANCE = 2e-9
 _NEIGHBOURHOOD = 5
 _SIGMA_PER_MAD = 1.4826
@@ -50,7 +50,7 @@ class DefectMap:
     noise_limit_dn2: float
 
 
-def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -> DefectMap:
+def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -> DefectMap:
     """Return the pixels that are further from the others than 6 standard deviations.
 
     Hot and cold: by the dark mean; bright and weak: by the mean with light, dark taken off; each against the median of
@@ -62,10 +62,10 @@ def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) ->
 
     Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
     """
-    of_dark = local_deviation(dark.mean_dn)
+    of_dark = _local_deviation(dark.mean_dn)
     response = flat.mean_dn - dark.mean_dn
-    signal_dn = max(float(np.median(some_pixels(response))), 1.0)
-    of_response = local_deviation(response) / np.float32(signal_dn)
+    signal_dn = max(float(np.median(_some_pixels(response))), 1.0)
+    of_response = _local_deviation(response) / np.float32(signal_dn)
     limits = _limit(of_dark, least=_LEAST_DN), _limit(of_response, least=_LEAST_DN / signal_dn)
     noise_limit = _noise_limit(dark.temporal_variance_dn2, n_dark_frames)
     found = {
@@ -89,13 +89,13 @@ def defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) ->
     )
 
 
-def local_deviation(picture: SingleArray) -> SingleArray:
+def _local_deviation(picture: SingleArray) -> SingleArray:
     """Return each pixel less the median of the 5 x 5 pixels around it."""
     deviation: SingleArray = picture - cv2.medianBlur(np.ascontiguousarray(picture), _NEIGHBOURHOOD)
     return deviation
 
 
-def some_pixels(picture: SingleArray) -> SingleArray:
+def _some_pixels(picture: SingleArray) -> SingleArray:
     """Return every so many-th pixel of a large picture: their median is as good, and there sooner."""
     # A step that shares no factor with the usual widths, so that all columns are met.
     step = _STEP if picture.size > _MANY_PIXELS else 1
@@ -103,8 +103,8 @@ def some_pixels(picture: SingleArray) -> SingleArray:
 
 
 def _limit(deviation: SingleArray, *, least: float) -> float:
-    some = some_pixels(deviation)
-    return max(DEFECT_SIGMA * _SIGMA_PER_MAD * float(np.median(np.abs(some - np.median(some)))), least)
+    some = _some_pixels(deviation)
+    return max(_DEFECT_SIGMA * _SIGMA_PER_MAD * float(np.median(np.abs(some - np.median(some)))), least)
 
 
 def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
@@ -112,7 +112,7 @@ def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
     differences = n_frames - 1
     # Consecutive differences share frames: two of n - 1 have a covariance of a quarter of their variance.
     freedom = 2.0 * differences**2 / (3.0 * n_frames - 4.0)
-    per_freedom = float(np.median(some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
+    per_freedom = float(np.median(_some_pixels(variance_dn2))) / float(chdtri(freedom, 0.5))
     # Where rounding hides the noise, half of the pixels may never change, which does not make the others noisy.
     return max(per_freedom, QUANTISATION_LIMIT_DN2 / freedom) * float(chdtri(freedom, _CHANCE))
 
@@ -159,7 +159,7 @@ class PatternHistogram:
         return np.sort(np.abs(self.centres))
 
 
-def pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> PatternHistogram:
+def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> PatternHistogram:
     """Return the histogram of how far each pixel is from the mean of the 5 x 5 pixels around it.
 
     EMVA Standard 1288, Release 4.0 Linear, histograms: high-pass of 5 x 5 pixels, 256 bins or fewer, logarithmic
@@ -174,7 +174,7 @@ def pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patter
     size = int((high - low) / step) + 1
     counts = cv2.calcHist([deviation], [0], None, [size], [low, low + size * step]).ravel()
     centres = low + step * (np.arange(size) + 0.5)
-    quarter, middle, three_quarters = np.percentile(some_pixels(deviation), (25.0, 50.0, 75.0))
+    quarter, middle, three_quarters = np.percentile(_some_pixels(deviation), (25.0, 50.0, 75.0))
     # Quartiles of a normal law are 1.349 standard deviations apart.
     sigma = float(three_quarters - quarter) / 1.349
     density = np.exp(-0.5 * np.square((centres - middle) / sigma)) / (sigma * np.sqrt(2.0 * np.pi)) if sigma else 0.0
@@ -253,11 +253,11 @@ def fixed_pattern(dark: LevelStatistics, flat: LevelStatistics) -> FixedPattern 
         dark_columns=spectrogram(dark.picture.mean_dn, along=0),
         response_rows=spectrogram(response, along=1),
         response_columns=spectrogram(response, along=0),
-        dark_histogram=pattern_histogram(dark.picture.mean_dn, quantum=1.0 / dark.n_frames),
-        response_histogram=pattern_histogram(
+        dark_histogram=_pattern_histogram(dark.picture.mean_dn, quantum=1.0 / dark.n_frames),
+        response_histogram=_pattern_histogram(
             response, quantum=1.0 / math.lcm(dark.n_frames, flat.n_frames) / signal_dn
         ),
-        defects=defect_map(dark.picture, flat.picture, n_dark_frames=dark.n_frames),
+        defects=_defect_map(dark.picture, flat.picture, n_dark_frames=dark.n_frames),
     )
 
 

@@ -51,7 +51,7 @@ def noise_sets() -> dict[str, Any]:
 
 
 def _noise_set(levels: Any) -> dict[str, Any]:
-    from calibration.errors import CalibrationError
+    from calibration.results import CalibrationError
     from tests.calibration.sensor.noise_sets import calibrated
 
     try:
