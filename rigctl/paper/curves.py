@@ -222,17 +222,7 @@ _MADE: dict[int, Callable[[PaperScenes], PaperFigure]] = {
 
 
 def curves_of(number: int, scenes: PaperScenes, *, as_paper: PaperScenes | None = None) -> PaperFigure | None:
-    """Return the curves of a figure; None for Figs 2, 6 and 8, which are pictures and laws.
-
-    Parameters
-    ----------
-    number : int
-        Of the figure.
-    scenes : PaperScenes
-        Of one set of materials.
-    as_paper : PaperScenes or None
-        The same computed as the authors did: dashed curves beside the others.
-    """
+    """Return the curves of a figure; None for Figs 2, 6 and 8, which are pictures and laws."""
     made = _MADE.get(number)
     if made is None:
         return None

@@ -54,13 +54,7 @@ class DigitisedPoint:
 
 
 def read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
-    """Return the points of a CSV file with the columns figure, panel, label, x, y.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read, lacks a column, or a row is no point.
-    """
+    """Return the points of a CSV file with the columns figure, panel, label, x, y."""
     try:
         rows = list(csv.DictReader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
@@ -383,15 +377,7 @@ _MEANING = (
 
 
 def paper_report(found: PaperResult, pictures: Mapping[str, bytes]) -> Report:
-    """Return the report on the paper.
-
-    Parameters
-    ----------
-    found : PaperResult
-        What came out.
-    pictures : mapping
-        File name to picture, as `rigctl.paper` has them.
-    """
+    """Return the report on the paper."""
     return Report(
         title="[MK14] figure by figure and sentence by sentence",
         source="Meng & Kerekes, An Analytical Model for Optical Polarimetric Imaging Systems, IEEE TGRS 2014",

@@ -96,11 +96,6 @@ class Airborne:
         """Take a scene with the regions black_paint, asphalt and white_paint.
 
         `tolerance` None takes the settings of the file, without errors.
-
-        Raises
-        ------
-        ConfigError
-            One of these regions is not there, or a number is outside its range.
         """
         names = {region.name for region in scene.regions}
         missing = {TARGET, BACKGROUND, WHITE} - names
