@@ -151,7 +151,7 @@ class EffectsResult(Result):
     def _rows(self) -> "tuple[Row, ...]":
         found = {} if self.checked is None else {one.effect: one for one in self.checked.checked}
         rows = [(one, found.get(one.effect)) for one in self.plan.decisions]
-        return tuple(sorted(rows, key=lambda row: (not row[0].acts, -row[0].bound.largest)))
+        return tuple(sorted(rows, key=lambda row: (not row[0].acts, -row[0].bound.largest, -_actual(row[1]))))
 
     def _table(self) -> "Table[Row]":
         from rigctl.report.table import Column, Table
@@ -159,7 +159,7 @@ class EffectsResult(Result):
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
             Column(title="decision", text=_decision, left=True),
-            Column(title="at most", text=lambda row: _size(row[0].bound.largest)),
+            Column(title="at most", text=_at_most),
             Column(title="of", text=lambda row: _largest_kind(row[0]), left=True),
             Column(title="reason", text=self._reason, left=True),
         ]
@@ -306,6 +306,18 @@ def _largest_kind(one: "Decision") -> str:
 
 def _bound(row: "Row", *, kind: str) -> str:
     return _size(getattr(row[0].bound, kind))
+
+
+def _at_most(row: "Row") -> str:
+    """Return the bound; nothing of an effect of sensor or session, which acts where it is stated, without a bound."""
+    from model.effects.names import LIGHT
+
+    one = row[0]
+    return "-" if one.acts and one.effect not in LIGHT else _size(one.bound.largest)
+
+
+def _actual(checked: "CheckedEffect | None") -> float:
+    return 0.0 if checked is None else checked.actual.largest
 
 
 def _true(checked: "CheckedEffect | None") -> str:
