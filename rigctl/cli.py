@@ -19,7 +19,6 @@ from typing import Any, get_args, get_type_hints
 
 from cyclopts import App, CycloptsError, Group, Parameter
 
-from rigctl import old_cli
 from rigctl.base.destination import (
     Destination,
     edited_before,
@@ -34,7 +33,7 @@ from rigctl.console.anonymity import anonymous
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
 from rigctl.errors import ConfigError
-from rigctl.verbs import HEADINGS, MOVED, VERBS
+from rigctl.verbs import HEADINGS, MOVED
 from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.
@@ -82,7 +81,7 @@ def make_app(called: str = "") -> App:
             for word in above:
                 parent = parent[word]
             under = None if above else group
-            if target is None or target == "old":
+            if target is None:
                 parent.command(App(name=last, help=text, help_epilogue=_EPILOGUE, group=under, sort_key=order))
             else:
                 own_help = None if name == called else text
@@ -108,7 +107,7 @@ def commands_page() -> str:
     for heading, verbs in HEADINGS.items():
         parts.append(f"\n## {heading}\n")
         for name, (target, text) in verbs.items():
-            if target in (None, "old"):
+            if target is None:
                 parts.append(f"\n### rigctl {name}\n\n{text}\n")
                 continue
             command = make_app(name)
@@ -122,8 +121,6 @@ def commands_page() -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; return its exit code. Only this function turns an exception into words."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if given and old_cli.holds(given[0]) and " ".join(given[:2]) not in VERBS:
-        return old_cli.main(given)
     tokens, flags = _taken_flags(given)
     _keep_memory()
     gc.set_threshold(*_COLLECT_AFTER)

@@ -1,7 +1,7 @@
 """The verbs: one function each, under the headings that `rigctl --help` shows, in the order of use."""
 
 # Heading -> {verb: (function, one line of help)}; None is a group of verbs. The module of a function is imported when
-# its verb is called. "old" marks verbs that old_cli.py still holds.
+# its verb is called.
 HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     "Start": {
         "demo": ("rigctl.verbs.demo:demo", "Run the whole job on a simulated rig: session, calibration, report."),

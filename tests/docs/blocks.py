@@ -13,17 +13,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
 from cyclopts import CycloptsError
 from markdown_it import MarkdownIt
 
-from rigctl import cli, old_cli
+from rigctl import cli
 
 ROOT = Path(__file__).parents[2]
 NOT_RUN = ("hardware", "browser", "shown", "elsewhere")
 LANGUAGES = ("sh", "toml", "python", "text", "mermaid")
 _MARK = re.compile(r"<!-- (hardware|browser|shown|elsewhere|file|exit \d+)(?:: ([^>]*))? -->")
-_GROUP = typer.main.get_command(old_cli.app)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,23 +94,9 @@ def _check_command(words: list[str]) -> None:
     """Raise an error where a command of ours, or a target of make, is not as it stands there."""
     program = Path(words[0]).name
     if program == "rigctl":
-        _check_ours(words[1:])
+        cli.parsed(words[1:])
     elif program == "make":
         targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
         unknown = [word for word in words[1:] if "=" not in word and word not in targets]
         if unknown:
             raise ValueError(f"there is no target {unknown[0]}")
-
-
-def _check_ours(given: list[str]) -> None:
-    if not old_cli.holds(given[0]):
-        cli.parsed(given)
-        return
-    command = _GROUP
-    while hasattr(command, "get_command") and given and not given[0].startswith("-"):
-        found = command.get_command(None, given[0])
-        if found is None:
-            raise ValueError(f"there is no command {given[0]}")
-        command, given = found, given[1:]
-    if not hasattr(command, "get_command") and "--help" not in given:
-        command.make_context("rigctl", list(given))

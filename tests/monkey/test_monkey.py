@@ -4,9 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-import typer
 
-from rigctl import old_cli
 from rigctl.verbs import VERBS
 from tests.monkey.cases import HEAVY, QUICK, SERVING, SLOW, Case, make_case
 from tests.monkey.judge import problems_of
@@ -71,11 +69,8 @@ def test_what_serves_refuses_a_mistake_at_once(tmp_path, sound, arguments):
 
 def test_every_command_is_tried():
     lines = (*QUICK, *SLOW, *HEAVY, *SERVING)
-    group = typer.main.get_command(old_cli.app)
-    for verb in VERBS:
-        inner = (getattr(group.get_command(None, verb), "commands", {}) if old_cli.holds(verb) else {}) or {"": None}
-        wanted = [[verb, name] if name else verb.split() for name in inner]
-        assert [words for words in wanted if not any(line[: len(words)] == words for line in lines)] == []
+    wanted = [verb.split() for verb in VERBS]
+    assert [words for words in wanted if not any(line[: len(words)] == words for line in lines)] == []
 
 
 def test_the_same_seed_makes_the_same_case(tmp_path, sound):

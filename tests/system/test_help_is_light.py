@@ -18,12 +18,9 @@ def help_of(*words):
     with contextlib.redirect_stdout(io.StringIO()):
         code = cli.main([*words, "--help"])
     found[" ".join(words)] = [code, [name for name in sys.argv[1:] if name in sys.modules]]
-from rigctl import old_cli
 from rigctl.verbs import VERBS
 for verb in VERBS:
     help_of(*verb.split())
-    for word in getattr(old_cli.LazyGroup().get_command(None, verb), "commands", {}):
-        help_of(verb, word)
 print(json.dumps(found))
 """
 

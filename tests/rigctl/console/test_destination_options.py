@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
-from rigctl import cli, old_cli
-from rigctl.console.destination_options import DESTINATIONS
+from rigctl import cli
 from rigctl.errors import ConfigError
 from rigctl.report.output import write_folder
 from rigctl.verbs import HEADINGS
@@ -91,8 +89,7 @@ _FOLDERS = {
     "compare": ["compare", "run", "no.toml", "--out"],
     "detect": [*_DETECT, "--out"],
     "doctor": ["doctor", "--folder"],
-    "estimators": ["dolp", "estimators", "--out"],
-    "fig5": ["dolp", "fig5", "--out"],
+    "estimators": ["paper", "--estimators", "--out"],
     "paper": ["paper", "--out"],
     "predict": ["sweep", "no.toml", "sun.zenith_deg=10:20:2", "--out"],
     "sky": ["sky", "no.toml", "--out"],
@@ -113,6 +110,7 @@ _RUN = {"import": ["import", "--angles", "0", "--same-exposure", "--", "OUT", "s
 _EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
 # Of a command's paths, those that it reads.
 _READ = {
+    "trace",
     "calibrations",
     "lens",
     "outlines",
@@ -176,19 +174,7 @@ def test_a_place_that_does_not_do_is_refused_before_any_work(words, out, said, r
 
 
 def test_every_destination_of_every_command_is_tried():
-    group = typer.main.get_command(old_cli.app)
-    leaves = {}
-    for verb in old_cli.VERBS:
-        command = group.get_command(None, verb)
-        inner = getattr(command, "commands", None)
-        leaves |= {verb: command} if inner is None else {f"{verb} {name}": one for name, one in inner.items()}
-    paths = {
-        (verb, one.name)
-        for verb, command in leaves.items()
-        for one in command.params
-        if "Path" in str(getattr(one, "type_descriptor", ""))
-    }
-    written = {(verb, option) for verb, places in DESTINATIONS.items() for option in places}
+    paths, written = set(), set()
     for verb, function in functions().items():
         hints = {name: hint for name, hint in cli.hints_of(function).items() if name != "return"}
         paths |= {(verb, name) for name, hint in hints.items() if "Path" in str(hint)}
@@ -196,7 +182,7 @@ def test_every_destination_of_every_command_is_tried():
     forgotten = {
         (verb, name)
         for verb, name in paths - written
-        if name not in _READ and (verb, name) not in (("calibrate noise", "folder"), ("calibrations", "folder"))
+        if name not in _READ and (name, verb.partition(" ")[0]) != ("folder", "calibrate")
     }
     assert forgotten == set()
     assert {name for _, name in paths} >= {"out", "run", "scene"}
@@ -205,12 +191,11 @@ def test_every_destination_of_every_command_is_tried():
 def functions():
     """Return the functions of all verbs."""
     targets = {verb: target for verbs in HEADINGS.values() for verb, (target, _) in verbs.items()}
-    return {verb: cli.function_of(verb) for verb, target in targets.items() if target not in (None, "old")}
+    return {verb: cli.function_of(verb) for verb, target in targets.items() if target is not None}
 
 
 def test_every_file_of_a_result_folder_is_known_before_the_work():
-    patterns = [name for places in DESTINATIONS.values() for place in places.values() for name in place.names]
-    patterns += [
+    patterns = [
         name for one in functions().values() for place in cli.destinations(one).values() for name in place.names
     ]
     rigctl = Path(cli.__file__).parent

@@ -9,7 +9,7 @@ import pytest
 import rigctl
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.regions import load_regions
-from rigctl.reports import data_frames as optional_packages
+from rigctl.report import data_frames as optional_packages
 from rigctl.verbs.predict import Prediction
 from rigctl.verbs.stokes import StokesResult
 from tests.rigctl.example_files import EXAMPLES
@@ -49,7 +49,7 @@ def test_the_names_are_those_that_are_documented():
 
 
 def test_importing_it_imports_nothing_heavy():
-    code = "import sys, rigctl; print(sorted({'numpy', 'pydantic', 'typer', 'matplotlib'} & set(sys.modules)))"
+    code = "import sys, rigctl; print(sorted({'numpy', 'pydantic', 'cyclopts', 'matplotlib'} & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
 
