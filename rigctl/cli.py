@@ -33,7 +33,7 @@ from rigctl.console.anonymity import anonymous
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
 from rigctl.errors import ConfigError
-from rigctl.verbs import HEADINGS, MOVED
+from rigctl.verbs.headings import HEADINGS, MOVED
 from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from rigctl.verbs import VERBS
+from rigctl.verbs.headings import VERBS
 
 HEAVY = ("numpy", "scipy", "matplotlib", "astropy", "cv2")
 
@@ -18,7 +18,7 @@ def help_of(*words):
     with contextlib.redirect_stdout(io.StringIO()):
         code = cli.main([*words, "--help"])
     found[" ".join(words)] = [code, [name for name in sys.argv[1:] if name in sys.modules]]
-from rigctl.verbs import VERBS
+from rigctl.verbs.headings import VERBS
 for verb in VERBS:
     help_of(*verb.split())
 print(json.dumps(found))

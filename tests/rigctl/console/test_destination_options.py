@@ -13,7 +13,7 @@ import pytest
 from rigctl import cli
 from rigctl.errors import ConfigError
 from rigctl.report.output import write_folder
-from rigctl.verbs import HEADINGS
+from rigctl.verbs.headings import HEADINGS
 from tests.rigctl.made_runs import at, make_run
 
 
