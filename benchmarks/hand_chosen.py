@@ -18,8 +18,7 @@ from pathlib import Path
 
 from model.accuracy.chain import ChainResult, LightStore, differences, evaluate, evaluate_all, readings
 from model.accuracy.plan import NUMERICAL_SETTINGS, Plan, settings_at
-from model.accuracy.predict import predict
-from model.accuracy.series import SeriesPrediction, predict_series
+from model.accuracy.predict import Predictions, predict
 from model.scene.field import known_rules
 from model.scene.scene import LitScene
 from rigctl.files.scene_file import load_scene
@@ -102,7 +101,8 @@ def by_hand(evaluation: Evaluation, start: Plan, tolerance: float, truths) -> tu
 def of_scene(scene: LitScene, tolerances: Sequence[float]) -> None:
     truths = [all_readings(one) for one in run(scene, _FINEST, 1e-6)[0]]
     for tolerance in tolerances:
-        found, seconds = timed(partial(predict, scene, tolerance=tolerance))
+        predictions, seconds = timed(partial(predict, [scene], tolerance=tolerance))
+        (found,) = predictions.cases
         error = largest([found.result], truths)
         print_row(tolerance, seconds, error, found.plan, by_hand(partial(run, scene), found.plan, tolerance, truths))
 
@@ -111,7 +111,7 @@ def of_sweep(scenes: Sequence[LitScene], tolerances: Sequence[float]) -> None:
     looked_at = sorted({round(k * (len(scenes) - 1) / (_LOOKED_AT - 1)) for k in range(_LOOKED_AT)})
     truths = [all_readings(run(scenes[k], _FINE, 1e-4)[0][0]) for k in looked_at]
     for tolerance in tolerances:
-        found, seconds = timed(partial(predict_series, scenes, tolerance=tolerance))
+        found, seconds = timed(partial(predict, scenes, tolerance=tolerance))
         error = largest([found.cases[k].result for k in looked_at], truths)
         start = {name: max(case.plan[name] for case in found.cases) for name in NUMERICAL_SETTINGS}
         hand = by_hand(partial(run_sweep, scenes, looked_at), start, tolerance, truths)
@@ -119,7 +119,7 @@ def of_sweep(scenes: Sequence[LitScene], tolerances: Sequence[float]) -> None:
         print(f"{'':10} {words(found, seconds)}", flush=True)
 
 
-def words(found: SeriesPrediction, seconds: float) -> str:
+def words(found: Predictions, seconds: float) -> str:
     cases = len(found.cases)
     share = 100.0 * found.share_of_estimates
     return f"{1e3 * seconds / cases:.0f} ms a case, {found.judged} of {cases} judged, {share:.0f} % for estimates"

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from benchmarks.trial_tolerance import seeds_in_time, true_errors
-from model.accuracy.series import predict_series
+from model.accuracy.predict import predict
 from model.scene.scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
@@ -96,7 +96,7 @@ def one_sweep(seed: int, *, hostile: bool, looked_at: int) -> Outcome:
     words, sizes, scenes = swept((hostile_scene if hostile else random_scene)(seed), draw)
     tolerance = _TOLERANCES[seed % len(_TOLERANCES)]
     try:
-        found = predict_series(scenes, shape=sizes, tolerance=tolerance, clock=time.process_time)
+        found = predict(scenes, shape=sizes, tolerance=tolerance, clock=time.process_time)
     except ValueError as error:
         return Outcome(words=f"{words} {sizes}: refused: {error}", cases=0, looked_at=0, broken=(), largest=0.0)
     between = [k for k, case in enumerate(found.cases) if not case.is_judged]

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from model.accuracy.chain import ChainResult, Reading, Settings, Value, differences, evaluate, readings
-from model.accuracy.predict import AccuratePrediction, predict
+from model.accuracy.predict import Predicted, predict
 from model.atmosphere.sky import SolverSettings
 from model.prediction import detections_of_pairs
 from model.prediction import predict as predict_scenario
@@ -131,7 +131,7 @@ def run_tolerance(
 
 def one_scene(scene: LitScene, tolerance: float) -> dict[str, Any]:
     """Return what came of one scene."""
-    found = predict(scene, tolerance=tolerance)
+    (found,) = predict([scene], tolerance=tolerance).cases
     return {"tolerance": tolerance} | scored(found, true_errors(scene, found.result, found.not_guaranteed, tolerance))
 
 
@@ -164,7 +164,7 @@ def truth(scene: LitScene, found: ChainResult, settings: Settings) -> dict[Readi
     return readings(fine.scenario, looser, detections) | readings(fine.scenario, fine.predictions, fine.detections)
 
 
-def scored(found: AccuratePrediction, true: Mapping[Reading, float]) -> dict[str, Any]:
+def scored(found: Predicted, true: Mapping[Reading, float]) -> dict[str, Any]:
     """Return the largest true and estimated error, and how many promises were broken."""
     promised = {key: error for key, error in true.items() if key not in found.not_guaranteed}
     broken = {key: error for key, error in promised.items() if error > found.tolerance}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from model.accuracy.chain import Reading, Settings
 from model.accuracy.effect_check import kind_of
 from model.accuracy.plan import NUMERICAL_SETTINGS
-from model.accuracy.predict import SMALLEST, AccuratePrediction, predict
+from model.accuracy.predict import SMALLEST, Predicted, predict
 from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
 from model.prediction import Quantities, RegionPrediction, predict_region
 from model.processing.agreement import DriftLine, Propagation, drift_line, propagate_inputs
@@ -95,7 +95,7 @@ class NumericalAccuracy:
     """A prediction of a run to a tolerance, and what its errors are beside those of the rows."""
 
     tolerance: float  #: Of effects that are left out and numerical settings together.
-    found: AccuratePrediction  #: Settings, and errors as they were estimated.
+    found: Predicted  #: Settings, and errors as they were estimated.
     effects: EffectPlan  #: What the run calls for.
     left_out: frozenset[Effect]  #: Effects of the light that the plan leaves out, and that are there.
     share: float = 0.0  #: Largest numerical error over the standard error of its row; 0 where no row has one.
@@ -201,13 +201,13 @@ def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> Numeri
     left_out = frozenset() if rule == "all" else ((acting & LIGHT & there) - planned.plan.active)
     spent = planned.plan.spent.largest if left_out else 0.0
     with as_config_error(f"scene {scene.name}"):
-        found = predict(
-            lit_scene(scene, sensor=sensor_of(scene, run.exposure_s), readout=run.readout),
+        (found,) = predict(
+            [lit_scene(scene, sensor=sensor_of(scene, run.exposure_s), readout=run.readout)],
             tolerance=max(tolerance - spent, SMALLEST),
             effects=acting - left_out,
             estimated_only=True,
             store=run.light.lights,
-        )
+        ).cases
     return NumericalAccuracy(tolerance=tolerance, found=found, effects=planned.plan, left_out=left_out)
 
 

@@ -218,7 +218,7 @@ class Airborne:
                 settings = _paper_settings(settings) if self.as_paper else settings
                 quick = evaluate(lit, settings, store=self.light.lights)
                 return Evaluated(scenario=quick.scenario, predictions=quick.predictions, errors={})
-            found = predict_to(lit, tolerance=self._tolerance, store=self.light.lights)
+            (found,) = predict_to([lit], tolerance=self._tolerance, store=self.light.lights).cases
         result = found.result
         return Evaluated(scenario=result.scenario, predictions=result.predictions, errors=found.budget.total)
 
@@ -308,7 +308,8 @@ class Rooftop:
         scene = with_values(airborne.predictor.scene, {**_STATED, **ASSUMED})
         lit = airborne.predictor.lit_scene(scene)
         regions = tuple(region for region in lit.regions if region.name in PANELS)
-        found = predict_to(replace(lit, regions=regions, pairs=()), tolerance=TOLERANCE, store=airborne.light.lights)
+        panels = replace(lit, regions=regions, pairs=())
+        (found,) = predict_to([panels], tolerance=TOLERANCE, store=airborne.light.lights).cases
         self.predictions: dict[str, RegionPrediction] = {name: found.result.predictions[name] for name in PANELS}
         self._errors = found.budget.total
 

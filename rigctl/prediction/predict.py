@@ -41,8 +41,7 @@ from rigctl.scene.scene import (
 
 if TYPE_CHECKING:
     from model.accuracy.chain import Clock
-    from model.accuracy.predict import AccuratePrediction
-    from model.accuracy.series import SeriesPrediction
+    from model.accuracy.predict import Predicted, Predictions
     from model.effects.names import EffectPlan
     from model.prediction import PolarizationStrength
     from model.scene.field import FieldLight, Source
@@ -176,22 +175,23 @@ class ScenePredictor:
         effects: "EffectPlan | None" = None,
         estimated_only: bool = False,
         clock: "Clock" = time.perf_counter,
-    ) -> "AccuratePrediction":
+    ) -> "Predicted":
         """Return what the model says of the scene, to a stated numerical error."""
-        from model.accuracy import predict as predict_to_tolerance
+        from model.accuracy import predict as to_tolerance
 
         _require_recorded_rig(self.scene)
         active = acting_effects(self.scene) if effects is None else effects.active
         spent = 0.0 if effects is None else effects.spent.largest
         with as_config_error(f"scene {self.scene.name}"):
-            return predict_to_tolerance.predict(
-                self.lit_scene(),
+            found = to_tolerance.predict(
+                [self.lit_scene()],
                 tolerance=tolerance - spent,
                 effects=active,
                 estimated_only=estimated_only,
                 store=self._light.lights,
                 clock=clock,
             )
+        return found.cases[0]
 
     def series_to_tolerance(
         self,
@@ -201,22 +201,19 @@ class ScenePredictor:
         shape: tuple[int, ...] | None = None,
         rule: "EffectRule" = "safe",
         estimated_only: bool = False,
-    ) -> "SeriesPrediction":
+    ) -> "Predictions":
         """Return what the model says of this scene with some numbers changed step by step, to a numerical error."""
-        from model.accuracy.series import SeriesEffects, predict_series
+        from model.accuracy import predict as to_tolerance
 
         for scene in scenes:
             _require_recorded_rig(scene)
         with as_config_error(f"scene {self.scene.name}"):
-            return predict_series(
+            return to_tolerance.predict(
                 [self.lit_scene(scene) for scene in scenes],
                 tolerance=tolerance,
                 shape=shape,
-                effects=SeriesEffects(
-                    acting=acting_effects(self.scene),
-                    rule=rule,
-                    planned=lambda lit: self.effect_plan(tolerance, rule=rule, of=lit),
-                ),
+                effects=acting_effects(self.scene),
+                planned=None if rule == "all" else lambda lit: self.effect_plan(tolerance, rule=rule, of=lit),
                 estimated_only=estimated_only,
                 store=self._light.lights,
             )

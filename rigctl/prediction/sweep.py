@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.series import SeriesPrediction
+from model.accuracy.predict import Predictions
 from model.prediction import PairDetection, Quantities, RegionPrediction, detections_of_sweep, reason_missing
 from rigctl.errors import ConfigError
 from rigctl.files.choices import EffectRule, RocKind
@@ -168,7 +168,7 @@ def sweep_to_tolerance(
     roc: RocPair | None = None,
     rule: EffectRule = "safe",
     estimated_only: bool = False,
-) -> tuple[Sweep, SeriesPrediction]:
+) -> tuple[Sweep, Predictions]:
     """Return what the model says at each point of a grid to a numerical error, and how that was kept."""
     scenes = swept_scenes(predictor.scene, axes)
     shape = tuple(axis.values.size for axis in axes)

@@ -26,7 +26,7 @@ from model.accuracy.chain import (
 from model.accuracy.effect_check import kind_of, readings_of
 from model.accuracy.errors import error_budget, light_errors
 from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
-from model.accuracy.predict import ESTIMATES, AccuratePrediction, predict
+from model.accuracy.predict import ESTIMATES, Predicted, predict
 from model.atmosphere.sky import Fidelity
 from model.prediction import predict_with_errors
 from model.processing.dolp_studies import rx_draws
@@ -243,7 +243,7 @@ class Curves:
     """Curves of error against time for a scene."""
 
     points: tuple[CurvePoint, ...]  #: Of the whole chain and of each setting.
-    predictions: tuple[AccuratePrediction, ...]
+    predictions: tuple[Predicted, ...]
     #: Reading to the standard deviation that the uncertain inputs give it, in the units of a tolerance.
     floor: dict[Reading, float]
     reference_s: float  #: Time of the finest settings [s].
@@ -306,15 +306,15 @@ def faster_and_better(choice: NamedChoice, curves: Curves) -> bool:
     return choice.error > 0.0 and any(choice.seconds <= point.seconds and choice.error <= point.true for point in chain)
 
 
-def estimates_share(found: AccuratePrediction) -> float:
+def estimates_share(found: Predicted) -> float:
     """Return the share of a prediction's time that its error estimates take."""
     total = sum(found.stage_s.values())
     return found.stage_s[ESTIMATES] / total if total > 0.0 else 0.0
 
 
-def _fastest(scene: LitScene, tolerance: float, clock: Clock) -> AccuratePrediction:
+def _fastest(scene: LitScene, tolerance: float, clock: Clock) -> Predicted:
     """Return the faster of two predictions: a time is what it takes, not what else the machine does."""
-    found = [predict(scene, tolerance=tolerance, clock=clock) for _ in range(2)]
+    found = [predict([scene], tolerance=tolerance, clock=clock).cases[0] for _ in range(2)]
     return min(found, key=lambda one: sum(one.stage_s.values()))
 
 
@@ -365,7 +365,7 @@ def _slope(value: Value, above: Value | None, below: Value | None, step: float) 
     return (above.number - below.number) / (step * value.scale)
 
 
-def _of_chain(found: AccuratePrediction, truth: Readings) -> CurvePoint:
+def _of_chain(found: Predicted, truth: Readings) -> CurvePoint:
     true = differences(readings_of(found.result), truth)
     guaranteed = [key for key in true if key not in found.not_guaranteed]
     largest = max((true[key] for key in guaranteed), default=np.nan)
@@ -379,7 +379,7 @@ def _of_chain(found: AccuratePrediction, truth: Readings) -> CurvePoint:
     )
 
 
-def _digits(found: AccuratePrediction, truth: Readings) -> Iterator[DigitPoint]:
+def _digits(found: Predicted, truth: Readings) -> Iterator[DigitPoint]:
     """Yield the largest true error of each kind of number that is guaranteed."""
     seconds, worst = sum(found.stage_s.values()), dict.fromkeys(KINDS, 0.0)
     for key, error in differences(readings_of(found.result), truth).items():
@@ -390,9 +390,7 @@ def _digits(found: AccuratePrediction, truth: Readings) -> Iterator[DigitPoint]:
         yield DigitPoint(quantity=KINDS[kind], error=error, seconds=seconds)
 
 
-def _of_setting(
-    scene: LitScene, varied: str, middle: AccuratePrediction, whole: Readings, clock: Clock
-) -> list[CurvePoint]:
+def _of_setting(scene: LitScene, varied: str, middle: Predicted, whole: Readings, clock: Clock) -> list[CurvePoint]:
     """One setting over its levels about that of a plan; the finest is the truth.
 
     The others are finer than the plan has them, so that what they leave does not show in the curve.
@@ -439,5 +437,5 @@ def _finer(plan: Plan) -> dict[str, int]:
     return {name: min(plan[name] + more[name], len(one.levels) - 1) for name, one in NUMERICAL_SETTINGS.items()}
 
 
-def _finer_settings(scene: LitScene, found: AccuratePrediction, tolerance: float) -> Settings:
+def _finer_settings(scene: LitScene, found: Predicted, tolerance: float) -> Settings:
     return settings_at(_finer(found.plan), tolerance, face_m=scene.sensor_height_m)

@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.transforms import Bbox
 
     from model.accuracy.chain import Reading
-    from model.accuracy.predict import AccuratePrediction
-    from model.accuracy.series import SeriesCase, SeriesPrediction
+    from model.accuracy.predict import Predicted, Predictions
     from model.acquisition import DolpBudget
     from rigctl.console.json_text import Json
     from rigctl.prediction.sessions import AcquisitionTradeoff
@@ -56,7 +55,7 @@ class _ErrorOf:
     rule: str
 
 
-def accuracy_table(found: AccuratePrediction) -> Table[_ErrorOf]:
+def accuracy_table(found: Predicted) -> Table[_ErrorOf]:
     """Return each knob with its setting, the largest error that is left by it, and how that was estimated."""
     columns: tuple[Column[_ErrorOf], ...] = (
         Column(title="knob", text=lambda one: one.name, left=True),
@@ -68,18 +67,18 @@ def accuracy_table(found: AccuratePrediction) -> Table[_ErrorOf]:
     return Table(title=f"numerical error, tolerance {found.tolerance:g}", columns=columns, rows=rows)
 
 
-def _errors_of_knobs(found: AccuratePrediction) -> Iterable[_ErrorOf]:
+def _errors_of_knobs(found: Predicted) -> Iterable[_ErrorOf]:
     for name, knob in NUMERICAL_SETTINGS.items():
         label = knob.levels[found.plan[name]].label
         yield _ErrorOf(name=name, setting=label, error=found.budget.worst(name), rule=knob.estimate)
 
 
-def _errors_of_statistics(found: AccuratePrediction) -> Iterable[_ErrorOf]:
+def _errors_of_statistics(found: Predicted) -> Iterable[_ErrorOf]:
     for name in STATISTICS:
         yield _ErrorOf(name=name, setting="as the tolerance asks", error=found.budget.worst(name), rule="its own rule")
 
 
-def accuracy_lines(found: AccuratePrediction) -> list[str]:
+def accuracy_lines(found: Predicted) -> list[str]:
     """Return the sum of the errors, the time of each stage, and what is not promised and why."""
     promised = {key: error for key, error in found.budget.total.items() if key not in found.not_guaranteed}
     lines = []
@@ -104,7 +103,7 @@ def accuracy_lines(found: AccuratePrediction) -> list[str]:
     return lines
 
 
-def accuracy_json(found: AccuratePrediction) -> dict[str, Json]:
+def accuracy_json(found: Predicted) -> dict[str, Json]:
     """Return the same as JSON holds it; errors that are not known are null."""
     return {
         "tolerance": found.tolerance,
@@ -121,7 +120,7 @@ def accuracy_json(found: AccuratePrediction) -> dict[str, Json]:
     }
 
 
-def series_lines(found: SeriesPrediction) -> list[str]:
+def series_lines(found: Predictions) -> list[str]:
     """Return how many cases of a series were judged, the largest error of any, and what is not promised."""
     errors = [error for case in found.cases for key, error in case.errors.items() if key not in case.not_guaranteed]
     total = sum(found.stage_s.values())
@@ -151,14 +150,14 @@ def series_lines(found: SeriesPrediction) -> list[str]:
     return lines
 
 
-def series_json(found: SeriesPrediction) -> dict[str, Json]:
+def series_json(found: Predictions) -> dict[str, Json]:
     """Return the same as JSON holds it, a list entry a case."""
     return {
         "tolerance": found.tolerance,
         "judged": [case.is_judged for case in found.cases],
         "largest_error": [_number(_largest(case)) for case in found.cases],
         "not_promised": [{"/".join(key): why for key, why in case.not_guaranteed.items()} for case in found.cases],
-        "left_out": [sorted(case.effects.left_out) for case in found.cases],
+        "left_out": [sorted(case.left_out) for case in found.cases],
         "spot_checks": found.spot_checks,
         "spot_checks_held": found.spot_checks_held,
         "share_of_estimates": found.share_of_estimates,
@@ -167,15 +166,15 @@ def series_json(found: SeriesPrediction) -> dict[str, Json]:
     }
 
 
-def _left_out(found: SeriesPrediction) -> Iterable[str]:
+def _left_out(found: Predictions) -> Iterable[str]:
     """Yield the effects that cases leave out, and of how many."""
-    several = Counter(effect for case in found.cases for effect in case.effects.left_out)
+    several = Counter(effect for case in found.cases for effect in case.left_out)
     for effect, times in several.items():
-        most = max(case.effects.spent for case in found.cases if effect in case.effects.left_out)
+        most = max(case.spent for case in found.cases if effect in case.left_out)
         yield f"{effect}, in {times} of {len(found.cases)} cases; all that is left out changes {most:.1e} at the most"
 
 
-def _largest(case: SeriesCase) -> float:
+def _largest(case: Predicted) -> float:
     return max((error for key, error in case.errors.items() if key not in case.not_guaranteed), default=0.0)
 
 
@@ -276,10 +275,10 @@ def named_table(curves: Curves) -> Table[NamedChoice]:
     return Table(title="choices of the paper, and yours: error against time", columns=columns, rows=curves.named)
 
 
-def choice_table(curves: Curves) -> Table[AccuratePrediction]:
+def choice_table(curves: Curves) -> Table[Predicted]:
     """Return what each tolerance chooses, and where its time goes."""
     names = list(curves.predictions[0].plan)
-    columns: tuple[Column[AccuratePrediction], ...] = (
+    columns: tuple[Column[Predicted], ...] = (
         Column(title="tolerance", text=lambda found: f"{found.tolerance:g}", left=True),
         *(Column(title=name, text=partial(_setting, name=name), left=True) for name in names),
         Column(title="most of the error", text=lambda found: max(names, key=found.budget.worst), left=True),
@@ -288,11 +287,11 @@ def choice_table(curves: Curves) -> Table[AccuratePrediction]:
     return Table(title="what --tolerance chooses", columns=columns, rows=tuple(curves.predictions))
 
 
-def _setting(found: AccuratePrediction, name: str) -> str:
+def _setting(found: Predicted, name: str) -> str:
     return NUMERICAL_SETTINGS[name].levels[found.plan[name]].label
 
 
-def _slowest(found: AccuratePrediction) -> str:
+def _slowest(found: Predicted) -> str:
     total = sum(found.stage_s.values())
     slow = sorted(found.stage_s.items(), key=lambda item: -item[1])[:2]
     return ", ".join(f"{stage} {100.0 * seconds / total:.0f} %" for stage, seconds in slow if total > 0.0)
@@ -652,7 +651,7 @@ _WIDTH = 6.0
 _APART = 0.04
 
 
-def curve_png(curves: Curves, *, worth: AccuratePrediction) -> bytes:
+def curve_png(curves: Curves, *, worth: Predicted) -> bytes:
     """Return error against time of tolerances and of the paper's choices, with the tolerance that is worth having."""
     figure, axes = placed_axes(1, 1, size=(8.5, 6.8), margins=(0.9, 0.2, 1.6, 0.5))
     chain = [point for point in curves.points if point.varied == WHOLE_CHAIN]

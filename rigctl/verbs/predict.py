@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from model.accuracy.predict import AccuratePrediction
-    from model.accuracy.series import SeriesPrediction
+    from model.accuracy.predict import Predicted, Predictions
     from model.effects.names import EffectPlan
     from model.prediction import PairDetection, RegionPrediction
     from rigctl.calibrations.store import RigPicks
@@ -98,7 +97,7 @@ def predict(
         predictor, doubts, picked = _predictor(scene, options, tell=tell)
         pair = _pair(options.get("roc"), predictor)
         light: ScenePrediction | None = None
-        accuracy: AccuratePrediction | None = None
+        accuracy: Predicted | None = None
         effects: EffectPlan | None = None
         errors: PredictedUncertainty | None = None
         if tolerance is None:
@@ -192,7 +191,7 @@ def sweep(
     with solving_shown() as tell:
         predictor, doubts, picked = _predictor(scene, options, tell=tell)
         pair = _pair(options.get("roc"), predictor)
-        accuracy: SeriesPrediction | None = None
+        accuracy: Predictions | None = None
         if tolerance is None:
             swept = sweep_over(predictor, axes, roc=pair)
         else:
@@ -231,7 +230,7 @@ class Prediction(Result):
     uncertain_inputs: tuple[str, ...]  #: inputs that have a stated uncertainty
     light: "ScenePrediction | None" = None  #: geometry and parts of the light; None to a tolerance
     uncertainty: "PredictedUncertainty | None" = None  #: of each number by the inputs, where that was asked for
-    accuracy: "AccuratePrediction | None" = None  #: numerical errors, to a tolerance
+    accuracy: "Predicted | None" = None  #: numerical errors, to a tolerance
     effects: "EffectPlan | None" = None  #: which effects act, to a tolerance
     snr: SnrKind = "exact"  #: DoLP SNR that tables show
 
@@ -391,7 +390,7 @@ class SweepResult(Result):
     scene_remarks: tuple[str, ...]
     doubts: tuple[str, ...]
     picked: "RigPicks"
-    accuracy: "SeriesPrediction | None" = None  #: numerical errors, to a tolerance
+    accuracy: "Predictions | None" = None  #: numerical errors, to a tolerance
     snr: SnrKind = field(default="exact")
 
     def __repr__(self) -> str:

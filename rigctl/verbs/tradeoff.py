@@ -16,7 +16,7 @@ from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from model.accuracy.predict import AccuratePrediction
+    from model.accuracy.predict import Predicted
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.files.scene_file import SceneFile
     from rigctl.prediction.sessions import AcquisitionTradeoff
@@ -163,7 +163,7 @@ class AccuracyTradeoff(Result):
         yield lambda: curve_png(self.curves, worth=self.worth)
 
     @property
-    def worth(self) -> "AccuratePrediction":
+    def worth(self) -> "Predicted":
         """The prediction to the tolerance that is worth having: the largest within what the inputs leave of DoLP."""
         from rigctl.report.tradeoff import dolp_floor
 
@@ -346,7 +346,7 @@ def _pair(names: Sequence[str] | None) -> tuple[str, str] | None:
     return names[0], names[1]
 
 
-def _seconds(found: "AccuratePrediction") -> float:
+def _seconds(found: "Predicted") -> float:
     return sum(found.stage_s.values())
 
 

@@ -27,7 +27,7 @@ def test_every_number_that_is_promised_keeps_the_tolerance_and_the_estimate_is_a
     make_scene, seed, tolerance
 ):
     scene = make_scene(seed)
-    found = predict(scene, tolerance=tolerance)
+    (found,) = predict([scene], tolerance=tolerance).cases
     # With the tolerance of the law of DoLP, on which it depends whether there are moments.
     finer = evaluate(scene, settings_at(FINER, tolerance, face_m=scene.sensor_height_m))
     own, true = (readings(one.scenario, one.predictions, one.detections) for one in (found.result, finer))

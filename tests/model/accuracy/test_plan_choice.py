@@ -15,7 +15,7 @@ def neighbour():
     scene = random_scene(4)
     points = tuple(replace(region, part=None) for region in scene.regions)
     scene = replace(scene, regions=points)
-    return scene, predict(scene, tolerance=TOLERANCE, store=LightStore())
+    return scene, predict([scene], tolerance=TOLERANCE, store=LightStore()).cases[0]
 
 
 def test_a_scene_like_one_that_is_known_takes_its_plan_or_a_coarser_one(neighbour):

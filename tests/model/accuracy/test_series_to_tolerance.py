@@ -8,10 +8,9 @@ import pytest
 
 from model.accuracy.chain import LightStore, Reading, Settings, Value, differences, evaluate, readings
 from model.accuracy.errors import Budget
-from model.accuracy.predict import predict
-from model.accuracy.series import Cell, Judged, SeriesEffects, TakenEffects, lattice, predict_series, told_errors
+from model.accuracy.predict import Cell, lattice, predict, told_errors
 from model.atmosphere.sky import Fidelity, SolverSettings
-from model.effects.names import ALL, Effect
+from model.effects.names import Effect
 from model.effects.planner import plan_of_all
 from tests.model.accuracy.random_scenes import random_scene
 
@@ -44,7 +43,7 @@ def _read(result):
 
 def test_a_series_keeps_its_tolerance_though_few_cases_are_judged():
     scenes, store = _series(14), LightStore()
-    found = predict_series(scenes, tolerance=TOLERANCE)
+    found = predict(scenes, tolerance=TOLERANCE)
     assert found.judged < 8
     assert [case.is_judged for case in found.cases][0::13] == [True, True]
     for place in (4,):
@@ -55,7 +54,7 @@ def test_a_series_keeps_its_tolerance_though_few_cases_are_judged():
 
 
 def test_errors_of_cases_between_are_no_smaller_than_those_of_their_neighbours():
-    cases = predict_series(_series(8), tolerance=TOLERANCE).cases
+    cases = predict(_series(8), tolerance=TOLERANCE).cases
     place = next(place for place, case in enumerate(cases) if not case.is_judged)
     judged = [k for k, case in enumerate(cases) if case.is_judged]
     nearest = [cases[max(k for k in judged if k < place)], cases[min(k for k in judged if k > place)]]
@@ -67,24 +66,22 @@ def test_errors_of_cases_between_are_no_smaller_than_those_of_their_neighbours()
         assert error <= TOLERANCE or key in between.not_guaranteed
 
 
-def test_one_scene_is_a_series():
-    (scene,) = _series(1)
-    (case,) = predict_series([scene], tolerance=TOLERANCE).cases
-    alone = predict(scene, tolerance=0.65 * TOLERANCE)
+def test_a_single_scene_is_judged_to_the_whole_tolerance():
+    (case,) = predict(_series(1), tolerance=TOLERANCE).cases
     assert case.is_judged
-    assert _read(case.result) == _read(alone.result)
+    assert case.tolerance == TOLERANCE
 
 
 def test_a_tolerance_out_of_range_is_refused():
     with pytest.raises(ValueError, match="allowed is"):
-        predict_series(_series(2), tolerance=0.5)
+        predict(_series(2), tolerance=0.5)
 
 
 def test_a_grid_is_judged_at_its_corners_and_keeps_its_order():
     scene = _series(1)[0]
     zeniths, azimuths = np.radians([20.0, 25.0, 30.0]), np.radians([0.0, 5.0, 10.0])
     views = [replace(scene.view, zenith_rad=float(z), azimuth_rad=float(a)) for z in zeniths for a in azimuths]
-    found = predict_series([replace(scene, view=view) for view in views], shape=(3, 3), tolerance=TOLERANCE)
+    found = predict([replace(scene, view=view) for view in views], shape=(3, 3), tolerance=TOLERANCE)
     assert all(found.cases[place].is_judged for place in (0, 2, 6, 8))
     assert found.spot_checks == 1
     for view, case in zip(views, found.cases, strict=True):
@@ -108,19 +105,20 @@ def test_a_certain_probability_tells_nothing_of_one_that_is_not():
 
 
 def _judged(budget, numbers):
-    found = SimpleNamespace(budget=budget)
-    judged = Judged(found=found, effects=TakenEffects(), companions={})
-    judged.__dict__["numbers"] = numbers
-    return judged
+    return SimpleNamespace(budget=budget, errors=budget.total, numbers=numbers)
 
 
-def test_an_effect_that_judged_neighbours_leave_out_is_left_out_between_them_only_within_its_bound():
-    left = TakenEffects(acting=ALL - {Effect.SKYLIGHT}, left_out=frozenset({Effect.SKYLIGHT}), spent=1e-3)
-    plans = [plan_of_all({Effect.SKYLIGHT: False}), plan_of_all()]
-    safe = SeriesEffects(rule="safe", planned=lambda _: plans.pop())
-    assert safe.between(None, [left, left]).left_out == frozenset()
-    assert safe.between(None, [left, left]).left_out == {Effect.SKYLIGHT}
-    assert safe.between(None, [left, TakenEffects()]).left_out == frozenset()
+def test_an_effect_is_left_out_of_each_case_only_within_its_own_bound():
+    scenes = _series(8)
+    allowed = scenes[:5]
+
+    def planned(scene):
+        return plan_of_all({Effect.PATH_RADIANCE: not any(scene is one for one in allowed)})
+
+    cases = predict(scenes, tolerance=TOLERANCE, planned=planned).cases
+    assert cases[0].left_out == {Effect.PATH_RADIANCE}
+    assert all(case.left_out == frozenset() for case in cases[5:])
+    assert all(Effect.PATH_RADIANCE in case.result.effects for case in cases if not case.left_out)
 
 
 def test_a_lattice_covers_a_grid_and_its_cells_are_divided_at_a_case():
