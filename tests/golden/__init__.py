@@ -13,6 +13,7 @@ TOML, FITS, NumPy and HDF5 files. A number may move by 1e-9 of itself or of the 
 it. Not compared are tables and sentences for people, pictures and pages (only that they are there), times, versions,
 paths and hashes.
 
-After an intended change run with `--write`, read `git diff --stat tests/golden/stored` and the diff, and say in the
-commit message which numbers changed and why. A verb or option that gets another name is changed in `cases.py` only.
+What chapters of minutes give is stored compressed. After an intended change run without `--write`, read what differs,
+then run with it, and say in the commit message which numbers changed and why. A verb or option that gets another name
+is changed in `cases.py` only.
 """

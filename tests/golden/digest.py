@@ -6,6 +6,7 @@ import json
 import math
 import re
 import tomllib
+import zipfile
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -94,9 +95,9 @@ def digest_array(array: np.ndarray) -> dict[str, Any]:
 
 
 def digest_file(path: Path, folder: Path) -> Any:
-    """Return what is kept of a file: of pictures, pages and copies of inputs only that they are there."""
+    """Return what is kept of a file: of pictures, pages, copies and parts of results only that they are there."""
     read = _READERS.get(path.suffix.lower())
-    return "<file>" if read is None or path.parent.name == "inputs" else read(path, folder)
+    return "<file>" if read is None or path.parent.name in ("inputs", "parts") else read(path, folder)
 
 
 def _digest_json(path: Path, folder: Path) -> Any:
@@ -172,7 +173,8 @@ def _digest_hdf5(path: Path, folder: Path) -> dict[str, Any]:
 
 def mask(text: str, folder: Path) -> str:
     """Return a text without times, hashes, versions and places on this machine."""
-    text = text.replace(str(folder.resolve()), "<folder>").replace(str(folder), "<folder>")
+    for place in (str(folder.resolve()), str(folder)):
+        text = text.replace(f"{place}/", "").replace(place, "<folder>")
     text = re.sub(r"(/tmp|/var/tmp|/home|/work)/[^\s'\",;)]*", "<path>", text)
     for pattern, name in _MASKED_TEXT:
         text = pattern.sub(name, text)
@@ -224,6 +226,11 @@ def flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return found
 
 
+def _digest_zip(path: Path, folder: Path) -> Any:
+    with zipfile.ZipFile(path) as packed:
+        return {"names": sorted(packed.namelist())}
+
+
 _READERS = {
     ".json": _digest_json,
     ".jsonl": _digest_jsonl,
@@ -234,4 +241,5 @@ _READERS = {
     ".fits": _digest_fits,
     ".h5": _digest_hdf5,
     ".parquet": _digest_parquet,
+    ".zip": _digest_zip,
 }

@@ -5,6 +5,7 @@ the files that it wrote are kept; prose for people, times, versions, paths and h
 """
 
 import contextlib
+import gzip
 import io
 import json
 import os
@@ -84,13 +85,13 @@ def _digests(folder: Path, written: list[str]) -> dict[str, Any]:
     frames: dict[str, list[Any]] = {}
     for name in written:
         found = digest_file(folder / name, folder)
-        series = re.sub(r"(\d{6}_\w+\.fits|[0-9a-f]{64}\.npz)$", "*", name)
+        series = re.sub(r"(\d{6}_\w+\.fits|[0-9a-f]{64}\.\w+)$", "*", name)
         if series != name:
             frames.setdefault(series, []).append(found)
         else:
             files[name] = found
     for series, found in frames.items():
-        files[series] = digest_table([flat(one) for one in found], folder)
+        files[series] = digest_table([flat(one) if isinstance(one, dict) else {"": one} for one in found], folder)
     return {"files": files} if files else {}
 
 
@@ -163,21 +164,30 @@ def _short(value: Any) -> str:
     return text if len(text) <= 100 else f"{text[:100]}..."
 
 
-def stored_file(name: str) -> Path:
-    """Return where what a chapter gives is stored."""
-    return STORED / f"{name}.json"
+def _store(name: str, chapter: Chapter, found: dict[str, Any]) -> None:
+    """Store what a chapter gave, one command on a line; long chapters are compressed."""
+    lines = (f"{json.dumps(key)}: {json.dumps(value, separators=(',', ':'))}" for key, value in found.items())
+    text = "{\n" + ",\n".join(lines) + "\n}\n"
+    STORED.mkdir(exist_ok=True)
+    if chapter.is_long:
+        (STORED / f"{name}.json.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+    else:
+        (STORED / f"{name}.json").write_text(text)
+
+
+def _stored(name: str, chapter: Chapter) -> dict[str, Any]:
+    if chapter.is_long:
+        return json.loads(gzip.decompress((STORED / f"{name}.json.gz").read_bytes()))
+    return json.loads((STORED / f"{name}.json").read_text())
 
 
 def check(name: str, chapter: Chapter, folder: Path, *, write: bool = False, prose: bool = False) -> list[str]:
     """Run a chapter in a folder; return where it differs from what is stored, or store it."""
     found = run_chapter(chapter, folder)
-    path = stored_file(name)
     if write:
-        path.parent.mkdir(exist_ok=True)
-        lines = (f"{json.dumps(key)}: {json.dumps(value, separators=(',', ':'))}" for key, value in found.items())
-        path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+        _store(name, chapter, found)
         return []
-    stored = json.loads(path.read_text())
+    stored = _stored(name, chapter)
     changed = [f"/{command}: is new" for command in found.keys() - stored.keys()]
     changed += [f"/{command}: is gone" for command in stored.keys() - found.keys()]
     for command in stored.keys() & found.keys():
