@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.chain import Reading, Settings
+from model.accuracy.chain import Reading
 from model.accuracy.effect_check import kind_of
 from model.accuracy.plan import NUMERICAL_SETTINGS
 from model.accuracy.predict import SMALLEST, Predicted, predict
@@ -73,7 +73,7 @@ from rigctl.measure.measure import MeasuredRegion, Measurement, TemporalNoise, t
 from rigctl.prediction.predict import NumberKey, Performance, curved_inputs, performance_of, propagate_numbers
 from rigctl.runs.folder import Run
 from rigctl.scene.effects import plan_effects
-from rigctl.scene.light import SceneLight, lit_scene, sensor_of
+from rigctl.scene.light import lit_scene, sensor_of
 from rigctl.scene.reading import acting_effects
 from rigctl.scene.scene import Inputs, only_uncertain
 
@@ -329,13 +329,22 @@ def compare_with_scene(
     alpha: float,
     scale: ScaleKind = "absolute",
     radiometric: RadiometricResponse | None = None,
-    settings: Settings | None = None,
-    light: SceneLight | None = None,
+) -> Comparison:
+    """Compare a run with what a scene file predicts for it, with the numerical settings of the file."""
+    predictor = run_predictor(measurement, scene=scene, noise=noise)
+    return compare_with_prediction(measurement, predictor, alpha=alpha, scale=scale, radiometric=radiometric)
+
+
+def compare_with_prediction(
+    measurement: Measurement,
+    predictor: RunPredictor,
+    *,
+    alpha: float,
+    scale: ScaleKind = "absolute",
+    radiometric: RadiometricResponse | None = None,
     coarser: Comparison | None = None,
 ) -> Comparison:
-    """Return what a scene file predicts for a run beside what the run shows."""
-    predictor = run_predictor(measurement, scene=scene, noise=noise)
-    predictor = replace(predictor, settings=settings, light=predictor.light if light is None else light)
+    """Compare a run with its prediction; errors of the inputs are those of a coarser comparison of the same rows."""
     predicted = predictor.predictions
     inputs, scaled_by = scale_inputs(
         scale, predictor.inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
@@ -350,7 +359,7 @@ def compare_with_scene(
     assumed = (
         *inputs.remarks,
         scaled_by.remark,
-        *overruled(scene, measurement, predictor.exposure_s),
+        *overruled(inputs.scene, measurement, predictor.exposure_s),
         *predictor.moved,
         *predictor.light.remarks(inputs.scene),
     )
@@ -362,7 +371,7 @@ def compare_with_scene(
         diagnosis=diagnose(decided),
         predictions=predictions,
         remarks=(*assumed, *model_warnings(predictions), *curved_inputs(propagation, uncertain)),
-        not_tested=not_tested(measurement, scene, scaled_by, uncertain),
+        not_tested=not_tested(measurement, inputs.scene, scaled_by, uncertain),
         scale=scaled_by,
         inputs=uncertain,
         propagation=propagation,

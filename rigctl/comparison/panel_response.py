@@ -55,10 +55,10 @@ def panel_response(
 ) -> PanelResponse:
     """Return the counts that a radiance makes, by a panel of known reflectance."""
     alone = _alone(scene, panel)
-    alone, moved = scene_of_run(alone, measurement.run, measurement.grid.frames)
+    used, moved = scene_of_run(scene_of_file(alone, noise), measurement.run, measurement.grid.frames)
     measured = _unsaturated(measurement, panel)
     # Counts are compared with the radiance: what the sensor makes of it is what is sought.
-    inputs = without_throughput(gather(scene_of_file(alone, noise)), gain=True)
+    inputs = without_throughput(gather(used), gain=True)
     light, exposure_s = SceneLight(), one_exposure_s(measurement)
 
     def at(values: FloatArray) -> FloatArray:

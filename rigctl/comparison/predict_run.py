@@ -5,13 +5,14 @@ Prediction of a run from a scene file: at the run's own angles, cycles, exposure
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import Settings
+from model.effects.names import Effect
 from model.prediction import RegionPrediction, predict, predict_with_errors
 from model.quantities import angle_of
 from model.scene.field import FieldLight
@@ -21,13 +22,13 @@ from rigctl.calibrations.noise import NoiseParameters
 from rigctl.comparison.rows import with_ratios
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
-from rigctl.files.scene_file import SceneFile, SunSection
+from rigctl.files.scene_file import SceneFile
 from rigctl.files.toml import Uncertain
 from rigctl.measure.measure import Measurement, frame_order
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, SimulatedLight
 from rigctl.scene.light import SceneLight, build_scenario, sun_text
-from rigctl.scene.reading import scene_of_file, sun_covariance_deg2, sun_of_file
+from rigctl.scene.reading import scene_of_file, sun_covariance_deg2, with_geometry, with_sun, without_effects
 from rigctl.scene.scene import (
     Inputs,
     Parameter,
@@ -48,7 +49,7 @@ _WORTH_A_WORD_DEG = 0.01
 _ANYWHERE = Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
 
 
-def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[SceneFile, tuple[str, ...]]:
+def scene_of_run(scene: Scene, run: Run, frames: Iterable[FrameRecord]) -> tuple[Scene, tuple[str, ...]]:
     """Return the scene with the sun and the camera's place that the run states, and each difference in words.
 
     The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun, unless it lit a
@@ -65,24 +66,20 @@ def scene_of_run(scene: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> t
     return changed, tuple(_differences(scene, changed))
 
 
-def sun_used(stated: SceneFile, used: SceneFile, run: Run, frames: Iterable[FrameRecord]) -> tuple[str, ...]:
+def sun_used(stated: Scene, used: Scene, run: Run, frames: Iterable[FrameRecord]) -> tuple[str, ...]:
     """Return in one line which sun a comparison of a run takes, when, and whence; nothing without materials."""
     if not stated.has_materials:
         return ()
     light = run.session.simulated_light
+    time = None if stated.sun_time is None else f"{stated.sun_time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
     if light is not None and not light.is_clocked:
-        whence, time = f"the scene file that lit the roof ({light.scene})", _time_of_file(stated)
+        whence = f"the scene file that lit the roof ({light.scene})"
     elif used.sun is stated.sun:
-        whence, time = "the scene file", _time_of_file(stated)
+        whence = "the scene file"
     else:
         whence = "the run's frames" if light is None else "the run's simulated clock"
         time = _time_of_frames(frames)
-    return (f"sun used: {sun_text(scene_of_file(used), time=time)}; by {whence}",)
-
-
-def _time_of_file(scene: SceneFile) -> str | None:
-    time = None if scene.sun is None else scene.sun.time
-    return None if time is None else f"{time.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    return (f"sun used: {sun_text(used, time=time)}; by {whence}",)
 
 
 def _time_of_frames(frames: Iterable[FrameRecord]) -> str | None:
@@ -90,26 +87,22 @@ def _time_of_frames(frames: Iterable[FrameRecord]) -> str | None:
     return f"{min(starts)[:19]}Z to {max(starts)[:19]}Z" if starts else None
 
 
-def _with_stated_sun(scene: SceneFile, light: SimulatedLight) -> SceneFile:
+def _with_stated_sun(scene: Scene, light: SimulatedLight) -> Scene:
     """Return the scene under the sun that lit a simulated roof whose clock moves none."""
-    stated = sun_of_file(scene)
+    stated, azimuth = scene.sun, light.sun_azimuth_deg
     if light.sun_zenith_deg is None or stated is None:
         return scene
-    azimuth = light.sun_azimuth_deg
     stds = [0.0 if number is None else number.std for number in (stated.zenith_deg, stated.azimuth_deg)]
-    sun = SunSection(
+    sun = Sun(
         zenith_deg=Uncertain(value=light.sun_zenith_deg, std=stds[0]),
         azimuth_deg=None if azimuth is None else Uncertain(value=azimuth, std=stds[1]),
         distance_factor=Uncertain(value=light.distance_factor or 1.0, std=stated.distance_factor.std),
     )
-    return scene if _is_same(sun, stated) else scene.model_copy(update={"sun": sun})
+    is_same = (sun.zenith_deg, sun.azimuth_deg) == (stated.zenith_deg, stated.azimuth_deg)
+    return scene if is_same else with_sun(scene, sun)
 
 
-def _is_same(sun: SunSection, stated: Sun) -> bool:
-    return (sun.zenith_deg, sun.azimuth_deg) == (stated.zenith_deg, stated.azimuth_deg)
-
-
-def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
+def _with_geometry(scene: Scene, run: Run) -> Scene:
     geometry = None if run.session.rig is None else run.session.rig.geometry
     if geometry is None:
         return scene
@@ -117,7 +110,7 @@ def _with_geometry(scene: SceneFile, run: Run) -> SceneFile:
     if scene.geometry is not None:
         pointing = None if pointing is None else _without_angles_of_run(pointing, geometry)
         geometry = _with_stds(geometry, scene.geometry)
-    return scene.model_copy(update={"geometry": geometry, "pointing": pointing})
+    return with_geometry(scene, geometry, pointing)
 
 
 def _without_angles_of_run(pointing: PointingSection, geometry: GeometrySection) -> PointingSection | None:
@@ -150,24 +143,24 @@ def _with_stds(used: GeometrySection, stated: GeometrySection) -> GeometrySectio
     return used.model_copy(update=kept)
 
 
-def _with_sun(scene: SceneFile, run: Run, frames: tuple[FrameRecord, ...]) -> SceneFile:
+def _with_sun(scene: Scene, run: Run, frames: tuple[FrameRecord, ...]) -> Scene:
     site = run.session.site
     directions = [_direction(frame, site) for frame in frames]
     known = [direction for direction in directions if direction is not None]
     if not known or len(known) < len(frames):
         return scene
     east, north, up = np.mean(known, axis=0)
-    zenith_std_deg, azimuth_std_deg = _sun_stds_deg(scene, site, frames)
-    sun = SunSection(
+    zenith_std_deg, azimuth_std_deg = _sun_stds_deg(scene.sun, site, frames)
+    sun = Sun(
         zenith_deg=Uncertain(value=math.degrees(math.atan2(math.hypot(east, north), up)), std=zenith_std_deg),
         azimuth_deg=Uncertain(value=math.degrees(math.atan2(east, north)) % 360.0, std=azimuth_std_deg),
+        distance_factor=_distance_factor(frames[0], scene.sun),
     )
-    return scene.model_copy(update={"sun": _at_distance(sun, frames[0], scene.sun)})
+    return with_sun(scene, sun)
 
 
-def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
+def _sun_stds_deg(sun: Sun | None, site: SiteSection | None, frames: tuple[FrameRecord, ...]) -> tuple[float, float]:
     """Return the standard uncertainty of the sun's angles, by scene file or by the run's site; of both the larger."""
-    sun = sun_of_file(scene)
     numbers = () if sun is None else (sun.zenith_deg, sun.azimuth_deg)
     stds = [0.0 if number is None else number.std for number in numbers] or [0.0, 0.0]
     time = frames[0].start_utc
@@ -177,24 +170,13 @@ def _sun_stds_deg(scene: SceneFile, site: SiteSection | None, frames: tuple[Fram
     return stds[0], stds[1]
 
 
-def _at_distance(sun: SunSection, frame: FrameRecord, stated: SunSection | None) -> SunSection:
-    """Return a sun at its distance when the frame was taken, as well as the scene file knows it."""
-    factor = _distance_factor(frame, stated)
-    std = 0.0 if stated is None or stated.distance_factor is None else stated.distance_factor.std
-    if factor is None:
-        return sun.model_copy(update={"day_of_year": None if stated is None else stated.day_of_year})
-    return sun.model_copy(update={"distance_factor": Uncertain(value=factor, std=std)})
-
-
-def _distance_factor(frame: FrameRecord, stated: SunSection | None) -> float | None:
-    """Irradiance of the sun over that at its mean distance: of the frame's time or the scene file's; None by a day."""
-    if frame.start_utc is not None:
-        return sun_position(datetime.fromisoformat(frame.start_utc), _ANYWHERE).distance_factor
-    if stated is None:
-        return None
-    if stated.time is not None:
-        return sun_position(stated.time, _ANYWHERE).distance_factor
-    return None if stated.distance_factor is None else stated.distance_factor.value
+def _distance_factor(frame: FrameRecord, stated: Sun | None) -> Uncertain:
+    """Irradiance of the sun over that at its mean distance when a frame was taken, as well as the file knows it."""
+    factor = Uncertain(value=1.0) if stated is None else stated.distance_factor
+    if frame.start_utc is None:
+        return factor
+    value = sun_position(datetime.fromisoformat(frame.start_utc), _ANYWHERE).distance_factor
+    return Uncertain(value=value, std=factor.std)
 
 
 def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, float, float] | None:
@@ -210,7 +192,7 @@ def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, flo
     return level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.cos(zenith_rad)
 
 
-def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+def _differences(scene: Scene, changed: Scene) -> Iterable[str]:
     yield from _pointing_set_aside(scene, changed)
     stated, used = _directions(scene), _directions(changed)
     for name, number in used.items():
@@ -223,18 +205,18 @@ def _differences(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
         yield "geometry.phi_deg: kept as stated, though the run has another sun: no camera azimuth is known"
 
 
-def _pointing_set_aside(scene: SceneFile, changed: SceneFile) -> Iterable[str]:
+def _pointing_set_aside(scene: Scene, changed: Scene) -> Iterable[str]:
     kept = () if changed.pointing is None else changed.pointing.parameters
     gone = [key for key in (() if scene.pointing is None else scene.pointing.parameters) if key not in kept]
     if gone:
         yield f"pointing: set aside for {', '.join(gone)}: the run has errors of its own for angles of [pointing]"
 
 
-def _directions(scene: SceneFile) -> dict[str, Parameter]:
+def _directions(scene: Scene) -> dict[str, Parameter]:
     """Angles of sun and camera, by their keys."""
     return {
         number.key: number
-        for number in parameters(scene_of_file(scene))
+        for number in parameters(scene)
         if number.key.startswith(("sun.", "geometry.")) and number.unit == "deg"
     }
 
@@ -265,6 +247,10 @@ class RunPredictor:
         except ValueError as error:
             raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
 
+    def without(self, effects: frozenset[Effect]) -> "RunPredictor":
+        """Return what predicts the run with some effects left out."""
+        return replace(self, inputs=gather(without_effects(self.inputs.scene, effects)))
+
     def lights(self, scene: Scene) -> dict[str, FieldLight]:
         """Return the light of each region that is given by a material."""
         named = [region for region in scene.regions if region.material is not None]
@@ -273,15 +259,15 @@ class RunPredictor:
 
 def run_predictor(measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None) -> RunPredictor:
     """Return what predicts a run from a scene file."""
-    stated_file = scene
-    scene, moved = scene_of_run(stated_file, measurement.run, measurement.grid.frames)
-    stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_run(measurement, scene))
+    run, frames = measurement.run, measurement.grid.frames
+    stated = scene_of_file(scene, noise)
+    used, moved = scene_of_run(stated, run, frames)
     return RunPredictor(
-        inputs=gather(stated),
+        inputs=gather(with_rig(used, scene.rig, cycle_of_run(measurement, scene))),
         readout=run_readout(measurement),
         exposure_s=one_exposure_s(measurement),
         light=SceneLight(),
-        moved=(*sun_used(stated_file, scene, measurement.run, measurement.grid.frames), *moved),
+        moved=(*sun_used(stated, used, run, frames), *moved),
     )
 
 

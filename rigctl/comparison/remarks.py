@@ -11,9 +11,8 @@ from rigctl.base.numbers import wrapped
 if TYPE_CHECKING:
     from model.prediction import RegionPrediction
     from rigctl.comparison.scale import Scale
-    from rigctl.files.scene_file import SceneFile
     from rigctl.measure.measure import Measurement
-    from rigctl.scene.scene import Inputs
+    from rigctl.scene.scene import Inputs, Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ NOT_OF_SIMULATION = (
 )
 
 
-def overruled(scene: "SceneFile", measurement: "Measurement", exposure_s: float) -> Iterable[str]:
+def overruled(scene: "Scene", measurement: "Measurement", exposure_s: float) -> Iterable[str]:
     """Return what the run says otherwise than the scene file, and what it does not say."""
     if abs(scene.acquisition.exposure_ms / 1000 - exposure_s) > 1e-6 * exposure_s:
         yield (
@@ -64,7 +63,7 @@ def model_warnings(predictions: Mapping[str, "RegionPrediction"]) -> Iterable[st
             yield f"{name}: {warning}"
 
 
-def not_tested(measurement: "Measurement", scene: "SceneFile", scale: "Scale", uncertain: "Inputs") -> tuple[str, ...]:
+def not_tested(measurement: "Measurement", scene: "Scene", scale: "Scale", uncertain: "Inputs") -> tuple[str, ...]:
     """Return what a comparison with a scene says nothing about."""
     given = [region.name for region in scene.regions if region.material is None]
     found = []

@@ -11,7 +11,7 @@ Numbers that are written into a scene file in the place of those that stand ther
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import inf, log
 from pathlib import Path
@@ -799,7 +799,7 @@ class SceneFile(Section):
 
     @model_validator(mode="after")
     def _pointing_is_of_angles(self) -> "SceneFile":
-        angles = pointing_angles(self)
+        angles = pointing_angles(self.geometry, self.regions)
         for key in () if self.pointing is None else self.pointing.parameters:
             number = angles.get(key)
             if number is None:
@@ -840,12 +840,12 @@ class SceneFile(Section):
         return self
 
 
-def pointing_angles(scene: SceneFile) -> dict[str, Uncertain]:
+def pointing_angles(geometry: GeometrySection | None, regions: Iterable[SceneRegion]) -> dict[str, Uncertain]:
     """Return the angles of camera and panels that a scene states, by their keys."""
     found: dict[str, Uncertain | None] = {}
-    if scene.geometry is not None:
-        found = {f"geometry.{name}": getattr(scene.geometry, name) for name in _CAMERA_ANGLES}
-    for region in scene.regions:
+    if geometry is not None:
+        found = {f"geometry.{name}": getattr(geometry, name) for name in _CAMERA_ANGLES}
+    for region in regions:
         found |= {f"regions.{region.name}.{name}": getattr(region, name) for name in _PANEL_ANGLES}
     return {key: number for key, number in found.items() if number is not None}
 

@@ -24,7 +24,7 @@ from model.surface.materials import Material, assumed_properties, properties
 from rigctl.base.numbers import percent
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.materials import find_material
-from rigctl.files.place import GeometrySection, SiteSection
+from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.scene_file import (
     EffectsSection,
     NoiseSection,
@@ -45,28 +45,31 @@ if TYPE_CHECKING:
 
 
 def with_choices(scene: "SceneFile", *, switched_on: Sequence[str], left_out: Sequence[str]) -> "SceneFile":
-    """Return the scene with effects forced by options, which go before those of the file."""
+    """Return the scene file with effects forced by options, which go before those of the file."""
+    chosen = scene.model_copy(update={"effects": _chosen(scene.effects, switched_on, left_out)})
+    forced_effects(chosen)
+    return chosen
+
+
+def _chosen(stated: EffectsSection, switched_on: Sequence[str], left_out: Sequence[str]) -> EffectsSection:
     for name in (*switched_on, *left_out):
         if name not in effect_names():
             close = get_close_matches(name, effect_names(), n=1)
             alike = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(effect_names())}"
             raise ConfigError(f"effect {name!r} is not known; {alike}")
     mine = {*switched_on, *left_out}
-    section = EffectsSection.model_validate(
+    return EffectsSection.model_validate(
         {
-            "with": (*switched_on, *(one for one in scene.effects.switched_on if one not in mine)),
-            "without": (*left_out, *(one for one in scene.effects.left_out if one not in mine)),
+            "with": (*switched_on, *(one for one in stated.switched_on if one not in mine)),
+            "without": (*left_out, *(one for one in stated.left_out if one not in mine)),
         }
     )
-    chosen = scene.model_copy(update={"effects": section})
-    forced_effects(chosen)
-    return chosen
 
 
-def without_effects(scene: "SceneFile", effects: frozenset[Effect]) -> "SceneFile":
-    """Return the scene with some effects left out, beside those that it leaves out itself."""
+def without_effects(scene: Scene, effects: frozenset[Effect]) -> Scene:
+    """Return the scene with some effects left out, in addition to those that it leaves out itself."""
     names = tuple(name for name in effect_names() if effect_of(name) in effects)
-    return with_choices(scene, switched_on=(), left_out=names)
+    return _with_remarks(replace(scene, effects=_chosen(scene.effects, (), names)))
 
 
 def forced_effects(scene: "SceneFile | Scene") -> dict[Effect, bool]:
@@ -84,7 +87,7 @@ def acting_effects(scene: "SceneFile | Scene") -> frozenset[Effect]:
     return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}
 
 
-def choice_remarks(scene: "SceneFile") -> tuple[str, ...]:
+def choice_remarks(scene: Scene) -> tuple[str, ...]:
     """Return what has to be said of every result: which effects are left out by request."""
     names = scene.effects.left_out
     if not names:
@@ -99,7 +102,7 @@ _EARTH_RADIUS_M = 6.371e6
 _WIDE_DEG = 90.0
 
 
-def geometry_remarks(scene: SceneFile) -> Iterable[str]:
+def geometry_remarks(scene: Scene) -> Iterable[str]:
     """Return where the geometry of a scene goes beyond what the model holds for, and by how much that is off."""
     if not scene.has_materials:
         return
@@ -145,6 +148,8 @@ def _of_view(geometry: GeometrySection) -> str:
 FloatArray = NDArray[np.float64]
 
 _NM_PER_M = 1e9
+# Beginning of the keys of angles whose errors [pointing] joins.
+_POINTED = ("geometry.", "regions.")
 
 
 def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Scene:
@@ -153,7 +158,7 @@ def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Sc
     wavelength_m = 0.0 if sensor.wavelength_nm is None else sensor.wavelength_nm.value * 1e-9
     sun, by_site = _sun(file)
     known, joint = _calibrated(noise)
-    return Scene(
+    scene = Scene(
         name=file.name,
         sensor=sensor,
         noise=file.noise.model_copy(update=known),
@@ -165,14 +170,36 @@ def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Sc
         geometry=file.geometry,
         atmosphere=file.atmosphere,
         field_of_view=file.field_of_view,
-        joint_errors=(*joint, *by_site, *_pointing(file)),
+        sun_time=None if file.sun is None else file.sun.time,
+        joint_errors=(*joint, *by_site),
+        assumed=(*_of_noise(file, noise, known), *assumed_materials(file), *_of_old_keys(file)),
+    )
+    return with_geometry(scene, file.geometry, file.pointing)
+
+
+def with_geometry(scene: Scene, geometry: GeometrySection | None, pointing: PointingSection | None) -> Scene:
+    """Return the scene seen from elsewhere, and how the errors of its angles go together then."""
+    others = [one for one in scene.joint_errors if not one.keys[0].startswith(_POINTED)]
+    regions = [region.given for region in scene.regions]
+    joint = (*others, *_pointing(pointing, geometry, regions))
+    return _with_remarks(replace(scene, geometry=geometry, pointing=pointing, joint_errors=joint))
+
+
+def with_sun(scene: Scene, sun: Sun) -> Scene:
+    """Return the scene under another sun, whose angles are not off together by the place of the scene."""
+    joint = tuple(one for one in scene.joint_errors if one.keys[0] != SUN_ZENITH)
+    return replace(scene, sun=sun, joint_errors=joint)
+
+
+def _with_remarks(scene: Scene) -> Scene:
+    together = [one.keys for one in scene.joint_errors if one.keys[0].startswith(_POINTED)]
+    return replace(
+        scene,
         remarks=(
-            *_of_noise(file, noise, known),
-            *assumed_materials(file),
-            *choice_remarks(file),
-            *_of_old_keys(file),
-            *geometry_remarks(file),
-            *_of_pointing(file),
+            *scene.assumed,
+            *choice_remarks(scene),
+            *geometry_remarks(scene),
+            *(f"the errors of {', '.join(keys)} go together, as [pointing] says" for keys in together),
         ),
     )
 
@@ -247,11 +274,6 @@ def _of_noise(file: SceneFile, noise: "NoiseParameters | None", known: Mapping[s
         yield f"assumed, not calibrated: {', '.join(assumed)}"
 
 
-def sun_of_file(file: SceneFile) -> Sun | None:
-    """Return the sun of a scene file by its angles."""
-    return _sun(file)[0]
-
-
 def _sun(file: SceneFile) -> tuple[Sun | None, tuple[JointErrors, ...]]:
     """Return the sun by its angles, and what one place moves together of them."""
     stated = file.sun
@@ -282,21 +304,19 @@ def _sun_of_time(file: SceneFile, time: datetime) -> tuple[Sun, tuple[JointError
     return sun, (joint,) if file.site.is_uncertain else ()
 
 
-def _pointing(file: SceneFile) -> Iterable[JointErrors]:
-    """Give the covariance of the angles of camera and panels, of those that the model has."""
-    if file.pointing is None:
+def _pointing(
+    pointing: PointingSection | None, geometry: GeometrySection | None, regions: Sequence[SceneRegion]
+) -> Iterable[JointErrors]:
+    """Yield the covariance of the angles of camera and panels, of those that the model has."""
+    if pointing is None:
         return
-    given = {f"regions.{region.name}." for region in file.regions if region.material is None}
-    keys, angles = file.pointing.parameters, pointing_angles(file)
+    given = {f"regions.{region.name}." for region in regions if region.material is None}
+    keys, angles = pointing.parameters, pointing_angles(geometry, regions)
     used = [k for k, key in enumerate(keys) if key in angles and key.rpartition(".")[0] + "." not in given]
     std = np.array([angles[keys[k]].std for k in used])
-    correlation = np.array(file.pointing.correlation)[np.ix_(used, used)]
+    correlation = np.array(pointing.correlation)[np.ix_(used, used)]
     if len(used) > 1:
         yield JointErrors(keys=tuple(keys[k] for k in used), covariance=correlation * np.outer(std, std))
-
-
-def _of_pointing(file: SceneFile) -> Iterable[str]:
-    yield from (f"the errors of {', '.join(one.keys)} go together, as [pointing] says" for one in _pointing(file))
 
 
 def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:

@@ -15,6 +15,7 @@ The numbers that a prediction rests on, with their covariance.
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
 from math import inf
@@ -28,7 +29,7 @@ from model.prediction import RigErrors
 from model.surface.materials import Material, Property
 from model.surface.pbrdf import SLOPE_RMS_MIN
 from rigctl.errors import ConfigError
-from rigctl.files.place import GeometrySection
+from rigctl.files.place import GeometrySection, PointingSection
 from rigctl.files.scene_file import (
     COVARIANCE_PAIRS,
     FIELD_MOST_DEG,
@@ -112,8 +113,11 @@ class Scene:
     atmosphere: AtmosphereSection | None = None
     field_of_view: FieldSection | None = None
     rig: Rig | None = None  #: None where no cycle of frames is given yet.
+    sun_time: datetime | None = None  #: As the file states it; None where it states the angles.
+    pointing: PointingSection | None = None  #: How the errors of angles of camera and panels go together.
     joint_errors: tuple[JointErrors, ...] = ()  #: Of what is off together; all other errors are independent.
-    remarks: tuple[str, ...] = ()  #: What is assumed, and what was set aside, in words.
+    assumed: tuple[str, ...] = ()  #: What is assumed of noise and materials, in words.
+    remarks: tuple[str, ...] = ()  #: That, what is left out, and where the geometry is beyond the model.
 
     @property
     def has_materials(self) -> bool:

@@ -423,24 +423,21 @@ def _to_its_errors(
     tolerance: float,
 ) -> "Comparison":
     """Return a comparison with a scene whose numerical errors are far below those of its rows."""
-    from rigctl.comparison.compare import EffectsTaken, accuracy_at, compare_with_scene
+    from rigctl.comparison.compare import EffectsTaken, accuracy_at, compare_with_prediction
     from rigctl.comparison.predict_run import run_predictor
-    from rigctl.scene.reading import acting_effects, without_effects
+    from rigctl.scene.reading import acting_effects
 
     run = run_predictor(measurement, scene=scene, noise=given.noise)
 
     def compared(
         tried: "NumericalAccuracy", coarser: "Comparison | None" = None
     ) -> "tuple[Comparison, NumericalAccuracy]":
-        made = compare_with_scene(
+        made = compare_with_prediction(
             measurement,
-            scene=without_effects(scene, tried.left_out),
-            noise=given.noise,
+            replace(run.without(tried.left_out), settings=tried.found.result.settings),
             alpha=_alpha(options),
             scale=options.get("scale", "absolute"),
             radiometric=given.radiometric,
-            settings=tried.found.result.settings,
-            light=run.light,
             coarser=coarser,
         )
         return made, tried.beside(made.rows, made.predictions)
@@ -504,7 +501,6 @@ def _series(
 ) -> "ComparedSeries":
     """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
     from rigctl.comparison.compare import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs, used_file
-    from rigctl.files.scene_file import load_scene
     from rigctl.runs.check import used_run
 
     if not isinstance(scene, str | Path):
@@ -522,8 +518,7 @@ def _series(
         accuracy = found[-1].accuracy if found else None
         tolerance = None if accuracy is None else accuracy.tolerance
         found.append(compare_run(path, scene=scene, regions=regions, tolerance=tolerance, **shared))
-    content = load_scene(Path(scene))
-    points = tuple(_point(name, one, content) for name, one in zip(names, found, strict=True))
+    points = tuple(_point(name, one) for name, one in zip(names, found, strict=True))
     return ComparedSeries(
         points=points,
         drifts=drifts_of(points),
@@ -533,7 +528,7 @@ def _series(
     )
 
 
-def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPoint":
+def _point(name: str, comparison: "Comparison") -> "SeriesPoint":
     from rigctl.comparison.compare import SeriesPoint
 
     first = comparison.measurement.grid.records[0][0].start_utc
@@ -541,18 +536,15 @@ def _point(name: str, comparison: "Comparison", scene: "SceneFile") -> "SeriesPo
         name=name,
         comparison=comparison,
         start=None if first is None else datetime.fromisoformat(first),
-        sun_zenith_deg=_sun_zenith_deg(comparison.measurement, scene),
+        sun_zenith_deg=_sun_zenith_deg(comparison),
     )
 
 
-def _sun_zenith_deg(measurement: "Measurement", scene: "SceneFile") -> float | None:
-    from rigctl.comparison.predict_run import scene_of_run
-    from rigctl.scene.reading import sun_of_file
-
-    frames = measurement.grid.frames
+def _sun_zenith_deg(comparison: "Comparison") -> float | None:
+    """Return where the sun stood, as the frames recorded it, or else as the prediction took it."""
+    frames = comparison.measurement.grid.frames
     elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
     if len(elevations) == len(frames):
         return 90.0 - sum(elevations) / len(elevations)
-    changed, _ = scene_of_run(scene, measurement.run, frames)
-    sun = sun_of_file(changed)
+    sun = None if comparison.inputs is None else comparison.inputs.scene.sun
     return None if sun is None else sun.zenith_deg.value

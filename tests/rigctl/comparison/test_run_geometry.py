@@ -9,6 +9,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, session_record
 from rigctl.runs.writer import RunWriter
+from rigctl.scene.reading import scene_of_file
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 
@@ -18,7 +19,7 @@ AT_NOON = "2010-05-25T17:07:40.000000000Z"
 
 @pytest.fixture
 def scene(tmp_path):
-    return load_scene(written(tmp_path))
+    return scene_of_file(load_scene(written(tmp_path)))
 
 
 def run_of(*, origin="device", **session):
@@ -89,13 +90,13 @@ def test_a_simulated_clock_says_nothing_of_the_sun(scene):
 
 
 def test_a_scene_given_by_radiance_has_no_sun(scene):
-    panels = load_scene(EXAMPLES / "scene-panels.toml")
+    panels = scene_of_file(load_scene(EXAMPLES / "scene-panels.toml"))
     assert scene_of_run(panels, run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)]) == (panels, ())
 
 
 def test_phi_is_kept_and_said_so(tmp_path):
     by_phi = SCENE.replace("azimuth_deg = 180.0\n", "", 1).replace("camera_azimuth_deg = 0.0", "phi_deg = 180")
-    scene = load_scene(written(tmp_path, by_phi))
+    scene = scene_of_file(load_scene(written(tmp_path, by_phi)))
     found, said = scene_of_run(scene, run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)])
     assert found.geometry.phi_deg.value == 180.0
     assert any("phi_deg: kept as stated" in text for text in said)
@@ -115,7 +116,7 @@ def test_an_agreeing_run_needs_no_word(scene):
 
 def test_frames_without_a_date_keep_the_day_of_the_scene(scene):
     found, _ = scene_of_run(scene, run_of(), [frame(sun_azimuth_deg=170.0, sun_elevation_deg=60.0)])
-    assert found.sun.day_of_year == 145
+    assert found.sun.distance_factor == scene.sun.distance_factor
 
 
 def test_a_number_that_the_run_states_as_exact_keeps_the_uncertainty_of_the_scene_file(tmp_path):
@@ -123,7 +124,9 @@ def test_a_number_that_the_run_states_as_exact_keeps_the_uncertainty_of_the_scen
         "zenith_deg = 50.0\nazimuth", "zenith_deg = { value = 50.0, std = 0.2 }\nazimuth"
     )
     rig = {"geometry": {"camera_zenith_deg": 53.0, "camera_azimuth_deg": {"value": 0.0, "std": 2.0}}, "site": SITE}
-    found, _ = scene_of_run(load_scene(written(tmp_path, told)), run_of(rig=rig), [frame(start_utc=AT_NOON)])
+    found, _ = scene_of_run(
+        scene_of_file(load_scene(written(tmp_path, told))), run_of(rig=rig), [frame(start_utc=AT_NOON)]
+    )
     assert (found.geometry.camera_zenith_deg.value, found.geometry.camera_zenith_deg.std) == (53.0, 0.5)
     assert found.geometry.camera_azimuth_deg.std == 2.0
     assert found.sun.zenith_deg.std == 0.2
@@ -138,7 +141,9 @@ def test_a_site_that_is_not_known_makes_the_sun_of_the_run_uncertain(scene):
 
 def test_a_distance_that_is_not_known_stays_so_on_the_day_of_the_run(tmp_path):
     told = SCENE.replace("day_of_year = 145", "distance_factor = { value = 1.0, std = 0.02 }")
-    found, _ = scene_of_run(load_scene(written(tmp_path, told)), run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)])
+    found, _ = scene_of_run(
+        scene_of_file(load_scene(written(tmp_path, told))), run_of(rig={"site": SITE}), [frame(start_utc=AT_NOON)]
+    )
     # 25 May: 0.9748 (NREL).
     assert found.sun.distance_factor.value == pytest.approx(0.9748, abs=1e-3)
     assert found.sun.distance_factor.std == 0.02
@@ -150,7 +155,8 @@ def test_angles_whose_errors_the_run_states_go_together_with_nothing(tmp_path):
     text = text.replace('material = "black-paint"', 'material = "black-paint"\ntilt_deg = { value = 9.0, std = 1.0 }')
     names = ["geometry.camera_zenith_deg", "geometry.camera_azimuth_deg", "regions.paint.tilt_deg"]
     rows = [[1.0, 0.1, 0.7], [0.1, 1.0, 0.2], [0.7, 0.2, 1.0]]
-    scene = load_scene(written(tmp_path, f"{text}[pointing]\nparameters = {names}\ncorrelation = {rows}\n"))
+    joint = f"[pointing]\nparameters = {names}\ncorrelation = {rows}\n"
+    scene = scene_of_file(load_scene(written(tmp_path, text + joint)))
     exact = {"camera_zenith_deg": 50.0, "camera_azimuth_deg": {"value": 1.0, "std": 5.0}}
     found, said = scene_of_run(scene, run_of(rig={"geometry": exact}), [frame(start_utc=AT_NOON)])
     assert found.pointing.parameters == (names[0], names[2])
