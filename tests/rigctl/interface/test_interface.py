@@ -48,6 +48,11 @@ def test_the_names_are_those_that_are_documented():
     assert all(getattr(rigctl, name).__doc__ for name in NAMES)
 
 
+def test_no_module_takes_the_place_of_a_name():
+    package = Path(rigctl.__file__).parent
+    assert [name for name in NAMES if (package / name).exists() or (package / f"{name}.py").exists()] == []
+
+
 def test_importing_it_imports_nothing_heavy():
     code = "import sys, rigctl; print(sorted({'numpy', 'pydantic', 'cyclopts', 'matplotlib'} & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
