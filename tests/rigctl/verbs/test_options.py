@@ -3,7 +3,7 @@
 import pytest
 
 from rigctl import cli
-from rigctl.verbs import HEADINGS
+from rigctl.verbs.headings import HEADINGS
 
 VERBS = [name for verbs in HEADINGS.values() for name, (target, _) in verbs.items() if target not in (None, "old")]
 
