@@ -30,6 +30,7 @@ def run(*arguments: object) -> int:
 def test_regions_follow_the_markers_from_run_to_run(afternoon: Path, capsys: pytest.CaptureFixture[str]) -> None:
     marked, evening = afternoon / "marked.toml", afternoon / "evening.toml"
     assert run("mark", afternoon / "noon", afternoon / "regions.toml", "--out", marked) == 0
+    assert "1 regions, 2 markers" in capsys.readouterr().out
     assert run("find", afternoon / "evening", marked, "--out", evening, "--json") == 0
     (found,) = json.loads(capsys.readouterr().out)["regions"]
     assert found["markers"] == [3, 7]

@@ -33,7 +33,6 @@ def test_every_wild_number_is_named_by_its_key():
             "drift",
         ),
         (["calibrate", "axis", "nowhere", "--out", "nowhere.json", "--reference-deg", "1e300"], "--reference-deg"),
-        (["dolp", "--dolp", "0.1,1e300"], "--dolp"),
     ],
 )
 def test_options_keep_to_the_range(capsys, arguments, option):
