@@ -228,6 +228,7 @@ CHAPTERS = {
     # Chapters that take minutes.
     "demo": Chapter(
         is_long=True,
+        ignored="/drift/|share_of_standard_error",  # the clock is not simulated
         commands={
             "sound": "demo --out sound --json",
             "angle-offset": "demo --out angle-offset --perturb angle-offset --json",
