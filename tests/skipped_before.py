@@ -28,6 +28,11 @@ def add_options(parser: pytest.Parser) -> None:
     )
 
 
+def _names_of(node: str) -> set[str]:
+    """Return the ids under which a test may have been skipped: its own, its file's, that of an empty parameter set."""
+    return {node, node.partition("::")[0], f"{node.partition('[')[0]}[NOTSET]"}
+
+
 class SkippedTests:
     """Keep the ids of skipped tests, or select them and judge what became of them."""
 
@@ -54,13 +59,13 @@ class SkippedTests:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         if self._selects:
-            items[:] = [item for item in items if {item.nodeid, item.nodeid.partition("::")[0]} & self._wanted]
+            items[:] = [item for item in items if _names_of(item.nodeid) & self._wanted]
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         self._note(report)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self._run |= {report.nodeid, report.nodeid.partition("::")[0]}
+        self._run |= _names_of(report.nodeid)
         self._note(report)
 
     def _note(self, report: pytest.CollectReport | pytest.TestReport) -> None:
