@@ -115,7 +115,7 @@ def _stated(scene: LitScene, forced: Mapping[Effect, bool]) -> list[Decision]:
     for effect, entry in EFFECTS.items():
         if entry.is_stated is None:
             continue
-        is_stated = entry.is_stated(scene)
+        is_stated = bool(entry.is_stated(scene))  # of numpy's numbers it is one of numpy's, which JSON does not hold
         found.append(
             Decision(
                 effect=effect,
@@ -167,7 +167,7 @@ def _decided(
     for effect in sorted(bounds, key=lambda one: (counted[one].largest, one)):
         total = spent + counted[effect]
         size = total.largest if counted[effect].largest > 0.0 else 0.0
-        acts = forced.get(effect, size > tolerance)
+        acts = forced.get(effect, bool(size > tolerance))
         if effect in forced:
             reason = _by_request(acts)
         elif size == 0.0:
