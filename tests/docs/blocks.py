@@ -50,7 +50,11 @@ class Block:
 def pages() -> list[Path]:
     """Return all pages that people read, those that the build of the site makes left out."""
     found = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
-    return sorted(page for page in found if not {"made", "_build"} & set(page.parts) and page.name != "CHANGELOG.md")
+    return sorted(
+        page
+        for page in found
+        if not {"made", "_build"} & set(page.parts) and page.name not in ("CHANGELOG.md", "commands.md")
+    )
 
 
 def blocks_of(page: Path) -> Iterator[Block]:
