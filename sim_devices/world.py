@@ -52,30 +52,12 @@ class Surface:
             refuse_no_covariance(self.extra_covariance)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rectangle:
-    """The pixels with left <= x < left + width and top <= y < top + height."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Region:
-    """Place of a surface: a rectangle, or a mask of shape (H, W) that is True on it."""
-
-    surface: Surface
-    where: Rectangle | NDArray[np.bool_]
-
-
 def paint_scene(
     *,
     width: int,
     height: int,
     background: Surface,
-    regions: Sequence[Region],
+    regions: Sequence[tuple[Surface, NDArray[np.bool_]]],
     generator: np.random.Generator,
 ) -> FloatArray:
     """Return the Stokes radiance of every pixel, drawn once.
@@ -87,7 +69,8 @@ def paint_scene(
     background
         What is seen where no region is.
     regions
-        Painted in this order: a later one covers an earlier one.
+        Surfaces with masks of shape (H, W) that are True on them, painted in this order: a later one covers an earlier
+        one.
     generator
         Where texture comes from. The same state gives the same scene.
 
@@ -99,14 +82,15 @@ def paint_scene(
     Raises
     ------
     ValueError
-        If a region reaches outside of the picture, or a drawn pixel has S0 <= 0 or DoLP > 1: then texture or
-        covariance is too wide for the mean. Nothing is cut off, since that would change the moments.
+        If a mask has another shape, or a drawn pixel has S0 <= 0 or DoLP > 1: then texture or covariance is too wide
+        for the mean. Nothing is cut off, since that would change the moments.
     """
     radiance = np.empty((3, height, width))
     radiance[...] = _drawn(background, count=width * height, generator=generator).reshape(radiance.shape)
-    for region in regions:
-        inside = _mask(region.where, width=width, height=height)
-        radiance[:, inside] = _drawn(region.surface, count=int(inside.sum()), generator=generator)
+    for surface, mask in regions:
+        if mask.shape != (height, width):
+            raise ValueError(f"a mask has shape {mask.shape}; the picture has {(height, width)}")
+        radiance[:, mask] = _drawn(surface, count=int(mask.sum()), generator=generator)
     refuse_unphysical(radiance, name="a drawn pixel (make texture_rms or extra_covariance smaller)")
     radiance.flags.writeable = False
     return radiance
@@ -148,24 +132,6 @@ def _drawn(surface: Surface, *, count: int, generator: np.random.Generator) -> F
         spreads = np.sqrt(np.maximum(variances, 0.0))
         stokes += (axes * spreads) @ generator.standard_normal((3, count))
     return stokes
-
-
-def _mask(where: Rectangle | NDArray[np.bool_], *, width: int, height: int) -> NDArray[np.bool_]:
-    if isinstance(where, Rectangle):
-        return _rectangle_mask(where, width=width, height=height)
-    if where.shape != (height, width):
-        raise ValueError(f"a mask has shape {where.shape}; the picture has {(height, width)}")
-    return where
-
-
-def _rectangle_mask(rectangle: Rectangle, *, width: int, height: int) -> NDArray[np.bool_]:
-    right, bottom = rectangle.left + rectangle.width, rectangle.top + rectangle.height
-    fits = 0 <= rectangle.left < right <= width and 0 <= rectangle.top < bottom <= height
-    if not fits:
-        raise ValueError(f"{rectangle} is empty or reaches outside of the picture of {width} x {height} pixels")
-    mask = np.zeros((height, width), dtype=np.bool_)
-    mask[rectangle.top : bottom, rectangle.left : right] = True
-    return mask
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -56,11 +56,11 @@ from sim_devices.exposure import (
 )
 from sim_devices.micro_polarizers import MicroPolarizers, crosstalk
 from sim_devices.random_streams import Stream, generator
-from sim_devices.stages.catalogue import StageOptions, parse_stage_address
+from sim_devices.stages.catalogue import parse_stage_address
+from sim_devices.stages.options import StageOptions
 from sim_devices.stages.stage import SimulatedStage
 from sim_devices.truth_log import TruthLog
 from sim_devices.world import Polarizer, Surface, World, paint_scene
-from sim_devices.world import Region as PaintedRegion
 
 
 class SimulatedClock:
@@ -435,7 +435,7 @@ def stated_radiance(scene: SceneFile, rig: RigFile, camera: SimulatedCamera, see
         width=camera.width,
         height=camera.height,
         background=Surface(mean_stokes=(scene.background_radiance, 0.0, 0.0)),
-        regions=[PaintedRegion(surface=_surface(region), where=inside[region.name]) for region in scene.regions],
+        regions=[(_surface(region), inside[region.name]) for region in scene.regions],
         generator=np.random.default_rng([seed, TEXTURE_STREAM]),
     )
 

@@ -553,7 +553,6 @@ def extended(xml: str) -> str:
     return whole.replace("<Max>16</Max>", "<Max>1</Max>").replace("<Min>10.0</Min>", "<Min>1.0</Min>")
 
 
-CONTROL_PORT = 3956
 _CONTROL = struct.Struct(">BBHHH")  # key or status, flags, command, length, request
 _KEY = 0x42
 _DISCOVERY_ACK, _READ_REGISTER_ACK = 0x0003, 0x0081
@@ -572,34 +571,25 @@ _LARGEST = 2**16
 _LOOK_S = 0.1
 
 
-@dataclass(frozen=True, kw_only=True)
-class Losses:
-    """What the network does."""
-
-    share: float = 0.0  #: Of the packets of pictures, sent again or not, that are lost, 0 to 1.
-    resends: bool = True  #: Whether packets that are asked for again are sent again.
-    #: Larger packets (with their headers) do not pass, as behind a switch without jumbo frames.
-    largest_bytes: int | None = None
-
-
-@dataclass
-class Passed:
-    """What has passed: packets of pictures, those lost, those asked for again, those sent again."""
-
-    packets: int = 0
-    lost: int = 0
-    asked_again: int = 0
-    sent_again: int = 0
-
-
-class LossyNetwork:
+class _LossyNetwork:
     """Stands at an address of its own for a camera; `lossy_network` makes one."""
 
-    def __init__(self, *, camera: str, address: str, losses: Losses, clock: DeviceClock | None, seed: int) -> None:
-        self.losses, self.passed, self._clock = losses, Passed(), clock
-        self._camera, self._address = (camera, CONTROL_PORT), address
+    def __init__(
+        self,
+        *,
+        camera: str,
+        address: str,
+        lost_share: float,
+        resends: bool,
+        largest_bytes: int | None,
+        clock: DeviceClock | None,
+        seed: int,
+    ) -> None:
+        self._lost_share, self._resends, self._largest_bytes = lost_share, resends, largest_bytes
+        self._clock = clock
+        self._camera, self._address = (camera, _CONTROL_PORT), address
         self._random = random.Random(seed)
-        self._control = _socket(address, CONTROL_PORT)
+        self._control = _socket(address, _CONTROL_PORT)
         self._to_camera = _socket("0.0.0.0", 0)
         self._pictures = _socket("0.0.0.0", 0)
         self._host: tuple[str, int] | None = None
@@ -649,18 +639,13 @@ class LossyNetwork:
             if len(self._kept) > _KEPT_PICTURES:
                 self._kept.popitem(last=False)
         self._kept[picture][kind_and_number & _NUMBER] = packet
-        self.passed.packets += 1
         self._pass_on(packet)
 
-    def _pass_on(self, packet: bytes) -> bool:
-        largest = self.losses.largest_bytes
-        is_too_large = largest is not None and len(packet) + _HEADERS_BYTES > largest
-        if is_too_large or self._random.random() < self.losses.share:
-            self.passed.lost += 1
-            return False
-        if self._host is not None:
+    def _pass_on(self, packet: bytes) -> None:
+        is_too_large = self._largest_bytes is not None and len(packet) + _HEADERS_BYTES > self._largest_bytes
+        is_lost = is_too_large or self._random.random() < self._lost_share
+        if self._host is not None and not is_lost:
             self._pictures.sendto(packet, self._host)
-        return True
 
     def _carry_question(self, data: bytes, asker: tuple[str, int]) -> None:
         if len(data) < _CONTROL.size or data[0] != _KEY:
@@ -729,10 +714,9 @@ class LossyNetwork:
         """Send packets of a picture once more, as far as they are still known."""
         _channel, picture, first, last = struct.unpack(">HHII", wanted[:12])
         for number in range(first & _NUMBER, (last & _NUMBER) + 1):
-            self.passed.asked_again += 1
-            packet = self._kept.get(picture, {}).get(number) if self.losses.resends else None
-            if packet is not None and self._pass_on(packet):
-                self.passed.sent_again += 1
+            packet = self._kept.get(picture, {}).get(number) if self._resends else None
+            if packet is not None:
+                self._pass_on(packet)
 
 
 @contextmanager
@@ -740,15 +724,29 @@ def lossy_network(
     *,
     camera: str,
     address: str = "127.0.0.2",
-    losses: Losses | None = None,
+    lost_share: float = 0.0,
+    resends: bool = True,
+    largest_bytes: int | None = None,
     clock: DeviceClock | None = None,
     seed: int = 0,
-) -> Iterator[LossyNetwork]:
-    """Give the network between a camera at one address and everybody who turns to the other one."""
-    network = LossyNetwork(camera=camera, address=address, losses=losses or Losses(), clock=clock, seed=seed)
+) -> Iterator[None]:
+    """Put a network between a camera at one address and everybody who turns to the other one.
+
+    It loses a share of the packets of pictures, sent again or not, and all that are larger (with their headers) than
+    `largest_bytes`, as a switch without jumbo frames does. It sends packets again on request if `resends`.
+    """
+    network = _LossyNetwork(
+        camera=camera,
+        address=address,
+        lost_share=lost_share,
+        resends=resends,
+        largest_bytes=largest_bytes,
+        clock=clock,
+        seed=seed,
+    )
     network.start()
     try:
-        yield network
+        yield
     finally:
         network.close()
 
@@ -843,8 +841,9 @@ def serve_behind_network(
     hidden = replace(faults, lost_share=0.0)
     with serve_gige_camera(source, serial_number=serial_number, faults=hidden, clock=clock, wait=wait) as device:
         device.promise_resends(faults.resends)
-        losses = Losses(share=faults.lost_share, resends=faults.resends)
-        with lossy_network(camera=device.address, address=address, losses=losses, clock=clock):
+        with lossy_network(
+            camera=device.address, address=address, lost_share=faults.lost_share, resends=faults.resends, clock=clock
+        ):
             yield address
 
 

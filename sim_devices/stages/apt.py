@@ -10,19 +10,13 @@ from dataclasses import dataclass
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.options import (
     COMMON_KEYS,
-    LineOptions,
-    MotionOptions,
+    StageOptions,
     fault_key,
     flag,
-    line_options,
-    motion_options,
     one_of,
-    read_address,
     whole,
 )
-from sim_devices.stages.stage import Reply
-
-SCHEME = "sim:apt"
+from sim_devices.stages.stage import Language
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,19 +62,17 @@ MODELS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class AptOptions:
+class AptOptions(StageOptions):
     """A stage and its faults. The defaults are a sound K10CR1."""
 
-    motion: MotionOptions  #: What it shares with other stages.
-    line: LineOptions
+    motor_deg_per_s: float = 25.0
+    landing_deg: float = 0.001
     model: str = "K10CR1"  #: One of `MODELS`; a KDC101 has a PRM1-Z8.
     serial_number: int | None = None  #: None: one of the model's own range.
     #: Whether its velocities are 0 after power-up: it then says that it moves, and stands still.
     forgets: bool = False
     quiet_home: bool = False  #: Whether it homes without saying HOMED.
     updates: bool = False  #: Whether it tells its status ten times a second from power-up on.
-    seed: int = 0  #: Of all that is random.
-    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
 
     @property
     def counts_per_turn(self) -> float:
@@ -95,22 +87,15 @@ def _status_bits(text: str) -> int:
     return bits
 
 
-_KEYS = {
-    "model": one_of("own", "model", "which controller", tuple(MODELS)),
-    "serial": whole("own", "serial_number", "serial number", 0, 2**31 - 1),
-    "forgets": flag("own", "forgets", "its velocities are 0 after power-up"),
-    "quiethome": flag("own", "quiet_home", "it homes without saying so"),
-    "updates": flag("own", "updates", "it tells its status unasked from power-up on"),
+KEYS = {
+    "model": one_of("model", "which controller", {name: name for name in MODELS}),
+    "serial": whole("serial_number", "serial number", 0, 2**31 - 1),
+    "forgets": flag("forgets", "its velocities are 0 after power-up"),
+    "quiethome": flag("quiet_home", "it homes without saying so"),
+    "updates": flag("updates", "it tells its status unasked from power-up on"),
     "fault": fault_key(_status_bits, codes="status bits, such as 0x4000"),
     **COMMON_KEYS,
 }
-
-
-def parse_address(text: str) -> AptOptions:
-    """Return the stage that an address describes."""
-    values = read_address(text, scheme=SCHEME, keys=_KEYS)
-    motion = motion_options(values, motor_deg_per_s=25.0, landing_deg=0.001)
-    return AptOptions(motion=motion, line=line_options(values), **values.get("own", {}))
 
 
 _HOST, _UNIT, _LONG = 0x01, 0x50, 0x80
@@ -188,14 +173,6 @@ _SERVO_TABLE = {
 _SHORT = {0x0500: (0x0501, 0x0502), 0x0213: (0x0214, 0x0215), 0x0250: (0x0251, 0x0252)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Jog:
-    """What a jog does: so many counts, or None for going on; and how fast [deg/s]."""
-
-    counts: int | None
-    speed_deg_per_s: float
-
-
 class AptParameters:
     """The parameters and what some of them mean; the others are kept and told."""
 
@@ -262,10 +239,10 @@ class AptParameters:
         """Return where an absolute move without data goes."""
         return int.from_bytes(self._values[_ABSOLUTE], "little", signed=True)
 
-    def jog(self) -> Jog:
-        """Return what a jog does."""
+    def jog(self) -> tuple[int | None, float]:
+        """Return what a jog does: so many counts, or None for going on; and how fast [deg/s]."""
         mode, step, _, _, speed, _ = struct.unpack("<HiiiiH", self._values[_JOG])
-        return Jog(counts=step if mode == _SINGLE_STEP else None, speed_deg_per_s=speed / self._scale)
+        return step if mode == _SINGLE_STEP else None, speed / self._scale
 
     def limits_counts(self) -> tuple[int, int]:
         """Return the lowest and the highest count that it may go to."""
@@ -343,12 +320,13 @@ _UPDATES_UNACKNOWLEDGED = 50
 _ENDLESS_COUNTS = 2**31 - 1
 
 
-class AptLanguage:
-    """The stage's side of the conversation. The time is an argument, and never goes back."""
+class AptLanguage(Language):
+    """What an APT controller hears and says."""
+
+    _options: AptOptions
 
     def __init__(self, options: AptOptions, drive: Drive) -> None:
-        self._options = options
-        self._drive = drive
+        super().__init__(options, drive)
         self._model = MODELS[options.model]
         self._receiver = AptReceiver()
         self._parameters = AptParameters(options)
@@ -356,12 +334,8 @@ class AptLanguage:
         self._error_bits = 0
         self._motion_bits = 0
         self._homed = False
-        self._now_s = 0.0
-        self.heard = 0
-        self._appointment: tuple[float, Callable[[], None]] | None = None
         self._update_s: float | None = 0.0 if options.updates else None
         self._updates_left = _UPDATES_UNACKNOWLEDGED
-        self._replies: list[Reply] = []
         self._tells_ends = True
         self._commands: dict[int, Callable[[Message], None]] = self._questions() | self._orders()
 
@@ -400,37 +374,12 @@ class AptLanguage:
         """The numbers of all messages from the host that do something, or are answered."""
         return frozenset(self._commands) | self._parameters.understood
 
-    def receive(self, time_s: float, data: bytes) -> list[Reply]:
-        """Return the replies up to a time [s] at which these bytes arrive."""
-        self._live_until(time_s)
-        for message in self._receiver.receive(time_s, data):
+    def _hear(self, data: bytes) -> None:
+        for message in self._receiver.receive(self._now_s, data):
             self._obey(message)
-        return self._take_replies()
 
-    def advance(self, time_s: float) -> list[Reply]:
-        """Return the replies up to a time [s]."""
-        self._live_until(time_s)
-        return self._take_replies()
-
-    def next_event_s(self) -> float | None:
-        """Return when the stage does something unasked, or None."""
-        appointed_s = self._appointment[0] if self._appointment else None
-        times = (appointed_s, self._update_s)
-        return min((time_s for time_s in times if time_s is not None), default=None)
-
-    def _take_replies(self) -> list[Reply]:
-        replies, self._replies = self._replies, []
-        return replies
-
-    def _live_until(self, time_s: float) -> None:
-        while (event_s := self.next_event_s()) is not None and event_s <= time_s:
-            self._now_s = event_s
-            if self._appointment and self._appointment[0] <= event_s:
-                (_, keep), self._appointment = self._appointment, None
-                keep()
-            else:
-                self._update()
-        self._now_s = max(self._now_s, time_s)
+    def _next_routine_s(self) -> float | None:
+        return self._update_s
 
     def _obey(self, message: Message) -> None:
         self.heard += 1
@@ -440,11 +389,6 @@ class AptLanguage:
             self._say(answer)
         elif message.number in self._commands:
             self._commands[message.number](message)
-
-    def _say(self, message: bytes) -> None:
-        silent = self._options.line.silent
-        if silent is None or self.heard < silent:
-            self._replies.append((self._now_s, message))
 
     def _tell(self, number: int, data: bytes) -> None:
         self._say(long(number, with_channel(data)))
@@ -487,7 +431,7 @@ class AptLanguage:
 
     def _find_home(self) -> None:
         self._motion_bits = 0
-        self._homed = not self._options.motion.unhomed
+        self._homed = not self._options.unhomed
         if self._homed and self._tells_ends and not self._options.quiet_home:
             self._say(short(_FOUND_HOME))
 
@@ -501,13 +445,13 @@ class AptLanguage:
 
     def _jog(self, message: Message) -> None:
         """Go by a step, or on and on, as the parameters say."""
-        jog, rising = self._parameters.jog(), message.second != _FIRST_WAY
+        (step, speed), rising = self._parameters.jog(), message.second != _FIRST_WAY
         bits = _JOG_RISING if rising else _JOG_FALLING
-        if jog.counts is None:
-            self._go_on(rising=rising, speed_deg_per_s=jog.speed_deg_per_s, bits=bits)
+        if step is None:
+            self._go_on(rising=rising, speed_deg_per_s=speed, bits=bits)
         else:
-            counts = self._counts() + (jog.counts if rising else -jog.counts)
-            self._move(counts, speed_deg_per_s=jog.speed_deg_per_s, bits=bits)
+            counts = self._counts() + (step if rising else -step)
+            self._move(counts, speed_deg_per_s=speed, bits=bits)
 
     def _turn_on(self, message: Message) -> None:
         rising = message.second != _FIRST_WAY
@@ -535,15 +479,15 @@ class AptLanguage:
         self._appointment = None
         if speed_deg_per_s <= 0.0:
             return
-        ending = self._drive.move(self._now_s, counts, speed_deg_per_s=speed_deg_per_s)
+        end_s, outcome = self._drive.move(self._now_s, counts, speed_deg_per_s=speed_deg_per_s)
         keep: dict[Outcome, Callable[[], None]] = {
             "arrives": self._complete,
             "stalls": lambda: self._fail(_MOTION_ERROR),
             "is turned by hand": self._turn_by_hand,
-            "fails": lambda: self._fail(int((self._options.motion.fault or (_MOTION_ERROR, 0))[0])),
+            "fails": lambda: self._fail(int((self._options.fault or (_MOTION_ERROR, 0))[0])),
         }
-        lag_s = _BUSY_FOR_NO_REASON_S if self._options.motion.busy else 0.0
-        self._appointment = (ending.time_s + lag_s, keep[ending.outcome])
+        lag_s = _BUSY_FOR_NO_REASON_S if self._options.busy else 0.0
+        self._appointment = (end_s + lag_s, keep[outcome])
 
     def _call_here(self, message: Message) -> None:
         """Give the place where it stands another number."""
@@ -584,8 +528,10 @@ class AptLanguage:
     def _acknowledge(self) -> None:
         self._updates_left = _UPDATES_UNACKNOWLEDGED
 
-    def _update(self) -> None:
+    def _do_routine(self) -> None:
         """Tell the status unasked, unless the host has been silent for too long."""
+        if self._update_s is None or self._update_s > self._now_s:
+            return
         self._updates_left -= 1
         self._update_s = self._now_s + _UPDATE_S
         if self._updates_left >= 0:

@@ -1,39 +1,17 @@
 """Simulated stages by the address that describes them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from sim_devices.clock import Clock
-from sim_devices.stages import apt as apt_address
-from sim_devices.stages import ellx as ellx_address
-from sim_devices.stages import zaber as zaber_address
-from sim_devices.stages.apt import AptLanguage, AptOptions
-from sim_devices.stages.drive import Drive
-from sim_devices.stages.ellx import EllxLanguage, EllxOptions
-from sim_devices.stages.stage import Language, SimulatedStage, assemble
-from sim_devices.stages.zaber import ZaberLanguage, ZaberOptions
+from sim_devices.stages import apt, ellx, zaber
+from sim_devices.stages.options import Key, StageOptions, read_address
+from sim_devices.stages.stage import SimulatedStage
 
-StageOptions = EllxOptions | ZaberOptions | AptOptions
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Family:
-    parse: Callable[[str], StageOptions]
-    options: type
-    language: Callable[[Any, Drive], Language]
-    baud: int
-
-
-_FAMILIES: dict[str, _Family] = {
-    ellx_address.SCHEME: _Family(
-        parse=ellx_address.parse_address, options=EllxOptions, language=EllxLanguage, baud=9600
-    ),
-    zaber_address.SCHEME: _Family(
-        parse=zaber_address.parse_address, options=ZaberOptions, language=ZaberLanguage, baud=115200
-    ),
-    apt_address.SCHEME: _Family(parse=apt_address.parse_address, options=AptOptions, language=AptLanguage, baud=115200),
+# Scheme of an address -> options, keys, language, and bits per second of the line.
+_FAMILIES: dict[str, tuple[type[StageOptions], dict[str, Key], Any, int]] = {
+    "sim:ellx": (ellx.EllxOptions, ellx.KEYS, ellx.EllxLanguage, 9600),
+    "sim:zaber": (zaber.ZaberOptions, zaber.KEYS, zaber.ZaberLanguage, 115200),
+    "sim:apt": (apt.AptOptions, apt.KEYS, apt.AptLanguage, 115200),
 }
 SCHEMES = tuple(_FAMILIES)
 
@@ -49,19 +27,11 @@ def parse_stage_address(text: str) -> StageOptions:
     scheme = text.partition("?")[0]
     if scheme not in _FAMILIES:
         raise ValueError(f"stage address {text!r}: there is no {scheme!r}; there are {', '.join(SCHEMES)}")
-    return _FAMILIES[scheme].parse(text)
+    options, keys, _, _ = _FAMILIES[scheme]
+    return options(**read_address(text, keys))
 
 
 def make_stage(options: StageOptions, *, clock: Clock) -> SimulatedStage:
-    """Return a simulated stage at its power-up.
-
-    Parameters
-    ----------
-    options : StageOptions
-        What it is like.
-    clock : Clock
-        The time that it lives in.
-    """
-    family = next(family for family in _FAMILIES.values() if isinstance(options, family.options))
-    speak = partial(family.language, options)
-    return assemble(options, speak, counts_per_turn=options.counts_per_turn, baud=family.baud, clock=clock)
+    """Return a simulated stage at its power-up, which lives in a clock's time."""
+    language, baud = next((family[2], family[3]) for family in _FAMILIES.values() if family[0] is type(options))
+    return SimulatedStage(options, language, baud=baud, clock=clock)

@@ -2,28 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
-from sim_devices.stages.options import MotionOptions
-
-
-class SerialDevice(Protocol):
-    """A simulated device on a serial line. Safe to use from several threads."""
-
-    def receive(self, data: bytes) -> None:
-        """Take in what the host has sent."""
-
-    def transmit(self) -> bytes:
-        """Return what has reached the host by now and was not returned before."""
-
-    def next_event_s(self) -> float | None:
-        """Return when there will be something new to transmit [s], or None while nothing is under way."""
-
-    def is_plugged_in(self) -> bool:
-        """Return whether the host sees a port at all."""
-
+from sim_devices.stages.options import StageOptions
 
 _CREEP_TIME_CONSTANT_S = 0.1
 
@@ -122,20 +105,12 @@ _ENDLESS_TURNS = 10**6
 Outcome = Literal["arrives", "stalls", "is turned by hand", "fails"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ending:
-    """End of a move: its time [s], and how it ends."""
-
-    time_s: float
-    outcome: Outcome
-
-
 class Drive:
     """Counts the moves and gives each its ending. Times are arguments and never go back."""
 
-    def __init__(self, options: MotionOptions, *, counts_per_turn: float, generator: np.random.Generator) -> None:
+    def __init__(self, options: StageOptions, *, generator: np.random.Generator) -> None:
         self.ring = Ring(
-            counts_per_turn=counts_per_turn,
+            counts_per_turn=options.counts_per_turn,
             landing_deg=options.landing_deg,
             mark_deg=options.mark_deg,
             start_deg=options.start_deg,
@@ -144,7 +119,6 @@ class Drive:
             generator=generator,
         )
         self._options = options
-        self._counts_per_turn = counts_per_turn
         self._moves = 0
 
     def home(self, time_s: float, *, clockwise: bool, speed_deg_per_s: float, offset_counts: int = 0) -> float:
@@ -158,23 +132,25 @@ class Drive:
 
     def turn_on(self, time_s: float, *, forward: bool, speed_deg_per_s: float) -> None:
         """Turn on and on, until the ring is halted."""
-        counts = self.ring.counts(time_s) + round((1 if forward else -1) * _ENDLESS_TURNS * self._counts_per_turn)
+        counts = self.ring.counts(time_s) + round(
+            (1 if forward else -1) * _ENDLESS_TURNS * self._options.counts_per_turn
+        )
         self.ring.turn_to_counts(time_s, counts, speed_deg_per_s=self._possible(speed_deg_per_s))
 
-    def move(self, time_s: float, counts: int, *, speed_deg_per_s: float) -> Ending:
-        """Turn to an encoder reading."""
+    def move(self, time_s: float, counts: int, *, speed_deg_per_s: float) -> tuple[float, Outcome]:
+        """Turn to an encoder reading; return when that ends [s], and how."""
         self._moves += 1
         speed = self._possible(speed_deg_per_s)
         if self._moves == self._options.stall:
             end_s = self.ring.turn_to_counts(time_s, counts, speed_deg_per_s=speed, part=0.5)
-            return Ending(time_s=end_s, outcome="stalls")
+            return end_s, "stalls"
         target = counts - 1 if self._options.minus_one else counts
         end_s = self.ring.turn_to_counts(time_s, target, speed_deg_per_s=speed)
-        return Ending(time_s=end_s, outcome=self._outcome())
+        return end_s, self._outcome()
 
     def turn_by_hand(self, time_s: float) -> float:
         """Turn by 5 degrees, as a person at the device would; return when it rests [s]."""
-        counts = self.ring.counts(time_s) + round(_HAND_TURNS_DEG * self._counts_per_turn / 360.0)
+        counts = self.ring.counts(time_s) + round(_HAND_TURNS_DEG * self._options.counts_per_turn / 360.0)
         return self.ring.turn_to_counts(time_s, counts, speed_deg_per_s=self._options.motor_deg_per_s)
 
     def _outcome(self) -> Outcome:

@@ -11,17 +11,13 @@ from functools import partial
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.options import (
     COMMON_KEYS,
-    LineOptions,
-    MotionOptions,
+    StageOptions,
     fault_key,
-    line_options,
-    motion_options,
     number,
     one_of,
-    read_address,
     whole,
 )
-from sim_devices.stages.stage import Reply
+from sim_devices.stages.stage import Language
 
 _TICKS_HZ = 14_740_000  # a period counts these
 _CURRENT_PER_A = 1866
@@ -83,13 +79,8 @@ _ADDRESSES = b"0123456789ABCDEF"
 _HEAD_BYTES = 3
 
 
-@dataclass(frozen=True, kw_only=True)
-class Command:
-    """A whole command: who it is for, its two letters, its digits. Unknown letters have no digits."""
-
-    address: str
-    letters: str
-    digits: str
+# Address, letters and digits; unknown letters have no digits.
+Command = tuple[str, str, str]
 
 
 class EllxReceiver:
@@ -121,35 +112,25 @@ class EllxReceiver:
             self._collected = b""
         elif byte != b"\n" and (self._collected or byte in _ADDRESSES):
             self._collected += byte
-        return self._complete()
-
-    def _complete(self) -> Command | None:
-        if len(self._collected) < _HEAD_BYTES:
-            return None
         text = self._collected.decode("latin-1")
-        if len(text) < _HEAD_BYTES + DATA_DIGITS.get(text[1:3], 0):
+        if len(text) < _HEAD_BYTES or len(text) < _HEAD_BYTES + DATA_DIGITS.get(text[1:3], 0):
             return None
         self._collected = b""
-        return Command(address=text[0], letters=text[1:3], digits=text[3:])
-
-
-SCHEME = "sim:ellx"
+        return text[0], text[1:3], text[3:]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EllxOptions:
+class EllxOptions(StageOptions):
     """A stage and its faults. The defaults are a sound ELL14."""
 
-    motion: MotionOptions  #: What it shares with other stages.
-    line: LineOptions
+    motor_deg_per_s: float = 430.0
+    landing_deg: float = 0.004
     model: int = 14  #: The number in the model's name.
     serial_number: int = 11401326  #: At most eight digits.
     #: Encoder counts of a turn: 143360 in every ELL14 whose reply is public, 262144 in the manual's table.
     pulses: int = 143360
     address: str = "0"  #: Its place on the line, a hexadecimal digit.
     gap_s: float = 0.0  #: A move that is sent sooner than this after the last one ended goes to 0 instead.
-    seed: int = 0  #: Of all that is random.
-    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
 
     @property
     def counts_per_turn(self) -> int:
@@ -164,22 +145,15 @@ def _status_code(text: str) -> int:
     return code
 
 
-_KEYS = {
-    "model": whole("own", "model", "number in the model's name", 1, 255),
-    "serial": whole("own", "serial_number", "serial number", 0, 99999999),
-    "pulses": whole("own", "pulses", "encoder counts of a turn", 1, 0x7FFFFFFF),
-    "address": one_of("own", "address", "place on the line", tuple("0123456789ABCDEF")),
-    "gap": number("own", "gap_s", "a move sooner than this after the last goes to 0 [s]", 0, 60),
+KEYS = {
+    "model": whole("model", "number in the model's name", 1, 255),
+    "serial": whole("serial_number", "serial number", 0, 99999999),
+    "pulses": whole("pulses", "encoder counts of a turn", 1, 0x7FFFFFFF),
+    "address": one_of("address", "place on the line", {digit: digit for digit in "0123456789ABCDEF"}),
+    "gap": number("gap_s", "a move sooner than this after the last goes to 0 [s]", 0, 60),
     "fault": fault_key(_status_code, codes="a status from 1 to 255"),
     **COMMON_KEYS,
 }
-
-
-def parse_address(text: str) -> EllxOptions:
-    """Return the stage that an address describes."""
-    values = read_address(text, scheme=SCHEME, keys=_KEYS)
-    motion = motion_options(values, motor_deg_per_s=430.0, landing_deg=0.004)
-    return EllxOptions(motion=motion, line=line_options(values), **values.get("own", {}))
 
 
 _YEAR = "2025"
@@ -194,16 +168,16 @@ _MOVES = frozenset({"ho", "ma", "mr", "fw", "bw"})
 _SEARCH_S, _CURVE_S, _OPTIMIZE_S, _CLEAN_S = 1.5, 12.0, 180.0, 240.0
 
 
-class EllxLanguage:
-    """The stage's side of the conversation. The time is an argument, and never goes back."""
+class EllxLanguage(Language):
+    """What an Elliptec stage hears and says."""
+
+    _options: EllxOptions
 
     def __init__(self, options: EllxOptions, drive: Drive) -> None:
-        self._options = options
-        self._drive = drive
+        super().__init__(options, drive)
         self._receiver = EllxReceiver()
         self._error = _OK
         self._velocity_percent = _FULL_SPEED_PERCENT
-        self.heard = 0
         self._rested_s = -1e9
         self._address, self._group = options.address, ""
         self._isolated_until_s = -1e9
@@ -211,53 +185,51 @@ class EllxLanguage:
         self._born_offset = self._home_offset = options.pulses // _OFFSETS_PER_TURN
         self._motors = EllxMotors()
         self._stoppable = False
-        self._appointment: tuple[float, Callable[[float], None]] | None = None
-        self._replies: list[Reply] = []
         self._answers = self._questions() | self._settings() | self._upkeep() | self._motions()
 
-    def _questions(self) -> dict[str, Callable[[float, str], None]]:
+    def _questions(self) -> dict[str, Callable[[str], None]]:
         return {
             "in": self._tell_information,
             "gs": self._tell_status,
-            "gp": lambda time_s, _: self._say(time_s, f"PO{self._position(time_s)}"),
-            "gv": lambda time_s, _: self._say(time_s, f"GV{self._velocity_percent:02X}"),
-            "gj": lambda time_s, _: self._say(time_s, f"GJ{_unsigned(self._jog_counts)}"),
-            "go": lambda time_s, _: self._say(time_s, f"HO{_unsigned(self._home_offset)}"),
-            "i1": lambda time_s, _: self._say(time_s, self._motors.information("1")),
-            "i2": lambda time_s, _: self._say(time_s, self._motors.information("2")),
+            "gp": lambda _: self._tell(f"PO{self._position()}"),
+            "gv": lambda _: self._tell(f"GV{self._velocity_percent:02X}"),
+            "gj": lambda _: self._tell(f"GJ{_unsigned(self._jog_counts)}"),
+            "go": lambda _: self._tell(f"HO{_unsigned(self._home_offset)}"),
+            "i1": lambda _: self._tell(self._motors.information("1")),
+            "i2": lambda _: self._tell(self._motors.information("2")),
         }
 
-    def _settings(self) -> dict[str, Callable[[float, str], None]]:
+    def _settings(self) -> dict[str, Callable[[str], None]]:
         periods = {letters: partial(self._set_period, letters) for letters in ("f1", "b1", "f2", "b2")}
         return periods | {
             "sv": self._set_velocity,
             "sj": self._set_jog,
             "so": self._set_home_offset,
-            "us": lambda time_s, _: self._say(time_s, f"GS{_OK:02X}"),
-            "sk": lambda time_s, _: self._say(time_s, f"GS{_OK:02X}"),
+            "us": lambda _: self._tell(f"GS{_OK:02X}"),
+            "sk": lambda _: self._tell(f"GS{_OK:02X}"),
             "ca": self._change_address,
             "ga": self._join_group,
             "is": self._isolate,
         }
 
-    def _upkeep(self) -> dict[str, Callable[[float, str], None]]:
+    def _upkeep(self) -> dict[str, Callable[[str], None]]:
         return {
             "s1": partial(self._search, "1"),
             "s2": partial(self._search, "2"),
             "c1": partial(self._draw_curve, "1"),
             "c2": partial(self._draw_curve, "2"),
-            "om": lambda time_s, _: self._work(time_s, _OPTIMIZE_S, self._say_done, stoppable=True),
-            "cm": lambda time_s, _: self._work(time_s, _CLEAN_S, self._say_done, stoppable=True),
+            "om": lambda _: self._work(_OPTIMIZE_S, self._say_done, stoppable=True),
+            "cm": lambda _: self._work(_CLEAN_S, self._say_done, stoppable=True),
         }
 
-    def _motions(self) -> dict[str, Callable[[float, str], None]]:
+    def _motions(self) -> dict[str, Callable[[str], None]]:
         return {
             "st": self._stop,
             "ho": self._home,
             "ma": self._move_absolute,
-            "mr": lambda time_s, digits: self._move_by(time_s, _signed(digits)),
-            "fw": lambda time_s, _: self._jog(time_s, forward=True),
-            "bw": lambda time_s, _: self._jog(time_s, forward=False),
+            "mr": lambda digits: self._move_by(_signed(digits)),
+            "fw": lambda _: self._jog(forward=True),
+            "bw": lambda _: self._jog(forward=False),
         }
 
     @property
@@ -265,225 +237,200 @@ class EllxLanguage:
         """The letters of all commands that it knows."""
         return frozenset(self._answers)
 
-    def receive(self, time_s: float, data: bytes) -> list[Reply]:
-        """Return the replies up to a time [s] at which these bytes arrive."""
-        self._live_until(time_s)
-        for command in self._receiver.receive(time_s, data):
-            self._obey(time_s, command)
-        return self._take_replies()
-
-    def advance(self, time_s: float) -> list[Reply]:
-        """Return the replies up to a time [s]."""
-        self._live_until(time_s)
-        return self._take_replies()
-
-    def next_event_s(self) -> float | None:
-        """Return when the stage does something unasked, or None."""
-        return self._appointment[0] if self._appointment else None
-
-    def _take_replies(self) -> list[Reply]:
-        replies, self._replies = self._replies, []
-        return replies
-
     def _live_until(self, time_s: float) -> None:
         if self._receiver.timed_out(time_s):
             self._error = _TIMEOUT
-        while self._appointment and self._appointment[0] <= time_s:
-            (due_s, keep), self._appointment = self._appointment, None
-            keep(due_s)
+        super()._live_until(time_s)
 
-    def _obey(self, time_s: float, command: Command) -> None:
-        if time_s < self._isolated_until_s or not self._is_meant(command):
+    def _hear(self, data: bytes) -> None:
+        for address, letters, digits in self._receiver.receive(self._now_s, data):
+            self._obey(address, letters, digits)
+
+    def _obey(self, address: str, letters: str, digits: str) -> None:
+        in_group = address == self._group and letters in _MOVES  # it listens to the group's address for one motion
+        if self._now_s < self._isolated_until_s or not (address == self._address or in_group):
             return
         self.heard += 1
-        if set(command.digits) - set(string.digits + "ABCDEF"):
-            self._refuse(time_s, _OUT_OF_RANGE)
-        elif command.letters not in self._answers:
-            self._refuse(time_s, _UNSUPPORTED)
+        if set(digits) - set(string.digits + "ABCDEF"):
+            self._refuse(_OUT_OF_RANGE)
+        elif letters not in self._answers:
+            self._refuse(_UNSUPPORTED)
         else:
-            self._answers[command.letters](time_s, command.digits)
-        if command.letters in _MOVES:
+            self._answers[letters](digits)
+        if letters in _MOVES:
             self._group = ""
 
-    def _is_meant(self, command: Command) -> bool:
-        """Return whether it listens: to its own address, and for one motion to that of its group."""
-        in_group = command.address == self._group and command.letters in _MOVES
-        return command.address == self._address or in_group
+    def _tell(self, text: str) -> None:
+        self._say(f"{self._address}{text}\r\n".encode("ascii"))
 
-    def _say(self, time_s: float, text: str) -> None:
-        silent = self._options.line.silent
-        if silent is None or self.heard < silent:
-            self._replies.append((time_s, f"{self._address}{text}\r\n".encode("ascii")))
-
-    def _refuse(self, time_s: float, error: int) -> None:
+    def _refuse(self, error: int) -> None:
         self._error = error
-        self._say(time_s, f"GS{error:02X}")
+        self._tell(f"GS{error:02X}")
 
-    def _is_busy(self, time_s: float) -> bool:
-        return self._appointment is not None or self._drive.ring.is_moving(time_s)
+    def _is_busy(self) -> bool:
+        return self._appointment is not None or self._drive.ring.is_moving(self._now_s)
 
-    def _tell_information(self, time_s: float, _digits: str) -> None:
+    def _tell_information(self, _digits: str) -> None:
         options = self._options
         head = f"{options.model:02X}{options.serial_number:08d}{_YEAR}{_FIRMWARE}{_HARDWARE}"
-        self._say(time_s, f"IN{head}{360:04X}{options.pulses:08X}")
+        self._tell(f"IN{head}{360:04X}{options.pulses:08X}")
 
-    def _tell_status(self, time_s: float, _digits: str) -> None:
+    def _tell_status(self, _digits: str) -> None:
         """Tell "busy" while there is something to do, else the last error, which is forgotten by that."""
-        if self._is_busy(time_s):
-            self._say(time_s, f"GS{_BUSY:02X}")
+        if self._is_busy():
+            self._tell(f"GS{_BUSY:02X}")
             return
-        self._say(time_s, f"GS{self._error:02X}")
+        self._tell(f"GS{self._error:02X}")
         self._error = _OK
 
-    def _set_velocity(self, time_s: float, digits: str) -> None:
+    def _set_velocity(self, digits: str) -> None:
         percent = int(digits, 16)
         if not 1 <= percent <= _FULL_SPEED_PERCENT:
-            self._refuse(time_s, _OUT_OF_RANGE)
+            self._refuse(_OUT_OF_RANGE)
             return
         self._velocity_percent = percent
-        self._say_done(time_s)
+        self._say_done()
 
-    def _set_jog(self, time_s: float, digits: str) -> None:
-        if self._allows(time_s, abs(_signed(digits)) <= self._options.pulses):
+    def _set_jog(self, digits: str) -> None:
+        if self._allows(abs(_signed(digits)) <= self._options.pulses):
             self._jog_counts = _signed(digits)
 
-    def _set_home_offset(self, time_s: float, digits: str) -> None:
-        if self._allows(time_s, 0 <= _signed(digits) < self._options.pulses):
+    def _set_home_offset(self, digits: str) -> None:
+        if self._allows(0 <= _signed(digits) < self._options.pulses):
             self._home_offset = _signed(digits)
 
-    def _set_period(self, letters: str, time_s: float, digits: str) -> None:
-        self._allows(time_s, self._motors.set_period(letters, int(digits, 16)))
+    def _set_period(self, letters: str, digits: str) -> None:
+        self._allows(self._motors.set_period(letters, int(digits, 16)))
 
-    def _allows(self, time_s: float, allowed: bool) -> bool:
+    def _allows(self, allowed: bool) -> bool:
         if allowed:
-            self._say_done(time_s)
+            self._say_done()
         else:
-            self._refuse(time_s, _OUT_OF_RANGE)
+            self._refuse(_OUT_OF_RANGE)
         return allowed
 
-    def _say_done(self, time_s: float) -> None:
-        self._say(time_s, f"GS{_OK:02X}")
+    def _say_done(self) -> None:
+        self._tell(f"GS{_OK:02X}")
 
-    def _change_address(self, time_s: float, digits: str) -> None:
+    def _change_address(self, digits: str) -> None:
         self._address = digits
-        self._say_done(time_s)
+        self._say_done()
 
-    def _join_group(self, time_s: float, digits: str) -> None:
+    def _join_group(self, digits: str) -> None:
         self._group = digits
-        self._say_done(time_s)
+        self._say_done()
 
-    def _isolate(self, time_s: float, digits: str) -> None:
+    def _isolate(self, digits: str) -> None:
         """Fall silent and deaf for some minutes; the status tells it once, afterwards."""
-        self._say_done(time_s)
+        self._say_done()
         if minutes := int(digits, 16):
-            self._isolated_until_s = time_s + 60.0 * minutes
+            self._isolated_until_s = self._now_s + 60.0 * minutes
             self._error = _OUT_OF_ISOLATION
 
-    def _search(self, motor: str, time_s: float, _digits: str) -> None:
-        def found(end_s: float) -> None:
+    def _search(self, motor: str, _digits: str) -> None:
+        def found() -> None:
             self._motors.search(motor)
-            self._say_done(end_s)
+            self._say_done()
 
-        self._work(time_s, _SEARCH_S, found)
+        self._work(_SEARCH_S, found)
 
-    def _draw_curve(self, motor: str, time_s: float, _digits: str) -> None:
-        self._work(time_s, _CURVE_S, lambda end_s: self._say(end_s, self._motors.curve(motor)))
+    def _draw_curve(self, motor: str, _digits: str) -> None:
+        self._work(_CURVE_S, lambda: self._tell(self._motors.curve(motor)))
 
-    def _work(self, time_s: float, duration_s: float, end: Callable[[float], None], *, stoppable: bool = False) -> None:
-        if self._begins(time_s):
+    def _work(self, duration_s: float, end: Callable[[], None], *, stoppable: bool = False) -> None:
+        if self._begins():
             self._stoppable = stoppable
-            self._appointment = (time_s + duration_s, end)
+            self._appointment = (self._now_s + duration_s, end)
 
-    def _stop(self, time_s: float, digits: str) -> None:
+    def _stop(self, digits: str) -> None:
         """End what goes on without an end of its own; a move to somewhere goes on."""
         if self._stoppable:
             self._stoppable = False
             self._appointment = None
-            self._drive.ring.halt(time_s)
-            self._rest(time_s)
-        self._tell_status(time_s, digits)
+            self._drive.ring.halt(self._now_s)
+            self._rest()
+        self._tell_status(digits)
 
-    def _home(self, time_s: float, digits: str) -> None:
-        if self._begins(time_s):
+    def _home(self, digits: str) -> None:
+        if self._begins():
             end_s = self._drive.home(
-                time_s,
+                self._now_s,
                 clockwise=digits == "0",
                 speed_deg_per_s=self._speed(),
                 offset_counts=self._home_offset - self._born_offset,
             )
-            self._appointment = (end_s, self._rest if self._options.motion.unhomed else self._arrive)
+            self._appointment = (end_s, self._rest if self._options.unhomed else self._arrive)
 
-    def _move_absolute(self, time_s: float, digits: str) -> None:
+    def _move_absolute(self, digits: str) -> None:
         counts = _signed(digits)
         if abs(counts) > self._options.pulses:
-            self._refuse(time_s, _OUT_OF_RANGE)
+            self._refuse(_OUT_OF_RANGE)
         else:
-            self._move(time_s, counts)
+            self._move(counts)
 
-    def _move_by(self, time_s: float, counts: int) -> None:
-        self._move(time_s, self._drive.ring.counts(time_s) + counts)
+    def _move_by(self, counts: int) -> None:
+        self._move(self._drive.ring.counts(self._now_s) + counts)
 
-    def _jog(self, time_s: float, *, forward: bool) -> None:
+    def _jog(self, *, forward: bool) -> None:
         """Go by a jog; where that is 0, go on and on, which is told at once."""
         if self._jog_counts:
-            self._move_by(time_s, self._jog_counts if forward else -self._jog_counts)
-        elif self._begins(time_s):
-            self._say_done(time_s)
-            self._drive.turn_on(time_s, forward=forward, speed_deg_per_s=self._speed())
+            self._move_by(self._jog_counts if forward else -self._jog_counts)
+        elif self._begins():
+            self._say_done()
+            self._drive.turn_on(self._now_s, forward=forward, speed_deg_per_s=self._speed())
             self._stoppable = True
 
-    def _move(self, time_s: float, counts: int) -> None:
-        if self._begins(time_s):
-            self._turn(time_s, 0 if time_s - self._rested_s < self._options.gap_s else counts)
+    def _move(self, counts: int) -> None:
+        if self._begins():
+            self._turn(0 if self._now_s - self._rested_s < self._options.gap_s else counts)
 
-    def _begins(self, time_s: float) -> bool:
+    def _begins(self) -> bool:
         """Return whether a motion can begin; a stage that is busy says so instead."""
-        busy = self._is_busy(time_s)
-        if busy or self._options.motion.busy:
-            self._say(time_s, f"GS{_BUSY:02X}")
+        busy = self._is_busy()
+        if busy or self._options.busy:
+            self._tell(f"GS{_BUSY:02X}")
         self._stoppable = busy and self._stoppable
         return not busy
 
-    def _turn(self, time_s: float, counts: int) -> None:
-        ending = self._drive.move(time_s, counts, speed_deg_per_s=self._speed())
-        keep: dict[Outcome, Callable[[float], None]] = {
+    def _turn(self, counts: int) -> None:
+        end_s, outcome = self._drive.move(self._now_s, counts, speed_deg_per_s=self._speed())
+        keep: dict[Outcome, Callable[[], None]] = {
             "arrives": self._arrive,
             "stalls": self._give_up,
             "is turned by hand": self._press_button,
             "fails": self._fail,
         }
-        late_s = _STALL_S if ending.outcome == "stalls" else 0.0
-        self._appointment = (ending.time_s + late_s, keep[ending.outcome])
+        self._appointment = (end_s + (_STALL_S if outcome == "stalls" else 0.0), keep[outcome])
 
-    def _rest(self, time_s: float) -> None:
-        self._rested_s = time_s
+    def _rest(self) -> None:
+        self._rested_s = self._now_s
 
-    def _arrive(self, time_s: float) -> None:
-        self._rest(time_s)
-        self._say(time_s, f"PO{self._position(time_s)}")
+    def _arrive(self) -> None:
+        self._rest()
+        self._tell(f"PO{self._position()}")
 
-    def _give_up(self, time_s: float) -> None:
-        self._rest(time_s)
-        self._refuse(time_s, _STALLED)
+    def _give_up(self) -> None:
+        self._rest()
+        self._refuse(_STALLED)
 
-    def _fail(self, time_s: float) -> None:
-        self._rest(time_s)
-        if self._options.motion.fault is not None:
-            self._refuse(time_s, int(self._options.motion.fault[0]))
+    def _fail(self) -> None:
+        self._rest()
+        if self._options.fault is not None:
+            self._refuse(int(self._options.fault[0]))
 
-    def _press_button(self, time_s: float) -> None:
-        self._say(time_s, f"BS{_BUSY:02X}")
-        self._appointment = (self._drive.turn_by_hand(time_s), self._release_button)
+    def _press_button(self) -> None:
+        self._tell(f"BS{_BUSY:02X}")
+        self._appointment = (self._drive.turn_by_hand(self._now_s), self._release_button)
 
-    def _release_button(self, time_s: float) -> None:
-        self._say(time_s, f"BO{self._position(time_s)}")
-        self._arrive(time_s)
+    def _release_button(self) -> None:
+        self._tell(f"BO{self._position()}")
+        self._arrive()
 
-    def _position(self, time_s: float) -> str:
-        return _unsigned(self._drive.ring.counts(time_s))
+    def _position(self) -> str:
+        return _unsigned(self._drive.ring.counts(self._now_s))
 
     def _speed(self) -> float:
-        return self._options.motion.motor_deg_per_s * self._velocity_percent / _FULL_SPEED_PERCENT
+        return self._options.motor_deg_per_s * self._velocity_percent / _FULL_SPEED_PERCENT
 
 
 def _signed(digits: str) -> int:

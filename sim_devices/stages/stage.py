@@ -19,13 +19,221 @@ import numpy as np
 
 from drivers.errors import NotConnectedError
 from sim_devices.clock import Clock, SimClock
-from sim_devices.faults import LineNoise
-from sim_devices.stages.drive import Drive, SerialDevice
-from sim_devices.stages.options import LineOptions, MotionOptions
+from sim_devices.stages.drive import Drive
+from sim_devices.stages.options import StageOptions
 
 _LONGEST_NAP_S = 0.5
 _PLUG_NAP_S = 0.02
 _CHUNK_BYTES = 4096
+_BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit
+_PIECE_BYTES = 2
+_PIECE_GAP_S = 0.002
+_LATE_EVERY = 3
+
+Reply = tuple[float, bytes]
+"""Time of sending [s], and bytes."""
+
+
+class SerialDevice(Protocol):
+    """A simulated device on a serial line. Safe to use from several threads."""
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the host has sent."""
+
+    def transmit(self) -> bytes:
+        """Return what has reached the host by now and was not returned before."""
+
+    def next_event_s(self) -> float | None:
+        """Return when there will be something new to transmit [s], or None while nothing is under way."""
+
+    def is_plugged_in(self) -> bool:
+        """Return whether the host sees a port at all."""
+
+
+class Language:
+    """A stage's side of the conversation; a family says what it hears in bytes, and what it does then.
+
+    Times are arguments and never go back. What the stage does later is an appointment, of which it has one at a time.
+    """
+
+    def __init__(self, options: StageOptions, drive: Drive) -> None:
+        self._options, self._drive = options, drive
+        self._now_s = 0.0
+        self.heard = 0  #: Number of commands that have come in whole.
+        self._appointment: tuple[float, Callable[[], None]] | None = None
+        self._replies: list[Reply] = []
+
+    def receive(self, time_s: float, data: bytes) -> list[Reply]:
+        """Return the replies up to a time [s] at which these bytes arrive."""
+        self._live_until(time_s)
+        self._hear(data)
+        return self._take_replies()
+
+    def advance(self, time_s: float) -> list[Reply]:
+        """Return the replies up to a time [s]."""
+        self._live_until(time_s)
+        return self._take_replies()
+
+    def next_event_s(self) -> float | None:
+        """Return when the stage does something unasked, or None."""
+        times_s = (self._appointment[0] if self._appointment else None, self._next_routine_s())
+        return min((time_s for time_s in times_s if time_s is not None), default=None)
+
+    def _hear(self, data: bytes) -> None:
+        """Obey the commands that these bytes complete."""
+        raise NotImplementedError
+
+    def _next_routine_s(self) -> float | None:
+        """Return when there is something to do beside the appointment."""
+        return None
+
+    def _do_routine(self) -> None:
+        """Do what is to be done beside the appointment."""
+
+    def _live_until(self, time_s: float) -> None:
+        while (event_s := self.next_event_s()) is not None and event_s <= time_s:
+            self._now_s = max(self._now_s, event_s)
+            if self._appointment and self._appointment[0] <= self._now_s:
+                (_, keep), self._appointment = self._appointment, None
+                keep()
+            self._do_routine()
+        self._now_s = max(self._now_s, time_s)
+
+    def _say(self, message: bytes) -> None:
+        if self._options.silent is None or self.heard < self._options.silent:
+            self._replies.append((self._now_s, message))
+
+    def _take_replies(self) -> list[Reply]:
+        replies, self._replies = self._replies, []
+        return replies
+
+
+class SimulatedStage:
+    """The stage itself. Serve it on a pseudo-terminal, or in this process, and look at its true angle.
+
+    Parameters
+    ----------
+    options : StageOptions
+        What it is like.
+    make_language : callable
+        Makes what it says, of its options and what it turns.
+    baud : int
+        Bits per second of the line, where its bytes are paced.
+    clock : Clock
+        The time that it lives in.
+    """
+
+    def __init__(
+        self,
+        options: StageOptions,
+        make_language: Callable[[StageOptions, Drive], Language],
+        *,
+        baud: int,
+        clock: Clock,
+    ) -> None:
+        drive_generator, line_generator, self._host_generator = np.random.default_rng(options.seed).spawn(3)
+        self._options, self._clock = options, clock
+        self._drive = Drive(options, generator=drive_generator)
+        self._language = make_language(options, self._drive)
+        self._line = Line(options, baud=baud, generator=line_generator)
+        self._lock = threading.Lock()
+        self._vanished_s: float | None = None
+
+    def true_angle_deg(self) -> float:
+        """Return the angle at which the ring now stands in its housing [deg], in [0, 360)."""
+        with self._lock:
+            return self._live() % 360.0 % 360.0  # a tiny negative angle makes 360.0 the first time
+
+    def commands_heard(self) -> int:
+        """Return how many commands have come in whole."""
+        with self._lock:
+            return self._language.heard
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the host has sent."""
+        with self._lock:
+            arriving = damaged(data, self._options, self._host_generator)
+            self._send(self._language.receive(self._clock.now_s(), arriving))
+
+    def transmit(self) -> bytes:
+        """Return what has reached the host by now and was not returned before."""
+        with self._lock:
+            self._live()
+            return self._line.arrived(self._clock.now_s())
+
+    def next_event_s(self) -> float | None:
+        """Return when there will be something new to transmit [s], or None while nothing is under way."""
+        with self._lock:
+            times = (self._line.next_arrival_s(), self._language.next_event_s())
+            return min((time_s for time_s in times if time_s is not None), default=None)
+
+    def is_plugged_in(self) -> bool:
+        """Return whether the host sees a port: not for a while from the command on at which it is to vanish."""
+        with self._lock:
+            if self._options.vanish is None or self._language.heard < self._options.vanish:
+                return True
+            if self._vanished_s is None:
+                self._vanished_s = self._clock.now_s()
+            return self._clock.now_s() >= self._vanished_s + self._options.back_s
+
+    def _live(self) -> float:
+        """Let the stage do what it does until now; return its angle [deg], counted on through full turns."""
+        now_s = self._clock.now_s()
+        self._send(self._language.advance(now_s))
+        return self._drive.ring.angle_deg(now_s)
+
+    def _send(self, replies: list[Reply]) -> None:
+        for time_s, reply in replies:
+            self._line.send(time_s, reply)
+
+
+class Line:
+    """The line from a stage to its host, which keeps the order of what is sent."""
+
+    def __init__(self, options: StageOptions, *, baud: int, generator: np.random.Generator) -> None:
+        self._options, self._generator = options, generator
+        self._byte_s = _BITS_PER_BYTE / baud if options.pace else 0.0
+        self._sent = 0
+        self._free_s = 0.0
+        self._queue: deque[tuple[float, bytes]] = deque()
+
+    def send(self, time_s: float, reply: bytes) -> None:
+        """Put one reply on its way at a time [s]."""
+        self._sent += 1
+        delay_s = self._options.late_s if self._sent % _LATE_EVERY == 0 else 0.0
+        self._free_s = max(self._free_s, time_s + delay_s)
+        for piece in self._cut(damaged(reply, self._options, self._generator)):
+            self._free_s += len(piece) * self._byte_s
+            self._queue.append((self._free_s, piece))
+            self._free_s += _PIECE_GAP_S if self._options.pieces else 0.0
+
+    def arrived(self, time_s: float) -> bytes:
+        """Return what has arrived by a time [s] and was not returned before."""
+        data = b""
+        while self._queue and self._queue[0][0] <= time_s:
+            data += self._queue.popleft()[1]
+        return data
+
+    def next_arrival_s(self) -> float | None:
+        """Return when the next byte arrives [s], or None when nothing is on its way."""
+        return self._queue[0][0] if self._queue else None
+
+    def _cut(self, data: bytes) -> list[bytes]:
+        size = 1 if self._byte_s else _PIECE_BYTES if self._options.pieces else len(data)
+        return [data[start : start + size] for start in range(0, len(data), max(1, size))]
+
+
+def damaged(data: bytes, options: StageOptions, generator: np.random.Generator) -> bytes:
+    """Return bytes as they arrive at the other end of a bad line: some lost, doubled or changed."""
+    rates = (options.drop, options.double, options.flip)
+    if not any(rates):
+        return data
+    arrived = b""
+    for byte in data:
+        is_lost, is_doubled, is_changed = generator.random(3) < rates
+        changed = byte ^ (1 << int(generator.integers(8))) if is_changed else byte
+        arrived += bytes([changed]) * (0 if is_lost else 2 if is_doubled else 1)
+    return arrived
 
 
 @contextmanager
@@ -196,204 +404,3 @@ class InProcessPort:
         self._gone = self._gone or not self._device.is_plugged_in()
         if self._gone:  # a port that comes back is another port
             raise NotConnectedError(f"{self.name}: the port has gone away. Check the cable, then open it again")
-
-
-_BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit
-_PIECE_BYTES = 2
-_PIECE_GAP_S = 0.002
-_LATE_EVERY = 3
-
-
-class Line:
-    """A serial line that keeps the order of what is sent."""
-
-    def __init__(
-        self,
-        *,
-        baud: int | None,
-        in_pieces: bool,
-        late_s: float,
-        noise: LineNoise,
-        generator: np.random.Generator,
-    ) -> None:
-        self._byte_s = 0.0 if baud is None else _BITS_PER_BYTE / baud
-        self._in_pieces = in_pieces
-        self._late_s = late_s
-        self._noise = noise
-        self._generator = generator
-        self._sent = 0
-        self._free_s = 0.0
-        self._queue: deque[tuple[float, bytes]] = deque()
-
-    def send(self, time_s: float, reply: bytes) -> None:
-        """Put one reply on its way at a time [s]."""
-        self._sent += 1
-        delay_s = self._late_s if self._sent % _LATE_EVERY == 0 else 0.0
-        self._free_s = max(self._free_s, time_s + delay_s)
-        for piece in self._cut(self._noise.corrupt(reply, self._generator)):
-            self._free_s += len(piece) * self._byte_s
-            self._queue.append((self._free_s, piece))
-            self._free_s += _PIECE_GAP_S if self._in_pieces else 0.0
-
-    def arrived(self, time_s: float) -> bytes:
-        """Return what has arrived by a time [s] and was not returned before."""
-        data = b""
-        while self._queue and self._queue[0][0] <= time_s:
-            data += self._queue.popleft()[1]
-        return data
-
-    def next_arrival_s(self) -> float | None:
-        """Return when the next byte arrives [s], or None when nothing is on its way."""
-        return self._queue[0][0] if self._queue else None
-
-    def _cut(self, data: bytes) -> list[bytes]:
-        size = 1 if self._byte_s else _PIECE_BYTES if self._in_pieces else len(data)
-        return [data[start : start + size] for start in range(0, len(data), max(1, size))]
-
-
-Reply = tuple[float, bytes]
-"""Time of sending [s], and bytes."""
-
-
-class Language(Protocol):
-    """A stage's side of the conversation. The time is an argument, and never goes back."""
-
-    @property
-    def heard(self) -> int:
-        """Number of commands that have come in whole."""
-
-    def receive(self, time_s: float, data: bytes) -> list[Reply]:
-        """Return the replies up to a time [s] at which these bytes arrive."""
-
-    def advance(self, time_s: float) -> list[Reply]:
-        """Return the replies up to a time [s]."""
-
-    def next_event_s(self) -> float | None:
-        """Return when the stage does something unasked, or None."""
-
-
-class Options(Protocol):
-    """Options of every family."""
-
-    @property
-    def motion(self) -> MotionOptions:
-        """Motion, and what goes wrong with it."""
-
-    @property
-    def line(self) -> LineOptions:
-        """Line, and what happens to its bytes."""
-
-    @property
-    def seed(self) -> int:
-        """Of all that is random."""
-
-
-class SimulatedStage:
-    """The stage itself. Serve it on a pseudo-terminal, or in this process, and look at its true angle.
-
-    Parameters
-    ----------
-    language : Language
-        What it says.
-    drive : Drive
-        What it turns.
-    line : LineOptions
-        What happens to the bytes.
-    baud : int
-        Bits per second of the line, where its bytes are paced.
-    clock : Clock
-        The time that it lives in.
-    line_generator, host_generator : numpy.random.Generator
-        Where the damage to what it sends, and to what it is sent, is drawn from.
-    """
-
-    def __init__(
-        self,
-        language: Language,
-        drive: Drive,
-        *,
-        line: LineOptions,
-        baud: int,
-        clock: Clock,
-        line_generator: np.random.Generator,
-        host_generator: np.random.Generator,
-    ) -> None:
-        self._language = language
-        self._drive = drive
-        self._options = line
-        self._clock = clock
-        self._host_generator = host_generator
-        self._lock = threading.Lock()
-        self._vanished_s: float | None = None
-        self._noise = LineNoise(drop=line.drop, double=line.double, flip=line.flip)
-        self._line = Line(
-            baud=baud if line.pace else None,
-            in_pieces=line.pieces,
-            late_s=line.late_s,
-            noise=self._noise,
-            generator=line_generator,
-        )
-
-    def true_angle_deg(self) -> float:
-        """Return the angle at which the ring now stands in its housing [deg], in [0, 360)."""
-        with self._lock:
-            return self._live() % 360.0 % 360.0  # a tiny negative angle makes 360.0 the first time
-
-    def commands_heard(self) -> int:
-        """Return how many commands have come in whole."""
-        with self._lock:
-            return self._language.heard
-
-    def receive(self, data: bytes) -> None:
-        """Take in what the host has sent."""
-        with self._lock:
-            arriving = self._noise.corrupt(data, self._host_generator)
-            self._send(self._language.receive(self._clock.now_s(), arriving))
-
-    def transmit(self) -> bytes:
-        """Return what has reached the host by now and was not returned before."""
-        with self._lock:
-            self._live()
-            return self._line.arrived(self._clock.now_s())
-
-    def next_event_s(self) -> float | None:
-        """Return when there will be something new to transmit [s], or None while nothing is under way."""
-        with self._lock:
-            times = (self._line.next_arrival_s(), self._language.next_event_s())
-            return min((time_s for time_s in times if time_s is not None), default=None)
-
-    def is_plugged_in(self) -> bool:
-        """Return whether the host sees a port: not for a while from the command on at which it is to vanish."""
-        with self._lock:
-            if self._options.vanish is None or self._language.heard < self._options.vanish:
-                return True
-            if self._vanished_s is None:
-                self._vanished_s = self._clock.now_s()
-            return self._clock.now_s() >= self._vanished_s + self._options.back_s
-
-    def _live(self) -> float:
-        """Let the stage do what it does until now; return its angle [deg], counted on through full turns."""
-        now_s = self._clock.now_s()
-        self._send(self._language.advance(now_s))
-        return self._drive.ring.angle_deg(now_s)
-
-    def _send(self, replies: list[Reply]) -> None:
-        for time_s, reply in replies:
-            self._line.send(time_s, reply)
-
-
-def assemble(
-    options: Options, speak: Callable[[Drive], Language], *, counts_per_turn: float, baud: int, clock: Clock
-) -> SimulatedStage:
-    """Return a stage at its power-up, put together from a drive and its language."""
-    drive_generator, line_generator, host_generator = np.random.default_rng(options.seed).spawn(3)
-    drive = Drive(options.motion, counts_per_turn=counts_per_turn, generator=drive_generator)
-    return SimulatedStage(
-        speak(drive),
-        drive,
-        line=options.line,
-        baud=baud,
-        clock=clock,
-        line_generator=line_generator,
-        host_generator=host_generator,
-    )

@@ -15,16 +15,12 @@ from dataclasses import dataclass, field
 from sim_devices.stages.drive import Drive, Outcome
 from sim_devices.stages.options import (
     COMMON_KEYS,
-    LineOptions,
-    MotionOptions,
+    StageOptions,
     fault_key,
     flag,
-    line_options,
-    motion_options,
-    read_address,
     whole,
 )
-from sim_devices.stages.stage import Reply
+from sim_devices.stages.stage import Language
 
 Told = tuple[str, list[str]]
 """Data of a reply, and the lines that follow it."""
@@ -276,15 +272,12 @@ def _is_condition(words: tuple[str, ...]) -> bool:
     return bool(words) and (not counted or (len(words) > 1 and words[-1].isdecimal() and int(words[-1]) > 0))
 
 
-SCHEME = "sim:zaber"
-
-
 @dataclass(frozen=True, kw_only=True)
-class ZaberOptions:
+class ZaberOptions(StageOptions):
     """A stage and its faults. The defaults are those of a worm-driven stage with an encoder (numbers assumed)."""
 
-    motion: MotionOptions  #: What it shares with other stages.
-    line: LineOptions
+    motor_deg_per_s: float = 100.0
+    landing_deg: float = 0.001
     model: int = 50931  #: The device's identity number.
     serial_number: int = 114821  #: As told by ``get system.serial``.
     resolution: int = 64  #: Microsteps of a motor step; people can change it.
@@ -292,8 +285,6 @@ class ZaberOptions:
     cycle: bool = True  #: Whether the firmware knows the setting ``limit.cycle.dist``.
     encoder: bool = True  #: Whether there is an encoder, and so the setting ``encoder.pos``.
     one_turn: bool = False  #: Whether its limits allow one turn only.
-    seed: int = 0  #: Of all that is random.
-    speed: float = 1.0  #: Simulated seconds in a second of the wall clock.
 
     @property
     def counts_per_turn(self) -> int:
@@ -307,24 +298,17 @@ def _fault_flag(text: str) -> str:
     return text
 
 
-_KEYS = {
-    "model": whole("own", "model", "identity number", 1, 10**6),
-    "serial": whole("own", "serial_number", "serial number", 0, 2**32 - 1),
-    "resolution": whole("own", "resolution", "microsteps of a motor step", 1, 256),
-    "steps": whole("own", "steps", "motor steps of a turn", 1, 10**6),
-    "cycle": flag("own", "cycle", "knows the setting limit.cycle.dist"),
-    "encoder": flag("own", "encoder", "has an encoder"),
-    "oneturn": flag("own", "one_turn", "its limits allow one turn only"),
+KEYS = {
+    "model": whole("model", "identity number", 1, 10**6),
+    "serial": whole("serial_number", "serial number", 0, 2**32 - 1),
+    "resolution": whole("resolution", "microsteps of a motor step", 1, 256),
+    "steps": whole("steps", "motor steps of a turn", 1, 10**6),
+    "cycle": flag("cycle", "knows the setting limit.cycle.dist"),
+    "encoder": flag("encoder", "has an encoder"),
+    "oneturn": flag("one_turn", "its limits allow one turn only"),
     "fault": fault_key(_fault_flag, codes="a warning flag that begins with F"),
     **COMMON_KEYS,
 }
-
-
-def parse_address(text: str) -> ZaberOptions:
-    """Return the stage that an address describes."""
-    values = read_address(text, scheme=SCHEME, keys=_KEYS)
-    motion = motion_options(values, motor_deg_per_s=100.0, landing_deg=0.001)
-    return ZaberOptions(motion=motion, line=line_options(values), **values.get("own", {}))
 
 
 _MAXSPEED_UNIT = 1.6384  # microsteps a second are this much less than the number in the setting
@@ -334,20 +318,13 @@ _INDICES_A_TURN = 8
 _AT_INDEX = 1e-4  # of a turn
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Range:
-    """What a setting may be set to."""
-
-    lowest: float
-    highest: float
-
-
-_SWITCH = _Range(lowest=0, highest=1)
-_SPEED = _Range(lowest=1, highest=2**31)
-_CURRENT = _Range(lowest=0, highest=120)
-_PLACE = _Range(lowest=-_FAR, highest=_FAR)
+# What a setting may be set to: the lowest and the highest.
+_SWITCH = (0, 1)
+_SPEED = (1, 2**31)
+_CURRENT = (0, 120)
+_PLACE = (-_FAR, _FAR)
 _WRITABLE = {
-    "accel": _Range(lowest=0, highest=32767),
+    "accel": (0, 32767),
     "comm.alert": _SWITCH,
     "comm.checksum": _SWITCH,
     "driver.current.hold": _CURRENT,
@@ -357,9 +334,9 @@ _WRITABLE = {
     "limit.max": _PLACE,
     "limit.min": _PLACE,
     "maxspeed": _SPEED,
-    "motion.accelonly": _Range(lowest=0, highest=32767),
-    "motion.decelonly": _Range(lowest=0, highest=32767),
-    "motion.index.dist": _Range(lowest=1, highest=_FAR),
+    "motion.accelonly": (0, 32767),
+    "motion.decelonly": (0, 32767),
+    "motion.index.dist": (1, _FAR),
     "system.led.enable": _SWITCH,
 }
 
@@ -459,8 +436,8 @@ class ZaberSettings:
         """Write a setting; return why not, or None."""
         if name not in _WRITABLE or name not in self._values:
             return "BADCOMMAND"
-        allowed = _WRITABLE[name]
-        if not text.removeprefix("-").isdecimal() or not allowed.lowest <= int(text) <= allowed.highest:
+        lowest, highest = _WRITABLE[name]
+        if not text.removeprefix("-").isdecimal() or not lowest <= int(text) <= highest:
             return "BADDATA"
         self._values[name] = int(text)
         return None
@@ -489,23 +466,20 @@ _DONE: Told = ("0", [])
 _CHANGES: dict[str, Callable[[int, int], int]] = {"=": lambda _, by: by, "+=": operator.add, "-=": operator.sub}
 
 
-class ZaberLanguage:
-    """The stage's side of the conversation. The time is an argument, and never goes back."""
+class ZaberLanguage(Language):
+    """What a Zaber stage hears and says."""
+
+    _options: ZaberOptions
 
     def __init__(self, options: ZaberOptions, drive: Drive) -> None:
-        self._options = options
-        self._drive = drive
+        super().__init__(options, drive)
         self._receiver = ZaberReceiver()
-        self._now_s = 0.0
         self._settings = ZaberSettings(options, lambda: self._drive.ring.counts(self._now_s), lambda: self._now_s)
         self._triggers = ZaberTriggers(self._settings.number("trigger.numtriggers"), self._settings.get)
         self._storage = ZaberStorage()
         self._address = _BORN_ADDRESS
         self._flags = {_NO_REFERENCE}
-        self.heard = 0
         self._goes_on = False
-        self._appointment: tuple[float, Callable[[], None]] | None = None
-        self._replies: list[Reply] = []
         self._commands: dict[str, Callable[[tuple[str, ...]], Told]] = {
             "get": self._get,
             "set": self._set,
@@ -529,39 +503,15 @@ class ZaberLanguage:
         """The first words of all commands that it knows."""
         return frozenset(self._commands)
 
-    def receive(self, time_s: float, data: bytes) -> list[Reply]:
-        """Return the replies up to a time [s] at which these bytes arrive."""
-        self._live_until(time_s)
+    def _hear(self, data: bytes) -> None:
         for command in self._receiver.receive(data):
             self._obey(command)
-            self._fire()
-        return self._take_replies()
+            self._do_routine()
 
-    def advance(self, time_s: float) -> list[Reply]:
-        """Return the replies up to a time [s]."""
-        self._live_until(time_s)
-        return self._take_replies()
+    def _next_routine_s(self) -> float | None:
+        return self._triggers.due_s(self._now_s, is_moving=self._drive.ring.is_moving(self._now_s))
 
-    def next_event_s(self) -> float | None:
-        """Return when the stage does something unasked, or None."""
-        due_s = self._triggers.due_s(self._now_s, is_moving=self._drive.ring.is_moving(self._now_s))
-        times_s = [] if due_s is None else [due_s]
-        return min([*times_s, *([self._appointment[0]] if self._appointment else [])], default=None)
-
-    def _take_replies(self) -> list[Reply]:
-        replies, self._replies = self._replies, []
-        return replies
-
-    def _live_until(self, time_s: float) -> None:
-        while (event_s := self.next_event_s()) is not None and event_s <= time_s:
-            self._now_s = max(self._now_s, event_s)
-            if self._appointment and self._appointment[0] <= self._now_s:
-                (_, keep), self._appointment = self._appointment, None
-                keep()
-            self._fire()
-        self._now_s = max(self._now_s, time_s)
-
-    def _fire(self) -> None:
+    def _do_routine(self) -> None:
         """Do what triggers have to be done now; what cannot be is left, as nobody waits for an answer."""
         for action in self._triggers.fired(self._now_s):
             words = action[1:] if action[0] in ("0", "1") else action
@@ -589,7 +539,7 @@ class ZaberLanguage:
             return
         self._answer(command, accepted=True, data=data)
         for line in lines:
-            self._say("#", f"{self._head(command)} {line}")
+            self._tell("#", f"{self._head(command)} {line}")
 
     def _answer_to(self, command: Command) -> Told:
         if command.axis > 1:
@@ -606,13 +556,11 @@ class ZaberLanguage:
 
     def _answer(self, command: Command, *, accepted: bool, data: str) -> None:
         flag = "OK" if accepted else "RJ"
-        self._say("@", f"{self._head(command)} {flag} {self._state()} {self._worst_flag()} {data}")
+        self._tell("@", f"{self._head(command)} {flag} {self._state()} {self._worst_flag()} {data}")
 
-    def _say(self, kind: str, text: str) -> None:
-        silent = self._options.line.silent
-        if silent is None or self.heard < silent:
-            check = f":{checksum(text)}" if self._settings.is_on("comm.checksum") else ""
-            self._replies.append((self._now_s, f"{kind}{text}{check}\r\n".encode("ascii")))
+    def _tell(self, kind: str, text: str) -> None:
+        check = f":{checksum(text)}" if self._settings.is_on("comm.checksum") else ""
+        self._say(f"{kind}{text}{check}\r\n".encode("ascii"))
 
     def _state(self) -> str:
         return "BUSY" if self._appointment or self._goes_on else "IDLE"
@@ -702,14 +650,14 @@ class ZaberLanguage:
         counts = self._target(words)
         if counts is None:
             raise RefusedError("BADDATA")
-        ending = self._drive.move(self._now_s, counts, speed_deg_per_s=self._speed())
+        end_s, outcome = self._drive.move(self._now_s, counts, speed_deg_per_s=self._speed())
         keep: dict[Outcome, Callable[[], None]] = {
             "arrives": self._rest,
             "stalls": lambda: self._fail(_STALLED),
             "is turned by hand": self._turn_by_hand,
-            "fails": lambda: self._fail(str((self._options.motion.fault or ("FF", 0))[0])),
+            "fails": lambda: self._fail(str((self._options.fault or ("FF", 0))[0])),
         }
-        self._begin(ending.time_s + self._lag_s(), keep[ending.outcome])
+        self._begin(end_s + (_BUSY_FOR_NO_REASON_S if self._options.busy else 0.0), keep[outcome])
         return _DONE
 
     def _move_on(self, words: tuple[str, ...]) -> Told:
@@ -751,7 +699,7 @@ class ZaberLanguage:
         return _DONE
 
     def _find_mark(self) -> None:
-        if not self._options.motion.unhomed:
+        if not self._options.unhomed:
             self._flags.discard(_NO_REFERENCE)
         self._rest()
 
@@ -765,10 +713,7 @@ class ZaberLanguage:
 
     def _rest(self) -> None:
         if self._settings.is_on("comm.alert"):
-            self._say("!", f"{self._address:02d} 1 {self._state()} {self._worst_flag()}")
-
-    def _lag_s(self) -> float:
-        return _BUSY_FOR_NO_REASON_S if self._options.motion.busy else 0.0
+            self._tell("!", f"{self._address:02d} 1 {self._state()} {self._worst_flag()}")
 
     def _speed(self) -> float:
-        return min(self._options.motion.motor_deg_per_s, self._settings.top_speed_deg_per_s())
+        return min(self._options.motor_deg_per_s, self._settings.top_speed_deg_per_s())

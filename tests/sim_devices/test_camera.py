@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceTimeoutError, LimitError
+from sim_devices.truth_log import TruthLog, read_truth
 from tests.sim_devices.camera_builders import (
     SILENT,
     SMALL,
@@ -25,20 +26,11 @@ def test_identity_says_that_it_is_a_simulation_and_which():
     assert "42" in identity.serial_number
 
 
-def test_it_tells_that_it_takes_a_picture_only_when_asked():
-    assert small_camera().facts().triggered
-
-
 def test_numbers_that_are_left_out_change_no_later_noise():
     whole, gone_on = small_camera(), small_camera()
     gone_on.go_on_from(2)
     assert gone_on.next_sequence == 2
     np.testing.assert_array_equal(counts_of(gone_on)[0], counts_of(whole, 3)[2])
-
-
-def test_same_seeds_give_the_same_frames():
-    for one, other in zip(counts_of(small_camera(), 3), counts_of(small_camera(), 3), strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 def test_frames_of_one_camera_have_independent_noise():
@@ -175,12 +167,39 @@ def test_exposure_that_outlasts_the_wait_uses_no_number_up():
     assert camera.take_frame(timeout_s=3.0).sequence == 0
 
 
-def test_world_of_another_size_is_refused():
-    with pytest.raises(ValueError, match="21 x 10 pixels and the detector 20 x 10"):
-        camera_on(uniform_world(width=21, height=10), SMALL)
-
-
 @pytest.mark.parametrize("name", ["pattern_seed", "noise_seed", "first_sequence"])
 def test_negative_number_is_refused(name):
     with pytest.raises(ValueError, match=f"{name} is -1"):
         small_camera(**{name: -1})
+
+
+def test_every_exposure_is_noted_with_its_number_and_fault(tmp_path):
+    log = TruthLog(tmp_path / "truth.jsonl")
+    camera = small_camera(truth=log, faults={1: "lost"})
+    camera.configure(exposure_s=0.002, gain_db=6.0)
+    first = camera.take_frame(timeout_s=1.0)
+    with pytest.raises(DeviceTimeoutError):
+        camera.take_frame(timeout_s=1.0)
+    noted = read_truth(tmp_path / "truth.jsonl")
+    assert [(frame.sequence, frame.fault) for frame in noted] == [(0, None), (1, "lost")]
+    assert noted[0].start_utc_ns == first.start_utc_ns
+    assert (noted[0].exposure_s, noted[0].gain_db, noted[0].subject) == (0.002, 6.0, "scene")
+
+
+def test_the_log_grows_from_session_to_session(tmp_path):
+    for _ in range(2):
+        small_camera(truth=TruthLog(tmp_path / "truth.jsonl")).take_frame(timeout_s=1.0)
+    assert len(read_truth(tmp_path / "truth.jsonl")) == 2
+
+
+def test_a_line_that_is_no_frame_is_refused(tmp_path):
+    (tmp_path / "truth.jsonl").write_text('{"sequence": 1}\n')
+    with pytest.raises(ValueError, match="no frame"):
+        read_truth(tmp_path / "truth.jsonl")
+
+
+def test_a_file_that_is_no_log_is_not_added_to(tmp_path):
+    (tmp_path / "session.toml").write_text("mine")
+    with pytest.raises(FileExistsError, match="no log of exposures"):
+        TruthLog(tmp_path / "session.toml")
+    assert (tmp_path / "session.toml").read_text() == "mine"

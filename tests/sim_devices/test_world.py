@@ -1,13 +1,19 @@
+"""The world before a simulated camera: polarizer, scenes that are drawn once, scenes whose light changes."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim_devices.world import Polarizer, World
+from sim_devices.world import Polarizer, RegionLight, Surface, TexturedScene, World, paint_scene
 from tests.sim_devices.camera_builders import PERFECT_POLARIZER, Turntable, uniform_world
 
 LEAKY = Polarizer(transmittance_along=0.8, transmittance_across=0.02, offset_deg=0.0, sense=1)
+
+
 HORIZONTAL, VERTICAL = (2.0, 2.0, 0.0), (2.0, -2.0, 0.0)
+
+
 PLUS_45, MINUS_45 = (2.0, 0.0, 2.0), (2.0, 0.0, -2.0)
 
 
@@ -26,18 +32,6 @@ def test_pure_light_passes_along_its_own_direction_and_leaks_across(stokes, brig
     across = seen(stokes=stokes, stage_angle_deg=brightest_deg + 90, polarizer=LEAKY)
     assert along == pytest.approx(1.6, rel=1e-14)
     assert across == pytest.approx(0.04, rel=1e-14)
-
-
-def test_half_way_between_the_axes_both_transmittances_count_half():
-    assert seen(stokes=PLUS_45, stage_angle_deg=0, polarizer=LEAKY) == pytest.approx(0.82, rel=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("stage_angle_deg", "passed"), [(0, 1.5), (30, 1.25), (45, 1.0), (60, 0.75), (90, 0.5), (180, 1.5)]
-)
-def test_malus_law_of_half_polarised_light(stage_angle_deg, passed):
-    # Half of the unpolarised 1, and cos^2 of the angle of the polarised 1.
-    assert seen(stokes=(2.0, 1.0, 0.0), stage_angle_deg=stage_angle_deg) == pytest.approx(passed, rel=1e-14)
 
 
 def test_offset_turns_the_axis_counter_clockwise():
@@ -114,13 +108,6 @@ def test_flat_is_the_same_at_every_pixel_and_angle(stage_angle_deg):
     np.testing.assert_allclose(world.radiance_behind_polarizer(), 4.1, rtol=1e-15)
 
 
-def test_scene_comes_back_after_something_else():
-    world = uniform_world(stokes=HORIZONTAL, width=1, height=1)
-    world.present("dark")
-    world.present("scene")
-    assert world.radiance_behind_polarizer().item() == pytest.approx(2.0, rel=1e-14)
-
-
 def test_unknown_subject_is_refused():
     with pytest.raises(ValueError, match="'scene', 'dark' or 'flat'"):
         uniform_world().present("moon")
@@ -161,3 +148,144 @@ def test_radiance_that_is_no_light_is_refused(radiance, message):
 def test_flat_without_light_is_refused(flat_radiance):
     with pytest.raises(ValueError, match="flat_radiance"):
         uniform_world(flat_radiance=flat_radiance)
+
+
+PANEL = Surface(mean_stokes=(20.0, 4.0, -3.0))
+
+
+ASPHALT = Surface(mean_stokes=(5.0, 1.0, 0.5))
+
+
+def painted(*, width=8, height=6, background=ASPHALT, regions=(), seed=1):
+    return paint_scene(
+        width=width,
+        height=height,
+        background=background,
+        regions=regions,
+        generator=np.random.default_rng(seed),
+    )
+
+
+def test_a_later_region_covers_an_earlier_one_and_both_the_background():
+    inside, corner = np.zeros((6, 8), dtype=bool), np.zeros((6, 8), dtype=bool)
+    inside[1:5, 2:5], corner[1, 2] = True, True
+    radiance = painted(regions=[(PANEL, inside), (Surface(mean_stokes=(7.0, 0.0, 0.0)), corner)])
+    assert radiance.shape == (3, 6, 8)
+    assert radiance[:, 1, 2].tolist() == [7.0, 0.0, 0.0]
+    np.testing.assert_array_equal(radiance[2] == -3.0, inside & ~corner)
+    np.testing.assert_array_equal(radiance[:, ~inside], np.tile([[5.0], [1.0], [0.5]], 48 - 12))
+
+
+def test_texture_multiplies_the_whole_vector_of_a_pixel():
+    radiance = painted(background=Surface(mean_stokes=(20.0, 4.0, -3.0), texture_rms=0.1))
+    assert np.ptp(radiance[0]) > 0.0
+    # Two multiplications of rounding, eps each.
+    np.testing.assert_allclose(radiance[1] / radiance[0], 0.2, rtol=1e-15)
+    np.testing.assert_allclose(radiance[2] / radiance[0], -0.15, rtol=1e-15)
+
+
+def test_extra_covariance_and_texture_add_up():
+    extra = np.array([[0.5, 0.2, 0.0], [0.2, 0.3, -0.1], [0.0, -0.1, 0.4]])
+    surface = Surface(mean_stokes=(20.0, 4.0, -3.0), texture_rms=0.02, extra_covariance=extra)
+    radiance = painted(width=400, height=400, background=surface)
+    sample = np.cov(radiance.reshape(3, -1))
+    # 0.02^2 = 0.0004 times (20, 4, -3) (20, 4, -3)', plus `extra`.
+    expected = np.array([[0.66, 0.232, -0.024], [0.232, 0.3064, -0.1048], [-0.024, -0.1048, 0.4036]])
+    diagonal = np.diag(expected)
+    # Normal law: var of s_ij is (s_ii s_jj + s_ij^2) / n.
+    std_error = np.sqrt((np.outer(diagonal, diagonal) + expected**2) / 160_000)
+    assert np.all(np.abs(sample - expected) < 5 * std_error)
+
+
+def test_singular_extra_covariance_is_drawn():
+    only_s1 = np.diag([0.0, 0.25, 0.0])
+    radiance = painted(background=Surface(mean_stokes=(20.0, 4.0, -3.0), extra_covariance=only_s1))
+    assert np.ptp(radiance[1]) > 0.0
+    np.testing.assert_array_equal(radiance[0], 20.0)
+
+
+def test_same_seed_gives_the_same_scene():
+    rough = Surface(mean_stokes=(20.0, 4.0, -3.0), texture_rms=0.1)
+    np.testing.assert_array_equal(painted(background=rough, seed=4), painted(background=rough, seed=4))
+    assert not np.array_equal(painted(background=rough, seed=4), painted(background=rough, seed=5))
+
+
+@pytest.mark.parametrize(
+    "mean_stokes",
+    [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (1.0, 0.8, 0.7), (float("nan"), 0.0, 0.0), (float("inf"), 0.0, 0.0)],
+)
+def test_mean_that_is_no_light_is_refused(mean_stokes):
+    with pytest.raises(ValueError, match=r"mean_stokes.*is no light"):
+        Surface(mean_stokes=mean_stokes)
+
+
+@pytest.mark.parametrize("texture_rms", [-0.1, float("nan"), float("inf")])
+def test_texture_that_is_no_spread_is_refused(texture_rms):
+    with pytest.raises(ValueError, match="texture_rms"):
+        Surface(mean_stokes=(1.0, 0.0, 0.0), texture_rms=texture_rms)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (np.diag([1.0, -0.5, 1.0]), "eigenvalue of -0.5"),
+        (np.triu(np.ones((3, 3))), "symmetric"),
+        (np.eye(2), "shape"),
+        (np.diag([np.inf, 1.0, 1.0]), "finite"),
+    ],
+)
+def test_matrix_that_is_no_covariance_is_refused(covariance, message):
+    with pytest.raises(ValueError, match=message):
+        Surface(mean_stokes=(10.0, 0.0, 0.0), extra_covariance=covariance)
+
+
+def test_pixels_drawn_dark_below_zero_are_refused_and_not_cut():
+    with pytest.raises(ValueError, match="make texture_rms or extra_covariance smaller"):
+        painted(width=100, height=100, background=Surface(mean_stokes=(1.0, 0.0, 0.0), texture_rms=1.0))
+
+
+def test_pixels_drawn_beyond_full_polarisation_are_refused():
+    nearly_full = Surface(mean_stokes=(1.0, 0.99, 0.0), extra_covariance=np.diag([0.0, 0.01, 0.01]))
+    with pytest.raises(ValueError, match="is no light"):
+        painted(width=100, height=100, background=nearly_full)
+
+
+def test_mask_of_another_size_is_refused():
+    with pytest.raises(ValueError, match="mask has shape"):
+        painted(regions=[(PANEL, np.ones((8, 6), dtype=bool))])
+
+
+MEAN = np.array([10.0, 3.0, -1.0])
+
+
+COV = 1e-4 * np.outer(MEAN, MEAN) + np.diag([1e-3, 2e-3, 0.0])
+
+
+def scene(seed: int = 1) -> TexturedScene:
+    mask = np.zeros((100, 120), dtype=np.bool_)
+    mask[10:90, 10:110] = True
+    generator = np.random.default_rng(seed)
+    return TexturedScene(masks={"panel": mask}, background_radiance=5.0, shape=mask.shape, generator=generator)
+
+
+def pixels(radiance):
+    return radiance[:, 10:90, 10:110].reshape(3, -1)
+
+
+def test_the_moments_are_those_that_were_told():
+    drawn = pixels(scene().painted({"panel": RegionLight(mean=MEAN, cov=COV)}))
+    n = drawn.shape[1]
+    assert np.all(np.abs(drawn.mean(axis=1) - MEAN) < 4.0 * np.sqrt(np.diag(COV) / n))
+    scale = np.sqrt(np.outer(np.diag(COV), np.diag(COV)))
+    assert np.all(np.abs(np.cov(drawn) - COV) < 4.0 * np.sqrt(2.0 / n) * scale)
+
+
+def test_brighter_light_makes_every_pixel_brighter_in_proportion():
+    seen = scene()
+    before, after = (pixels(seen.painted({"panel": RegionLight(mean=f * MEAN, cov=f**2 * COV)})) for f in (1.0, 1.3))
+    assert after == pytest.approx(1.3 * before, rel=1e-12)
+
+
+def test_a_region_without_light_is_refused():
+    with pytest.raises(ValueError, match="no light is given of panel"):
+        scene().painted({})

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, LimitError, NotConnectedError, ProtocolError
-from sim_devices.cameras.gige_server import GigeFaults, Losses, lossy_network, serve_behind_network, serve_gige_camera
+from sim_devices.cameras.gige_server import GigeFaults, lossy_network, serve_behind_network, serve_gige_camera
 from tests.sim_devices.cameras.camera_process import camera_process
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, KnownPictures, assert_known
@@ -125,11 +125,10 @@ def test_a_network_that_damages_all_pictures_is_an_error_with_what_was_measured(
 
 @pytest.mark.parametrize(("largest_bytes", "found"), [(None, 9000), (1500, 1500)])
 def test_the_largest_packets_that_pass_are_found_by_pictures(largest_bytes, found):
-    losses = Losses(largest_bytes=largest_bytes)
     with (
         gige_port(),
         serve_gige_camera(KnownPictures()) as device,
-        lossy_network(camera=device.address, losses=losses),
+        lossy_network(camera=device.address, largest_bytes=largest_bytes),
         open_gige("127.0.0.2?pixel_format=Mono12&packet_size=probe") as camera,
     ):
         assert camera.features()["GevSCPSPacketSize"] == str(found)

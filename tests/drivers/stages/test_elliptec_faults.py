@@ -13,8 +13,7 @@ from drivers.errors import (
 from drivers.interfaces import Move
 from drivers.stages.elliptec import EllxStage, connect_elliptec, open_elliptec
 from sim_devices.clock import ManualClock, SimClock
-from sim_devices.stages.catalogue import make_stage
-from sim_devices.stages.ellx import parse_address
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import InProcessPort, serve_on_pty
 
 TOLERANCE_DEG = 0.02
@@ -27,7 +26,7 @@ class Bench:
 
     def __init__(self, faults: str) -> None:
         self.clock = ManualClock()
-        self.machine = make_stage(parse_address(f"sim:ellx?{faults}"), clock=self.clock)
+        self.machine = make_stage(parse_stage_address(f"sim:ellx?{faults}"), clock=self.clock)
 
     def connect(self) -> EllxStage:
         port = InProcessPort(self.machine, clock=self.clock)
@@ -226,7 +225,7 @@ def test_identifies_the_stage() -> None:
 
 def test_a_port_that_vanishes_and_comes_back() -> None:
     clock = SimClock(speed=50.0)
-    machine = make_stage(parse_address("sim:ellx"), clock=clock)
+    machine = make_stage(parse_stage_address("sim:ellx"), clock=clock)
     with serve_on_pty(machine, clock=clock) as path:
         stage = open_elliptec(path, sleep=clock.sleep)
         stage.home()
@@ -240,7 +239,7 @@ def test_a_port_that_vanishes_and_comes_back() -> None:
 
 def test_a_port_is_released_when_nothing_answers() -> None:
     clock = SimClock(speed=50.0)
-    machine = make_stage(parse_address("sim:ellx?model=17"), clock=clock)
+    machine = make_stage(parse_stage_address("sim:ellx?model=17"), clock=clock)
     with serve_on_pty(machine, clock=clock) as path:
         with pytest.raises(ProtocolError, match="ELL17") as first:
             open_elliptec(path, sleep=clock.sleep)

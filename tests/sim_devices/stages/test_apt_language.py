@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sim_devices.stages.apt import MODELS, AptLanguage, parse_address
+from sim_devices.stages.apt import AptLanguage
+from sim_devices.stages.catalogue import parse_stage_address
 from sim_devices.stages.drive import Drive
 
 
@@ -11,9 +12,8 @@ class Stage:
     """A K10CR1 without landing errors, at its mark; its parameters make 10 degrees a second."""
 
     def __init__(self, faults: str = "", *, start_deg: int = 0) -> None:
-        options = parse_address(f"sim:apt?landing=0&start={start_deg}&{faults}")
-        counts_per_turn = MODELS[options.model].counts_per_deg * 360.0
-        drive = Drive(options.motion, counts_per_turn=counts_per_turn, generator=np.random.default_rng(0))
+        options = parse_stage_address(f"sim:apt?landing=0&start={start_deg}&{faults}")
+        drive = Drive(options, generator=np.random.default_rng(0))
         self.ring = drive.ring
         self._language = AptLanguage(options, drive)
 

@@ -5,14 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_devices.stages import apt as apt_address
-from sim_devices.stages import ellx as ellx_address
-from sim_devices.stages import zaber as zaber_address
-from sim_devices.stages.apt import AptLanguage
+from sim_devices.stages.apt import MODELS, AptLanguage, AptOptions
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.ellx import DATA_DIGITS, EllxLanguage
-from sim_devices.stages.options import MotionOptions
-from sim_devices.stages.zaber import ZaberLanguage
+from sim_devices.stages.ellx import DATA_DIGITS, EllxLanguage, EllxOptions
+from sim_devices.stages.options import StageOptions
+from sim_devices.stages.zaber import ZaberLanguage, ZaberOptions
 
 PAGE = Path(__file__).parents[3] / "docs" / "simulated-stages.md"
 
@@ -24,25 +21,21 @@ def named(section: str) -> set[str]:
     return {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
 
 
-def drive(motion: MotionOptions) -> Drive:
-    return Drive(motion, counts_per_turn=143360.0, generator=np.random.default_rng(0))
+def drive(options: StageOptions) -> Drive:
+    return Drive(options, generator=np.random.default_rng(0))
 
 
 def test_elliptec() -> None:
-    options = ellx_address.parse_address("sim:ellx")
-    understood = EllxLanguage(options, drive(options.motion)).understood
+    understood = EllxLanguage(EllxOptions(), drive(EllxOptions())).understood
     assert named("Elliptec") == understood
     assert understood == DATA_DIGITS.keys()  # or the receiver would not know where a command ends
 
 
 def test_apt() -> None:
-    understood: set[int] = set()
-    for model in apt_address.MODELS:
-        options = apt_address.parse_address(f"sim:apt?model={model}")
-        understood |= AptLanguage(options, drive(options.motion)).understood
+    options = [AptOptions(model=model) for model in MODELS]
+    understood = set[int]().union(*(AptLanguage(one, drive(one)).understood for one in options))
     assert {int(number, 16) for number in named("Thorlabs APT")} == understood
 
 
 def test_zaber() -> None:
-    options = zaber_address.parse_address("sim:zaber")
-    assert named("Zaber") == ZaberLanguage(options, drive(options.motion)).understood
+    assert named("Zaber") == ZaberLanguage(ZaberOptions(), drive(ZaberOptions())).understood

@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
+from sim_devices.stages.catalogue import parse_stage_address
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.ellx import EllxLanguage, parse_address
+from sim_devices.stages.ellx import EllxLanguage
 
 
 class Stage:
     """A stage without landing errors that turns by 90 degrees a second, from its mark at 45 degrees in the housing."""
 
     def __init__(self, faults: str = "") -> None:
-        options = parse_address(f"sim:ellx?landing=0&start=45&mark=45&slow=90&{faults}")
-        drive = Drive(options.motion, counts_per_turn=options.pulses, generator=np.random.default_rng(0))
+        options = parse_stage_address(f"sim:ellx?landing=0&start=45&mark=45&slow=90&{faults}")
+        drive = Drive(options, generator=np.random.default_rng(0))
         self.mechanics = drive.ring
         self._language = EllxLanguage(options, drive)
 

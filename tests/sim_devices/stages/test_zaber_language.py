@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
+from sim_devices.stages.catalogue import parse_stage_address
 from sim_devices.stages.drive import Drive
-from sim_devices.stages.zaber import ZaberLanguage, parse_address
+from sim_devices.stages.zaber import ZaberLanguage
 
 
 class Stage:
     """A stage without landing errors that turns by 90 degrees a second, from its mark at 0 in the housing."""
 
     def __init__(self, faults: str = "", *, start_deg: int = 0) -> None:
-        options = parse_address(f"sim:zaber?landing=0&start={start_deg}&slow=90&{faults}")
-        drive = Drive(options.motion, counts_per_turn=options.counts_per_turn, generator=np.random.default_rng(0))
+        options = parse_stage_address(f"sim:zaber?landing=0&start={start_deg}&slow=90&{faults}")
+        drive = Drive(options, generator=np.random.default_rng(0))
         self.ring = drive.ring
         self._language = ZaberLanguage(options, drive)
 
