@@ -22,6 +22,8 @@ MODIFIED_PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4)
 _CONDITION_LIMIT = 1e6
 # The best possible is sqrt 2; beyond this, angles are worth another look.
 _CONDITION_FLAG = 5.0
+# Quantile of the standard normal distribution to which a two-sided interval of 95 % reaches.
+_TWO_SIDED_95 = 1.959964
 # Relative size of a singular value that is rounding of sine and cosine.
 _RANK_TOLERANCE = 1e-12
 
@@ -303,7 +305,8 @@ def aolp_moments_rad(stokes: Moments) -> Moments:
     Returns
     -------
     Moments
-        Mean in [0, pi). The deviation means something only where it is small against 1 rad.
+        Mean in [0, pi). The deviation means something only where it is small against 1 rad; `aolp_is_defined` says
+        from where on it means nothing at all.
 
     Raises
     ------
@@ -320,6 +323,23 @@ def aolp_moments_rad(stokes: Moments) -> Moments:
         raise ValueError("S1 and S2 are both 0: unpolarised light has no angle of polarization")
     jacobian = np.array([[0.0, -s2 / (2.0 * squared), s1 / (2.0 * squared)]])
     return propagate_first_order(stokes, np.array([float(aolp_rad(stokes.mean))]), jacobian)
+
+
+def aolp_is_defined(std_rad: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether an AoLP means anything: whether its 95 % interval is shorter than the half turn of all angles.
+
+    Parameters
+    ----------
+    std_rad
+        First-order standard deviation of the angle, any shape [rad]; 1.96 times it to either side is the interval.
+
+    Returns
+    -------
+    array of bool
+        False from 0.80 rad (45.9 deg) on, and where the deviation is not a number. Outputs for people then say
+        "undefined" in place of a number with its error.
+    """
+    return np.asarray(_TWO_SIDED_95 * np.asarray(std_rad, dtype=np.float64) < 0.5 * np.pi)
 
 
 def _with_light(stokes: Moments) -> FloatArray:

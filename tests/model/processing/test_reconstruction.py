@@ -5,7 +5,14 @@ from hypothesis import strategies as st
 
 from model.moments import Moments
 from model.processing.dolp import first_order
-from model.processing.reconstruction import MODIFIED_PICKERING_RAD, design, equispaced_rad, reconstruct, stokes_moments
+from model.processing.reconstruction import (
+    MODIFIED_PICKERING_RAD,
+    aolp_is_defined,
+    design,
+    equispaced_rad,
+    reconstruct,
+    stokes_moments,
+)
 
 PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2)
 FESSENKOV_RAD = (0.0, np.pi / 3, 2 * np.pi / 3)
@@ -141,3 +148,8 @@ def test_equal_spacing_reaches_the_best_condition(frames):
 def test_two_angles_are_refused():
     with pytest.raises(ValueError, match="allowed is 3"):
         equispaced_rad(2)
+
+
+def test_an_angle_whose_95_percent_interval_covers_the_half_turn_is_undefined():
+    std_rad = np.radians([0.0, 45.9, 46.0, 81.0, np.inf, np.nan])
+    np.testing.assert_array_equal(aolp_is_defined(std_rad), [True, True, False, False, False, False])
