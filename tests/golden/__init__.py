@@ -10,7 +10,7 @@
 
 Compared are exit codes, the JSON on standard output, the set of files written, and the numbers in JSON, JSONL, CSV,
 TOML, FITS, NumPy and HDF5 files. A number may move by 1e-9 of itself or of the standard error that is stated next to
-it. Not compared are tables and sentences for people, pictures and pages (only that they are there), times, versions,
+it; pictures, shifts and named faults by more, since another processor rounds otherwise (`_ROUNDED` in harness.py). Not compared are tables and sentences for people, pictures and pages (only that they are there), times, versions,
 paths and hashes.
 
 What chapters of minutes give is stored compressed. After an intended change run without `--write`, read what differs,
