@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from benchmarks.trial_damaged_runs import damaged_copy
 from rigctl.archive.index import update_index
-from rigctl.archive.over_runs import RunRow, Verb
+from rigctl.archive.rows import RunRow, Verb
 from rigctl.mapped import Engine
 from rigctl.runs.folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.writer import RunWriter

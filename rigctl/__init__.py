@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from rigctl.calibrations.polarizer import read_polarizer_file as load_polarizer
     from rigctl.files.rig_file import load_rig
     from rigctl.files.scene_file import load_scene
-    from rigctl.interface.archive import open_archive
-    from rigctl.interface.run import open_run
+    from rigctl.python import open_archive, open_run
     from rigctl.verbs.compare import compare
     from rigctl.verbs.predict import predict, sweep
     from rigctl.verbs.session import acquire
@@ -40,14 +39,14 @@ __all__ = [
 
 # Module and name of each.
 _PLACES = {
-    "open_run": ("rigctl.interface.run", "open_run"),
+    "open_run": ("rigctl.python", "open_run"),
     "acquire": ("rigctl.verbs.session", "acquire"),
     "compare": ("rigctl.verbs.compare", "compare"),
     "load_noise": ("rigctl.calibrations.noise", "read_noise_file"),
     "load_polarizer": ("rigctl.calibrations.polarizer", "read_polarizer_file"),
     "load_rig": ("rigctl.files.rig_file", "load_rig"),
     "load_scene": ("rigctl.files.scene_file", "load_scene"),
-    "open_archive": ("rigctl.interface.archive", "open_archive"),
+    "open_archive": ("rigctl.python", "open_archive"),
     "predict": ("rigctl.verbs.predict", "predict"),
     "sky": ("rigctl.verbs.sky", "sky"),
     "stokes": ("rigctl.verbs.stokes", "stokes"),

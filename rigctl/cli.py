@@ -57,6 +57,13 @@ def _version() -> str:
     return f"rigctl {VERSION}"
 
 
+def _shown_default(value: Any) -> Any:
+    """Return a default as help shows it; an option that is off or empty unless given needs no word."""
+    if value is None or value is False or value in ((), ""):
+        return None
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
 def make_app(called: str = "") -> App:
     """Return the command line; only the module of the verb that is called is imported.
 
@@ -68,7 +75,7 @@ def make_app(called: str = "") -> App:
         help_epilogue=f"{_EPILOGUE}\n\nStart with rigctl demo. {_EXIT_CODES}",
         help_format="markdown",
         version=_version,
-        default_parameter=Parameter(negative=(), show_env_var=False),
+        default_parameter=Parameter(negative=(), show_env_var=False, show_default=_shown_default),
         exit_on_error=False,
         print_error=False,
         result_action="return_value",

@@ -1,24 +1,21 @@
-"""What an archive knows of its runs: one table of columns, of runs and of their regions.
+"""The index of an archive: an SQLite file next to the runs that says what each run is and what came of it.
 
-Questions to an archive: comparisons of columns with numbers and texts, joined by and, or, not, to bound SQL.
-
-What the index of an archive keeps of a run, and by what it sees that the run has changed.
-
-The index of an archive: an SQLite file beside the runs, made from them and from the comparisons among them.
+A row is a run and, where the run was compared with the model, one of its regions; `COLUMNS` lists what it holds. Run
+folders and `comparison.json` files remain the truth: `update_index` reads those that changed, and an index of an older
+layout is made anew. `find` takes a condition of SQL, which an authorizer of SQLite keeps from doing more than reading.
 """
 
 import json
-import math
 import os
 import re
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 from rigctl.errors import ConfigError, DataError
@@ -28,232 +25,160 @@ from rigctl.runs.records import EVENTS_FILE, SESSION_FILE, DeviceAsTaken, FrameR
 
 Kind = Literal["text", "number"]
 Level = Literal["run", "comparison", "region"]
+Fact = str | float | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class IndexColumn:
+class IndexColumn(NamedTuple):
     """A column that can be asked for."""
 
-    name: str  #: As in expressions, CSV and JSON.
-    kind: Kind  #: With what it can be compared.
-    level: Level  #: Of what it is.
-    meaning: str  #: One line, with the unit.
-
-
-def _run(name: str, kind: Kind, meaning: str) -> IndexColumn:
-    return IndexColumn(name=name, kind=kind, level="run", meaning=meaning)
-
-
-def _compared(name: str, kind: Kind, meaning: str) -> IndexColumn:
-    return IndexColumn(name=name, kind=kind, level="comparison", meaning=meaning)
-
-
-def _region(name: str, kind: Kind, meaning: str) -> IndexColumn:
-    return IndexColumn(name=name, kind=kind, level="region", meaning=meaning)
+    name: str  #: as in conditions, CSV and JSON
+    kind: Kind  #: what it can be compared with
+    level: Level
+    meaning: str  #: one line, with the unit
 
 
 COLUMNS = (
-    _run("run", "text", "folder of the run, from the archive's root"),
-    _run("state", "text", "whole, unfinished, damaged: session file, manifest and events held against each other"),
-    _run("problem", "text", "what is damaged, the first of it"),
-    _run("name", "text", "name of the session"),
-    _run("origin", "text", "device, simulated, import"),
-    _run("utc", "text", "start of the first frame, ISO 8601; compares as text"),
-    _run("end_utc", "text", "end of the last frame"),
-    _run("frames", "number", "frames in the manifest"),
-    _run("scenes", "number", "of them frames of the scene"),
-    _run("excluded", "number", "frames that people excluded"),
-    _run("notes", "number", "notes of people"),
-    _run("exposure_ms", "number", "longest exposure of the scene [ms]"),
-    _run("latitude_deg", "number", "latitude of the site, north is positive [deg]"),
-    _run("longitude_deg", "number", "longitude of the site, east is positive [deg]"),
-    _run("sun_zenith", "number", "angle of the sun from the zenith at the middle frame, without refraction [deg]"),
-    _run("sun_azimuth", "number", "azimuth of the sun there, clockwise from north [deg]"),
-    _run("rig", "text", "name of the rig file"),
-    _run("camera", "text", "model and serial number of the camera"),
-    _run("stage", "text", "model and serial number of the stage"),
-    _run("bit_depth", "number", "bits of the camera"),
-    _run("noise", "text", "noise calibration that the session was watched with: its gain [DN/e], empty for none"),
-    _run("created_by", "text", "program and version that made the run"),
-    _run("schema_version", "number", "layout of the run"),
-    _run("manifest_sha256", "text", "hash of the manifest, by which results know their run"),
-    _compared(
-        "verdict", "text", "of the newest comparison: agrees, agrees_with_reservations, disagrees, cannot_be_judged"
+    IndexColumn("run", "text", "run", "folder of the run, from the archive's root"),
+    IndexColumn(
+        "state", "text", "run", "whole, unfinished, damaged: session file, manifest and events held against each other"
     ),
-    _compared("flags", "number", "reservations of that comparison"),
-    _compared("unsound", "number", "checks of that comparison that were not sound"),
-    _compared("scene", "text", "hash of its scene file"),
-    _compared("report", "text", "its folder, from the archive's root"),
-    _region("region", "text", "name of a region of that comparison"),
-    _region("region_verdict", "text", "verdict on the region alone"),
-    _region("dolp", "number", "its measured DoLP"),
-    _region("dolp_sigma", "number", "standard error of that"),
-    _region("aolp_deg", "number", "its measured AoLP [deg]"),
-    _region("aolp_sigma_deg", "number", "standard error of that [deg]"),
-    _region("dolp_predicted", "number", "DoLP that the model predicts"),
-    _region("dolp_z", "number", "measured less predicted DoLP in its standard errors"),
+    IndexColumn("problem", "text", "run", "what is damaged, the first of it"),
+    IndexColumn("name", "text", "run", "name of the session"),
+    IndexColumn("origin", "text", "run", "device, simulated, import"),
+    IndexColumn("utc", "text", "run", "start of the first frame, ISO 8601; compares as text"),
+    IndexColumn("end_utc", "text", "run", "end of the last frame"),
+    IndexColumn("frames", "number", "run", "frames in the manifest"),
+    IndexColumn("scenes", "number", "run", "of them frames of the scene"),
+    IndexColumn("excluded", "number", "run", "frames that people excluded"),
+    IndexColumn("notes", "number", "run", "notes of people"),
+    IndexColumn("exposure_ms", "number", "run", "longest exposure of the scene [ms]"),
+    IndexColumn("latitude_deg", "number", "run", "latitude of the site, north is positive [deg]"),
+    IndexColumn("longitude_deg", "number", "run", "longitude of the site, east is positive [deg]"),
+    IndexColumn(
+        "sun_zenith", "number", "run", "angle of the sun from the zenith at the middle frame, without refraction [deg]"
+    ),
+    IndexColumn("sun_azimuth", "number", "run", "azimuth of the sun there, clockwise from north [deg]"),
+    IndexColumn("rig", "text", "run", "name of the rig file"),
+    IndexColumn("camera", "text", "run", "model and serial number of the camera"),
+    IndexColumn("stage", "text", "run", "model and serial number of the stage"),
+    IndexColumn("bit_depth", "number", "run", "bits of the camera"),
+    IndexColumn(
+        "noise", "text", "run", "noise calibration that the session was watched with: its gain [DN/e], empty for none"
+    ),
+    IndexColumn("created_by", "text", "run", "program and version that made the run"),
+    IndexColumn("schema_version", "number", "run", "layout of the run"),
+    IndexColumn("manifest_sha256", "text", "run", "hash of the manifest, by which results know their run"),
+    IndexColumn(
+        "verdict",
+        "text",
+        "comparison",
+        "of the newest comparison: agrees, agrees_with_reservations, disagrees, cannot_be_judged",
+    ),
+    IndexColumn("flags", "number", "comparison", "reservations of that comparison"),
+    IndexColumn("unsound", "number", "comparison", "checks of that comparison that were not sound"),
+    IndexColumn("scene", "text", "comparison", "hash of its scene file"),
+    IndexColumn("report", "text", "comparison", "its folder, from the archive's root"),
+    IndexColumn("region", "text", "region", "name of a region of that comparison"),
+    IndexColumn("region_verdict", "text", "region", "verdict on the region alone"),
+    IndexColumn("dolp", "number", "region", "its measured DoLP"),
+    IndexColumn("dolp_sigma", "number", "region", "standard error of that"),
+    IndexColumn("aolp_deg", "number", "region", "its measured AoLP [deg]"),
+    IndexColumn("aolp_sigma_deg", "number", "region", "standard error of that [deg]"),
+    IndexColumn("dolp_predicted", "number", "region", "DoLP that the model predicts"),
+    IndexColumn("dolp_z", "number", "region", "measured less predicted DoLP in its standard errors"),
 )
 BY_NAME = {column.name: column for column in COLUMNS}
-# Verdicts as people say them.
-VERDICTS = {"agree": "agrees", "disagree": "disagrees", "reservations": "agrees_with_reservations"}
-
-
-def of_level(level: Level) -> tuple[str, ...]:
-    """Return the names of a level's columns."""
-    return tuple(column.name for column in COLUMNS if column.level == level)
-
-
-_TOKEN = re.compile(
-    r"\s*(?:(?P<text>'[^']*'|\"[^\"]*\")|(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-    r"|(?P<sign><=|>=|!=|<|>|=)|(?P<bracket>[()])|(?P<word>[A-Za-z_]\w*))"
-)
-_WORDS = ("and", "or", "not")
-# Brackets within brackets: more no person writes.
-_DEEPEST = 50
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """A condition of SQL with the values that are bound to its places, never written into it."""
-
-    sql: str
-    values: tuple[str | float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Token:
-    kind: str
-    text: str
-    place: int
-
-
-def parse(expression: str) -> Condition:
-    """Return the condition that an expression states."""
-    reader = _Reader(expression, _tokens(expression))
-    found = reader.any_of(0)
-    reader.require_end()
-    return found
-
-
-def _tokens(expression: str) -> list[_Token]:
-    found, place = [], 0
-    while expression[place:].strip():
-        match = _TOKEN.match(expression, place)
-        if match is None:
-            blank = len(expression[place:]) - len(expression[place:].lstrip())
-            raise _problem(expression, place + blank, "cannot be read here")
-        kind = str(match.lastgroup)
-        text = match.group(kind)
-        word = kind == "word" and text.lower() in _WORDS
-        found.append(
-            _Token(kind="join" if word else kind, text=text.lower() if word else text, place=match.start(kind))
-        )
-        place = match.end()
-    return found
-
-
-def _problem(expression: str, place: int, what: str) -> ConfigError:
-    return ConfigError(
-        f"EXPR: {expression!r}, at character {place + 1}: {what}; write for instance "
-        "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagrees'"
-    )
-
-
-class _Reader:
-    """Reads tokens from left to right: `or` of `and` of `not` of comparisons."""
-
-    def __init__(self, expression: str, tokens: Sequence[_Token]) -> None:
-        self._expression, self._tokens, self._next = expression, tokens, 0
-
-    def any_of(self, depth: int) -> Condition:
-        """Return conditions joined by or."""
-        return self._joined("or", self._all_of, depth)
-
-    def _all_of(self, depth: int) -> Condition:
-        return self._joined("and", self._one, depth)
-
-    def _joined(self, word: str, part: Callable[[int], Condition], depth: int) -> Condition:
-        found = [part(depth)]
-        while self._taken("join", word):
-            found.append(part(depth))
-        if len(found) == 1:
-            return found[0]
-        sql = f" {word.upper()} ".join(f"({one.sql})" for one in found)
-        return Condition(sql=sql, values=tuple(value for one in found for value in one.values))
-
-    def _one(self, depth: int) -> Condition:
-        if depth > _DEEPEST:
-            raise self._wrong(f"more than {_DEEPEST} brackets or nots within each other")
-        if self._taken("join", "not"):
-            found = self._one(depth + 1)
-            return Condition(sql=f"NOT ({found.sql})", values=found.values)
-        if self._taken("bracket", "("):
-            found = self.any_of(depth + 1)
-            if not self._taken("bracket", ")"):
-                raise self._wrong("a closing bracket is missing")
-            return found
-        return self._comparison()
-
-    def _comparison(self) -> Condition:
-        name = self._required("word", "a column is wanted").text
-        if name not in BY_NAME:
-            close = get_close_matches(name, BY_NAME, n=3, cutoff=0.6)
-            meant = f"did you mean {', '.join(close)}? " if close else ""
-            raise ConfigError(f"EXPR: there is no column {name!r}; {meant}there are {', '.join(BY_NAME)}")
-        sign = self._required("sign", "one of < <= > >= = != is wanted").text
-        value = self._value(name)
-        return Condition(sql=f'"{name}" {sign} ?', values=(value,))
-
-    def _value(self, name: str) -> str | float:
-        token = self._tokens[self._next] if self._next < len(self._tokens) else None
-        kind = BY_NAME[name].kind
-        if token is None or token.kind not in ("text", "number"):
-            raise self._wrong("a number, or a text in quotes, is wanted")
-        if (token.kind == "text") != (kind == "text"):
-            wanted = "a text: put it into quotes" if kind == "text" else "a number, without quotes"
-            raise self._wrong(f"{name} is compared with {wanted}")
-        self._next += 1
-        if token.kind == "text":
-            text = token.text[1:-1]
-            return VERDICTS.get(text, text) if name.endswith("verdict") else text
-        number = float(token.text)
-        if not math.isfinite(number):
-            raise self._wrong(f"{token.text} is too large")
-        return number
-
-    def require_end(self) -> None:
-        """Refuse what stands behind a whole expression."""
-        if self._next < len(self._tokens):
-            raise self._wrong("and, or, or the end is wanted")
-
-    def _taken(self, kind: str, text: str) -> bool:
-        token = self._tokens[self._next] if self._next < len(self._tokens) else None
-        if token is None or (token.kind, token.text) != (kind, text):
-            return False
-        self._next += 1
-        return True
-
-    def _required(self, kind: str, what: str) -> _Token:
-        token = self._tokens[self._next] if self._next < len(self._tokens) else None
-        if token is None or token.kind != kind:
-            raise self._wrong(what)
-        self._next += 1
-        return token
-
-    def _wrong(self, what: str) -> ConfigError:
-        at_end = self._next >= len(self._tokens)
-        return _problem(self._expression, len(self._expression) if at_end else self._tokens[self._next].place, what)
-
-
-Fact = str | float | None
 KEPT_FILES = (SESSION_FILE, MANIFEST_FILE, EVENTS_FILE, ANNOTATIONS_FILE)
 _MS_PER_S = 1000.0
 _ZENITH_DEG = 90.0
+INDEX_FILE = ".rigctl-index.sqlite"
+COMPARISON_FILE = "comparison.json"
+# Raised with every change of columns or of their meaning: an older index is made anew.
+_LAYOUT = 1
+_WAIT_S = 30.0
 
 
-def is_run(folder: Path) -> bool:
-    """Return whether a folder is a run, whole or not."""
-    return any((folder / name).is_file() for name in (SESSION_FILE, MANIFEST_FILE))
+@dataclass(frozen=True, kw_only=True)
+class Indexed:
+    """What an update of an index did."""
+
+    runs: int
+    new: int
+    changed: int
+    gone: int
+    damaged: int
+    comparisons: int
+
+
+def update_index(root: Path) -> Indexed:
+    """Bring the index of an archive to what its folders hold; one that is not there, or of old, is made."""
+    require_folder(root)
+    runs, comparisons = found_below(root)
+    with _opened(root) as index:
+        known = dict(index.execute("SELECT run, fingerprint FROM runs"))
+        seen = {str(run.relative_to(root)): fingerprint(run) for run in runs}
+        changed = [run for run in seen if known.get(run) != seen[run]]
+        for run in changed:
+            _put(index, "runs", {"run": run, "fingerprint": seen[run], **facts_of(root / run)})
+        gone = set(known) - set(seen)
+        index.executemany("DELETE FROM runs WHERE run = ?", [(run,) for run in gone])
+        _compare(index, root, comparisons)
+        damaged = index.execute("SELECT count(*) FROM runs WHERE state = 'damaged'").fetchone()[0]
+    new = sum(run not in known for run in changed)
+    return Indexed(
+        runs=len(seen),
+        new=new,
+        changed=len(changed) - new,
+        gone=len(gone),
+        damaged=damaged,
+        comparisons=len(comparisons),
+    )
+
+
+def find(root: Path, expression: str) -> list[dict[str, Fact]]:
+    """Return the rows of an archive that a condition holds of: a run and, where it was compared, one of its regions."""
+    condition = checked_condition(expression)
+    require_folder(root)
+    if not (root / INDEX_FILE).is_file():
+        raise ConfigError(f"{root}: has no index; make it: rigctl archive index {root}")
+    names = [column.name for column in COLUMNS]
+    listed = ", ".join(f'"{name}"' for name in names)
+    with _opened(root) as index:
+        index.set_authorizer(_only_reading)
+        rows = index.execute(f"SELECT {listed} FROM found WHERE (\n{condition}\n) ORDER BY run, region").fetchall()
+        index.set_authorizer(None)
+        return [dict(zip(names, row, strict=True)) for row in rows]
+
+
+def matching_runs(root: Path, where: str | None) -> list[str]:
+    """Return the runs of which an expression holds, all if there is none; an expression brings the index up to date."""
+    require_folder(root)
+    if where is None:
+        return sorted(run.relative_to(root).as_posix() for run in found_below(root)[0])
+    checked_condition(where)  # before the index is brought up to date, which takes time
+    update_index(root)
+    return sorted({str(row["run"]) for row in find(root, where)})
+
+
+def found_below(root: Path) -> tuple[list[Path], list[Path]]:
+    """Return the runs below a folder and the comparisons; nothing is sought within a run."""
+    runs, comparisons = [], []
+    for name, folders, files in os.walk(root):
+        folder = Path(name)
+        if folder != root and any((folder / one).is_file() for one in (SESSION_FILE, MANIFEST_FILE)):
+            runs.append(folder)
+            folders.clear()
+            continue
+        folders[:] = sorted(one for one in folders if not one.startswith("."))
+        if COMPARISON_FILE in files:
+            comparisons.append(folder / COMPARISON_FILE)
+    return runs, comparisons
+
+
+def require_folder(root: Path) -> None:
+    """Raise ConfigError where an archive is no folder."""
+    if not root.is_dir():
+        raise ConfigError(f"{root}: there is no such folder; an archive is a folder with runs below it")
 
 
 def fingerprint(run: Path) -> str:
@@ -334,91 +259,58 @@ def _device(device: DeviceAsTaken) -> str:
     return " ".join(text for text in (device.model, device.serial_number) if text)
 
 
-INDEX_FILE = ".rigctl-index.sqlite"
-COMPARISON_FILE = "comparison.json"
-# Raised with every change of columns or of their meaning: an older index is made anew.
-_LAYOUT = 1
-_WAIT_S = 30.0
+# Verdicts as people say them.
+_VERDICTS = {"agree": "agrees", "disagree": "disagrees", "reservations": "agrees_with_reservations"}
+_COMPARED = re.compile(r"""\b(\w+)(\s*(?:<=|>=|<>|!=|==|=|<|>)\s*)('[^']*'|"[^"]*"|[-+]?[\d.]+)""")
+_FUNCTIONS = ("abs", "coalesce", "glob", "ifnull", "length", "like", "lower", "max", "min", "round", "substr", "upper")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Indexed:
-    """What an update of an index did."""
+def checked_condition(expression: str) -> str:
+    """Return a condition of SQL that only reads columns; raise ConfigError where it is not one."""
 
-    runs: int
-    new: int
-    changed: int
-    gone: int
-    damaged: int
-    comparisons: int
+    def compared(match: re.Match[str]) -> str:
+        name, sign, value = match.groups()
+        kind = BY_NAME[name].kind if name in BY_NAME else None
+        is_text = value[0] in "'\""
+        if kind is not None and is_text != (kind == "text"):
+            wanted = "a text: put it into quotes" if kind == "text" else "a number, without quotes"
+            raise ConfigError(f"EXPR: {expression!r}: {name} is compared with {wanted}")
+        if is_text:
+            text = value[1:-1].replace("'", "''")
+            value = f"'{_VERDICTS.get(text, text) if name.endswith('verdict') else text}'"
+        return f"{name}{sign}{value}"
 
-
-def update_index(root: Path) -> Indexed:
-    """Bring the index of an archive to what its folders hold; one that is not there, or of old, is made."""
-    require_folder(root)
-    runs, comparisons = found_below(root)
-    with _opened(root) as index:
-        known = dict(index.execute("SELECT run, fingerprint FROM runs"))
-        seen = {str(run.relative_to(root)): fingerprint(run) for run in runs}
-        changed = [run for run in seen if known.get(run) != seen[run]]
-        for run in changed:
-            _put(index, "runs", {"run": run, "fingerprint": seen[run], **facts_of(root / run)})
-        gone = set(known) - set(seen)
-        index.executemany("DELETE FROM runs WHERE run = ?", [(run,) for run in gone])
-        _compare(index, root, comparisons)
-        damaged = index.execute("SELECT count(*) FROM runs WHERE state = 'damaged'").fetchone()[0]
-    new = sum(run not in known for run in changed)
-    return Indexed(
-        runs=len(seen),
-        new=new,
-        changed=len(changed) - new,
-        gone=len(gone),
-        damaged=damaged,
-        comparisons=len(comparisons),
-    )
+    condition = _COMPARED.sub(compared, expression)
+    trial = sqlite3.connect(":memory:")
+    try:
+        trial.execute(f"CREATE TABLE found ({', '.join(map(_declared, BY_NAME))})")
+        trial.set_authorizer(_only_reading)
+        trial.execute(f"SELECT 1 FROM found WHERE (\n{condition}\n)")
+    except (sqlite3.Error, sqlite3.Warning, ValueError) as error:
+        raise ConfigError(_problem(expression, str(error))) from error
+    finally:
+        trial.close()
+    return condition
 
 
-def find(root: Path, condition: Condition) -> list[dict[str, Fact]]:
-    """Return the rows of an archive that a condition holds of: a run and, where it was compared, one of its regions."""
-    require_folder(root)
-    if not (root / INDEX_FILE).is_file():
-        raise ConfigError(f"{root}: has no index; make it: rigctl archive index {root}")
-    names = [column.name for column in COLUMNS]
-    listed = ", ".join(f'"{name}"' for name in names)
-    with _opened(root) as index:
-        rows = index.execute(f"SELECT {listed} FROM found WHERE {condition.sql} ORDER BY run, region", condition.values)
-        return [dict(zip(names, row, strict=True)) for row in rows]
+def _only_reading(action: int, *names: str | None) -> int:
+    """Allow SQLite to read columns of the index and to call functions that only compute."""
+    allowed = {
+        sqlite3.SQLITE_SELECT: True,
+        sqlite3.SQLITE_READ: names[0] in ("found", "runs", "comparisons", "regions"),
+        sqlite3.SQLITE_FUNCTION: names[1] in _FUNCTIONS,
+    }
+    return sqlite3.SQLITE_OK if allowed.get(action, False) else sqlite3.SQLITE_DENY
 
 
-def matching_runs(root: Path, where: str | None) -> list[str]:
-    """Return the runs of which an expression holds, all if there is none; an expression brings the index up to date."""
-    require_folder(root)
-    if where is None:
-        return sorted(run.relative_to(root).as_posix() for run in found_below(root)[0])
-    condition = parse(where)
-    update_index(root)
-    return sorted({str(row["run"]) for row in find(root, condition)})
-
-
-def require_folder(root: Path) -> None:
-    """Raise ConfigError where an archive is no folder."""
-    if not root.is_dir():
-        raise ConfigError(f"{root}: there is no such folder; an archive is a folder with runs below it")
-
-
-def found_below(root: Path) -> tuple[list[Path], list[Path]]:
-    """Return the runs below a folder and the comparisons; nothing is sought within a run."""
-    runs, comparisons = [], []
-    for name, folders, files in os.walk(root):
-        folder = Path(name)
-        if folder != root and is_run(folder):
-            runs.append(folder)
-            folders.clear()
-            continue
-        folders[:] = sorted(one for one in folders if not one.startswith("."))
-        if COMPARISON_FILE in files:
-            comparisons.append(folder / COMPARISON_FILE)
-    return runs, comparisons
+def _problem(expression: str, words: str) -> str:
+    _, is_column, name = words.partition("no such column: ")
+    if is_column:
+        close = get_close_matches(name, BY_NAME, n=3, cutoff=0.6)
+        meant = f"did you mean {', '.join(close)}? " if close else ""
+        return f"EXPR: there is no column {name!r}; {meant}there are {', '.join(BY_NAME)}"
+    example = "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagrees'"
+    return f"EXPR: {expression!r} cannot be read as a condition: {words}; write for instance {example}"
 
 
 @contextmanager
@@ -447,7 +339,10 @@ def _make(index: sqlite3.Connection, path: Path) -> None:
     index.execute("DROP VIEW IF EXISTS found")
     for table in tables:
         index.execute(f"DROP TABLE {table}")
-    columns = {level: ", ".join(map(_declared, of_level(level))) for level in ("run", "comparison", "region")}
+    columns = {
+        level: ", ".join(_declared(one.name) for one in COLUMNS if one.level == level)
+        for level in ("run", "comparison", "region")
+    }
     index.execute(f"CREATE TABLE runs ({columns['run']}, fingerprint TEXT, PRIMARY KEY (run))")
     index.execute("CREATE INDEX runs_by_manifest ON runs (manifest_sha256)")
     key = "manifest_sha256 TEXT"

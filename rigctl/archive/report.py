@@ -16,7 +16,7 @@ from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from rigctl.archive.index import COLUMNS, Fact
-from rigctl.archive.over_runs import RegionNumbers
+from rigctl.archive.rows import RegionNumbers
 from rigctl.base.numbers import wrapped
 from rigctl.report.data_files import csv_rows, json_file, json_rows
 from rigctl.report.document import Paragraph, Picture, Report, Section, Verdict
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from rigctl.archive.health import RunHealth
     from rigctl.archive.index import IndexColumn
-    from rigctl.archive.over_runs import RunRow, Verb
+    from rigctl.archive.rows import RunRow, Verb
     from rigctl.console.json_text import Json
 
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
-from rigctl.errors import ConfigError
 from rigctl.paper.curves import Panel, PaperFigure, curves_of
 from rigctl.paper.scenes import PANELS, Number
 from rigctl.paper.statements import IN_WORDS, Description, Judged, Search, descriptions
@@ -36,62 +31,7 @@ if TYPE_CHECKING:
     from model.prediction import RegionPrediction
     from model.processing.dolp_studies import EstimatorError
     from rigctl.console.json_text import Json
-    from rigctl.verbs.paper import MaterialSet, PaperResult
-
-
-_POINT_COLUMNS = ("figure", "panel", "label", "x", "y")
-
-
-@dataclass(frozen=True, kw_only=True)
-class DigitisedPoint:
-    """A point: number of the figure, letter of its panel (empty for all), which curve, and where."""
-
-    figure: int
-    panel: str
-    label: str
-    x: float
-    y: float
-
-
-def read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
-    """Return the points of a CSV file with the columns figure, panel, label, x, y."""
-    try:
-        rows = list(csv.DictReader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
-    if not rows or not set(_POINT_COLUMNS) <= set(rows[0]):
-        raise ConfigError(f"{path}: needs a first line {','.join(_POINT_COLUMNS)} and a point a line")
-    return tuple(_point(path, line, row) for line, row in enumerate(rows, start=2))
-
-
-def _point(path: Path, line: int, row: dict[str, str]) -> DigitisedPoint:
-    try:
-        x, y = float(row["x"]), float(row["y"])
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise ValueError("x and y must be finite")
-        return DigitisedPoint(figure=int(row["figure"]), panel=row["panel"].strip(), label=row["label"], x=x, y=y)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{path}, line {line}: {error}") from error
-
-
-_LINE = re.compile(r"^\s*(?P<key>[A-Za-z_]+)\s*=\s*(?P<value>[^#]*?)\s*#\s*assumed:?\s*(?P<why>.*)$")
-_TABLE = re.compile(r"^\s*\[+(?P<name>[\w.]+)\]+")
-_NAME = re.compile(r'^\s*name\s*=\s*"(?P<name>[^"]*)"')
-
-
-def assumed_lines(path: Path) -> tuple[str, ...]:
-    """Return a text for each number of a scene file whose line says in a comment that it is assumed."""
-    table, found = "", []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        head, name, one = _TABLE.match(line), _NAME.match(line), _LINE.match(line)
-        if head is not None:
-            table = f"{head['name']}."
-        elif name is not None and table.startswith("regions."):
-            table = f"regions.{name['name']}."
-        if one is not None:
-            why = f" ({one['why']})" if one["why"] else ""
-            found.append(f"assumed: {table}{one['key']} = {one['value']}{why}")
-    return tuple(found)
+    from rigctl.paper.check import CheckedPaper, DigitisedPoint, MaterialSet
 
 
 # Statements as tables, CSV and JSON.
@@ -376,7 +316,7 @@ _MEANING = (
 )
 
 
-def paper_report(found: PaperResult, pictures: Mapping[str, bytes]) -> Report:
+def paper_report(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Report:
     """Return the report on the paper."""
     return Report(
         title="[MK14] figure by figure and sentence by sentence",
@@ -385,12 +325,12 @@ def paper_report(found: PaperResult, pictures: Mapping[str, bytes]) -> Report:
     )
 
 
-def _summary(found: PaperResult) -> Section:
+def _summary(found: CheckedPaper) -> Section:
     lines = tuple(f"{one.name}: {tally(one.results)}" for one in found.sets)
     return Section(title="What comes out", blocks=(Bullets(items=lines), Paragraph(text=_MEANING)))
 
 
-def _figures(found: PaperResult, pictures: Mapping[str, bytes]) -> Iterable[Section]:
+def _figures(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Iterable[Section]:
     for number in found.figures:
         shown = [Picture(png=png, caption=name) for name, png in pictures.items() if name.startswith(f"fig{number}-")]
         rows = [one for one in found.results if number in one.statement.figures]
@@ -399,14 +339,14 @@ def _figures(found: PaperResult, pictures: Mapping[str, bytes]) -> Iterable[Sect
         yield Section(title=f"Fig. {number}", blocks=blocks)
 
 
-def _search(found: PaperResult) -> Iterable[Section]:
+def _search(found: CheckedPaper) -> Iterable[Section]:
     if found.search is None:
         return
     note = "Without a tolerance: to be confirmed with --materials."
     yield Section(title="Search", blocks=(Bullets(items=(*search_lines(found.search), note)),))
 
 
-def _assumed(found: PaperResult) -> Iterable[Section]:
+def _assumed(found: CheckedPaper) -> Iterable[Section]:
     yield Section(title="Assumed", blocks=(Bullets(items=found.remarks),))
     for one in found.sets:
         yield Section(title=f"Assumed in {one.name}", blocks=(Bullets(items=one.assumed),), folded=True)
@@ -418,7 +358,7 @@ _FIG2 = (
 )
 
 
-def write_paper(found: PaperResult, out: Path) -> tuple[str, ...]:
+def write_paper(found: CheckedPaper, out: Path) -> tuple[str, ...]:
     """Write paper.html, statements.csv, statements.json, curves.csv and fig*.png; return their names."""
     curves = {(one.name, number): _curves(one, number) for one in found.sets for number in found.figures}
     pictures = dict(_pictures(found, curves))
@@ -436,7 +376,7 @@ def _curves(one: MaterialSet, number: int) -> PaperFigure | None:
     return curves_of(number, one.scenes, as_paper=one.as_paper)
 
 
-def _pictures(found: PaperResult, curves: dict[tuple[str, int], PaperFigure | None]) -> Iterable[tuple[str, bytes]]:
+def _pictures(found: CheckedPaper, curves: dict[tuple[str, int], PaperFigure | None]) -> Iterable[tuple[str, bytes]]:
     for number in found.figures:
         for k, one in enumerate(found.sets):
             if number in _SAME_FOR_ALL and k > 0:
@@ -445,7 +385,7 @@ def _pictures(found: PaperResult, curves: dict[tuple[str, int], PaperFigure | No
             yield f"fig{number}-{label}.png", _picture(found, one, number, curves[one.name, number])
 
 
-def _picture(found: PaperResult, one: MaterialSet, number: int, curves: PaperFigure | None) -> bytes:
+def _picture(found: CheckedPaper, one: MaterialSet, number: int, curves: PaperFigure | None) -> bytes:
     rows = [row for row in one.results if number in row.statement.figures]
     of_what = "the same for all materials" if number in _SAME_FOR_ALL else f"materials: {one.name}"
     beneath = (of_what, *(verdict_lines(rows) or (NOTHING_STATED,)))

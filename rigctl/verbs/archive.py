@@ -1,13 +1,11 @@
 """`rigctl archive`: an index of many runs, questions to it, and the verbs of single runs over all of them."""
 
 import sys
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack
 
-from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
@@ -26,10 +24,8 @@ from rigctl.verbs.result import Part, Result
 if TYPE_CHECKING:
     from rigctl.archive.health import ArchiveHealth
     from rigctl.archive.index import Fact, Indexed
-    from rigctl.archive.over_runs import RunRow, Verb
-    from rigctl.mapped import Outcome
+    from rigctl.archive.rows import Verb
 
-_MOST_ROWS = 40  # that are printed
 _FILES = ("archive.csv", "archive.json", "archive.html")
 
 Root: TypeAlias = Annotated[FilePath, NOT_AN_INPUT]
@@ -86,8 +82,9 @@ class IndexUpdate(Result):
 def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
     """Print the runs and regions of which an expression holds.
 
-    < <= > >= = != compare a column with a number or a text in quotes; and, or, not and brackets join. Columns are in
-    docs/how-to/archives.md. A run without a comparison has no region, and no comparison of a region holds of it.
+    The expression is a condition of SQL, such as column < number, column = 'text', joined by and, or, not, brackets.
+    docs/how-to/archives.md lists the columns. No condition on a region or a verdict holds of a run that was never
+    compared.
 
     Example: rigctl archive find runs "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagree'"
 
@@ -96,7 +93,7 @@ def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
     root : path
         Folder with runs at any depth below it.
     expression : str
-        Comparisons joined by and, or, not.
+        Condition of SQL on the columns of the index; nothing but reading is allowed.
     csv : bool
         Answer in CSV, all columns.
 
@@ -111,9 +108,8 @@ def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
         The expression cannot be read, or the archive has no index.
     """
     from rigctl.archive.index import find as found_in
-    from rigctl.archive.index import parse
 
-    found = FoundRows(rows=tuple(found_in(Path(root), parse(expression))), csv=csv)
+    found = FoundRows(rows=tuple(found_in(Path(root), expression)), csv=csv)
     if not csv:
         note(f"{len(found.rows)} rows of {len(found.runs)} runs")
     return found
@@ -244,7 +240,7 @@ def compare(
     regions: FilePath | None = None,
     full: bool = False,
     **options: Unpack[ManyCompared],
-) -> "ArchiveRows":
+) -> Result:
     """Compare every run that matches with the model, as `rigctl compare` does one; write one table and one page.
 
     Each run has its own sun and its comparison.json in DIR/runs/RUN; with DIR below ROOT the index has the verdicts.
@@ -288,7 +284,7 @@ def compare(
 
 def stokes(
     root: Root, /, *, out: Out, regions: FilePath | None = None, full: bool = False, **options: Unpack[ManyMeasured]
-) -> "ArchiveRows":
+) -> Result:
     """Measure every run that matches, as `rigctl stokes` does one: DoLP and AoLP of the regions, soundness.
 
     Images are written with --full only. A run that is damaged is a row with its reason. Ctrl-C stops (exit 75); the
@@ -325,7 +321,7 @@ def stokes(
     return _over_runs("stokes", root, out, measured, many, regions=regions, full=full)
 
 
-def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> "ArchiveRows":
+def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
     """Check every checksum of every run that matches, as `rigctl verify` does of one.
 
     A run is checked again if its journals, or sizes and times of its frames, have changed since; for all of them name
@@ -366,7 +362,7 @@ def recalibrate(
     scene: FilePath | None = None,
     full: bool = False,
     **options: Unpack[ManyMeasured],
-) -> "ArchiveRows":
+) -> Result:
     """Measure every run that matches anew, with the calibrations that are named or that the store holds today.
 
     Next to each number stands what the run gives by itself: with the axis of its rig file and no calibration. Polarizer
@@ -409,61 +405,6 @@ def recalibrate(
     return _over_runs("recalibrate", root, out, measured, many, scene=scene, regions=regions, full=full)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ArchiveRows(Result):
-    """What a verb made of each run of an archive."""
-
-    verb: "Verb"
-    out: Path
-    rows: "tuple[RunRow, ...]"  #: of the runs that were tried, in the order of their names
-    runs: int  #: how many match
-    done_before: int  #: how many rows an earlier command had made
-    outcome: "Outcome"
-    damaged: tuple[str, ...]  #: files of an earlier command that could not be read
-
-    @property
-    def verdicts(self) -> Mapping[str, int]:
-        """How many runs have which verdict, the most frequent first."""
-        return dict(Counter(row.verdict for row in self.rows).most_common())
-
-    @property
-    def exit_code(self) -> int:
-        """75 if it was stopped; 5 if a run disagrees; else 4 if one failed or is unfit, 75 if one is unfinished."""
-        codes = {row.exit_code for row in self.rows}
-        if self.outcome == "stopped":
-            return EXIT_INCOMPLETE
-        if EXIT_DISAGREES in codes:
-            return EXIT_DISAGREES
-        return EXIT_DATA if codes - {0, EXIT_INCOMPLETE} else max(codes, default=0)
-
-    def content(self) -> Iterable[Part]:
-        """Return how many runs have which verdict, then the rows; of many runs those that are not good."""
-        from rigctl.archive.report import archive_table
-
-        counted = ", ".join(f"{times} {verdict}" for verdict, times in self.verdicts.items())
-        yield f"{self.runs} runs, {self.done_before} of them done before: {counted or 'none matches'}"
-        if self.outcome == "stopped":
-            yield f"stopped: {len(self.rows)} of {self.runs} runs are done; the same command goes on"
-        shown = self.rows if len(self.rows) <= _MOST_ROWS else [row for row in self.rows if row.exit_code != 0]
-        if shown:
-            yield archive_table(shown[:_MOST_ROWS], self.verb)
-        if len(shown) > _MOST_ROWS:
-            yield f"and {len(shown) - _MOST_ROWS} more"
-
-    def as_json(self) -> dict[str, Json]:
-        """Return the rows, and how many runs match and were done before."""
-        return {
-            "schema_version": 1,
-            "out": str(self.out),
-            "outcome": self.outcome,
-            "runs": self.runs,
-            "done": len(self.rows),
-            "done_before": self.done_before,
-            "verdicts": self.verdicts,
-            "rows": [asdict(row) for row in self.rows],
-        }
-
-
 def _split(options: Mapping[str, Any]) -> tuple[Any, Any]:
     """Return the options of a single run, and those that choose runs and workers."""
     many = {name: value for name, value in options.items() if name in ManyRuns.__annotations__}
@@ -480,7 +421,7 @@ def _over_runs(
     scene: FilePath | None = None,
     regions: FilePath | None = None,
     full: bool = False,
-) -> ArchiveRows:
+) -> Result:
     from rigctl.mapped import count_shown
     from rigctl.verbs.over_runs import ArchiveJob, run_over_archive
 

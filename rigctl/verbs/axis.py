@@ -11,7 +11,7 @@ from cyclopts import Parameter, validators
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.options import FilePath, RegionsPath, RunOptions, RunPath, ValidDays, Writes, path_of, regions_of
+from rigctl.verbs.options import FilePath, RegionsPath, RunOptions, RunPath, ValidDays, Writes, regions_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def axis(
         expected_std_deg=expect_std_deg,
     )
     areas = [None] if regions is None else regions_of(regions)
-    records = [used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)) for run in runs]
+    records = [used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False)) for run in runs]
     turning = None if generator is None else Path(generator)
     found, *_ = each = [_calibrated(records, reference_deg, turning, area, known) for area in areas]
     by_region = {area.name: one for area, one in zip(areas, each, strict=True) if area}

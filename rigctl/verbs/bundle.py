@@ -16,7 +16,7 @@ from cyclopts.validators import Number
 from rigctl.console.json_text import Json, json_text
 from rigctl.console.scrubbing import Scrubber
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunPath, Writes
 from rigctl.verbs.result import Part, Result
 from rigctl.verbs.verify import verification_of
 from rigctl.version import VERSION
@@ -80,7 +80,7 @@ def bundle(
     from rigctl.runs.records import EVENTS_FILE, SESSION_FILE
     from rigctl.session.status import STATUS_FILE
 
-    path = path_of(run)
+    path = Path(run)
     read_contents(path)
     scrubber = Scrubber.of_this_machine()
     packed: dict[str, bytes] = {}

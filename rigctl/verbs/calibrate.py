@@ -28,7 +28,6 @@ from rigctl.verbs.options import (
     ScenePath,
     ValidDays,
     Writes,
-    path_of,
     scene_file_of,
 )
 from rigctl.verbs.result import Part, Result
@@ -139,7 +138,7 @@ def noise(
     most_bytes = max_frame_mb * 1_000_000
     try:
         source = _noise_frames(
-            run=None if run is None else path_of(run),
+            run=None if run is None else Path(run),
             emva=_maybe_path(emva),
             folder=_maybe_path(folder),
             table=_maybe_path(table),
@@ -380,7 +379,7 @@ def flat(
     from rigctl.calibrations.record import write_whole
     from rigctl.runs.check import used_run
 
-    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
     found = flat_of_run(record)
     file = flat_file(found, record, valid_days=valid_days)
     if out is not None:
@@ -569,7 +568,7 @@ def radiometric(
     from rigctl.runs.check import used_run
 
     content = scene_file_of(scene)
-    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
     calibrated, doubts = (None, ()) if noise is None else read_fitting_noise(Path(noise), record)
     regions = [region for region in content.regions if region.name == panel]
     measurement = measure(record, regions=list(regions), noise=calibrated)
@@ -664,7 +663,7 @@ def registration(
     from rigctl.calibrations.registration import register_run, registration_file
     from rigctl.runs.check import used_run
 
-    record = used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False))
+    record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
     found = register_run(record, cycle=cycle)
     file = registration_file(found, record, valid_days=valid_days)
     is_refused = found.doubt is not None and not force_registration

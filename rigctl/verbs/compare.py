@@ -19,7 +19,6 @@ from rigctl.verbs.options import (
     ScenePath,
     Writes,
     calibrations_of,
-    path_of,
     regions_of,
     scene_file_of,
 )
@@ -110,7 +109,7 @@ def compare(
     given: list[Any] = [run, *more]
     if more and scene is None and _is_scene(given[-1]):
         scene = given.pop()
-    runs = [path_of(one) for one in given]
+    runs = [Path(one) for one in given]
     result: ComparisonResult | SeriesResult
     with solving_shown():
         if len(runs) == 1:

@@ -10,7 +10,7 @@ from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ExportFormat
-from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
 from rigctl.verbs.result import Part, Result
 
 _MOST_NAME = 100  # characters of the name that the unfinished export bears
@@ -56,7 +56,7 @@ def export(
     from rigctl.runs.check import used_run
     from rigctl.runs.export import export_hdf5, export_tiff, export_zarr
 
-    path, place = path_of(run), Path(out)
+    path, place = Path(run), Path(out)
     if place.exists():
         raise ConfigError(f"--out: {place} is there already; name a file or folder that does not exist yet")
     used = used_run(path, **frames)

@@ -16,7 +16,7 @@ from rigctl.base.numbers import is_utc_text, unix_ns, utc_moment, utc_text
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import RunPath, path_of
+from rigctl.verbs.options import RunPath
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def note(
     """
     from rigctl.runs.folder import read_run
 
-    path = path_of(run)
+    path = Path(run)
     if exclude is not None and include is not None:
         raise ConfigError("--exclude, --include: give one of them")
     if at is not None and (exclude is not None or include is not None):

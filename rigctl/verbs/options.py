@@ -22,24 +22,18 @@ if TYPE_CHECKING:
     from rigctl.calibrations.store import CalibrationKind
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
-    from rigctl.interface.run import Run
     from rigctl.measure.calibrations import CalibrationPaths
 
 # Python takes texts and what it has read already; the command line makes a path of every text.
 if TYPE_CHECKING:
     FilePath: TypeAlias = Path | str
-    RunPath: TypeAlias = Path | str | Run
+    RunPath: TypeAlias = Path | str | os.PathLike[str]
     RegionsPath: TypeAlias = Path | str | Sequence[Region]
     ScenePath: TypeAlias = Path | str | SceneFile
     Changes: TypeAlias = Mapping[str, float] | Sequence[str]
 else:
     Changes = Sequence[str]
     FilePath = RunPath = RegionsPath = ScenePath = Path
-
-
-def path_of(run: RunPath) -> Path:
-    """Return the folder of a run."""
-    return Path(run) if isinstance(run, str | Path) else run.path
 
 
 def scene_file_of(scene: ScenePath) -> "SceneFile":

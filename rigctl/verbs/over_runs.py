@@ -4,23 +4,25 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from rigctl.archive.index import facts_of, matching_runs
-from rigctl.archive.over_runs import RegionNumbers, RunRow, Verb, inputs_hash, read_rows, write_rows
-from rigctl.archive.report import write_archive_rows
+from rigctl.archive.report import archive_table, write_archive_rows
+from rigctl.archive.rows import RegionNumbers, RunRow, Verb, inputs_hash, read_rows, write_rows
 from rigctl.base.destination import Origin, results_of
 from rigctl.base.durable import sha256_of
 from rigctl.calibrations.store import KINDS, NONE
 from rigctl.comparison.compare import Comparison
 from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT, failure_of
+from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
-from rigctl.mapped import Engine, code_version, held_folder, mapped
+from rigctl.mapped import Engine, Outcome, code_version, held_folder, mapped
 from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, store_of_run
 from rigctl.measure.diagnose import recalibrated
 from rigctl.measure.measure import Measurement
@@ -31,9 +33,9 @@ from rigctl.report.output import write_folder
 from rigctl.runs.check import used_run
 from rigctl.runs.folder import Run, read_run
 from rigctl.study import scene_digest
-from rigctl.verbs.archive import ArchiveRows
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.options import CompareOptions, calibrations_of
+from rigctl.verbs.result import Part, Result
 from rigctl.verbs.stokes import StokesResult, stokes_of
 from rigctl.verbs.verify import verification_of
 
@@ -41,6 +43,7 @@ RUNS_FOLDER = "runs"
 FAILED = "failed"
 PACKAGES = ("model", "calibration", "rigctl")  #: on whose code the rows depend
 _MOST_RUNS, _ROUNDS = 16, 8  # small runs are done together, so that handing them out costs little
+_MOST_ROWS = 40  # that are printed
 _DIGITS = 8  # of a hash, in the table
 _VERIFIED = {"whole": 0, "unfinished": EXIT_INCOMPLETE, "damaged": EXIT_DATA}
 
@@ -67,6 +70,59 @@ class RunTask:
     names: tuple[str, ...]
     job: ArchiveJob
     code: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArchiveRows(Result):
+    """What a verb made of each run of an archive."""
+
+    verb: Verb
+    out: Path
+    rows: tuple[RunRow, ...]  #: of the runs that were tried, in the order of their names
+    runs: int  #: how many match
+    done_before: int  #: how many rows an earlier command had made
+    outcome: Outcome
+    damaged: tuple[str, ...]  #: files of an earlier command that could not be read
+
+    @property
+    def verdicts(self) -> Mapping[str, int]:
+        """How many runs have which verdict, the most frequent first."""
+        return dict(Counter(row.verdict for row in self.rows).most_common())
+
+    @property
+    def exit_code(self) -> int:
+        """75 if it was stopped; 5 if a run disagrees; else 4 if one failed or is unfit, 75 if one is unfinished."""
+        codes = {row.exit_code for row in self.rows}
+        if self.outcome == "stopped":
+            return EXIT_INCOMPLETE
+        if EXIT_DISAGREES in codes:
+            return EXIT_DISAGREES
+        return EXIT_DATA if codes - {0, EXIT_INCOMPLETE} else max(codes, default=0)
+
+    def content(self) -> Iterable[Part]:
+        """Return how many runs have which verdict, then the rows; of many runs those that are not good."""
+        counted = ", ".join(f"{times} {verdict}" for verdict, times in self.verdicts.items())
+        yield f"{self.runs} runs, {self.done_before} of them done before: {counted or 'none matches'}"
+        if self.outcome == "stopped":
+            yield f"stopped: {len(self.rows)} of {self.runs} runs are done; the same command goes on"
+        shown = self.rows if len(self.rows) <= _MOST_ROWS else [row for row in self.rows if row.exit_code != 0]
+        if shown:
+            yield archive_table(shown[:_MOST_ROWS], self.verb)
+        if len(shown) > _MOST_ROWS:
+            yield f"and {len(shown) - _MOST_ROWS} more"
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the rows, and how many runs match and were done before."""
+        return {
+            "schema_version": 1,
+            "out": str(self.out),
+            "outcome": self.outcome,
+            "runs": self.runs,
+            "done": len(self.rows),
+            "done_before": self.done_before,
+            "verdicts": self.verdicts,
+            "rows": [asdict(row) for row in self.rows],
+        }
 
 
 def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lambda _done, _runs: None) -> ArchiveRows:

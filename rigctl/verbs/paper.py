@@ -11,17 +11,13 @@ from cyclopts.validators import Number
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note
-from rigctl.errors import ConfigError
 from rigctl.files.choices import SnrForm
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.processing.dolp_studies import EstimatorError
-    from rigctl.files.scene_file import SceneFile
-    from rigctl.paper.report import DigitisedPoint
-    from rigctl.paper.scenes import LowLight, PaperScenes
-    from rigctl.paper.statements import Judged, Search
+    from rigctl.paper.check import CheckedPaper
 
 SHIPPED = ("library", "rough")
 # As many figures and sets of materials as are asked for.
@@ -87,19 +83,25 @@ def paper(
     ConfigError
         A figure is not there, or a file is wrong.
     """
+    from rigctl.paper.check import check_paper
+
     found: PaperResult | EstimatorResult
     if estimators:
         found = _compared(_TRUE_SNR)
     else:
-        found = _checked(
-            tuple(figures),
-            tuple(materials),
-            snr=snr,
-            height_m=height_m,
-            as_paper=as_paper,
-            sets=search,
-            seed=seed,
-            digitised=digitised,
+        found = PaperResult(
+            check_paper(
+                tuple(figures),
+                materials,
+                shipped=SHIPPED,
+                snr=snr,
+                height_m=height_m,
+                as_paper=as_paper,
+                sets=search,
+                seed=seed,
+                digitised=None if digitised is None else Path(digitised),
+                tell=note,
+            )
         )
     if out is not None:
         found.write(Path(out))
@@ -110,54 +112,33 @@ def paper(
     return found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MaterialSet:
-    """One set of materials: its scenes, what comes out of the statements, and what is assumed."""
-
-    name: str
-    scene: "SceneFile"
-    scenes: "PaperScenes"
-    as_paper: "PaperScenes | None"  #: the same, computed as the authors did
-    results: "tuple[Judged, ...]"
-    assumed: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PaperResult(Result):
     """Verdicts on the statements of the paper, by set of materials."""
 
-    sets: tuple[MaterialSet, ...]
-    figures: tuple[int, ...]
-    search: "Search | None"  #: about the first set
-    points: "tuple[DigitisedPoint, ...]"  #: of the paper's figures, where somebody has them
-    remarks: tuple[str, ...]
-
-    @property
-    def results(self) -> "tuple[Judged, ...]":
-        """Verdicts of all sets."""
-        return tuple(one for each in self.sets for one in each.results)
+    found: "CheckedPaper"
 
     def content(self) -> Iterable[Part]:
         """Return how many statements hold, each with its verdict, and what is assumed."""
         from rigctl.paper.report import search_lines, tally, terminal_statements
 
-        yield from (f"{one.name}: {tally(one.results)}" for one in self.sets)
-        yield from search_lines(self.search)
-        yield terminal_statements(self.results)
-        yield from self.remarks
-        yield from dict.fromkeys(text for one in self.sets for text in one.assumed)
+        yield from (f"{one.name}: {tally(one.results)}" for one in self.found.sets)
+        yield from search_lines(self.found.search)
+        yield terminal_statements(self.found.results)
+        yield from self.found.remarks
+        yield from dict.fromkeys(text for one in self.found.sets for text in one.assumed)
 
     def as_json(self) -> list[dict[str, Json]]:
         """Return what statements.json holds."""
         from rigctl.paper.report import statement_json
 
-        return statement_json(self.results)
+        return statement_json(self.found.results)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write the page, statements, curves and pictures into a folder; return the names of the files."""
         from rigctl.paper.report import write_paper
 
-        return write_paper(self, folder)
+        return write_paper(self.found, folder)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,95 +188,3 @@ def _compared(true_snr: Any) -> EstimatorResult:
 
     values = np.array(true_snr)
     return EstimatorResult(true_snr=values, errors={name: bias_and_rms(name, values) for name in ESTIMATORS})
-
-
-def _checked(
-    figures: tuple[int, ...],
-    materials: tuple[str, ...],
-    *,
-    snr: SnrForm,
-    height_m: float,
-    as_paper: bool,
-    sets: int,
-    seed: int,
-    digitised: FilePath | None,
-) -> PaperResult:
-    from rigctl.paper.curves import FIGURES
-    from rigctl.paper.report import read_digitised
-    from rigctl.paper.scenes import LowLight
-    from rigctl.paper.statements import search
-
-    unknown = set(figures) - set(FIGURES)
-    if unknown:
-        raise ConfigError(f"--figure: {min(unknown)} is not computed; there are {', '.join(map(str, FIGURES))}")
-    if sets and figures:
-        raise ConfigError("--search: counts all statements; leave out --figure")
-    points = () if digitised is None else read_digitised(Path(digitised))
-    low_light, found = LowLight(), list[MaterialSet]()
-    for name in dict.fromkeys(materials):
-        note(f"{name}: computing")
-        found.append(_set(name, low_light, figures, snr=snr, height_m=height_m, as_paper=as_paper))
-    tried = None
-    if sets:
-        tell = _count_told(sets)
-        tried = search(found[0].scene, found[0].scenes, sets=sets, seed=seed, tell=tell)
-    return PaperResult(
-        sets=tuple(found),
-        figures=figures or FIGURES,
-        search=tried,
-        points=points,
-        remarks=tuple(_remarks(height_m, as_paper=as_paper)),
-    )
-
-
-def _count_told(sets: int) -> Any:
-    return lambda count: note(f"search: {count} of {sets}")
-
-
-def _set(
-    name: str, low_light: "LowLight", figures: tuple[int, ...], *, snr: SnrForm, height_m: float, as_paper: bool
-) -> MaterialSet:
-    from importlib.resources import as_file, files
-
-    from rigctl.files.scene_file import load_scene
-    from rigctl.paper.report import assumed_lines
-    from rigctl.paper.scenes import Airborne, PaperScenes, Rooftop
-    from rigctl.paper.statements import judged
-
-    if name in SHIPPED:
-        with as_file(files("rigctl") / "data" / "examples" / "paper") as folder:
-            scene, assumed = load_scene(folder / f"{name}.toml"), assumed_lines(folder / f"{name}.toml")
-    else:
-        scene, assumed = load_scene(Path(name)), assumed_lines(Path(name))
-    label = name if name in SHIPPED else Path(name).stem
-    airborne = Airborne(scene, snr=snr)
-    scenes = PaperScenes(airborne=airborne, rooftop=Rooftop(airborne), low_light=low_light, height_m=height_m)
-    other = None
-    if as_paper:
-        authors = Airborne(scene, light=airborne.light, as_paper=True)
-        other = PaperScenes(airborne=authors, rooftop=scenes.rooftop, low_light=low_light, height_m=height_m)
-    return MaterialSet(
-        name=label,
-        scene=scene,
-        scenes=scenes,
-        as_paper=other,
-        results=judged(scenes, label, figures, as_paper=other),
-        assumed=(*assumed, *airborne.predictor.remarks),
-    )
-
-
-def _remarks(height_m: float, *, as_paper: bool) -> Iterable[str]:
-    from rigctl.paper.scenes import ASSUMED
-
-    yield (
-        f"assumed: {height_m / 1000:g} km where the paper states no height (Figs 9, 12 to 15; --height-m), "
-        "and both views where it states none (Fig. 15)"
-    )
-    rooftop = ", ".join(f"{key} = {value:g}" for key, value in ASSUMED.items())
-    yield f"assumed for section III (Figs 6 to 8): {rooftop}"
-    yield "assumed for Fig. 2: the sun, air and band of section V, for Table I of the paper is not at hand"
-    if as_paper:
-        yield (
-            "as the paper computes: 3 x 3 tiles at their midpoints, a sky on a 10 deg grid, 1e5 draws of target and of "
-            "background, DoLP SNR to first order; number of tiles and their place are assumed"
-        )

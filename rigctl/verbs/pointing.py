@@ -12,7 +12,7 @@ from rigctl.base.numbers import time_option
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunPath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def pointing(
     from rigctl.runs.check import used_run
     from rigctl.scene.pointing_sources import lens_of, panels_in_picture, pixel_of_sun, seen_sun, stated_sources
 
-    record = used_run(path_of(run))
+    record = used_run(Path(run))
 
     def optics() -> "Lens":
         return lens_of(None if lens is None else Path(lens), focal_px, record)

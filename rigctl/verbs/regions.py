@@ -13,7 +13,7 @@ from rigctl.console.json_text import Json
 from rigctl.console.terminal import note
 from rigctl.errors import DataError
 from rigctl.files.choices import Dictionary
-from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def draw(
 
     picture = _picture(run, frames)
     drawn = [] if start is None else _read(start).regions
-    title = f"draw regions on {path_of(run).resolve().name}"
+    title = f"draw regions on {Path(run).resolve().name}"
     page = RegionsPage(picture, drawn=drawn, title=title, file=Path(out).name, port=port)
     note(f"draw on {page.address} (it listens to this machine only)")
     if not no_browser:
@@ -129,7 +129,7 @@ def mark(
     seen = search_markers(_picture(run, frames), dictionary)
     if not seen:
         advice = "Print them large: 4x4 cells of six pixels at least"
-        raise DataError(f"{path_of(run)}: no marker of {dictionary} is seen. {advice}")
+        raise DataError(f"{Path(run)}: no marker of {dictionary} is seen. {advice}")
     return _written(out, drawn.model_copy(update={"markers": Markers(dictionary=dictionary, seen=seen)}))
 
 
@@ -228,7 +228,7 @@ def _picture(run: RunPath, frames: RunOptions) -> Any:
     from rigctl.outlines import grey_picture
     from rigctl.runs.check import used_run
 
-    return grey_picture(used_run(path_of(run), **frames))
+    return grey_picture(used_run(Path(run), **frames))
 
 
 def _read(path: FilePath) -> "RegionsFile":

@@ -14,11 +14,11 @@ from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import RoofChange
 from rigctl.report.table import Column, Table
-from rigctl.verbs.options import FilePath, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunPath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.interface.run import Run
+    from rigctl.python import Run
     from rigctl.session.control import Request
     from rigctl.session.plan import PlannedRound, PlannedStep, SessionPlan
     from rigctl.session.predicted_rounds import Prediction
@@ -273,7 +273,7 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     from rigctl.runs.folder import writing_process
     from rigctl.session.control import ask_process, outliving_terminal
 
-    folder = path_of(run)
+    folder = Path(run)
     with outliving_terminal():
         process = writing_process(folder)
         if process is not None:
@@ -309,7 +309,7 @@ def hold(run: RunPath, /) -> "Asked":
     RunFolderError
         No session writes into this run.
     """
-    return _ask_running(path_of(run), "hold")
+    return _ask_running(Path(run), "hold")
 
 
 def stop(run: RunPath, /) -> "Asked":
@@ -327,7 +327,7 @@ def stop(run: RunPath, /) -> "Asked":
     RunFolderError
         No session writes into this run.
     """
-    return _ask_running(path_of(run), "stop")
+    return _ask_running(Path(run), "stop")
 
 
 def _ask_running(run: Path, request: "Request") -> "Asked":
@@ -370,7 +370,7 @@ class SessionResult(Result):
     @property
     def run(self) -> "Run":
         """The run, opened as by `rigctl.open_run`."""
-        from rigctl.interface.run import open_run
+        from rigctl.python import open_run
 
         return open_run(self.path)
 

@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes, path_of
+from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def status(
     """
     from rigctl.runs.check import used_run
 
-    path = path_of(run)
+    path = Path(run)
     if contents + log + (page is not None) > 1:
         raise ConfigError("--contents, --log, --page: give one of them")
     if not log and (only is not None or last is not None):

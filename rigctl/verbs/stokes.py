@@ -17,7 +17,6 @@ from rigctl.verbs.options import (
     RunPath,
     Writes,
     calibrations_of,
-    path_of,
     regions_of,
 )
 from rigctl.verbs.result import Part, Result
@@ -83,7 +82,7 @@ def stokes(
     from rigctl.runs.check import used_run
 
     found = stokes_of(
-        used_run(path_of(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
+        used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False)),
         regions_of(regions),
         calibrations_of(frames),
         correct=tuple(frames.get("correct", ())),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rigctl.console.failures import EXIT_DATA, EXIT_INCOMPLETE
 from rigctl.console.json_text import Json
-from rigctl.verbs.options import RunPath, path_of
+from rigctl.verbs.options import RunPath
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def verify(run: RunPath, /) -> "VerifiedRun":
     RunFolderError
         The folder is not a run.
     """
-    path = path_of(run)
+    path = Path(run)
     return VerifiedRun(path, verification_of(path, watch=_with_progress))
 
 

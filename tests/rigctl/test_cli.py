@@ -59,11 +59,18 @@ def test_help_names_every_verb(capsys):
 
 
 @pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in GROUPS])
-def test_help_of_every_verb_has_an_example(capsys, verb):
-    assert cli.main(["calibrate", "noise", "--help"] if verb == "calibrate" else [*verb.split(), "--help"]) == 0
+def test_help_of_every_verb_has_an_example_and_a_line_for_each_option(capsys, verb):
+    assert cli.main([*verb.split(), "--help"]) == 0
     text = capsys.readouterr().out
     assert "Example" in text
     assert f"rigctl {verb}" in text
+    assert "default: False" not in text
+    assert "default: ()" not in text
+    app = cli.make_app(verb)
+    for word in verb.split():
+        app = app[word]
+    found = app.assemble_argument_collection(parse_docstring=True)
+    assert [argument.name for argument in found if argument.show and not argument.parameter.help] == []
 
 
 def test_help_imports_nothing_heavy():

@@ -7,7 +7,7 @@ import sqlite3
 import numpy as np
 import pytest
 
-from rigctl.archive.index import INDEX_FILE, find, parse, update_index
+from rigctl.archive.index import INDEX_FILE, find, update_index
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.note import note
 from tests.rigctl.made_runs import at, make_run
@@ -16,7 +16,7 @@ COUNTS = np.full((4, 6), 100)
 
 
 def runs_of(root, expression):
-    return [row["run"] for row in find(root, parse(expression))]
+    return [row["run"] for row in find(root, expression)]
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_a_damaged_run_is_a_row(archive):
     (archive / "a" / "session.json").unlink()
     (archive / "deep" / "c" / "frames" / "000000.fits").unlink(missing_ok=True)
     assert update_index(archive).damaged >= 2
-    rows = find(archive, parse("state = 'damaged'"))
+    rows = find(archive, "state = 'damaged'")
     assert {"a", "b"} <= {row["run"] for row in rows}
     assert all(row["problem"] for row in rows)
 
@@ -74,7 +74,7 @@ def test_the_newest_comparison_of_a_run_counts(archive):
     os.utime(archive / "old" / "comparison.json", ns=(1, 1))
     update_index(archive)
     assert runs_of(archive, "verdict = 'disagree'") == ["b"]
-    (row,) = find(archive, parse("region = 'panel' and dolp > 0.25"))
+    (row,) = find(archive, "region = 'panel' and dolp > 0.25")
     assert (row["run"], row["dolp"], row["dolp_sigma"], row["aolp_deg"]) == ("a", 0.3, 0.01, 12.0)
     assert (row["flags"], row["unsound"], row["report"]) == (1, 1, "new")
     # A run that nobody compared has no verdict: neither this nor its contrary holds.
@@ -90,7 +90,7 @@ def test_others_files_among_the_runs_do_no_harm(archive):
 
 def test_no_index_no_folder_and_a_spoilt_index_are_told(archive):
     with pytest.raises(ConfigError, match="rigctl archive index"):
-        find(archive, parse("frames > 0"))
+        find(archive, "frames > 0")
     with pytest.raises(ConfigError, match="there is no such folder"):
         update_index(archive / "nowhere")
     update_index(archive)

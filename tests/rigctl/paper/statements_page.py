@@ -50,7 +50,7 @@ def page() -> str:
     """Return the page; some forty seconds."""
     found = paper()
     assert isinstance(found, PaperResult)
-    return _page(found.results, SHIPPED)
+    return _page(found.found.results, SHIPPED)
 
 
 def _page(found: Sequence[Judged], materials: Sequence[str]) -> str:

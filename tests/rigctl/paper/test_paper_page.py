@@ -39,7 +39,10 @@ def test_verdicts_and_numbers_of_the_page_are_those_computed(materials):
     column = 5 + ["library", "rough"].index(materials)
     computed = paper(figures=(9, 10), materials=(materials,))
     assert isinstance(computed, PaperResult)
-    rows, found = page_rows(), [one for one in computed.results if one.statement.figure.rstrip("ab") in ("9", "10")]
+    rows, found = (
+        page_rows(),
+        [one for one in computed.found.results if one.statement.figure.rstrip("ab") in ("9", "10")],
+    )
     assert len(found) >= LEAST["9"] + LEAST["10"]
     for one in found:
         assert rows[one.statement.id][column] == verdict_cell(one)

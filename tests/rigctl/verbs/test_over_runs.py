@@ -15,7 +15,7 @@ pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 import distributed
 
 from rigctl import mapped as on_dask
-from rigctl.archive.index import find, parse, update_index
+from rigctl.archive.index import find, update_index
 from rigctl.cli import main
 from rigctl.errors import ConfigError, DataError
 from rigctl.mapped import PARTS_FOLDER, Engine
@@ -89,7 +89,7 @@ def test_compared_runs_are_what_single_ones_are_and_damaged_ones_are_rows(root, 
     assert rows["a"].verdict == single.verdict
     # The results lie below the root: the index has the verdicts.
     update_index(root)
-    assert {row["run"] for row in find(root, parse("region = 'left' and dolp > 0.3"))} >= {"a", "deep/b"}
+    assert {row["run"] for row in find(root, "region = 'left' and dolp > 0.3")} >= {"a", "deep/b"}
     page = (root / "compared" / "archive.html").read_text()
     assert "7 runs beside the model" in page
     assert "damaged or replaced" in page

@@ -1,6 +1,12 @@
-"""A run folder in Python: its frames as arrays, its Stokes parameters, the numbers of its regions."""
+"""Runs in Python: `open_run` opens one, `open_archive` gives the frames of many as one array that is read bit by bit.
 
+The other names of the Python interface are the verbs themselves (docs/python.md).
+"""
+
+import json
+import os
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,19 +17,126 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.calibrations.store import Choice
-from rigctl.errors import ConfigError
+from rigctl.archive.index import matching_runs
+from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
 from rigctl.report.data_frames import Backend, optional
 from rigctl.runs.check import wholeness, wholeness_remark
 from rigctl.runs.folder import Run as RunRecord
-from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_run
+from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_frame, read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.session.status import state_of
 from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath
 from rigctl.verbs.stokes import StokesResult, stokes
+
+Shape = tuple[int, int]
+_Placed = tuple[str, Path, FrameRecord]  # a frame with the name and the folder of its run
+
+
+def open_run(path: FilePath, *, ignore_exclusions: bool = False) -> "Run":
+    """Return a run folder, opened: its frames, Stokes parameters and regions.
+
+    Parameters
+    ----------
+    path : path
+        Run folder, of `rigctl acquire` or `rigctl import`.
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
+
+    Raises
+    ------
+    RunFolderError
+        It is no run folder, or is damaged.
+
+    Warns
+    -----
+    UserWarning
+        Its session has not finished, something beside its frames is damaged, or frames are excluded.
+
+    Examples
+    --------
+    >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
+    >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
+    """
+    record = annotated(read_run(Path(path)), ignore_exclusions=ignore_exclusions)
+    for remark in (wholeness_remark(record), None if ignore_exclusions else exclusion_remark(record)):
+        if remark is not None:
+            warnings.warn(remark, stacklevel=2)
+    return Run(path=Path(path), record=record, ignore_exclusions=ignore_exclusions)
+
+
+def open_archive(
+    root: FilePath,
+    *,
+    where: str | None = None,
+    kind: FrameKind | None = None,
+    shape: Shape | None = None,
+    ignore_exclusions: bool = False,
+) -> Any:
+    """Return the frames of all runs below a folder as one `xarray.Dataset`, of which no frame is read yet.
+
+    Parameters
+    ----------
+    root : path
+        Folder with runs at any depth below it.
+    where : str or None
+        Expression as of `rigctl archive find`, such as ``"sun_zenith < 40 and state = 'whole'"``; the index is brought
+        up to date. None is every run.
+    kind : {"scene", "dark", "flat"} or None
+        None: frames of all kinds.
+    shape : (int, int) or None
+        Rows and columns of the frames that are taken; it has to be said where there are several.
+    ignore_exclusions : bool
+        Take frames too that people have excluded.
+
+    Returns
+    -------
+    xarray.Dataset
+        `counts` over frame, y and x [DN], one chunk of dask a frame, with the coordinates `run`, `sequence`, `kind`,
+        `time`, `polarizer_angle_deg` and `exposure_s` along frame: runs in the order of their names, frames in that in
+        which they were taken. Runs that cannot be read stand in the attribute `left_out`, as JSON, with the reason.
+
+    Raises
+    ------
+    ConfigError
+        There is no such folder, no frame, or frames of several sizes and no `shape`.
+    ImportError
+        dask or xarray is not installed.
+    RunFolderError
+        Later, as it is read: a frame is damaged.
+
+    Warns
+    -----
+    UserWarning
+        Runs are left out.
+
+    Examples
+    --------
+    >>> frames = rigctl.open_archive("runs", where="state = 'whole'", kind="scene")  # doctest: +SKIP
+    >>> frames.counts.mean(("y", "x")).compute()  # doctest: +SKIP
+    """
+    try:
+        import xarray as xr
+        from dask import array
+    except ImportError as error:
+        raise ImportError(f"{error.name} is not installed; install it with: pip install 'rigctl[cluster]'") from error
+    placed, left_out = _frames(Path(root), where, kind, ignore_exclusions=ignore_exclusions)
+    height, width = _one_shape(Path(root), placed, shape)
+    placed = [one for one in placed if (one[2].height, one[2].width) == (height, width)]
+    if left_out:
+        warnings.warn(f"{len(left_out)} runs are left out; why stands in the attribute left_out", stacklevel=2)
+    # One task a frame, named by nothing but its place: thousands of `delayed` would take seconds.
+    name = f"frames-{array.core.tokenize([(run, one.checksum) for run, _, one in placed])}"
+    graph = {(name, k, 0, 0): (_read, folder, record) for k, (_, folder, record) in enumerate(placed)}
+    chunks = ((1,) * len(placed), (height,), (width,))
+    counts = array.Array(graph, name, chunks, dtype=np.uint16)
+    return xr.Dataset(
+        {"counts": (("frame", "y", "x"), counts, {"units": "DN"})},
+        coords=_coordinates(placed),
+        attrs={"root": str(root), "left_out": json.dumps(left_out)},
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,6 +216,10 @@ class Run:
     path: Path
     record: RunRecord
     ignore_exclusions: bool = False
+
+    def __fspath__(self) -> str:
+        """Return the folder, so that every verb takes an opened run where it takes a folder."""
+        return os.fspath(self.path)
 
     def __repr__(self) -> str:
         return f"<run {self.path}: {self._summary}>"
@@ -210,47 +327,52 @@ class Run:
         return list(load_scene(scene).regions)
 
 
-def none_fits(choices: Sequence[Choice]) -> list[str]:
-    """Return the kinds of calibration of which a store has some, and none that fits, in words."""
-    return [choice.line for choice in choices if choice.pick is None and choice.others]
+def _read(folder: Path, record: FrameRecord) -> NDArray[np.uint16]:
+    """Return a frame as a picture of a stack, once its checksum was found right."""
+    return read_frame(folder, record).counts[None]
 
 
-def _listed(regions: Path | Sequence[Region] | None) -> Path | list[Region] | None:
-    return regions if regions is None or isinstance(regions, Path) else list(regions)
+def _frames(
+    root: Path, where: str | None, kind: FrameKind | None, *, ignore_exclusions: bool
+) -> tuple[list[_Placed], dict[str, str]]:
+    placed: list[_Placed] = []
+    left_out = {}
+    for name in matching_runs(root, where):
+        try:
+            run = annotated(read_run(root / name), ignore_exclusions=ignore_exclusions)
+        except DataError as error:
+            left_out[name] = " ".join(str(error).split())
+            continue
+        placed += [(name, run.path, record) for record in run.frames if kind in (None, record.kind)]
+    return placed, left_out
 
 
-def maybe_path(given: FilePath | None) -> Path | None:
-    """Return a path, if there is one."""
-    return None if given is None else Path(given)
+def _one_shape(root: Path, placed: Sequence[_Placed], shape: Shape | None) -> Shape:
+    found = Counter((record.height, record.width) for _, _, record in placed)
+    if not found:
+        raise ConfigError(f"{root}: no run that matches has such a frame")
+    if shape is None and len(found) > 1:
+        told = ", ".join(f"{frames} of shape={one}" for one, frames in found.most_common())
+        raise ConfigError(f"{root}: frames of {len(found)} sizes do not make one array; choose: {told}")
+    chosen = shape or next(iter(found))
+    if chosen not in found:
+        raise ConfigError(f"{root}: no frame has shape={chosen}; there are {', '.join(map(str, found))}")
+    return chosen
 
 
-def open_run(path: FilePath, *, ignore_exclusions: bool = False) -> Run:
-    """Return a run folder, opened: its frames, Stokes parameters and regions.
+def _coordinates(placed: Sequence[_Placed]) -> dict[str, Any]:
+    records = [record for _, _, record in placed]
 
-    Parameters
-    ----------
-    path : path
-        Run folder, of `rigctl acquire` or `rigctl import`.
-    ignore_exclusions : bool
-        Take frames too that people have excluded.
+    def numbers(name: str) -> NDArray[np.float64]:
+        known = (getattr(record, name) for record in records)
+        return np.array([np.nan if value is None else value for value in known], dtype=np.float64)
 
-    Raises
-    ------
-    RunFolderError
-        It is no run folder, or is damaged.
-
-    Warns
-    -----
-    UserWarning
-        Its session has not finished, something beside its frames is damaged, or frames are excluded.
-
-    Examples
-    --------
-    >>> run = rigctl.open_run("runs/panels")  # doctest: +SKIP
-    >>> run.frames(kind="scene").counts.mean(axis=(1, 2))  # doctest: +SKIP
-    """
-    record = annotated(read_run(Path(path)), ignore_exclusions=ignore_exclusions)
-    for remark in (wholeness_remark(record), None if ignore_exclusions else exclusion_remark(record)):
-        if remark is not None:
-            warnings.warn(remark, stacklevel=2)
-    return Run(path=Path(path), record=record, ignore_exclusions=ignore_exclusions)
+    times = [np.datetime64((record.start_utc or "NaT").removesuffix("Z"), "ns") for record in records]
+    return {
+        "run": ("frame", np.array([name for name, _, _ in placed])),
+        "sequence": ("frame", np.array([record.sequence for record in records])),
+        "kind": ("frame", np.array([str(record.kind) for record in records])),
+        "time": ("frame", np.array(times), {"long_name": "start, UTC"}),
+        "polarizer_angle_deg": ("frame", numbers("polarizer_angle_deg"), {"units": "deg"}),
+        "exposure_s": ("frame", numbers("exposure_s"), {"units": "s"}),
+    }

@@ -1,0 +1,190 @@
+"""Check the paper with sets of materials: its scenes, its statements, what is assumed, points read off its figures."""
+
+import csv
+import math
+import re
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+from rigctl.errors import ConfigError
+from rigctl.files.choices import SnrForm
+from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.paper.curves import FIGURES
+from rigctl.paper.scenes import ASSUMED, Airborne, LowLight, PaperScenes, Rooftop
+from rigctl.paper.statements import Judged, Search, judged, search
+
+_POINT_COLUMNS = ("figure", "panel", "label", "x", "y")
+_ASSUMED = re.compile(r"^\s*(?P<key>[A-Za-z_]+)\s*=\s*(?P<value>[^#]*?)\s*#\s*assumed:?\s*(?P<why>.*)$")
+_TABLE = re.compile(r"^\s*\[+(?P<name>[\w.]+)\]+")
+_NAME = re.compile(r'^\s*name\s*=\s*"(?P<name>[^"]*)"')
+
+
+@dataclass(frozen=True, kw_only=True)
+class DigitisedPoint:
+    """A point: number of the figure, letter of its panel (empty for all), which curve, and where."""
+
+    figure: int
+    panel: str
+    label: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MaterialSet:
+    """One set of materials: its scenes, verdicts on the statements, and what is assumed."""
+
+    name: str
+    scene: SceneFile
+    scenes: PaperScenes
+    as_paper: PaperScenes | None  #: the same, computed as the authors did
+    results: tuple[Judged, ...]
+    assumed: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedPaper:
+    """Verdicts on the statements of the paper, by set of materials."""
+
+    sets: tuple[MaterialSet, ...]
+    figures: tuple[int, ...]
+    search: Search | None  #: about the first set
+    points: tuple[DigitisedPoint, ...]  #: of the paper's figures, where somebody has them
+    remarks: tuple[str, ...]
+
+    @property
+    def results(self) -> tuple[Judged, ...]:
+        """Verdicts of all sets."""
+        return tuple(one for each in self.sets for one in each.results)
+
+
+def check_paper(
+    figures: tuple[int, ...],
+    materials: Iterable[str],
+    *,
+    shipped: Collection[str],
+    snr: SnrForm,
+    height_m: float,
+    as_paper: bool,
+    sets: int,
+    seed: int,
+    digitised: Path | None,
+    tell: Callable[[str], None],
+) -> CheckedPaper:
+    """Judge the statements about figures (all unless named) with each set of materials; `tell` takes each step.
+
+    Raises ConfigError if a figure is not computed, or a file is wrong.
+    """
+    unknown = set(figures) - set(FIGURES)
+    if unknown:
+        raise ConfigError(f"--figure: {min(unknown)} is not computed; there are {', '.join(map(str, FIGURES))}")
+    if sets and figures:
+        raise ConfigError("--search: counts all statements; leave out --figure")
+    points = () if digitised is None else _read_digitised(digitised)
+    low_light, found = LowLight(), list[MaterialSet]()
+    for name in dict.fromkeys(materials):
+        tell(f"{name}: computing")
+        found.append(
+            _checked(
+                name, low_light, figures, is_shipped=name in shipped, snr=snr, height_m=height_m, as_paper=as_paper
+            )
+        )
+    tried = None
+    if sets:
+        first = found[0]
+        tried = search(
+            first.scene, first.scenes, sets=sets, seed=seed, tell=lambda count: tell(f"search: {count} of {sets}")
+        )
+    return CheckedPaper(
+        sets=tuple(found),
+        figures=figures or FIGURES,
+        search=tried,
+        points=points,
+        remarks=tuple(_remarks(height_m, as_paper=as_paper)),
+    )
+
+
+def _checked(
+    name: str,
+    low_light: LowLight,
+    figures: tuple[int, ...],
+    *,
+    is_shipped: bool,
+    snr: SnrForm,
+    height_m: float,
+    as_paper: bool,
+) -> MaterialSet:
+    if is_shipped:
+        with as_file(files("rigctl") / "data" / "examples" / "paper") as folder:
+            scene, assumed = load_scene(folder / f"{name}.toml"), _assumed_lines(folder / f"{name}.toml")
+    else:
+        scene, assumed = load_scene(Path(name)), _assumed_lines(Path(name))
+    label = name if is_shipped else Path(name).stem
+    airborne = Airborne(scene, snr=snr)
+    scenes = PaperScenes(airborne=airborne, rooftop=Rooftop(airborne), low_light=low_light, height_m=height_m)
+    other = None
+    if as_paper:
+        authors = Airborne(scene, light=airborne.light, as_paper=True)
+        other = PaperScenes(airborne=authors, rooftop=scenes.rooftop, low_light=low_light, height_m=height_m)
+    return MaterialSet(
+        name=label,
+        scene=scene,
+        scenes=scenes,
+        as_paper=other,
+        results=judged(scenes, label, figures, as_paper=other),
+        assumed=(*assumed, *airborne.predictor.remarks),
+    )
+
+
+def _remarks(height_m: float, *, as_paper: bool) -> Iterable[str]:
+    yield (
+        f"assumed: {height_m / 1000:g} km where the paper states no height (Figs 9, 12 to 15; --height-m), "
+        "and both views where it states none (Fig. 15)"
+    )
+    rooftop = ", ".join(f"{key} = {value:g}" for key, value in ASSUMED.items())
+    yield f"assumed for section III (Figs 6 to 8): {rooftop}"
+    yield "assumed for Fig. 2: the sun, air and band of section V, for Table I of the paper is not at hand"
+    if as_paper:
+        yield (
+            "as the paper computes: 3 x 3 tiles at their midpoints, a sky on a 10 deg grid, 1e5 draws of target and of "
+            "background, DoLP SNR to first order; number of tiles and their place are assumed"
+        )
+
+
+def _read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
+    """Return the points of a CSV file with the columns figure, panel, label, x, y."""
+    try:
+        rows = list(csv.DictReader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    if not rows or not set(_POINT_COLUMNS) <= set(rows[0]):
+        raise ConfigError(f"{path}: needs a first line {','.join(_POINT_COLUMNS)} and a point a line")
+    return tuple(_point(path, line, row) for line, row in enumerate(rows, start=2))
+
+
+def _point(path: Path, line: int, row: dict[str, str]) -> DigitisedPoint:
+    try:
+        x, y = float(row["x"]), float(row["y"])
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError("x and y must be finite")
+        return DigitisedPoint(figure=int(row["figure"]), panel=row["panel"].strip(), label=row["label"], x=x, y=y)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}, line {line}: {error}") from error
+
+
+def _assumed_lines(path: Path) -> tuple[str, ...]:
+    """Return a text for each number of a scene file whose line says in a comment that it is assumed."""
+    table, found = "", []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        head, name, one = _TABLE.match(line), _NAME.match(line), _ASSUMED.match(line)
+        if head is not None:
+            table = f"{head['name']}."
+        elif name is not None and table.startswith("regions."):
+            table = f"regions.{name['name']}."
+        if one is not None:
+            why = f" ({one['why']})" if one["why"] else ""
+            found.append(f"assumed: {table}{one['key']} = {one['value']}{why}")
+    return tuple(found)
