@@ -24,7 +24,6 @@ from benchmarks.trial_lossy_network import run_losses
 from benchmarks.trial_mosaic import run_mosaic
 from benchmarks.trial_noise_sets import run_noise_sets
 from benchmarks.trial_odd_runs import run_odd
-from benchmarks.trial_paper import run_paper
 from benchmarks.trial_pointing import run_pointing
 from benchmarks.trial_power_cut import run_cuts
 from benchmarks.trial_roof import run_roof
@@ -82,7 +81,6 @@ def main() -> int:
     sound &= run_effects(arguments.effect_scenes)
     sound &= run_tolerance(arguments.tolerance_scenes, [0.1, 0.03, 0.01, 0.003])
     sound &= run_sweeps(range(arguments.sweeps))
-    sound &= run_paper()
     sound &= run_mosaic(arguments.mosaic_seeds)
     sound &= run_honesty(
         arguments.seeds, arguments.perturbed_seeds, processes=arguments.processes, folder=arguments.folder

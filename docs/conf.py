@@ -66,13 +66,13 @@ sphinx_gallery_conf = {
 lexers["mermaid"] = TextLexer()
 
 
-def _write_commands(_: Any) -> None:
-    """Write the page of all commands from their docstrings."""
-    from rigctl.cli import commands_page
+def _write_reference(_: Any) -> None:
+    """Write the pages of the reference that are made from the code."""
+    from docs.reference_pages import write_pages
 
-    (DOCS / "commands.md").write_text(commands_page(), encoding="utf-8")
+    write_pages(DOCS)
 
 
 def setup(app: Any) -> None:
     """Have pages that are made from the code written before they are read."""
-    app.connect("builder-inited", _write_commands)
+    app.connect("builder-inited", _write_reference)

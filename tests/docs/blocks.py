@@ -16,6 +16,7 @@ from pathlib import Path
 from cyclopts import CycloptsError
 from markdown_it import MarkdownIt
 
+from docs.reference_pages import PAGES
 from rigctl import cli
 
 ROOT = Path(__file__).parents[2]
@@ -51,9 +52,7 @@ def pages() -> list[Path]:
     """Return all pages that people read, those that the build of the site makes left out."""
     found = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
     return sorted(
-        page
-        for page in found
-        if not {"made", "_build"} & set(page.parts) and page.name not in ("CHANGELOG.md", "commands.md")
+        page for page in found if not {"made", "_build"} & set(page.parts) and page.name not in ("CHANGELOG.md", *PAGES)
     )
 
 

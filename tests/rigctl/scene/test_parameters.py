@@ -10,7 +10,6 @@ from rigctl.files.scene_file import load_scene
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import cycle_of_file, describe, gather, get, parameters, with_rig, with_value, with_values
 from tests.rigctl.example_files import EXAMPLES
-from tests.rigctl.scene.parameter_page import page
 from tests.rigctl.scene_texts import SCENE, written
 
 SCENES = sorted(path.name for path in EXAMPLES.glob("scene-*.toml"))
@@ -107,8 +106,3 @@ def test_a_drift_under_both_keys_is_refused(tmp_path):
     both = SCENE + "[rig]\nlight_drift = 0.01\n[errors]\nillumination_drift = 0.01\n"
     with pytest.raises(ConfigError, match=r"rig\.light_drift and errors.illumination_drift are one number"):
         load_scene(written(tmp_path, both))
-
-
-def test_the_page_on_the_parameters_is_that_of_the_table():
-    written_page = (EXAMPLES.parent / "docs" / "parameters.md").read_text(encoding="utf-8")
-    assert written_page == page(), "python -m tests.rigctl.scene.parameter_page > docs/parameters.md"
