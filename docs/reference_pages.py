@@ -25,6 +25,7 @@ from pydantic_core import PydanticUndefined
 from model.atmosphere import aerosols, layers
 from model.effects.planner import EFFECTS
 from model.surface.materials import MATERIALS, Property
+from rigctl.archive.index import COLUMNS
 from rigctl.cli import commands_page
 from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
 from rigctl.console import failures
@@ -274,6 +275,23 @@ _NO_CARD = {
     "remarks": "notes on the frame; in the header as `REMARK1`, `REMARK2`, ...",
 }
 
+
+def columns_page() -> str:
+    """Return the page of the columns that an archive can be searched by."""
+    rows = (f"| `{one.name}` | {one.kind} | {one.level} | {one.meaning} |" for one in COLUMNS)
+    return _COLUMNS_HEAD + "\n".join(rows) + "\n"
+
+
+_COLUMNS_HEAD = """# Columns of an archive
+
+`rigctl archive find` compares these columns with numbers or texts ([how](how-to/archives.md)). Columns of a comparison
+or a region exist once the run has been compared.
+
+| column | kind | belongs to the | meaning |
+|---|---|---|---|
+"""
+
+
 _EXIT_MEANINGS = {
     failures.EXIT_USAGE: "usage, or a file that people write",
     failures.EXIT_DEVICE: "a device",
@@ -515,6 +533,7 @@ def verdict_cell(one: Judged) -> str:
 PAGES: Mapping[str, Callable[[], str]] = MappingProxyType(
     {
         "commands.md": commands_page,
+        "archive-columns.md": columns_page,
         "file-keys.md": keys_page,
         "frames.md": frames_page,
         "parameters.md": parameters_page,
