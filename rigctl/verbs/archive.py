@@ -83,7 +83,7 @@ def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
     """Print the runs and regions of which an expression holds.
 
     The expression is a condition of SQL, such as column < number, column = 'text', joined by and, or, not, brackets.
-    docs/how-to/archives.md lists the columns. No condition on a region or a verdict holds of a run that was never
+    The documentation lists the columns. No condition on a region or a verdict holds of a run that was never
     compared.
 
     Example: rigctl archive find runs "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagree'"
