@@ -1,47 +1,38 @@
-"""Flat fields of a run, one for each polarizer angle.
+"""Flat fields, one for each polarizer angle: from the frames of a run, and as ``flat.npz`` holds them.
 
-The file that flat fields are kept in: ``flat.npz``, pictures with their facts as JSON in it.
+The file has a picture of the response and of its error for each angle, and facts as JSON beside them.
 """
 
 import io
 import json
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from calibration.polarimeter.pictures import FlatField, flat_field
 from calibration.results import CalibrationError
 from rigctl.base.arrays import read_arrays
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.made_for import MadeFor, Measured, UtcText, made_for, made_for_of_file, require_fit
-from rigctl.calibrations.record import CalibrationFile, header_of, source_of_run
+from rigctl.calibrations.made_for import MadeFor
+from rigctl.calibrations.record import CalibrationRecord, checked_record, header_of, made_for_scene, source_of_run
+from rigctl.console.json_text import Json
 from rigctl.errors import DataError
-from rigctl.files.toml import describe, other_schema
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
 
 FloatArray = NDArray[np.float64]
 
+SCHEMA_VERSION = 1
 # Share of saturated pixels in a frame beyond which it is no flat.
 _MOST_SATURATED = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlatAngle:
-    """Numbers of the flat field at one polarizer angle, in the order in which its file has them."""
-
-    polarizer_angle_deg: float  #: 0 to 180 [deg].
-    frames: int  #: Of the angle.
-    mean_dn: float  #: Mean count, dark level off [DN].
-    throughput: Measured[float]  #: Light of the angle over the mean of all angles.
-    pattern_rms: float  #: Relative deviation over the pixels, of the response and of its error.
-    noise_rms: float
+# A flat this near to an angle is of that angle.
+_NEAR_DEG = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,28 +44,44 @@ class RunFlat:
     exposure_s: float  #: Of the frames [s].
     records: tuple[FrameRecord, ...]  #: The frames.
 
-    def rows(self) -> tuple[FlatAngle, ...]:
-        """Return the numbers of each angle."""
-        values, errors = self.throughput()
-        return tuple(
-            FlatAngle(
-                polarizer_angle_deg=angle,
-                frames=flat.frames,
-                mean_dn=flat.mean_dn,
-                throughput=Measured(value=value, std_error=error),
-                pattern_rms=flat.pattern_rms,
-                noise_rms=flat.noise_rms,
-            )
-            for angle, flat, value, error in zip(
-                self.angles_deg.tolist(), self.flats, values.tolist(), errors.tolist(), strict=True
-            )
-        )
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the numbers of each angle, throughput as light of the angle over the mean of all angles."""
+        mean_dn = float(np.mean([flat.mean_dn for flat in self.flats]))
+        return [
+            {
+                "polarizer_angle_deg": angle,
+                "frames": flat.frames,
+                "mean_dn": flat.mean_dn,
+                "throughput": {"value": flat.mean_dn / mean_dn, "std_error": flat.mean_error_dn / mean_dn},
+                "pattern_rms": flat.pattern_rms,
+                "noise_rms": flat.noise_rms,
+            }
+            for angle, flat in zip(self.angles_deg.tolist(), self.flats, strict=True)
+        ]
 
-    def throughput(self) -> tuple[FloatArray, FloatArray]:
-        """Return the light of each angle over the mean of all, and its error: of unpolarized, steady light."""
-        means = np.array([flat.mean_dn for flat in self.flats])
-        errors = np.array([flat.mean_error_dn for flat in self.flats])
-        return means / means.mean(), errors / means.mean()
+    def content(self, run: Run, *, valid_days: float | None = None) -> dict[str, Json]:
+        """Return what the file says beside its pictures."""
+        header = header_of(
+            "flat", SCHEMA_VERSION, source=source_of_run(run), run=run, records=self.records, valid_days=valid_days
+        )
+        return header | {
+            "exposure_s": self.exposure_s,
+            "angles": self.rows(),
+            "throughput": "over the mean of the angles; "
+            "the polarizer's own only if the light is unpolarized and steady",
+        }
+
+    def npz(self, content: Mapping[str, Json]) -> bytes:
+        """Return the bytes of the file."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            facts=np.frombuffer(json.dumps(content, allow_nan=False).encode(), dtype=np.uint8),
+            angles_deg=self.angles_deg,
+            response=np.array([flat.response for flat in self.flats], dtype=np.float32),
+            std_error=np.array([flat.std_error for flat in self.flats], dtype=np.float32),
+        )
+        return buffer.getvalue()
 
 
 def flat_of_run(run: Run) -> RunFlat:
@@ -129,26 +136,24 @@ def _dark_dn(run: Run, flat: FrameRecord) -> FloatArray:
     return np.full((flat.height, flat.width), flat.black_level_dn)
 
 
-SCHEMA_VERSION = 1
-# Dust moves: a choice.
-VALID_DAYS = 30.0
-# A flat this near to an angle is of that angle.
-_NEAR_DEG = 0.5
-
-
 @dataclass(frozen=True, kw_only=True)
-class FlatFacts:
-    """Facts of the file beside its pictures, as far as anything is made of them."""
+class FlatFacts(CalibrationRecord):
+    """Facts of the file beside its pictures, as far as the program uses them."""
+
+    KIND = "flat"
+    MADE_BY = "a flat field is made by `rigctl calibrate flat`"
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["flat"]
     made_for: MadeFor
-    created_utc: UtcText | None = None
 
-    @property
-    def origin(self) -> MadeFor:
-        """What it was made for, and until when it holds."""
-        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Return the facts of a file without its pictures."""
+        try:
+            return checked_record(path, read_arrays(path, only=("facts",))["facts"].tobytes(), cls, made_by=cls.MADE_BY)
+        except KeyError as error:
+            raise DataError(f"{path}: holds no flat fields; they are made by `rigctl calibrate flat`") from error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,6 +177,17 @@ class FlatFields:
         if np.any(self.std_error < 0.0):
             raise ValueError("std_error is below 0 somewhere")
 
+    @classmethod
+    def read_fitting(cls, path: Path, run: Run) -> tuple["FlatFields", tuple[str, ...]]:
+        """Return flat fields for the scene frames of a run, and what is doubtful about them, in words."""
+        flats = _read(path)
+        sizes = {(record.height, record.width) for record in run.frames if record.kind == "scene"}
+        if sizes != {flats.response.shape[1:]}:
+            raise DataError(
+                f"{path}: its pictures have (rows, columns) {flats.response.shape[1:]}, the run {sorted(sizes)}"
+            )
+        return flats, flats.facts.doubts(made_for_scene(run))
+
     def place(self, polarizer_deg: float) -> int:
         """Return which flat is that of a polarizer angle."""
         apart = np.abs(wrapped(self.angles_deg - polarizer_deg, turn=180.0))
@@ -185,84 +201,16 @@ class FlatFields:
         return nearest
 
 
-@dataclass(frozen=True, kw_only=True)
-class FlatNumbers:
-    """Numbers of flat fields beside their pictures, in the order in which the file has them."""
-
-    exposure_s: float
-    angles: tuple[FlatAngle, ...]
-    throughput: str = "over the mean of the angles; the polarizer's own only if the light is unpolarized and steady"
-
-
-def flat_file(found: RunFlat, run: Run, *, valid_days: float | None = None) -> CalibrationFile[FlatNumbers]:
-    """Return what the file says beside its pictures."""
-    source, records = source_of_run(run), found.records
-    return CalibrationFile(
-        header=header_of("flat", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days),
-        body=FlatNumbers(exposure_s=found.exposure_s, angles=found.rows()),
-    )
-
-
-def flat_npz(found: RunFlat, file: CalibrationFile[FlatNumbers]) -> bytes:
-    """Return the bytes of the file."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        facts=np.frombuffer(json.dumps(file.as_json(), allow_nan=False).encode(), dtype=np.uint8),
-        angles_deg=found.angles_deg,
-        response=np.array([flat.response for flat in found.flats], dtype=np.float32),
-        std_error=np.array([flat.std_error for flat in found.flats], dtype=np.float32),
-    )
-    return buffer.getvalue()
-
-
-def read_fitting_flats(path: Path, run: Run) -> tuple[FlatFields, tuple[str, ...]]:
-    """Return flat fields for the scene frames of a run, and what is doubtful about them, in words."""
-    flats = _read(path)
-    frames = [record for record in run.frames if record.kind == "scene"]
-    sizes = {(record.height, record.width) for record in frames}
-    if sizes != {flats.response.shape[1:]}:
-        raise DataError(
-            f"{path}: its pictures have (rows, columns) {flats.response.shape[1:]}, the run {sorted(sizes)}"
-        )
-    return flats, require_fit("flat field", flats.facts.origin, made_for(run, frames), stage=True)
-
-
-def read_flat_facts(path: Path) -> FlatFacts:
-    """Return what a file of flat fields says beside its pictures."""
-    try:
-        return _facts(path, read_arrays(path, only=("facts",))["facts"].tobytes())
-    except KeyError as error:
-        raise DataError(f"{path}: holds no flat fields; they are made by `rigctl calibrate flat`") from error
-
-
 def _read(path: Path) -> FlatFields:
     try:
         kept = read_arrays(path)
     except DataError as error:
         raise DataError(f"{error}; flat fields are made by `rigctl calibrate flat`") from error
     try:
-        facts = _facts(path, kept["facts"].tobytes())
+        facts = checked_record(path, kept["facts"].tobytes(), FlatFacts, made_by=FlatFacts.MADE_BY)
         arrays = {name: kept[name].astype(np.float64) for name in ("angles_deg", "response", "std_error")}
         return FlatFields(facts=facts, **arrays)
     except DataError:
         raise
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path}: holds no flat fields ({error}); they are made by `rigctl calibrate flat`") from error
-
-
-def _facts(path: Path, text: bytes) -> FlatFacts:
-    try:
-        return TypeAdapter(FlatFacts).validate_json(text)
-    except ValidationError as error:
-        later = other_schema(_json(text), FlatFacts)
-        if later is not None:
-            raise DataError(f"{path}: {later}\n  flat fields are made by `rigctl calibrate flat`") from error
-        raise DataError(f"{describe(path, error)}\n  flat fields are made by `rigctl calibrate flat`") from error
-
-
-def _json(text: bytes) -> object:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return None

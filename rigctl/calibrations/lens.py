@@ -1,7 +1,7 @@
-"""The file that a lens is kept in: ``lens.json``, as a record."""
+"""Lens calibrations as their files hold them (``lens.json``): focal lengths, principal point, distortion."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -48,18 +48,16 @@ class LensFile:
         )
 
 
-def lens_json(
-    found: LensCalibration, pictures: Sequence[Path], *, utc_ns: Callable[[], int] = time.time_ns
-) -> dict[str, Json]:
-    """Return the content of the file."""
+def lens_content(found: LensCalibration, pictures: Sequence[Path]) -> dict[str, Json]:
+    """Return the content of the file of a lens."""
     stds = np.sqrt(np.diag(found.lens.covariance)).tolist()
     numbers = zip(NAMES, found.lens.parameters.tolist(), stds, strict=True)
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": "lens",
         "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
-        "source": [vars(source_of(pictures[place])) for place in found.used],
+        "created_utc": utc_text(time.time_ns()),
+        "source": [source_of(pictures[place]) for place in found.used],
         "without_board": [str(pictures[place]) for place in found.unused],
         "width": found.width,
         "height": found.height,

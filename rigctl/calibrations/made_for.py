@@ -1,14 +1,14 @@
-"""Values of calibration files: each finite and inside its range, or the file is refused with its key.
+"""Kinds of calibrations, what each was made for, and whether it fits frames.
 
-Origin of a calibration: devices, settings, temperature and time, and for how long it holds.
-
-Fitness of a calibration for frames: refused for another camera or setting, warned of where it is stale.
+A calibration belongs to the devices and settings of its frames, and holds for some time (`MadeFor`). Frames of another
+camera or setting are refused (`require_fit`); a calibration that is old, or of another temperature, gives a warning.
+Values of calibration files are finite and inside their ranges (`Measured`, `Bounded`), or the file is refused.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Generic, Literal, TypeVar
 from urllib.parse import parse_qsl
 
 from pydantic import AfterValidator, Field
@@ -31,6 +31,31 @@ Positive = Annotated[float, Field(gt=0, le=_LARGEST)]
 
 _Number = TypeVar("_Number", bound=float)
 _Item = TypeVar("_Item")
+
+
+CalibrationKind = Literal["noise", "polarizer", "flat", "radiometric", "registration"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What calibrations of one kind have in common."""
+
+    name: str  #: in sentences
+    of_stage: bool  #: belongs to a stage too
+    of_gain: bool  #: depends on gain, bit depth and binning
+    valid_days: float  #: trusted for so long where the file does not say; a choice
+
+
+KINDS: Mapping[CalibrationKind, Kind] = {
+    "noise": Kind(name="noise calibration", of_stage=False, of_gain=True, valid_days=365.0),
+    # until the polarizer is taken out of its mount
+    "polarizer": Kind(name="polarizer calibration", of_stage=True, of_gain=False, valid_days=180.0),
+    # dust moves
+    "flat": Kind(name="flat field", of_stage=True, of_gain=True, valid_days=30.0),
+    # lenses and filters gather dust
+    "radiometric": Kind(name="radiometric calibration", of_stage=False, of_gain=True, valid_days=90.0),
+    "registration": Kind(name="registration", of_stage=True, of_gain=False, valid_days=180.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +155,11 @@ def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
     )
 
 
-def made_for_of_file(made_for: MadeFor | None, *, created_utc: str | None, valid_days: float) -> MadeFor:
-    """Return what a calibration was made for, completed by what is known of its file."""
+def made_for_of_file(kind: CalibrationKind, made_for: MadeFor | None, *, created_utc: str | None) -> MadeFor:
+    """Return what a calibration was made for, completed by what is known of its file and kind."""
     found = MadeFor() if made_for is None else made_for
     if found.valid_days is None:
-        found = replace(found, valid_days=valid_days)
+        found = replace(found, valid_days=KINDS[kind].valid_days)
     return found if found.taken_utc is not None else replace(found, taken_utc=created_utc)
 
 
@@ -154,12 +179,8 @@ def _shared(facts: Iterable[_Fact | None]) -> _Fact | None:
 
 
 # What has to be the same, by what it is called, as far as both sides know it. A gain is a number that was read back.
-_CAMERA = {
-    "camera serial number": "camera_serial",
-    "gain setting [dB]": "gain_db",
-    "bit depth": "bit_depth",
-    "binning": "binning",
-}
+_CAMERA = {"camera serial number": "camera_serial"}
+_SETTINGS = {"gain setting [dB]": "gain_db", "bit depth": "bit_depth", "binning": "binning"}
 _STAGE = {"stage serial number": "stage_serial"}
 _GAIN_STEP_DB = 0.05
 # Dark current doubles every 6 to 8 K: beyond this it is off by a half and more.
@@ -169,11 +190,10 @@ _LONGER = 10.0
 _SECONDS_A_DAY = 86400.0
 
 
-def require_fit(
-    what: str, calibration: MadeFor, used: MadeFor, *, stage: bool = False, gain: bool = True
-) -> tuple[str, ...]:
-    """Return what is doubtful about using a calibration for frames, in words."""
-    wrong = misfits(calibration, used, stage=stage, gain=gain)
+def require_fit(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> tuple[str, ...]:
+    """Return what is doubtful about using a calibration for frames, in words; refuse other devices and settings."""
+    what = KINDS[kind].name
+    wrong = misfits(kind, calibration, used)
     if wrong:
         raise DataError(
             f"the {what} is not of these devices as they were set: {'; '.join(wrong)}; "
@@ -182,9 +202,9 @@ def require_fit(
     return tuple(_doubts(what, calibration, used))
 
 
-def misfits(calibration: MadeFor, used: MadeFor, *, stage: bool, gain: bool) -> tuple[str, ...]:
-    """Return which devices and settings are others than a calibration was made for, in words; arguments as above."""
-    facts = (_CAMERA if gain else {"camera serial number": "camera_serial"}) | (_STAGE if stage else {})
+def misfits(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> tuple[str, ...]:
+    """Return which devices and settings are others than a calibration was made for, in words."""
+    facts = _CAMERA | (_SETTINGS if KINDS[kind].of_gain else {}) | (_STAGE if KINDS[kind].of_stage else {})
     return tuple(
         f"{name}: calibrated {getattr(calibration, key)}, used {getattr(used, key)}"
         for name, key in facts.items()

@@ -1,4 +1,4 @@
-"""The file that a noise calibration is kept in: ``noise.json``, as a record."""
+"""Noise calibrations as their files hold them (``noise.json``): quantities with errors, their covariance, flags."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,23 +11,12 @@ from pydantic import BeforeValidator, Field
 
 from calibration.results import Flag
 from model.sensor import SensorNoise
-from rigctl.calibrations.made_for import (
-    Bounded,
-    MadeFor,
-    MeasuredOverFrames,
-    UtcText,
-    made_for,
-    made_for_of_file,
-    require_fit,
-)
-from rigctl.calibrations.record import read_record
-from rigctl.runs.folder import Run
+from rigctl.calibrations.made_for import Bounded, MadeFor, MeasuredOverFrames
+from rigctl.calibrations.record import CalibrationRecord
 
 FloatArray = NDArray[np.float64]
 
 SCHEMA_VERSION = 2
-# For how long a noise calibration is trusted where it does not say so itself: a choice.
-VALID_DAYS = 365.0
 QUANTITIES = (
     "gain_dn_per_e",
     "read_noise_e",
@@ -94,8 +83,11 @@ class Performance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseParameters:
+class NoiseParameters(CalibrationRecord):
     """A noise calibration as its file holds it."""
+
+    KIND = "noise"
+    MADE_BY = "a noise calibration is made by `rigctl calibrate noise`"
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     #: Each in the unit that its name ends in; None is not known, or known by a bound only (``{"bound": "<", "value":
@@ -110,8 +102,7 @@ class NoiseParameters:
     covariance: JointErrors | None = None  #: Of their errors.
     performance: Performance | None = None  #: Figures of merit.
     flags: tuple[Flag, ...] = ()  #: What was odd in the frames.
-    made_for: MadeFor | None = None  #: Devices, settings and time.
-    created_utc: UtcText | None = None  #: When the file was written.
+    made_for: MadeFor | None = None
 
     @property
     def known(self) -> dict[str, StatedEstimate]:
@@ -126,11 +117,6 @@ class NoiseParameters:
             for name in ("read_noise_e", "dark_current_e_per_s", "prnu", "dsnu_e")
             if name in self.known and self.known[name].value < 0.0
         }
-
-    @property
-    def origin(self) -> MadeFor:
-        """What it was made for, and until when it holds."""
-        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
 
     def sensor_noise(self) -> SensorNoise:
         """Return the noise of the sensor; what is not known, or below 0 by its error, is 0."""
@@ -163,15 +149,4 @@ def read_noise_file(path: str | Path) -> NoiseParameters:
     DataError
         The file cannot be read, is no noise calibration, or is of another version: every problem at once.
     """
-    return read_record(Path(path), NoiseParameters, made_by="a noise calibration is made by `rigctl calibrate noise`")
-
-
-def require_noise_fits(noise: NoiseParameters, used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful about using a noise calibration for frames, in words."""
-    return require_fit("noise calibration", noise.origin, used)
-
-
-def read_fitting_noise(path: Path, run: Run) -> tuple[NoiseParameters, tuple[str, ...]]:
-    """Return a noise calibration for the scene frames of a run, and what is doubtful about it, in words."""
-    noise = read_noise_file(path)
-    return noise, require_noise_fits(noise, made_for(run, [one for one in run.frames if one.kind == "scene"]))
+    return NoiseParameters.read(Path(path))

@@ -4,7 +4,6 @@ A noise calibration from its frames to its file.
 """
 
 import os
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -29,15 +28,13 @@ from rigctl.version import VERSION
 _LISTED = 1000
 
 
-def noise_json(
-    calibration: NoiseCalibration, frames: FrameSet, *, utc_ns: Callable[[], int] = time.time_ns
-) -> dict[str, Json]:
-    """Return the content of the file."""
+def noise_content(calibration: NoiseCalibration, frames: FrameSet, *, created_ns: int) -> dict[str, Json]:
+    """Return the content of the file but for the fixed pattern, made at a time [ns since 1970 UTC]."""
     estimates = {name: getattr(calibration, name) for name in QUANTITIES}
     return {
         "schema_version": SCHEMA_VERSION,
         "created_by": f"rigctl {VERSION}",
-        "created_utc": utc_text(utc_ns()),
+        "created_utc": utc_text(created_ns),
         "source": asdict(frames.source),
         "made_for": frames.made_for.as_json(),
         **{name: _estimate(found, calibration.bounds.get(name)) for name, found in estimates.items()},
@@ -45,7 +42,7 @@ def noise_json(
             "names": list(calibration.covariance.names),
             "matrix": calibration.covariance.matrix.tolist(),
         },
-        "flags": flags_json(calibration.flags),
+        "flags": [asdict(flag) for flag in calibration.flags],
         "performance": asdict(calibration.performance),
         "dark_levels": _dark_levels(calibration),
         "photon_transfer": _curve(calibration.transfer),
@@ -78,11 +75,6 @@ def _standard(name: str, figure: EmvaFigure | None) -> dict[str, Json] | None:
         del held["bound"]
         return held
     return {"bound": figure.bound, "value": _brief(figure.value), "n": figure.n, "symbol": held["symbol"]}
-
-
-def flags_json(flags: tuple[Flag, ...]) -> list[dict[str, Json]]:
-    """Return flags as the file holds them."""
-    return [asdict(flag) for flag in flags]
 
 
 def _curve(transfer: PhotonTransfer) -> dict[str, Json]:
@@ -129,7 +121,7 @@ def _dark_levels(noise: NoiseCalibration) -> list[dict[str, Json]]:
     ]
 
 
-def pattern_json(pattern: FixedPattern) -> dict[str, Json]:
+def _pattern(pattern: FixedPattern) -> dict[str, Json]:
     """Return spectrograms, histograms and defects."""
     return {
         "signal_dn": pattern.signal_dn,
@@ -197,8 +189,8 @@ class FrameCalibration:
 
     def as_json(self, *, created_ns: int) -> dict[str, Json]:
         """Return the content of noise.json, made at a time [ns since 1970 UTC]."""
-        return noise_json(self.noise, self.frames, utc_ns=lambda: created_ns) | {
-            "fixed_pattern": None if self.pattern is None else pattern_json(self.pattern)
+        return noise_content(self.noise, self.frames, created_ns=created_ns) | {
+            "fixed_pattern": None if self.pattern is None else _pattern(self.pattern)
         }
 
 

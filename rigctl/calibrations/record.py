@@ -5,15 +5,22 @@ import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of, write_durably
 from rigctl.base.numbers import utc_text
-from rigctl.calibrations.made_for import MadeFor, made_for
+from rigctl.calibrations.made_for import (
+    CalibrationKind,
+    MadeFor,
+    UtcText,
+    made_for,
+    made_for_of_file,
+    require_fit,
+)
 from rigctl.console.anonymity import told_content
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
@@ -22,81 +29,73 @@ from rigctl.runs.folder import MANIFEST_FILE, Run
 from rigctl.runs.records import FrameRecord
 from rigctl.version import VERSION
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 Record = TypeVar("Record")
-Body = TypeVar("Body", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
-    """A file that a calibration was made from; of a run, its folder and the hash of its manifest."""
+class CalibrationRecord:
+    """A calibration as its file holds it; each kind adds its own numbers."""
 
-    path: str
-    sha256: str
+    KIND: ClassVar[CalibrationKind]
+    MADE_BY: ClassVar[str]  #: how such a file is made, for messages
 
+    made_for: MadeFor | None  #: devices, settings and time
+    created_utc: UtcText | None = None  #: time at which the file was written
 
-@dataclass(frozen=True, kw_only=True)
-class CalibrationHeader:
-    """What every calibration file says of itself, in the order in which it stands there."""
+    @property
+    def origin(self) -> MadeFor:
+        """What it was made for, and until when it holds."""
+        return made_for_of_file(self.KIND, self.made_for, created_utc=self.created_utc)
 
-    schema_version: int  #: Of this kind of file.
-    kind: str  #: "flat", "polarizer", "radiometric" or "registration".
-    created_by: str  #: Program and time.
-    created_utc: str
-    #: What it was made from; a mapping has it by what it is.
-    source: Source | tuple[Source, ...] | Mapping[str, Source]
-    made_for: MadeFor  #: Devices, settings and time.
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Return the calibration of a file; DataError with every problem if it is none."""
+        return read_record(path, cls, made_by=cls.MADE_BY)
 
-    def sources(self) -> tuple[Source, ...]:
-        """Return all that it was made from."""
-        if isinstance(self.source, Source):
-            return (self.source,)
-        return self.source if isinstance(self.source, tuple) else tuple(self.source.values())
+    @classmethod
+    def read_fitting(cls, path: Path, run: Run) -> tuple[Self, tuple[str, ...]]:
+        """Return the calibration for the scene frames of a run, and what is doubtful about it, in words."""
+        found = cls.read(path)
+        return found, found.doubts(made_for_scene(run))
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CalibrationFile(Generic[Body]):
-    """A calibration as its file holds it: the header, and beside it what is measured."""
-
-    header: CalibrationHeader
-    body: Body
-
-    def as_json(self) -> dict[str, Json]:
-        """Return the content of the file."""
-        return asdict(self.header) | asdict(self.body)
+    def doubts(self, used: MadeFor) -> tuple[str, ...]:
+        """Return what is doubtful about using it for frames, in words; DataError for other devices or settings."""
+        return require_fit(self.KIND, self.origin, used)
 
 
-def source_of(path: Path) -> Source:
-    """Return a file as a source."""
-    return Source(path=str(path), sha256=sha256_of(path))
+def made_for_scene(run: Run) -> MadeFor:
+    """Return what the scene frames of a run were made with."""
+    return made_for(run, [record for record in run.frames if record.kind == "scene"])
 
 
-def source_of_run(run: Run) -> Source:
-    """Return a run as a source."""
-    return Source(path=str(run.path), sha256=sha256_of(run.path / MANIFEST_FILE))
+def source_of(path: Path) -> dict[str, Json]:
+    """Return a file that a calibration was made from, as calibration files hold it."""
+    return {"path": str(path), "sha256": sha256_of(path)}
+
+
+def source_of_run(run: Run) -> dict[str, Json]:
+    """Return a run that a calibration was made from: its folder, and the hash of its manifest."""
+    return {"path": str(run.path), "sha256": sha256_of(run.path / MANIFEST_FILE)}
 
 
 def header_of(
     kind: str,
     version: int,
     *,
-    source: Source | tuple[Source, ...] | Mapping[str, Source],
+    source: Json,
     run: Run,
     records: Sequence[FrameRecord],
     valid_days: float | None,
-    utc_ns: Callable[[], int] = time.time_ns,
-) -> CalibrationHeader:
-    """Return the header of a new file."""
-    return CalibrationHeader(
-        schema_version=version,
-        kind=kind,
-        created_by=f"rigctl {VERSION}",
-        created_utc=utc_text(utc_ns()),
-        source=source,
-        made_for=replace(made_for(run, records), valid_days=valid_days),
-    )
+) -> dict[str, Json]:
+    """Return the keys that calibration files of every kind begin with."""
+    return {
+        "schema_version": version,
+        "kind": kind,
+        "created_by": f"rigctl {VERSION}",
+        "created_utc": utc_text(time.time_ns()),
+        "source": source,
+        "made_for": replace(made_for(run, records), valid_days=valid_days).as_json(),
+    }
 
 
 def write_content(path: Path, content: Mapping[str, Json]) -> None:
@@ -122,6 +121,11 @@ def read_record(path: Path, record: type[Record], *, made_by: str) -> Record:
         text = read_bounded(path, MOST_RECORD_BYTES)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    return checked_record(path, text, record, made_by=made_by)
+
+
+def checked_record(path: Path, text: bytes, record: type[Record], *, made_by: str) -> Record:
+    """Return the record of a JSON text; DataError names every problem, or what the file is instead."""
     try:
         found: Record = _adapter(record).validate_json(text)
         return found

@@ -1,10 +1,6 @@
-"""Image registration of a run: the shift of its picture at each stage angle.
+"""Image registration: the shift of a run's picture at each stage angle, and as ``registration.json`` holds it."""
 
-The file that an image registration is kept in: ``registration.json``, as a record.
-"""
-
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -13,23 +9,16 @@ from pydantic import Field
 
 from calibration.polarimeter.pictures import Registration, Wander, fit_wander, register
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.made_for import (
-    Bounded,
-    MadeFor,
-    NotNegative,
-    UtcText,
-    at_least,
-    made_for,
-    made_for_of_file,
-    require_fit,
-)
-from rigctl.calibrations.record import CalibrationFile, header_of, read_record, source_of_run
+from rigctl.calibrations.made_for import Bounded, MadeFor, NotNegative, at_least
+from rigctl.calibrations.record import CalibrationRecord, header_of, source_of_run
+from rigctl.console.json_text import Json
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
 
 FloatArray = NDArray[np.float64]
 
+SCHEMA_VERSION = 1
 # A false DoLP of 0.003 on a natural scene, and up to 0.05 at edges.
 _WORTH_A_WORD_PIXELS = 0.1
 _SIGMAS = 4.0
@@ -70,6 +59,30 @@ class RunRegistration:
                 strict=True,
             )
         )
+
+    def content(self, run: Run, *, valid_days: float | None = None) -> dict[str, Json]:
+        """Return the content of the file."""
+        header = header_of(
+            "registration",
+            SCHEMA_VERSION,
+            source=source_of_run(run),
+            run=run,
+            records=self.records,
+            valid_days=valid_days,
+        )
+        circle = self.wander
+        return header | {
+            "angles": [asdict(row) for row in self.rows()],
+            "wander": None
+            if circle is None
+            else {
+                "turning_pixels": [circle.turning_pixels.real, circle.turning_pixels.imag],
+                "sense": circle.sense,
+                "radius_pixels": abs(circle.turning_pixels),
+                "residual_pixels": circle.residual_pixels,
+            },
+            "finding": self.finding,
+        }
 
     @property
     def shifted(self) -> tuple[int, ...]:
@@ -165,8 +178,6 @@ def _wander(stage_rad: FloatArray, shifts: FloatArray) -> Wander | None:
     return min((fit_wander(stage_rad, shifts, sense=sense) for sense in (1, -1)), key=lambda one: one.residual_pixels)
 
 
-SCHEMA_VERSION = 1
-VALID_DAYS = 180.0
 # A circle that misses its shifts by more than this does not describe them.
 _CIRCLE_PIXELS = 0.05
 # A frame this near to an angle of the table has its shift.
@@ -183,20 +194,17 @@ class Circle:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageRegistration:
+class ImageRegistration(CalibrationRecord):
     """A registration as its file holds it."""
+
+    KIND = "registration"
+    MADE_BY = "a registration is made by `rigctl calibrate registration RUN --out FILE`"
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["registration"]
-    made_for: MadeFor  #: Devices, settings and time.
+    made_for: MadeFor
     angles: Annotated[tuple[AngleShift, ...], at_least(2)]  #: What was measured.
     wander: Circle | None  #: Through the shifts; None of two angles.
-    created_utc: UtcText | None = None  #: When the file was written.
-
-    @property
-    def origin(self) -> MadeFor:
-        """What it was made for, and until when it holds."""
-        return made_for_of_file(self.made_for, created_utc=self.created_utc, valid_days=VALID_DAYS)
 
     def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:
         """Return the shift (x, y) of the picture at one angle against that at another."""
@@ -222,60 +230,3 @@ class ImageRegistration:
                 "it at the angles that are used"
             )
         return np.array(self.angles[nearest].shift_pixels)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WalkCircle:
-    """The circle of a wedged polarizer, in the order in which the file has it."""
-
-    turning_pixels: tuple[float, float]
-    sense: int
-    radius_pixels: float
-    residual_pixels: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Walk:
-    """Walk of a run's picture, in the order in which the file has it."""
-
-    angles: tuple[AngleShift, ...]
-    wander: WalkCircle | None
-    finding: str | None
-
-
-def registration_file(found: RunRegistration, run: Run, *, valid_days: float | None = None) -> CalibrationFile[Walk]:
-    """Return the file of a registration."""
-    source, records = source_of_run(run), found.records
-    return CalibrationFile(
-        header=header_of(
-            "registration", SCHEMA_VERSION, source=source, run=run, records=records, valid_days=valid_days
-        ),
-        body=Walk(
-            angles=found.rows(),
-            wander=None if found.wander is None else _circle(found.wander),
-            finding=found.finding,
-        ),
-    )
-
-
-def _circle(wander: Wander) -> WalkCircle:
-    return WalkCircle(
-        turning_pixels=(wander.turning_pixels.real, wander.turning_pixels.imag),
-        sense=wander.sense,
-        radius_pixels=abs(wander.turning_pixels),
-        residual_pixels=wander.residual_pixels,
-    )
-
-
-def read_registration_file(path: Path) -> ImageRegistration:
-    """Return a registration."""
-    return read_record(
-        path, ImageRegistration, made_by="a registration is made by `rigctl calibrate registration RUN --out FILE`"
-    )
-
-
-def read_fitting_registration(path: Path, run: Run) -> tuple[ImageRegistration, tuple[str, ...]]:
-    """Return a registration for the scene frames of a run, and what is doubtful about it, in words."""
-    found = read_registration_file(path)
-    used = made_for(run, [record for record in run.frames if record.kind == "scene"])
-    return found, require_fit("registration", found.origin, used, stage=True, gain=False)

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from calibration.estimate import control_chart
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of
 from rigctl.base.numbers import utc_moment, utc_text, wrapped
 from rigctl.calibrations.made_for import (
+    KINDS,
+    CalibrationKind,
     MadeFor,
     Measured,
     age_days,
@@ -36,9 +38,8 @@ from rigctl.errors import ConfigError, DataError
 if TYPE_CHECKING:
     from rigctl.files.rig_file import RigFile
 
-CalibrationKind = Literal["noise", "polarizer", "flat", "radiometric", "registration"]
-KINDS: tuple[CalibrationKind, ...] = get_args(CalibrationKind)
 STORE_FOLDER = "calibrations"
+_SUFFIXES = (".json", ".npz")
 _DEPTH = 2
 _MOST_FILES = 5000
 _OF_ANOTHER_KIND = "is no calibration of frames"
@@ -121,55 +122,41 @@ def _files(folder: Path, depth: int = _DEPTH) -> Iterator[Path]:
             continue
         if path.is_dir() and depth:
             yield from _files(path, depth - 1)
-        elif path.suffix in _READERS and path.is_file():
+        elif path.suffix in _SUFFIXES and path.is_file():
             yield path
 
 
 def read_stored(file: Path) -> StoredCalibration:
     """Return a calibration of any kind, without what only its own reader needs."""
-    if file.suffix not in _READERS:
-        raise DataError(f"{file}: is no calibration; they are .json files, flat fields .npz")
-    return _READERS[file.suffix](file)
-
-
-def _read_json(file: Path) -> StoredCalibration:
     # Readers of every kind take a tenth of a second to import; most rigs have no store.
-    from rigctl.calibrations.noise import read_noise_file
-    from rigctl.calibrations.polarizer import read_polarizer_file
-    from rigctl.calibrations.radiometric import read_radiometric_file
-    from rigctl.calibrations.registration import read_registration_file
+    from rigctl.calibrations.flat import FlatFacts
+    from rigctl.calibrations.noise import NoiseParameters
+    from rigctl.calibrations.polarizer import PolarizerParameters
+    from rigctl.calibrations.radiometric import RadiometricResponse
+    from rigctl.calibrations.registration import ImageRegistration
 
+    if file.suffix not in _SUFFIXES:
+        raise DataError(f"{file}: is no calibration; they are .json files, flat fields .npz")
+    if file.suffix == ".npz":
+        return _stored("flat", file, FlatFacts.read(file).origin, "flats")
     kind = _kind_of(file)
     if kind == "noise":
-        noise = read_noise_file(file)
+        noise = NoiseParameters.read(file)
         known = {name: noise.known[name] for name in _WATCHED if name in noise.known}
         numbers = {name: Measured(value=one.value, std_error=one.std_error) for name, one in known.items()}
-        return StoredCalibration(kind=kind, file=file, made_for=noise.origin, numbers=numbers, parts=("noise",))
+        return _stored(kind, file, noise.origin, "noise", numbers=numbers)
     if kind == "polarizer":
-        polarizer = read_polarizer_file(file)
-        return StoredCalibration(
-            kind=kind,
-            file=file,
-            made_for=polarizer.origin,
-            numbers={"offset_deg": polarizer.offset_deg},
-            parts=("axis",) if polarizer.channels is None else ("axis", "throughput"),
-        )
-    if kind == "radiometric":
-        origin = read_radiometric_file(file).origin
-        return StoredCalibration(kind=kind, file=file, made_for=origin, numbers={}, parts=("radiometric",))
-    origin = read_registration_file(file).origin
-    return StoredCalibration(kind="registration", file=file, made_for=origin, numbers={}, parts=("registration",))
+        polarizer = PolarizerParameters.read(file)
+        parts = ("axis",) if polarizer.channels is None else ("axis", "throughput")
+        return _stored(kind, file, polarizer.origin, *parts, numbers={"offset_deg": polarizer.offset_deg})
+    record = RadiometricResponse if kind == "radiometric" else ImageRegistration
+    return _stored(kind, file, record.read(file).origin, kind)
 
 
-def _read_flats(file: Path) -> StoredCalibration:
-    from rigctl.calibrations.flat import read_flat_facts
-
-    return StoredCalibration(
-        kind="flat", file=file, made_for=read_flat_facts(file).origin, numbers={}, parts=("flats",)
-    )
-
-
-_READERS: dict[str, Callable[[Path], StoredCalibration]] = {".json": _read_json, ".npz": _read_flats}
+def _stored(
+    kind: CalibrationKind, file: Path, origin: MadeFor, *parts: str, numbers: Numbers | None = None
+) -> StoredCalibration:
+    return StoredCalibration(kind=kind, file=file, made_for=origin, numbers=numbers or {}, parts=parts)
 
 
 def _kind_of(file: Path) -> CalibrationKind:
@@ -285,14 +272,6 @@ def _history(quantity: str, device: str, calibrations: Sequence[StoredCalibratio
     return History(quantity=quantity, device=device, points=points, drift_per_year=drift, drift_error=error)
 
 
-# Whether a kind is one of the stage, and whether it depends on gain and format.
-_TRAITS: dict[CalibrationKind, tuple[bool, bool]] = {
-    "noise": (False, True),
-    "polarizer": (True, False),
-    "flat": (True, True),
-    "radiometric": (False, True),
-    "registration": (True, False),
-}
 _SHOWN = 5
 
 
@@ -404,8 +383,7 @@ def choose(
 
 
 def _unfit(one: StoredCalibration, used: MadeFor) -> str | None:
-    stage, gain = _TRAITS[one.kind]
-    wrong = misfits(one.made_for, used, stage=stage, gain=gain)
+    wrong = misfits(one.kind, one.made_for, used)
     if wrong:
         return "; ".join(wrong)
     if is_too_old(one.made_for, used):
@@ -417,8 +395,8 @@ def _unfit(one: StoredCalibration, used: MadeFor) -> str | None:
 def _rank(one: StoredCalibration, used: MadeFor) -> tuple[bool, bool, int, bool, float]:
     made = one.made_for
     days = age_days(made, used)
-    stage, _ = _TRAITS[one.kind]
-    pairs = [(made.camera_serial, used.camera_serial)] + ([(made.stage_serial, used.stage_serial)] if stage else [])
+    pairs = [(made.camera_serial, used.camera_serial)]
+    pairs += [(made.stage_serial, used.stage_serial)] if KINDS[one.kind].of_stage else []
     silent = sum(calibrated is None and now is not None for calibrated, now in pairs)
     is_of_noise = one.kind == "noise"
     return (
@@ -456,12 +434,11 @@ def _why(
 
 
 def _identity(one: StoredCalibration, used: MadeFor) -> str:
-    made = one.made_for
-    stage, gain = _TRAITS[one.kind]
+    made, kind = one.made_for, KINDS[one.kind]
     said = [f"camera {made.camera_serial}" if made.camera_serial else "its camera is not stated"]
-    said += [f"stage {made.stage_serial}"] if stage and made.stage_serial else []
-    said += [f"gain {made.gain_db:g} dB"] if gain and made.gain_db is not None else []
-    said += [f"{made.bit_depth} bits"] if gain and made.bit_depth is not None else []
+    said += [f"stage {made.stage_serial}"] if kind.of_stage and made.stage_serial else []
+    said += [f"gain {made.gain_db:g} dB"] if kind.of_gain and made.gain_db is not None else []
+    said += [f"{made.bit_depth} bits"] if kind.of_gain and made.bit_depth is not None else []
     step_k = temperature_step_k(made, used)
     said += [] if step_k is None or one.kind != "noise" else [f"but {abs(step_k):.1f} K away in temperature"]
     return f"; {', '.join(said)}"
@@ -574,13 +551,13 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used
 
 def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object] | None:
     """Return what holds a file against the rig; None where its devices and settings are all there is to hold."""
-    from rigctl.calibrations.noise import read_noise_file, require_noise_fits
-    from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
+    from rigctl.calibrations.noise import NoiseParameters
+    from rigctl.calibrations.polarizer import PolarizerParameters, require_polarizer_fits
 
     if kind == "noise":
-        return lambda path: require_noise_fits(read_noise_file(path), used)
+        return lambda path: NoiseParameters.read(path).doubts(used)
     if kind == "polarizer":
-        return lambda path: require_polarizer_fits(read_polarizer_file(path), used, polarizer=rig.polarizer)
+        return lambda path: require_polarizer_fits(PolarizerParameters.read(path), used, polarizer=rig.polarizer)
     return None
 
 
@@ -589,7 +566,7 @@ def picked_for_scene(scene: Path | None, used: MadeFor, store: Path | None, name
     found = None if named is not None or (store is None and scene is None) else _store(scene or Path(), store)
     if found is None:
         return RigPicks()
-    from rigctl.calibrations.noise import read_noise_file, require_noise_fits
+    from rigctl.calibrations.noise import NoiseParameters
 
-    choice = choose(found, "noise", used, require_usable=lambda path: require_noise_fits(read_noise_file(path), used))
+    choice = choose(found, "noise", used, require_usable=lambda path: NoiseParameters.read(path).doubts(used))
     return RigPicks(store=found.folder, choices=(choice,), damaged=found.damaged)

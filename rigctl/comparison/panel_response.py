@@ -1,7 +1,7 @@
 """Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +106,7 @@ def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
     return region
 
 
-def radiometric_json(
+def radiometric_content(
     found: PanelResponse, measurement: Measurement, *, files: Mapping[str, Path], valid_days: float | None = None
 ) -> dict[str, Json]:
     """Return the content of radiometric.json; files are what else it was made from, such as {"scene": path}."""
@@ -132,7 +132,7 @@ def radiometric_json(
             strict=True,
         )
     ]
-    return asdict(header) | {
+    return header | {
         "panel": {
             "name": found.panel,
             "pixels": found.pixels,

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import TypeVar
 
 from rigctl.base.durable import sha256_of
-from rigctl.calibrations.flat import FlatFields, read_fitting_flats
-from rigctl.calibrations.made_for import made_for
-from rigctl.calibrations.noise import NoiseParameters, read_fitting_noise
-from rigctl.calibrations.polarizer import PolarizerParameters, read_fitting_polarizer
-from rigctl.calibrations.radiometric import RadiometricResponse, read_fitting_radiometric
-from rigctl.calibrations.registration import ImageRegistration, read_fitting_registration
+from rigctl.calibrations.flat import FlatFields
+from rigctl.calibrations.made_for import KINDS, CalibrationKind, made_for
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.calibrations.polarizer import PolarizerParameters
+from rigctl.calibrations.radiometric import RadiometricResponse
+from rigctl.calibrations.registration import ImageRegistration
 from rigctl.calibrations.store import (
-    KINDS,
     NONE,
     STORE_FOLDER,
-    CalibrationKind,
     Choice,
     Pick,
     RigPicks,
@@ -127,11 +125,11 @@ def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
         return content
 
     return RunCalibrations(
-        noise=read(paths.noise, read_fitting_noise),
-        radiometric=read(paths.radiometric, read_fitting_radiometric),
-        registration=read(paths.registration, read_fitting_registration),
-        flats=read(paths.flat, read_fitting_flats),
-        polarizer=read(paths.polarizer, read_fitting_polarizer),
+        noise=read(paths.noise, NoiseParameters.read_fitting),
+        radiometric=read(paths.radiometric, RadiometricResponse.read_fitting),
+        registration=read(paths.registration, ImageRegistration.read_fitting),
+        flats=read(paths.flat, FlatFields.read_fitting),
+        polarizer=read(paths.polarizer, PolarizerParameters.read_fitting),
         doubts=tuple(doubts),
         force_registration=paths.force_registration,
     )
@@ -258,10 +256,10 @@ def _named(kind: CalibrationKind, path: Path) -> Choice:
 def _usable(kind: CalibrationKind, run: Run, grid: FrameGrid) -> Callable[[Path], object]:
     """Return what tries a file on the frames of a run, as measuring will."""
     tries: dict[CalibrationKind, Callable[[Path], object]] = {
-        "noise": lambda path: read_fitting_noise(path, run),
-        "polarizer": lambda path: throughput_of(grid, read_fitting_polarizer(path, run)[0]),
-        "flat": lambda path: flat_division(grid, read_fitting_flats(path, run)[0]),
-        "radiometric": lambda path: read_fitting_radiometric(path, run),
-        "registration": lambda path: frame_shifts(run, grid, read_fitting_registration(path, run)[0]),
+        "noise": lambda path: NoiseParameters.read_fitting(path, run),
+        "polarizer": lambda path: throughput_of(grid, PolarizerParameters.read_fitting(path, run)[0]),
+        "flat": lambda path: flat_division(grid, FlatFields.read_fitting(path, run)[0]),
+        "radiometric": lambda path: RadiometricResponse.read_fitting(path, run),
+        "registration": lambda path: frame_shifts(run, grid, ImageRegistration.read_fitting(path, run)[0]),
     }
     return tries[kind]

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,7 @@ if TYPE_CHECKING:
     from calibration.sensor.pattern import FixedPattern, PatternHistogram
     from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSource
-    from rigctl.calibrations.polarizer import PolarizerNumbers
     from rigctl.calibrations.polarizer_scan import PolarimeterMaps, PolarizerCalibration, ScanCurve
-    from rigctl.calibrations.record import CalibrationFile
     from rigctl.calibrations.store import History
     from rigctl.report.document import Block
     from rigctl.rig.characterise import Characterisation, Side
@@ -1113,7 +1111,7 @@ _CHANNELS = (
 
 def polarizer_report(
     found: PolarizerCalibration,
-    file: CalibrationFile[PolarizerNumbers],
+    file: Mapping[str, Any],
     *,
     regions: Mapping[str, PolarizerCalibration],
     maps: PolarimeterMaps | None,
@@ -1121,7 +1119,7 @@ def polarizer_report(
     """Return the report of a polarizer calibration."""
     axis = (number_table(found), Paragraph(text=_CONVENTION), Verbatim(text=rig_lines(found)))
     return Report(
-        title=f"Polarizer: {', '.join(source.path for source in file.header.sources())}",
+        title=f"Polarizer: {', '.join(source['path'] for source in file['source'])}",
         source=_polarizer_facts(file),
         sections=[
             Section(title="Axis and extinction", blocks=axis),
@@ -1165,17 +1163,17 @@ def _maps(maps: PolarimeterMaps | None) -> Iterable[Section]:
         yield Section(title="Over the picture", blocks=(picture,))
 
 
-def _polarizer_facts(file: CalibrationFile[PolarizerNumbers]) -> str:
-    header, made = file.header, file.header.made_for
-    known = (("camera", made.camera_model, made.camera_serial), ("stage", made.stage_model, made.stage_serial))
+def _polarizer_facts(file: Mapping[str, Any]) -> str:
+    made = file["made_for"]
+    known = [(what, made[f"{what}_model"], made[f"{what}_serial"]) for what in ("camera", "stage")]
     devices = [
         f"{what} {model or ''} {serial}".replace("  ", " ") for what, model, serial in known if serial is not None
     ]
     facts = [
         *devices,
-        f"{file.body.frames} frames",
-        f"manifest {', '.join(source.sha256[:16] for source in header.sources())}",
-        f"made {header.created_utc[:19]}Z by {header.created_by}",
+        f"{file['frames']} frames",
+        f"manifest {', '.join(source['sha256'][:16] for source in file['source'])}",
+        f"made {file['created_utc'][:19]}Z by {file['created_by']}",
     ]
     return f"{'; '.join(facts)}."
 

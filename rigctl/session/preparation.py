@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rigctl.base.numbers import utc_text
-from rigctl.calibrations.made_for import MadeFor, made_for_rig
-from rigctl.calibrations.noise import NoiseParameters, read_noise_file, require_noise_fits
+from rigctl.calibrations.made_for import CalibrationKind, MadeFor, made_for_rig
+from rigctl.calibrations.noise import NoiseParameters, read_noise_file
 from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
-from rigctl.calibrations.store import NONE, CalibrationKind, RigPicks, picked_for_rig
+from rigctl.calibrations.store import NONE, RigPicks, picked_for_rig
 from rigctl.console.json_text import json_text
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError, DataError
@@ -182,7 +182,7 @@ def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: Session
 def _calibration_doubts(prepared: PreparedSession, used: MadeFor) -> tuple[str, ...]:
     """Return what is doubtful of the calibrations; raise DataError where one is not of these devices."""
     try:
-        doubts = () if prepared.noise is None else require_noise_fits(prepared.noise, used)
+        doubts = () if prepared.noise is None else prepared.noise.doubts(used)
         if prepared.polarizer is not None:
             polarizer = read_polarizer_file(prepared.polarizer)
             doubts += require_polarizer_fits(polarizer, used, polarizer=prepared.rig_file.polarizer)

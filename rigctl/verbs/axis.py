@@ -15,9 +15,7 @@ from rigctl.verbs.options import FilePath, RegionsPath, RunOptions, RunPath, Val
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.calibrations.polarizer import PolarizerNumbers
     from rigctl.calibrations.polarizer_scan import KnownLight, PolarizerCalibration
-    from rigctl.calibrations.record import CalibrationFile
     from rigctl.files.regions import Region
     from rigctl.files.toml import Uncertain
     from rigctl.runs.folder import Run as RunRecord
@@ -101,7 +99,7 @@ def axis(
     ConfigError, DataError, CalibrationError
         A number or a file is wrong, the scans are unfit, or they do not tell the sense of rotation; nothing is written.
     """
-    from rigctl.calibrations.polarizer import polarizer_file, require_writable_rig, write_into_rig
+    from rigctl.calibrations.polarizer import polarizer_content, require_writable_rig, write_into_rig
     from rigctl.calibrations.polarizer_scan import load_generator, polarimeter_maps
     from rigctl.calibrations.record import write_content, write_whole
     from rigctl.console.failures import with_answer
@@ -121,9 +119,9 @@ def axis(
     turning = None if generator is None else Path(generator)
     found, *_ = each = [_calibrated(records, reference_deg, turning, area, known) for area in areas]
     by_region = {area.name: one for area, one in zip(areas, each, strict=True) if area}
-    file = polarizer_file(found, records, regions=by_region, valid_days=valid_days)
+    file = polarizer_content(found, records, regions=by_region, valid_days=valid_days)
     if not found.axis.is_decided:
-        raise with_answer(DataError(_undecided(found)), file.as_json())
+        raise with_answer(DataError(_undecided(found)), file)
     if maps is not None and turning is None:
         raise ConfigError("--maps: are made with a turning generator; give --generator FILE")
     drawn = None
@@ -131,7 +129,7 @@ def axis(
         generator_dolp = 1.0 if known.dolp is None else known.dolp.value
         drawn = polarimeter_maps(records[0], load_generator(turning), side_pixels=block, generator_dolp=generator_dolp)
     if out is not None:
-        write_content(Path(out), file.as_json())
+        write_content(Path(out), file)
     for line in () if write is None else write_into_rig(Path(write), found):
         note(f"{write}: {line}")
     if maps is not None and drawn is not None:
@@ -156,7 +154,7 @@ class AxisResult(Result):
 
     calibration: "PolarizerCalibration"  #: of the first region, or of the whole picture
     regions: "dict[str, PolarizerCalibration]"  #: of each region by itself
-    file: "CalibrationFile[PolarizerNumbers]"
+    file: dict[str, Json]
     is_generator_taken_as_perfect: bool  #: nothing was known of its DoLP
 
     def content(self) -> Iterable[Part]:
@@ -184,7 +182,7 @@ class AxisResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the calibration file."""
-        return self.file.as_json()
+        return self.file
 
 
 def _offset(found: "PolarizerCalibration") -> str:

@@ -37,13 +37,12 @@ if TYPE_CHECKING:
 
     from calibration.pointing.pose import LensCalibration
     from calibration.sensor.curves import DoublingTemperature
-    from rigctl.calibrations.flat import FlatAngle, FlatNumbers, RunFlat
+    from rigctl.calibrations.flat import RunFlat
     from rigctl.calibrations.made_for import MeasuredOverFrames
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSet
-    from rigctl.calibrations.record import CalibrationFile
-    from rigctl.calibrations.registration import AngleShift, RunRegistration, Walk
+    from rigctl.calibrations.registration import AngleShift, RunRegistration
     from rigctl.comparison.panel_response import PanelResponse
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
@@ -128,7 +127,7 @@ def noise(
 
     from calibration.results import RefusedFramesError
     from rigctl.calibrations.noise import QUANTITIES
-    from rigctl.calibrations.noise_calibration import calibrate_frames, flags_json
+    from rigctl.calibrations.noise_calibration import calibrate_frames
     from rigctl.calibrations.record import write_content, write_whole
     from rigctl.console.failures import with_answer
     from rigctl.images import ImageReading
@@ -153,7 +152,7 @@ def noise(
                 source, level_done=lambda done, total: bar.update(task, completed=done, total=total)
             )
     except RefusedFramesError as error:
-        with_answer(error, {**dict.fromkeys(QUANTITIES), "flags": flags_json(error.flags)})
+        with_answer(error, {**dict.fromkeys(QUANTITIES), "flags": [asdict(flag) for flag in error.flags]})
         raise
     result = NoiseResult(calibration=found, created_ns=time.time_ns())
     if out is not None:
@@ -375,15 +374,15 @@ def flat(
     ConfigError, DataError, CalibrationError
         The file cannot be written, or the frames are unfit.
     """
-    from rigctl.calibrations.flat import flat_file, flat_npz, flat_of_run
+    from rigctl.calibrations.flat import flat_of_run
     from rigctl.calibrations.record import write_whole
     from rigctl.runs.check import used_run
 
     record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
     found = flat_of_run(record)
-    file = flat_file(found, record, valid_days=valid_days)
+    file = found.content(record, valid_days=valid_days)
     if out is not None:
-        write_whole(Path(out), flat_npz(found, file))
+        write_whole(Path(out), found.npz(file))
     result = FlatResult(found=found, file=file)
     if result.doubt is not None:
         warn(result.doubt)
@@ -395,7 +394,7 @@ class FlatResult(Result):
     """Flat fields of each polarizer angle."""
 
     found: "RunFlat"
-    file: "CalibrationFile[FlatNumbers]"  #: what their file states in addition to the pictures
+    file: dict[str, Json]  #: what their file states in addition to the pictures
 
     @property
     def doubt(self) -> str | None:
@@ -414,20 +413,20 @@ class FlatResult(Result):
         """Return throughput, pattern and noise of each angle."""
         from rigctl.report.table import Column, Table
 
-        columns: tuple[Column[FlatAngle], ...] = (
-            Column(title="angle [deg]", text=lambda row: f"{row.polarizer_angle_deg:.1f}"),
-            Column(title="frames", text=lambda row: str(row.frames)),
-            Column(title="mean [DN]", text=lambda row: f"{row.mean_dn:.1f}"),
-            Column(title="light over mean", text=lambda row: f"{row.throughput.value:.5f}"),
-            Column(title="std error", text=lambda row: f"{row.throughput.std_error:.2g}"),
-            Column(title="pattern [%]", text=lambda row: f"{100.0 * row.pattern_rms:.3f}"),
-            Column(title="own noise [%]", text=lambda row: f"{100.0 * row.noise_rms:.3f}"),
+        columns: tuple[Column[dict[str, Any]], ...] = (
+            Column(title="angle [deg]", text=lambda row: f"{row['polarizer_angle_deg']:.1f}"),
+            Column(title="frames", text=lambda row: str(row["frames"])),
+            Column(title="mean [DN]", text=lambda row: f"{row['mean_dn']:.1f}"),
+            Column(title="light over mean", text=lambda row: f"{row['throughput']['value']:.5f}"),
+            Column(title="std error", text=lambda row: f"{row['throughput']['std_error']:.2g}"),
+            Column(title="pattern [%]", text=lambda row: f"{100.0 * row['pattern_rms']:.3f}"),
+            Column(title="own noise [%]", text=lambda row: f"{100.0 * row['noise_rms']:.3f}"),
         )
-        yield Table(columns=columns, rows=self.found.rows())
+        yield Table(columns=columns, rows=tuple(self.found.rows()))
 
     def as_json(self) -> dict[str, Json]:
         """Return the numbers of the file."""
-        return self.file.as_json()
+        return self.file
 
 
 def lens(
@@ -465,7 +464,7 @@ def lens(
         A picture cannot be read, or too few show the board.
     """
     from calibration.pointing.pose import calibrate_lens
-    from rigctl.calibrations.lens import lens_json
+    from rigctl.calibrations.lens import lens_content
     from rigctl.calibrations.record import write_content
 
     sides = _BOARD.fullmatch(board)
@@ -478,7 +477,7 @@ def lens(
         rows=int(sides[2]),
         square_m=square_mm / 1000.0,
     )
-    result = LensResult(found=found, file=lens_json(found, paths))
+    result = LensResult(found=found, file=lens_content(found, paths))
     if out is not None:
         write_content(Path(out), result.file)
     for place in found.unused:
@@ -560,22 +559,22 @@ def radiometric(
     ConfigError, DataError, CalibrationError
         A file is wrong or cannot be written, or the run is unfit.
     """
-    from rigctl.calibrations.noise import read_fitting_noise
+    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.record import write_content
-    from rigctl.comparison.panel_response import panel_response, radiometric_json
+    from rigctl.comparison.panel_response import panel_response, radiometric_content
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run
 
     content = scene_file_of(scene)
     record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
-    calibrated, doubts = (None, ()) if noise is None else read_fitting_noise(Path(noise), record)
+    calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     regions = [region for region in content.regions if region.name == panel]
     measurement = measure(record, regions=list(regions), noise=calibrated)
     found = panel_response(measurement, scene=content, panel=panel, noise=calibrated)
     files = {"scene": scene, "noise": noise}
     named = {what: Path(path) for what, path in files.items() if isinstance(path, str | Path)}
-    file = radiometric_json(found, measurement, files=named, valid_days=valid_days)
+    file = radiometric_content(found, measurement, files=named, valid_days=valid_days)
     if out is not None:
         write_content(Path(out), file)
     for doubt in (*unset_polarizer(record.path, placeholder=record.session.polarizer.placeholder), *doubts):
@@ -660,15 +659,15 @@ def registration(
         The file cannot be written, or the pictures are unfit.
     """
     from rigctl.calibrations.record import write_content
-    from rigctl.calibrations.registration import register_run, registration_file
+    from rigctl.calibrations.registration import register_run
     from rigctl.runs.check import used_run
 
     record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
     found = register_run(record, cycle=cycle)
-    file = registration_file(found, record, valid_days=valid_days)
+    file = found.content(record, valid_days=valid_days)
     is_refused = found.doubt is not None and not force_registration
     if out is not None and not is_refused:
-        write_content(Path(out), file.as_json())
+        write_content(Path(out), file)
     if found.doubt is not None:
         warn(found.doubt + ("; --force-registration keeps it" if is_refused else ""))
     return RegistrationResult(found=found, file=file, is_refused=is_refused)
@@ -679,7 +678,7 @@ class RegistrationResult(Result):
     """Shift of the picture at each polarizer angle."""
 
     found: "RunRegistration"
-    file: "CalibrationFile[Walk]"
+    file: dict[str, Json]
     is_refused: bool  #: the pictures are not plainly shifted; no file was written
 
     @property
@@ -717,4 +716,4 @@ class RegistrationResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the file."""
-        return self.file.as_json()
+        return self.file

@@ -79,7 +79,7 @@ def detect(
     """
     import numpy as np
 
-    from rigctl.calibrations.noise import read_fitting_noise
+    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.comparison import detect as rx_detection
     from rigctl.comparison.predict_run import run_predictor
     from rigctl.files.rig_file import unset_polarizer
@@ -91,7 +91,7 @@ def detect(
     content = None if scene is None else scene_file_of(scene)
     drawn = regions_of(regions if content is None else content.regions)
     record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
-    calibrated, doubts = (None, ()) if noise is None else read_fitting_noise(Path(noise), record)
+    calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     measurement, predicted = measure(record, regions=drawn, noise=calibrated), None
     if content is not None:
         with solving_shown():

@@ -19,7 +19,7 @@ from rigctl.files.choices import EffectRule, Engine, LightPart, ScaleKind, SnrKi
 
 if TYPE_CHECKING:
     from rigctl import mapped
-    from rigctl.calibrations.store import CalibrationKind
+    from rigctl.calibrations.made_for import CalibrationKind
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.calibrations import CalibrationPaths

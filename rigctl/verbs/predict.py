@@ -580,17 +580,17 @@ def _predictor(
     parameters, scaled, doubts = None, None, tuple[str, ...]()
     # Calibrations bring run folders and measurement, a tenth of a second that a prediction without one does not need.
     if calibration is not None:
-        from rigctl.calibrations.noise import read_noise_file, require_noise_fits
+        from rigctl.calibrations.noise import read_noise_file
 
         parameters = read_noise_file(calibration)
-        doubts = require_noise_fits(parameters, used)
+        doubts = parameters.doubts(used)
     if radiometric is not None:
-        from rigctl.calibrations.radiometric import read_radiometric_file, require_radiometric_fits
+        from rigctl.calibrations.radiometric import RadiometricResponse
         from rigctl.comparison.scale import with_panel_scale
 
-        response = read_radiometric_file(Path(radiometric))
+        response = RadiometricResponse.read(Path(radiometric))
         scaled = partial(with_panel_scale, radiometric=response)
-        doubts += require_radiometric_fits(response, used)
+        doubts += response.doubts(used)
     predictor = ScenePredictor(
         file,
         parameters,

@@ -207,13 +207,14 @@ def _row(one: "StoredCalibration", now: "MadeFor") -> StoredRow:
 
 
 def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
-    from rigctl.calibrations.store import KINDS, picked_for_rig
+    from rigctl.calibrations.made_for import KINDS
+    from rigctl.calibrations.store import picked_for_rig
     from rigctl.files.rig_file import load_rig
     from rigctl.measure.calibrations import CalibrationPaths, picked_for_run
     from rigctl.runs.check import used_run
 
     if used_by.is_dir():
-        return picked_for_run(CalibrationPaths(picks=True, store=folder), used_run(used_by), KINDS).choices
+        return picked_for_run(CalibrationPaths(picks=True, store=folder), used_run(used_by), tuple(KINDS)).choices
     rig = load_rig(used_by)
     return picked_for_rig(rig, used_by, now_ns=now_ns, store=folder, named=dict.fromkeys(KINDS)).choices
 

@@ -18,11 +18,12 @@ from pydantic import JsonValue
 from drivers.interfaces import Camera, RotationStage
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import NS_PER_S, utc_text
-from rigctl.calibrations import flat as flat_file
-from rigctl.calibrations import noise as noise_file
-from rigctl.calibrations import polarizer as polarizer_file
-from rigctl.calibrations import radiometric as radiometric_file
-from rigctl.calibrations import registration as registration_file
+from rigctl.calibrations.flat import FlatFields
+from rigctl.calibrations.made_for import KINDS, CalibrationKind
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.calibrations.polarizer import PolarizerParameters
+from rigctl.calibrations.radiometric import RadiometricResponse
+from rigctl.calibrations.registration import ImageRegistration
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import Interpolation
 from rigctl.files.rig_file import PLACEHOLDER
@@ -300,20 +301,12 @@ _KIND = re.compile(rb'"kind"\s*:\s*"([a-z]{3,20})"')
 _HEAD_BYTES = 20_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Kind:
-    """A kind of calibration: what reads it for a run, and for how long it holds where it does not say."""
-
-    read: Callable[[Path, Run], tuple[object, tuple[str, ...]]]
-    valid_days: float
-
-
-_KINDS: Mapping[str, _Kind] = {
-    "noise": _Kind(read=noise_file.read_fitting_noise, valid_days=noise_file.VALID_DAYS),
-    "flat": _Kind(read=flat_file.read_fitting_flats, valid_days=flat_file.VALID_DAYS),
-    "polarizer": _Kind(read=polarizer_file.read_fitting_polarizer, valid_days=polarizer_file.VALID_DAYS),
-    "radiometric": _Kind(read=radiometric_file.read_fitting_radiometric, valid_days=radiometric_file.VALID_DAYS),
-    "registration": _Kind(read=registration_file.read_fitting_registration, valid_days=registration_file.VALID_DAYS),
+_READERS: Mapping[CalibrationKind, Callable[[Path, Run], tuple[object, tuple[str, ...]]]] = {
+    "noise": NoiseParameters.read_fitting,
+    "flat": FlatFields.read_fitting,
+    "polarizer": PolarizerParameters.read_fitting,
+    "radiometric": RadiometricResponse.read_fitting,
+    "registration": ImageRegistration.read_fitting,
 }
 
 
@@ -364,22 +357,22 @@ def _look(path: Path, run: Run) -> CalibrationLook | None:
         return None
     made_utc, valid_days = _made(path)
     look = CalibrationLook(
-        file=path.name, kind=kind, made_utc=made_utc, valid_days=valid_days or _KINDS[kind].valid_days, verdict="holds"
+        file=path.name, kind=kind, made_utc=made_utc, valid_days=valid_days or KINDS[kind].valid_days, verdict="holds"
     )
     try:
-        _, doubts = _KINDS[kind].read(path, run)
+        _, doubts = _READERS[kind](path, run)
     except DataError as error:
         return replace(look, verdict="does not hold", words=str(error).replace(str(path), path.name))
     return replace(look, verdict="doubtful", words="; ".join(doubts)) if doubts else look
 
 
-def _kind_of(path: Path) -> str | None:
+def _kind_of(path: Path) -> CalibrationKind | None:
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     named = _KIND.search(head)
-    if named is not None and named[1].decode("ascii") in _KINDS:
-        return named[1].decode("ascii")
-    return "noise" if named is None and _OF_NOISE.search(head) is not None else None
+    if named is None:
+        return "noise" if _OF_NOISE.search(head) is not None else None
+    return next((kind for kind in KINDS if kind == named[1].decode("ascii")), None)
 
 
 def _made(path: Path) -> tuple[str, float | None]:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from rigctl import cli
-from rigctl.calibrations.flat import read_flat_facts
-from rigctl.calibrations.noise import read_noise_file
-from rigctl.calibrations.polarizer import read_polarizer_file
-from rigctl.calibrations.radiometric import read_radiometric_file
-from rigctl.calibrations.registration import read_registration_file
+from rigctl.calibrations.flat import FlatFacts
+from rigctl.calibrations.noise import NoiseParameters
+from rigctl.calibrations.polarizer import PolarizerParameters
+from rigctl.calibrations.radiometric import RadiometricResponse
+from rigctl.calibrations.registration import ImageRegistration
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import load_regions
 from rigctl.files.rig_file import load_rig
@@ -24,29 +24,29 @@ from tests.rigctl.made_runs import at, make_run
 _LATER = {"schema_version": 7, "created_by": "rigctl 9.1.0", "sense": "of another kind"}
 
 
-@pytest.mark.parametrize("read", [read_noise_file, read_polarizer_file, read_radiometric_file, read_registration_file])
-def test_a_later_calibration_is_refused_by_its_number(tmp_path, read):
+@pytest.mark.parametrize("kind", [NoiseParameters, PolarizerParameters, RadiometricResponse, ImageRegistration])
+def test_a_later_calibration_is_refused_by_its_number(tmp_path, kind):
     file = tmp_path / "calibration.json"
     file.write_text(json.dumps(_LATER))
     with pytest.raises(DataError) as refused:
-        read(file)
+        kind.read(file)
     assert f"schema_version is 7, and rigctl {VERSION} reads " in str(refused.value)
     assert "rigctl 9.1.0 wrote it" in str(refused.value)
 
 
-@pytest.mark.parametrize("read", [read_noise_file, read_polarizer_file])
-def test_an_earlier_calibration_is_refused_by_its_number(tmp_path, read):
+@pytest.mark.parametrize("kind", [NoiseParameters, PolarizerParameters])
+def test_an_earlier_calibration_is_refused_by_its_number(tmp_path, kind):
     file = tmp_path / "calibration.json"
     file.write_text(json.dumps({"schema_version": 1, "created_by": "rigctl 0.0.9"}))
     with pytest.raises(DataError, match=r"schema_version is 1, and rigctl .* reads 2; rigctl 0.0.9 wrote it: use that"):
-        read(file)
+        kind.read(file)
 
 
 def test_later_flats_are_refused_by_their_number(tmp_path):
     facts = np.frombuffer(json.dumps(_LATER).encode(), dtype=np.uint8)
     np.savez(tmp_path / "flat.npz", facts=facts, throughput=np.ones((1, 2, 2)))
     with pytest.raises(DataError, match=r"schema_version is 7, and rigctl .* reads 1; rigctl 9.1.0 wrote it"):
-        read_flat_facts(tmp_path / "flat.npz")
+        FlatFacts.read(tmp_path / "flat.npz")
 
 
 def test_an_earlier_or_later_run_is_refused_by_its_number(tmp_path, capsys):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.made_for import MadeFor, made_for, made_for_of_file, require_fit
+from rigctl.calibrations.made_for import KINDS, CalibrationKind, MadeFor, made_for, made_for_of_file, require_fit
 from rigctl.errors import DataError
 from rigctl.runs.folder import read_run
 from rigctl.runs.writer import RunWriter
@@ -28,18 +28,18 @@ CALIBRATED = MadeFor(
 
 
 @pytest.mark.parametrize(
-    ("other", "named"),
+    ("kind", "other", "named"),
     [
-        ({"camera_serial": "12"}, "camera serial number: calibrated 11, used 12"),
-        ({"gain_db": 6.0}, "gain setting"),
-        ({"bit_depth": 8}, "bit depth"),
-        ({"binning": 2}, "binning"),
-        ({"stage_serial": "8"}, "stage serial number"),
+        ("noise", {"camera_serial": "12"}, "camera serial number: calibrated 11, used 12"),
+        ("noise", {"gain_db": 6.0}, "gain setting"),
+        ("noise", {"bit_depth": 8}, "bit depth"),
+        ("noise", {"binning": 2}, "binning"),
+        ("flat", {"stage_serial": "8"}, "stage serial number"),
     ],
 )
-def test_another_device_or_setting_is_refused(other: dict[str, object], named: str) -> None:
-    with pytest.raises(DataError, match="noise calibration is not of these devices") as refused:
-        require_fit("noise calibration", CALIBRATED, replace(CALIBRATED, **other), stage=True)
+def test_another_device_or_setting_is_refused(kind: CalibrationKind, other: dict[str, object], named: str) -> None:
+    with pytest.raises(DataError, match=f"{KINDS[kind].name} is not of these devices") as refused:
+        require_fit(kind, CALIBRATED, replace(CALIBRATED, **other))
     assert named in str(refused.value)
 
 
@@ -54,7 +54,7 @@ def test_another_device_or_setting_is_refused(other: dict[str, object], named: s
     ],
 )
 def test_what_is_doubtful_is_said(other: dict[str, object], named: str) -> None:
-    (doubt,) = require_fit("noise calibration", CALIBRATED, replace(CALIBRATED, **other))
+    (doubt,) = require_fit("noise", CALIBRATED, replace(CALIBRATED, **other))
     assert named in doubt
 
 
@@ -71,15 +71,15 @@ def test_what_is_doubtful_is_said(other: dict[str, object], named: str) -> None:
 def test_what_fits_is_not_spoken_of(other: dict[str, object]) -> None:
     # A gain that is read back differs from the one that was set in its last digits; noise knows no stage.
     used = replace(CALIBRATED, **other)
-    assert require_fit("noise calibration", CALIBRATED, used) == ()
+    assert require_fit("noise", CALIBRATED, used) == ()
 
 
 def test_what_one_side_does_not_know_is_not_compared() -> None:
-    assert require_fit("noise calibration", CALIBRATED, MadeFor(), stage=True) == ()
+    assert require_fit("flat", CALIBRATED, MadeFor()) == ()
 
 
 def test_a_polarizer_calibration_holds_at_any_gain() -> None:
-    assert require_fit("polarizer calibration", CALIBRATED, replace(CALIBRATED, gain_db=12.0), gain=False) == ()
+    assert require_fit("polarizer", CALIBRATED, replace(CALIBRATED, gain_db=12.0)) == ()
 
 
 def test_a_run_says_what_it_was_taken_with(tmp_path: Path) -> None:
@@ -111,9 +111,9 @@ def test_a_run_says_what_it_was_taken_with(tmp_path: Path) -> None:
 
 def test_a_file_says_again_what_was_written() -> None:
     read = TypeAdapter(MadeFor).validate_python(CALIBRATED.as_json())
-    assert made_for_of_file(read, created_utc="2027-05-04T10:00:00Z", valid_days=1.0) == CALIBRATED
+    assert made_for_of_file("noise", read, created_utc="2027-05-04T10:00:00Z") == CALIBRATED
 
 
 def test_a_file_that_does_not_say_when_was_made_when_it_was_written() -> None:
-    found = made_for_of_file(MadeFor(stage_serial="7"), created_utc="2026-05-04T10:00:00Z", valid_days=90.0)
+    found = made_for_of_file("radiometric", MadeFor(stage_serial="7"), created_utc="2026-05-04T10:00:00Z")
     assert found == MadeFor(stage_serial="7", taken_utc="2026-05-04T10:00:00Z", valid_days=90.0)

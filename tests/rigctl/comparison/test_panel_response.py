@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.radiometric import read_radiometric_file, require_radiometric_fits
+from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.panel_response import PanelResponse, panel_response
 from rigctl.console.failures import EXIT_USAGE
@@ -73,7 +73,7 @@ def test_the_file_says_all_that_is_needed_later(tmp_path: Path, capsys: pytest.C
     facts = {"camera_serial": "11", "gain_db": 3.0, "start_utc": "2026-05-04T10:00:00.000000000Z"}
     code, out = calibrate(tmp_path, "--panel", "white", "--valid-days", "30", facts=facts)
     assert code == 0
-    content, found = json.loads(out.read_text()), read_radiometric_file(out)
+    content, found = json.loads(out.read_text()), RadiometricResponse.read(out)
     assert found.panel.name == "white"
     assert content["response_dn_per_radiance"]["n"] == 8
     assert [channel["name"] for channel in content["channels"]] == ["dn_0", "dn_45", "dn_90", "dn_135"]
@@ -82,9 +82,9 @@ def test_the_file_says_all_that_is_needed_later(tmp_path: Path, capsys: pytest.C
     assert "regions.white.stokes_radiance.0" in shown
     assert "times what the scene file says" in shown
     used = MadeFor(camera_serial="11", gain_db=3.0, taken_utc="2026-06-05T10:00:00.000000000Z")
-    assert "holds for 30" in require_radiometric_fits(found, used)[0]
+    assert "holds for 30" in found.doubts(used)[0]
     with pytest.raises(DataError, match="gain setting"):
-        require_radiometric_fits(found, MadeFor(camera_serial="11", gain_db=0.0))
+        found.doubts(MadeFor(camera_serial="11", gain_db=0.0))
 
 
 def test_a_panel_of_another_name_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -109,7 +109,7 @@ def test_a_wrong_file_is_refused_with_its_problem(tmp_path: Path, change: dict[s
     _, out = calibrate(tmp_path, "--panel", "white")
     out.write_text(json.dumps(json.loads(out.read_text()) | change))
     with pytest.raises(DataError, match=f"(?s){problem}.*rigctl calibrate radiometric"):
-        read_radiometric_file(out)
+        RadiometricResponse.read(out)
 
 
 def test_a_panel_of_a_material_takes_the_sun_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from calibration.results import CalibrationError
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.compare import Comparison, compare_with_scene
-from rigctl.comparison.panel_response import panel_response, radiometric_json
+from rigctl.comparison.panel_response import panel_response, radiometric_content
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scale import with_panel_scale
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
@@ -38,7 +38,7 @@ def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> Ra
     run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
     measurement = measure(run, regions=list(told.regions))
     found = panel_response(measurement, scene=told, panel="white", noise=None)
-    content = radiometric_json(found, measurement, files={})
+    content = radiometric_content(found, measurement, files={})
     return TypeAdapter(RadiometricResponse).validate_python(content)
 
 

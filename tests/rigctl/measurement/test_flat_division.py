@@ -14,7 +14,7 @@ from calibration.results import CalibrationError
 from model.prediction import as_processed
 from model.scene.scene import Readout
 from model.sensor import ChannelMoments
-from rigctl.calibrations.flat import read_fitting_flats
+from rigctl.calibrations.flat import FlatFields
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import DataError
@@ -85,7 +85,7 @@ def flat_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def divided(flat_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Measurement:
     run = scene_run(tmp_path_factory.mktemp("scene") / "run")
-    flats, _ = read_fitting_flats(flat_file, run)
+    flats, _ = FlatFields.read_fitting(flat_file, run)
     return measure(run, regions=[REGION], flats=flats)
 
 
@@ -137,27 +137,27 @@ def test_a_dead_pixel_is_missing(divided: Measurement) -> None:
 
 def test_an_angle_without_a_flat_is_refused(flat_file: Path, tmp_path: Path) -> None:
     run = scene_run(tmp_path / "run", angles_deg=(0.0, 30.0, 90.0, 135.0))
-    flats, _ = read_fitting_flats(flat_file, run)
+    flats, _ = FlatFields.read_fitting(flat_file, run)
     with pytest.raises(DataError, match="no flat field at 30"):
         measure(run, regions=[], flats=flats)
 
 
 def test_flats_of_another_stage_or_size_are_refused(flat_file: Path, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="stage serial number: calibrated 7, used 8"):
-        read_fitting_flats(flat_file, scene_run(tmp_path / "run", stage_serial="8"))
+        FlatFields.read_fitting(flat_file, scene_run(tmp_path / "run", stage_serial="8"))
     small = make_run(tmp_path / "small", [(at(angle), np.full((4, 5), 100.0)) for angle in ANGLES_DEG])
     with pytest.raises(DataError, match="the run"):
-        read_fitting_flats(flat_file, small)
+        FlatFields.read_fitting(flat_file, small)
 
 
 def test_what_is_no_flat_file_says_what_makes_one(tmp_path: Path) -> None:
     run, path = scene_run(tmp_path / "run"), tmp_path / "flat.npz"
     np.savez(path, other=np.ones(3))
     with pytest.raises(DataError, match="rigctl calibrate flat"):
-        read_fitting_flats(path, run)
+        FlatFields.read_fitting(path, run)
     path.write_text("not an archive")
     with pytest.raises(DataError, match="rigctl calibrate flat"):
-        read_fitting_flats(path, run)
+        FlatFields.read_fitting(path, run)
 
 
 def test_stokes_divides(flat_file: Path, tmp_path: Path) -> None:

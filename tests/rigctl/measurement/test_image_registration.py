@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.registration import ImageRegistration, register_run, registration_file
+from rigctl.calibrations.registration import ImageRegistration, register_run
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import Measurement, measure, temporal_noise, temporal_variance
@@ -74,7 +74,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="module")
 def registration(run: Run) -> ImageRegistration:
-    return TypeAdapter(ImageRegistration).validate_python(registration_file(register_run(run), run).as_json())
+    return TypeAdapter(ImageRegistration).validate_python(register_run(run).content(run))
 
 
 @pytest.fixture(scope="module")

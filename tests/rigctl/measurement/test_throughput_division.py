@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from rigctl.calibrations.polarizer import PolarizerParameters, read_fitting_polarizer
+from rigctl.calibrations.polarizer import PolarizerParameters
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import DataError
@@ -90,9 +90,9 @@ def test_an_angle_that_was_not_calibrated_is_refused(tmp_path: Path) -> None:
 
 def test_a_run_that_was_taken_with_another_axis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="put the calibrated ones there"):
-        read_fitting_polarizer(kept(tmp_path, POLARIZER), dim_run(tmp_path / "run", offset_deg=11.0))
+        PolarizerParameters.read_fitting(kept(tmp_path, POLARIZER), dim_run(tmp_path / "run", offset_deg=11.0))
     with pytest.raises(DataError, match="stage serial number"):
-        read_fitting_polarizer(kept(tmp_path, POLARIZER), dim_run(tmp_path / "other", stage_serial="8"))
+        PolarizerParameters.read_fitting(kept(tmp_path, POLARIZER), dim_run(tmp_path / "other", stage_serial="8"))
 
 
 def test_a_calibration_without_throughput_divides_nothing_and_says_so(

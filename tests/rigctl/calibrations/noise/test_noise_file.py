@@ -16,8 +16,8 @@ from calibration.sensor.emva1288 import EMVA_SYMBOLS
 from calibration.sensor.levels import level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from rigctl.calibrations.made_for import MadeFor
-from rigctl.calibrations.noise import QUANTITIES, read_noise_file, require_noise_fits
-from rigctl.calibrations.noise_calibration import noise_json
+from rigctl.calibrations.noise import QUANTITIES, read_noise_file
+from rigctl.calibrations.noise_calibration import noise_content
 from rigctl.calibrations.noise_frames import CameraSetting, FrameSet, FrameSource
 from rigctl.calibrations.record import write_content
 from rigctl.errors import ConfigError, DataError
@@ -41,7 +41,7 @@ def calibration() -> NoiseCalibration:
 
 
 def content() -> dict[str, Any]:
-    return noise_json(calibration(), FRAMES, utc_ns=lambda: 1_700_000_000_000_000_000)
+    return noise_content(calibration(), FRAMES, created_ns=1_700_000_000_000_000_000)
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
@@ -175,8 +175,8 @@ def test_it_is_too_old_after_a_year(tmp_path: Path) -> None:
     write_content(tmp_path / "noise.json", content())
     noise = read_noise_file(tmp_path / "noise.json")
     young, old = (MadeFor(taken_utc=f"{day}T00:00:00.000000000Z") for day in ("2024-11-13", "2024-11-15"))
-    assert require_noise_fits(noise, young) == ()
-    assert "holds for 365" in require_noise_fits(noise, old)[0]
+    assert noise.doubts(young) == ()
+    assert "holds for 365" in noise.doubts(old)[0]
 
 
 def test_reading_a_calibration_does_not_import_an_optimizer():
