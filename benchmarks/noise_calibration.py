@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from calibration.sensor.levels import LevelKind
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise_calibration import calibrate_frames
-from rigctl.calibrations.noise_frames import CameraSetting, FrameGroup, FrameSet, FrameSource, emva_frames
+from rigctl.calibrations.noise_frames import FrameGroup, FrameSet, FrameSource, emva_frames
 
 ROUNDS = 7
 SHAPE = (2048, 2448)
@@ -121,7 +121,7 @@ def drawn_frames(n_frames: int) -> FrameSet:
             groups.append(FrameGroup(kind=kind, exposure_s=exposure_s, loaders=loaders))
     return FrameSet(
         groups=tuple(groups),
-        camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=BIT_DEPTH),
+        bit_depth=BIT_DEPTH,
         made_for=MadeFor(bit_depth=BIT_DEPTH),
         source=FrameSource(kind="folder", path="drawn", sha256="", frames_sha256=""),
     )

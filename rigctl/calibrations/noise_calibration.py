@@ -211,7 +211,7 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
             levels.append(level)
             if level_done is not None:
                 level_done(done, len(groups))
-    noise = calibrate_noise(levels, bit_depth=frames.camera.bit_depth, stated=frames.stated)
+    noise = calibrate_noise(levels, bit_depth=frames.bit_depth, stated=frames.stated)
     pattern = _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True)))
     noise = with_pattern(noise, pattern)
     flags = (*noise.flags, *frames.flags)

@@ -1,12 +1,8 @@
-"""The descriptor file of an EMVA 1288 data set: which image was taken at which exposure and light.
+"""Dark and flat frames for a noise calibration: out of a run, an EMVA 1288 data set, a folder of images or a table.
 
-Flags of a run by its records: exposures in a wrong unit, a camera that warms up.
-
-Dark and flat frames for a noise calibration, out of a run folder or an EMVA 1288 data set.
-
-Dark and flat frames out of a folder of images: kind and exposure from names and headers.
-
-A table of dark and flat frames: a CSV file that says what each image is.
+Each source lists its frames with kind, exposure and, where it is known, light and temperature. Frames that differ by
+noise only make a group (`FrameGroup`), which becomes a level of the calibration. Dark frames of several temperatures
+are no one set: those that are nearest to the flats are used, and a flag names the others.
 """
 
 import csv
@@ -21,7 +17,8 @@ from functools import partial
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from statistics import fmean, median
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,227 +38,34 @@ from rigctl.runs.check import used_run
 from rigctl.runs.folder import MANIFEST_FILE, Run
 from rigctl.runs.records import FrameRecord
 
-_S_PER_NS = 1e-9
-_COMMENT = "#"
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmvaGroup:
-    """Images of one exposure and one light."""
-
-    kind: Literal["dark", "flat"]  #: A ``d`` or a ``b`` line.
-    exposure_s: float  #: Exposure time [s].
-    photons: float | None  #: Mean photons a pixel, as stated; None for dark images.
-    files: tuple[Path, ...]  #: In the order of the descriptor.
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmvaDescriptor:
-    """An EMVA 1288 data set."""
-
-    bit_depth: int  #: Bits per sample.
-    width: int  #: Pixels.
-    height: int
-    groups: tuple[EmvaGroup, ...]  #: In the order of the descriptor.
-
-
-def read_emva_descriptor(path: Path) -> EmvaDescriptor:
-    """Return what an EMVA 1288 descriptor says, once all of it has been found right.
-
-    EMVA1288/emva1288 on GitHub, data set format.
-    """
-    try:
-        text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8", errors="replace")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    reader = _Reader(folder=path.parent)
-    for number, line in enumerate(text.splitlines(), start=1):
-        reader.read(number, line.strip())
-    return reader.finish(path)
-
-
-def _lies_within(file: Path, folder: Path) -> bool:
-    try:
-        return file.resolve().is_relative_to(folder)
-    except (OSError, RuntimeError, ValueError):  # links in a circle, a name that is too long or no name at all
-        return False
-
-
-@dataclass
-class _OpenGroup:
-    line: int
-    kind: Literal["dark", "flat"]
-    exposure_s: float
-    photons: float | None
-    files: list[Path] = field(default_factory=list)
-
-
-class _Reader:
-    """Takes the lines one by one and keeps every problem."""
-
-    def __init__(self, *, folder: Path) -> None:
-        self._folder, self._resolved_folder = folder, folder.resolve()
-        self._problems: list[str] = []
-        self._size: tuple[int, int, int] | None = None
-        self._groups: list[_OpenGroup] = []
-        self._first_use: dict[Path, int] = {}
-
-    def read(self, number: int, line: str) -> None:
-        if not line or line.startswith(_COMMENT):
-            return
-        tag, _, rest = line.partition(" ")
-        readers = {"v": self._version, "n": self._image_size, "b": self._bright, "d": self._dark, "i": self._image}
-        if tag not in readers:
-            self._problem(number, f"{line!r} begins with {tag!r}; allowed are {', '.join(readers)} and {_COMMENT}")
-            return
-        readers[tag](number, rest.strip())
-
-    def finish(self, path: Path) -> EmvaDescriptor:
-        if self._size is None and not any(": n " in problem for problem in self._problems):
-            self._problems.append("there is no line `n BITS WIDTH HEIGHT`")
-        self._problems += [f"line {group.line}: no image follows" for group in self._groups if not group.files]
-        self._problems += [
-            f"there is no {what}"
-            for what, kind in (("bright group (line `b NANOSECONDS PHOTONS`)", "flat"), ("dark group (`d`)", "dark"))
-            if not any(group.kind == kind for group in self._groups)
-        ]
-        if self._problems or self._size is None:
-            count = "1 problem" if len(self._problems) == 1 else f"{len(self._problems)} problems"
-            raise ConfigError("\n  ".join([f"{path}: {count}", *self._problems]))
-        bit_depth, width, height = self._size
-        groups = tuple(
-            EmvaGroup(kind=g.kind, exposure_s=g.exposure_s, photons=g.photons, files=tuple(g.files))
-            for g in self._groups
-        )
-        return EmvaDescriptor(bit_depth=bit_depth, width=width, height=height, groups=groups)
-
-    def _problem(self, number: int, text: str) -> None:
-        self._problems.append(f"line {number}: {text}")
-
-    def _numbers(self, number: int, text: str, *, names: tuple[str, ...]) -> list[float] | None:
-        try:
-            values = [float(word) for word in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != len(names) or not all(value >= 0.0 and range_problem(value) is None for value in values):
-            self._problem(number, f"{text!r} has to be {len(names)} numbers, none below 0: {', '.join(names)}")
-            return None
-        return values
-
-    def _version(self, number: int, text: str) -> None:
-        self._numbers(number, text, names=("version",))
-
-    def _image_size(self, number: int, text: str) -> None:
-        values = self._numbers(number, text, names=("n bits", "width", "height"))
-        if values is None:
-            return
-        if self._size is not None:
-            self._problem(number, "n stands a second time")
-        if not 1 <= values[0] <= 16 or min(values[1:]) < 1 or any(value % 1 for value in values):
-            self._problem(
-                number, f"n {text} is not 1 to 16 bits, and width and height of at least 1, all whole numbers"
-            )
-            return
-        self._size = (int(values[0]), int(values[1]), int(values[2]))
-
-    def _bright(self, number: int, text: str) -> None:
-        values = self._numbers(number, text, names=("exposure in nanoseconds", "photons per pixel"))
-        exposure_ns, photons = values or (0.0, 0.0)
-        self._groups.append(_OpenGroup(line=number, kind="flat", exposure_s=exposure_ns * _S_PER_NS, photons=photons))
-
-    def _dark(self, number: int, text: str) -> None:
-        values = self._numbers(number, text, names=("exposure in nanoseconds",))
-        exposure_s = values[0] * _S_PER_NS if values else 0.0
-        self._groups.append(_OpenGroup(line=number, kind="dark", exposure_s=exposure_s, photons=None))
-
-    def _image(self, number: int, text: str) -> None:
-        if not self._groups:
-            self._problem(number, f"image {text!r} stands before any b or d line")
-            return
-        file = self._folder / PurePosixPath(text.replace("\\", "/"))
-        if not _lies_within(file, self._resolved_folder):
-            self._problem(number, f"image {text!r} lies outside of the descriptor's folder; a data set has its own")
-            return
-        if file in self._first_use:
-            self._problem(number, f"image {text!r} is listed a second time (first in line {self._first_use[file]})")
-        elif not file.is_file():
-            self._problem(number, f"image {text!r}: there is no such file ({file})")
-        self._first_use.setdefault(file, number)
-        self._groups[-1].files.append(file)
-
-
-_NS_PER_S = 1e9
-# A camera may read one frame out while it exposes the next, but exposes only one.
-_LEAST_SPACING = 0.5
-_DRIFT_C = 3.0
-
-
-def record_flags(records: Sequence[FrameRecord]) -> tuple[Flag, ...]:
-    """Return what is odd in how frames were taken."""
-    found = (_too_close(records), _temperature_drift(records))
-    return tuple(flag for flag in found if flag is not None)
-
-
-def _too_close(records: Sequence[FrameRecord]) -> Flag | None:
-    for before, after in pairwise(records):
-        if before.start_monotonic_ns is None or after.start_monotonic_ns is None or not before.exposure_s:
-            continue
-        spacing_s = (after.start_monotonic_ns - before.start_monotonic_ns) / _NS_PER_S
-        if 0.0 < spacing_s < _LEAST_SPACING * before.exposure_s:
-            return Flag(
-                name="wrong_time_unit",
-                message=f"frame {before.sequence} was exposed for {before.exposure_s:g} s by its record, but the next "
-                f"one began {spacing_s:.3g} s later: exposures are stated in another unit than seconds (ms?), "
-                f"and dark current would be as much too small: correct the exposures",
-                refuses=True,
-            )
-    return None
-
-
-def _temperature_drift(records: Sequence[FrameRecord]) -> Flag | None:
-    temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
-    if not temperatures or max(temperatures) - min(temperatures) < _DRIFT_C:
-        return None
-    return Flag(
-        name="temperature_drift",
-        message=f"the camera was {min(temperatures):.1f} to {max(temperatures):.1f} C warm (at most {_DRIFT_C:g} C of "
-        f"drift is expected): dark current doubles every 6 to 8 C, and darks may not fit their flats: let it warm up",
-    )
-
-
 Shot = tuple[FrameRecord, ...]
 Loader = Callable[[], NDArray[np.uint16]]
+_Item = TypeVar("_Item")
+_Problems = list[tuple[int, str]]
+
+# Drift of temperature that is expected within a set; beyond a gap of as much, dark frames are of another temperature.
+_DRIFT_C = 3.0
+_PLAIN = ImageReading()
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameGroup:
     """Frames that differ by noise only."""
 
-    kind: LevelKind  #: Without light, or with even light.
-    exposure_s: float | None  #: Exposure time [s].
-    loaders: tuple[Loader, ...]  #: Each reads one frame, in the order in which they were taken.
-    photons: float | None = None  #: Mean photons a pixel, where somebody measured them.
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraSetting:
-    """A camera and its settings; None where one is not known."""
-
-    model: str | None
-    serial: str | None
-    gain_db: float | None
-    bit_depth: int
+    kind: LevelKind  #: without light, or with even light
+    exposure_s: float | None
+    loaders: tuple[Loader, ...]  #: each reads one frame, in the order in which they were taken
+    photons: float | None = None  #: mean photons a pixel, where somebody measured them
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSource:
     """Origin of frames."""
 
-    #: A run folder, an EMVA 1288 data set, a folder of images, or a table of them.
     kind: Literal["run", "emva", "folder", "table"]
-    path: str  #: Folder, descriptor or table.
-    sha256: str  #: Of the run's manifest, of the descriptor or table, or of the names of the images.
-    frames_sha256: str  #: Over the SHA-256 of every frame's file, in the order of use.
+    path: str  #: folder, descriptor or table
+    sha256: str  #: of the run's manifest, of the descriptor or table, or of the names of the images
+    frames_sha256: str  #: over the SHA-256 of every frame's file, in the order of use
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,19 +73,36 @@ class FrameSet:
     """All frames of a calibration, where their exposures are stated, and what was odd about how they were taken."""
 
     groups: tuple[FrameGroup, ...]
-    camera: CameraSetting
+    bit_depth: int
     made_for: MadeFor
     source: FrameSource
     flags: tuple[Flag, ...] = ()
     stated: StatedExposures = field(default_factory=StatedExposures)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ListedImage:
+    """An image file and what is known of it."""
+
+    path: Path
+    kind: LevelKind
+    exposure_s: float | None = None
+    photons: float | None = None  #: mean photons a pixel, where somebody measured them
+    level: str = ""  #: frames of one kind and exposure with another level are of another light
+    temperature_c: float | None = None  #: of the sensor, by the header
+
+
+# Runs
+
+
 def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
     """Return the dark and flat frames of a run, by kind, exposure and polarizer angle."""
     run = used_run(path, ignore_exclusions=ignore_exclusions)
     _refuse_interpolated(run)
+    shots = [shot for shot in _shots(run.frames) if shot[0].kind != "scene"]
+    shots, flags = _of_one_temperature(shots, lambda shot: (shot[0].kind, shot[0].camera_temperature_c))
     groups: dict[tuple[LevelKind, float | None, float | None], list[Shot]] = defaultdict(list)
-    for shot in _shots(run.frames):
+    for shot in shots:
         if shot[0].kind != "scene":
             groups[shot[0].kind, _alike(shot[0].exposure_s), _light(shot[0])].append(shot)
     records = [record for group in groups.values() for shot in group for record in shot]
@@ -292,7 +113,7 @@ def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
             FrameGroup(kind=kind, exposure_s=exposure_s, loaders=tuple(partial(_picture, run, shot) for shot in group))
             for (kind, exposure_s, _), group in groups.items()
         ),
-        camera=_common_setting(path, records),
+        bit_depth=_common_bit_depth(path, records),
         made_for=made_for(run, records),
         source=FrameSource(
             kind="run",
@@ -300,7 +121,7 @@ def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
             sha256=sha256_of(path / MANIFEST_FILE),
             frames_sha256=_digest(record.checksum.removeprefix("sha256:") for record in records),
         ),
-        flags=record_flags(sorted(records, key=lambda record: record.sequence)),
+        flags=(*flags, *record_flags(sorted(records, key=lambda record: record.sequence))),
         stated=StatedExposures(where="the record of the run", unit="s", has_option=False),
     )
 
@@ -342,8 +163,8 @@ def _alike(number: float | None) -> float | None:
     return None if number is None else float(f"{number:.6g}")
 
 
-def _common_setting(path: Path, records: Sequence[FrameRecord]) -> CameraSetting:
-    """Return the setting that all frames share; refuse them if they share none."""
+def _common_bit_depth(path: Path, records: Sequence[FrameRecord]) -> int:
+    """Return the bit depth of all frames; refuse them if they differ in a setting."""
     facts: dict[str, set[Any]] = {
         "camera_model": {record.camera_model for record in records},
         "camera_serial": {record.camera_serial for record in records},
@@ -357,59 +178,216 @@ def _common_setting(path: Path, records: Sequence[FrameRecord]) -> CameraSetting
             f"{path}: dark and flat frames differ in what has to be the same for a calibration; make one run a "
             f"setting\n  " + "\n  ".join(mixed)
         )
-    first = records[0]
-    return CameraSetting(
-        model=first.camera_model, serial=first.camera_serial, gain_db=first.gain_db, bit_depth=first.bit_depth
+    return records[0].bit_depth
+
+
+# A camera may read one frame out while it exposes the next, but exposes only one.
+_NS_PER_S, _LEAST_SPACING = 1e9, 0.5
+
+
+def record_flags(records: Sequence[FrameRecord]) -> tuple[Flag, ...]:
+    """Return what is odd in how frames were taken."""
+    found = (_too_close(records), _temperature_drift(records))
+    return tuple(flag for flag in found if flag is not None)
+
+
+def _too_close(records: Sequence[FrameRecord]) -> Flag | None:
+    for before, after in pairwise(records):
+        if before.start_monotonic_ns is None or after.start_monotonic_ns is None or not before.exposure_s:
+            continue
+        spacing_s = (after.start_monotonic_ns - before.start_monotonic_ns) / _NS_PER_S
+        if 0.0 < spacing_s < _LEAST_SPACING * before.exposure_s:
+            return Flag(
+                name="wrong_time_unit",
+                message=f"frame {before.sequence} was exposed for {before.exposure_s:g} s by its record, but the next "
+                f"one began {spacing_s:.3g} s later: exposures are stated in another unit than seconds (ms?), "
+                f"and dark current would be as much too small: correct the exposures",
+                refuses=True,
+            )
+    return None
+
+
+def _temperature_drift(records: Sequence[FrameRecord]) -> Flag | None:
+    temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
+    if not temperatures or max(temperatures) - min(temperatures) < _DRIFT_C:
+        return None
+    return Flag(
+        name="temperature_drift",
+        message=f"the camera was {min(temperatures):.1f} to {max(temperatures):.1f} C warm (at most {_DRIFT_C:g} C of "
+        f"drift is expected): dark current doubles every 6 to 8 C, and darks may not fit their flats: let it warm up",
     )
+
+
+def _of_one_temperature(
+    items: Sequence[_Item], facts: Callable[[_Item], tuple[str, float | None]]
+) -> tuple[list[_Item], tuple[Flag, ...]]:
+    """Return items without dark frames of another temperature than the flats, and a flag that names these.
+
+    `facts` says kind and temperature of an item. Without the temperature of flats the darks of which there are most
+    are used; where a dark does not say its temperature, all of them.
+    """
+    known = [facts(item) for item in items]
+    darks = sorted(one for kind, one in known if kind == "dark" and one is not None)
+    flats = [one for kind, one in known if kind == "flat" and one is not None]
+    gaps = [0, *(place for place in range(1, len(darks)) if darks[place] - darks[place - 1] > _DRIFT_C), len(darks)]
+    sets = [darks[start:end] for start, end in pairwise(gaps)]
+    if len(sets) < 2 or any(kind == "dark" and one is None for kind, one in known):
+        return list(items), ()
+    used = min(sets, key=lambda one: abs(fmean(one) - median(flats))) if flats else max(sets, key=len)
+    told = " and ".join(f"{fmean(one):.1f} C ({len(one)} frames)" for one in sets)
+    why = f"nearest to the flats ({median(flats):.1f} C)" if flats else "the most"
+    message = (
+        f"dark frames were taken at {told}: dark current doubles every 6 to 8 K, so that they are no one set; those "
+        f"at {fmean(used):.1f} C are used, {why}, the others are left out: give each temperature as a set of its own, "
+        f"and compare them by `rigctl calibrate doubling`"
+    )
+    kept = [
+        item
+        for item, (kind, one) in zip(items, known, strict=True)
+        if kind != "dark" or (one is not None and used[0] <= one <= used[-1])
+    ]
+    return kept, (Flag(name="dark_temperatures", message=message),)
+
+
+# EMVA 1288 data sets
 
 
 def emva_frames(
     path: Path, *, exposure_unit: ExposureUnit | None = None, most_bytes: int = MOST_FRAME_BYTES
 ) -> FrameSet:
     """Return the frames of an EMVA 1288 data set."""
-    descriptor = read_emva_descriptor(path)
-    factor = SECONDS_PER_UNIT[exposure_unit or "ns"] / SECONDS_PER_UNIT["ns"]
-    shape = (descriptor.height, descriptor.width)
-    return FrameSet(
-        groups=tuple(
-            FrameGroup(
-                kind=group.kind,
-                exposure_s=float(f"{group.exposure_s * factor:.9g}"),
-                loaders=tuple(partial(_read_emva_image, file, shape, most_bytes) for file in group.files),
-                photons=group.photons or None,
-            )
-            for group in descriptor.groups
-        ),
-        camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=descriptor.bit_depth),
-        made_for=MadeFor(bit_depth=descriptor.bit_depth),
-        source=FrameSource(
-            kind="emva",
-            path=str(path),
-            sha256=sha256_of(path),
-            frames_sha256=files_digest([file for group in descriptor.groups for file in group.files]),
-        ),
+    bit_depth, shape, images = read_emva_descriptor(path, unit_s=SECONDS_PER_UNIT[exposure_unit or "ns"])
+    return _frame_set(
+        images,
+        bit_depth=bit_depth,
+        reading=ImageReading(most_bytes=most_bytes),
+        shape=shape,
+        source=partial(FrameSource, kind="emva", path=str(path), sha256=sha256_of(path)),
         stated=StatedExposures(where="the descriptor", unit=exposure_unit or "ns"),
     )
 
 
-def _read_emva_image(file: Path, shape: tuple[int, int], most_bytes: int) -> NDArray[np.uint16]:
+def read_emva_descriptor(path: Path, *, unit_s: float = 1e-9) -> tuple[int, tuple[int, int], list[ListedImage]]:
+    """Return bit depth, rows and columns, and images of a descriptor, once all of it has been found right.
+
+    A line `n` has bits, width and height; `b EXPOSURE PHOTONS` and `d EXPOSURE` begin a level of bright and dark
+    images, `i FILE` adds an image. EMVA1288/emva1288 on GitHub, data set format.
+    """
     try:
-        counts = read_image(file, most_bytes=most_bytes).counts
-    except DataError as error:
-        raise DataError(f"{file}: {error}") from error
-    if counts.shape != shape:
-        raise DataError(f"{file}: has {counts.shape} rows and columns; the descriptor says {shape}")
-    return counts
+        text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8", errors="replace")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    lines = [(number, *line.strip().partition(" ")[::2]) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = [(number, tag, rest.strip()) for number, tag, rest in lines if tag and not tag.startswith("#")]
+    problems: _Problems = [
+        (number, f"{f'{tag} {rest}'.strip()!r} begins with {tag!r}; allowed are {', '.join(_TAGS)} and #")
+        for number, tag, rest in lines
+        if tag not in _TAGS
+    ]
+    numbers = {
+        number: _numbers(problems, number, rest, _TAGS[tag])
+        for number, tag, rest in lines
+        if tag in _TAGS and tag != "i"
+    }
+    size = _descriptor_size([(number, rest, numbers[number]) for number, tag, rest in lines if tag == "n"], problems)
+    images = _descriptor_images(
+        path.parent, [one for one in lines if one[1] in ("b", "d", "i")], numbers, problems, unit_s=unit_s
+    )
+    if problems:
+        count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
+        told = [
+            f"line {line}: {said}" if line else said for line, said in sorted(problems, key=lambda one: one[0] or 1e9)
+        ]
+        raise ConfigError("\n  ".join([f"{path}: {count}", *told]))
+    bits, width, height = map(int, size)
+    return bits, (height, width), images
 
 
-def files_digest(files: Sequence[Path]) -> str:
-    """Return the SHA-256 over the SHA-256 of each file."""
-    with ThreadPoolExecutor() as pool:
-        return _digest(pool.map(sha256_of, files))
+# Tags of the lines of a descriptor and the numbers that follow them; problems with their line, 0 for the whole file.
+_TAGS = {
+    "v": ("version",),
+    "n": ("n bits", "width", "height"),
+    "b": ("exposure in nanoseconds", "photons per pixel"),
+    "d": ("exposure in nanoseconds",),
+    "i": (),
+}
+_KIND_OF_TAG: dict[str, LevelKind] = {"b": "flat", "d": "dark"}
 
 
-def _digest(sha256s: Iterable[str]) -> str:
-    return hashlib.sha256("".join(sha256s).encode("ascii")).hexdigest()
+def _numbers(problems: _Problems, line: int, text: str, names: tuple[str, ...]) -> list[float] | None:
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) == len(names) and all(value >= 0.0 and range_problem(value) is None for value in values):
+        return values
+    problems.append((line, f"{text!r} has to be {len(names)} numbers, none below 0: {', '.join(names)}"))
+    return None
+
+
+def _descriptor_size(stated: Sequence[tuple[int, str, list[float] | None]], problems: _Problems) -> list[float]:
+    """Return bits, width and height."""
+    if not stated:
+        problems.append((0, "there is no line `n BITS WIDTH HEIGHT`"))
+    problems += [(line, "n stands a second time") for line, _, _ in stated[1:]]
+    for line, text, values in stated:
+        if values and (not 1 <= values[0] <= 16 or min(values[1:]) < 1 or any(value % 1 for value in values)):
+            said = f"n {text} is not 1 to 16 bits, and width and height of at least 1, all whole numbers"
+            problems.append((line, said))
+    return next((values for _, _, values in stated if values), [0.0, 0.0, 0.0])
+
+
+def _descriptor_images(
+    folder: Path,
+    lines: Sequence[tuple[int, str, str]],
+    numbers: Mapping[int, list[float] | None],
+    problems: _Problems,
+    *,
+    unit_s: float,
+) -> list[ListedImage]:
+    images: list[ListedImage] = []
+    first_use: dict[Path, int] = {}
+    levels: list[ListedImage] = []  # images of levels whose file is not yet known
+    for number, tag, text in lines:
+        if tag != "i":
+            exposure, photons = [*(numbers[number] or [0.0]), 0.0][:2]
+            exposure_s, kind = float(f"{exposure * unit_s:.9g}"), _KIND_OF_TAG[tag]
+            levels.append(
+                ListedImage(path=folder, kind=kind, exposure_s=exposure_s, photons=photons or None, level=str(number))
+            )
+        elif not levels:
+            problems.append((number, f"image {text!r} stands before any b or d line"))
+        else:
+            file = folder / PurePosixPath(text.replace("\\", "/"))
+            said = _image_problem(file, folder.resolve(), first_use.get(file))
+            if said is not None:
+                problems.append((number, f"image {text!r}{said}"))
+            first_use.setdefault(file, number)
+            images.append(replace(levels[-1], path=file))
+    used = {image.level for image in images}
+    problems += [(int(level.level), "no image follows") for level in levels if level.level not in used]
+    for kind, what in (("flat", "bright group (line `b NANOSECONDS PHOTONS`)"), ("dark", "dark group (`d`)")):
+        if all(level.kind != kind for level in levels):
+            problems.append((0, f"there is no {what}"))
+    return images
+
+
+def _image_problem(file: Path, folder: Path, first_use: int | None) -> str | None:
+    if not _lies_within(file, folder):
+        return " lies outside of the descriptor's folder; a data set has its own"
+    if first_use is not None:
+        return f" is listed a second time (first in line {first_use})"
+    return None if file.is_file() else f": there is no such file ({file})"
+
+
+def _lies_within(file: Path, folder: Path) -> bool:
+    try:
+        return file.resolve().is_relative_to(folder)
+    except (OSError, RuntimeError, ValueError):  # links in a circle, a name that is too long or no name at all
+        return False
+
+
+# Folders of images
 
 
 _FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
@@ -434,21 +412,15 @@ _EXPOSURE = re.compile(
     rf"(?:{_BEFORE}|(?<![A-Za-z0-9.])){_NUMBER}\s?({'|'.join(map(re.escape, _SECONDS))})(?![A-Za-z0-9])", re.IGNORECASE
 )
 _BARE_EXPOSURE = re.compile(rf"{_BEFORE}\s?{_NUMBER}(?![A-Za-z0-9])", re.IGNORECASE)
-_PLAIN = ImageReading()
 _LISTED_PROBLEMS = 5
 _EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
 _KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ListedImage:
-    """An image and what is known of it."""
-
-    path: Path  #: File.
-    kind: LevelKind  #: Without light, or with even light.
-    exposure_s: float | None  #: Exposure time [s].
-    photons: float | None  #: Mean photons a pixel, where somebody measured them.
-    level: str  #: Frames of one kind and exposure with another level are of another light.
+# Measured temperatures of the sensor, then of the camera, then the one that was set.
+_TEMPERATURE_KEYS = (
+    "CCD-TEMP", "CCD_TEMP", "CCDTEMP", "CCDTMP", "DET-TEMP", "DET_TEMP", "DETTEMP", "SENSTEMP", "CAM-TEMP", "CAMTEMP",
+    "TEMPERAT", "SET-TEMP", "CCDSETT",
+)  # fmt: skip
+_KELVIN, _WARMEST_C = 273.15, 120.0
 
 
 def folder_frames(
@@ -472,46 +444,14 @@ def folder_frames(
     if problems:
         raise ConfigError("\n  ".join([f"{folder}:", *_shortened(problems)]))
     digest = hashlib.sha256("\n".join(str(image.path.relative_to(folder)) for image in images).encode()).hexdigest()
-    source = partial(FrameSource, kind="folder", path=str(folder), sha256=digest)
-    # Names may have a unit beside each number, headers have seconds.
-    stated = StatedExposures(where="the names or headers of the images")
-    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source, stated=stated)
-
-
-def frame_set(
-    images: Sequence[ListedImage],
-    *,
-    bit_depth: int,
-    reading: ImageReading,
-    source: Callable[..., FrameSource],
-    stated: StatedExposures,
-) -> FrameSet:
-    """Return a set of frames from images of which all is known."""
-    groups: dict[tuple[LevelKind, float | None, str], list[ListedImage]] = defaultdict(list)
-    for image in images:
-        groups[image.kind, image.exposure_s, image.level].append(image)
-    return FrameSet(
-        groups=tuple(
-            FrameGroup(
-                kind=kind,
-                exposure_s=exposure_s,
-                loaders=tuple(partial(_counts, image.path, reading) for image in group),
-                photons=group[0].photons,
-            )
-            for (kind, exposure_s, _), group in groups.items()
-        ),
-        camera=CameraSetting(model=None, serial=None, gain_db=None, bit_depth=bit_depth),
-        made_for=MadeFor(bit_depth=bit_depth),
-        source=source(frames_sha256=files_digest([image.path for group in groups.values() for image in group])),
-        stated=stated,
+    return _frame_set(
+        images,
+        bit_depth=bit_depth,
+        reading=reading,
+        source=partial(FrameSource, kind="folder", path=str(folder), sha256=digest),
+        # Names may have a unit beside each number, headers have seconds.
+        stated=StatedExposures(where="the names or headers of the images"),
     )
-
-
-def _counts(path: Path, reading: ImageReading) -> NDArray[np.uint16]:
-    try:
-        return read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).counts
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
 
 
 def _refuse_lossy(paths: Sequence[Path]) -> None:
@@ -534,14 +474,35 @@ def _shortened(problems: Sequence[str]) -> list[str]:
 def _listed(path: Path, inside: Path, reading: ImageReading, unit: ExposureUnit | None) -> ListedImage:
     name = inside.as_posix()
     kind, exposure_s = _kind_of_name(name), _exposure_of_name(name, unit)
-    if (kind is None or exposure_s is None) and path.suffix.lower() in _FITS_SUFFIXES | RAW_SUFFIXES:
-        header = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).header
-        kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header, unit)
+    header = _header(path, reading, is_wanted=kind is None or exposure_s is None)
+    kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header, unit)
     if kind is None:
         words = ", ".join(sorted(word for words in _KIND_WORDS.values() for word in words))
         raise ConfigError(f"{name}: is it dark or flat? One word of its path has to say so: {words}; or give --table")
     level = "" if kind == "dark" else inside.parent.as_posix()
-    return ListedImage(path=path, kind=kind, exposure_s=exposure_s, photons=None, level=level)
+    return ListedImage(
+        path=path, kind=kind, exposure_s=exposure_s, level=level, temperature_c=_temperature_of_header(header)
+    )
+
+
+def _header(path: Path, reading: ImageReading, *, is_wanted: bool = False) -> Mapping[str, HeaderValue]:
+    """Return the header of a FITS file; of a RAW file, which has no temperature and takes long to read, if wanted."""
+    suffix = path.suffix.lower()
+    if suffix not in _FITS_SUFFIXES and not (is_wanted and suffix in RAW_SUFFIXES):
+        return {}
+    return read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).header
+
+
+def _temperature_of_header(header: Mapping[str, HeaderValue]) -> float | None:
+    """Return the temperature of the sensor [deg C]; some headers have it in kelvins."""
+    for key in _TEMPERATURE_KEYS:
+        try:
+            value = float(header[key])
+        except (KeyError, ValueError):
+            continue
+        if isfinite(value):
+            return value if value <= _WARMEST_C else value - _KELVIN
+    return None
 
 
 def _kind_of_name(name: str) -> LevelKind | None:
@@ -573,6 +534,9 @@ def _exposure_of_header(header: Mapping[str, HeaderValue], unit: ExposureUnit | 
     return None
 
 
+# Tables of images
+
+
 _S_PER_MS = 1e-3
 _NEEDED = ("file", "kind")
 _ALLOWED = (*_NEEDED, "exposure_ms", "photons", "level")
@@ -591,39 +555,39 @@ def table_frames(
     columns = list(rows[0]) if rows else []
     problems = [f"column {name!r} is missing" for name in _NEEDED if name not in columns]
     problems += [f"column {name!r} is none of {', '.join(_ALLOWED)}" for name in columns if name not in _ALLOWED]
+    unit_s = _S_PER_MS if exposure_unit is None else SECONDS_PER_UNIT[exposure_unit]
     images = []
-    if not problems:
-        for line, row in enumerate(rows, start=2):
-            try:
-                images.append(_image(path.parent, row))
-            except ConfigError as error:
-                problems.append(f"line {line}: {error}")
+    for line, row in enumerate([] if problems else rows, start=2):
+        try:
+            images.append(_image(path.parent, row, reading, unit_s))
+        except ConfigError as error:
+            problems.append(f"line {line}: {error}")
     if problems:
         raise ConfigError("\n  ".join([f"{path}:", *problems]))
-    source = partial(FrameSource, kind="table", path=str(path), sha256=sha256_of(path))
-    if exposure_unit is not None:
-        factor = SECONDS_PER_UNIT[exposure_unit] / _S_PER_MS
-        images = [
-            replace(one, exposure_s=None if one.exposure_s is None else one.exposure_s * factor) for one in images
-        ]
-    stated = StatedExposures(where="the column exposure_ms", unit=exposure_unit or "ms")
-    return frame_set(images, bit_depth=bit_depth, reading=reading, source=source, stated=stated)
+    return _frame_set(
+        images,
+        bit_depth=bit_depth,
+        reading=reading,
+        source=partial(FrameSource, kind="table", path=str(path), sha256=sha256_of(path)),
+        stated=StatedExposures(where="the column exposure_ms", unit=exposure_unit or "ms"),
+    )
 
 
-def _image(folder: Path, row: dict[str, str | None]) -> ListedImage:
+def _image(folder: Path, row: dict[str, str | None], reading: ImageReading, unit_s: float) -> ListedImage:
     kind = _KINDS.get((row["kind"] or "").strip().lower())
     if kind is None:
         raise ConfigError(f"kind is {row['kind']!r}; allowed are {', '.join(_KINDS)}")
     file = folder / (row["file"] or "").strip()
     if not file.is_file():
         raise ConfigError(f"there is no file {file}")
-    exposure_ms = _number(row, "exposure_ms")
+    exposure = _number(row, "exposure_ms")
     return ListedImage(
         path=file,
         kind=kind,
-        exposure_s=None if exposure_ms is None else exposure_ms * _S_PER_MS,
+        exposure_s=None if exposure is None else exposure * unit_s,
         photons=_number(row, "photons") if kind == "flat" else None,
         level=(row.get("level") or "").strip(),
+        temperature_c=_temperature_of_header(_header(file, reading)),
     )
 
 
@@ -638,3 +602,59 @@ def _number(row: dict[str, str | None], name: str) -> float | None:
     if not isfinite(value) or value < 0.0:
         raise ConfigError(f"{name} is {text!r}; it has to be a number, not below 0, or empty where it is not known")
     return value
+
+
+# Images of any source
+
+
+def _frame_set(
+    images: Sequence[ListedImage],
+    *,
+    bit_depth: int,
+    reading: ImageReading,
+    shape: tuple[int, int] | None = None,
+    source: Callable[..., FrameSource],
+    stated: StatedExposures,
+) -> FrameSet:
+    """Return a set of frames from images of which all is known."""
+    used, flags = _of_one_temperature(images, lambda image: (image.kind, image.temperature_c))
+    groups: dict[tuple[LevelKind, float | None, str], list[ListedImage]] = defaultdict(list)
+    for image in used:
+        groups[image.kind, image.exposure_s, image.level].append(image)
+    temperatures = [image.temperature_c for image in used if image.temperature_c is not None]
+    return FrameSet(
+        groups=tuple(
+            FrameGroup(
+                kind=kind,
+                exposure_s=exposure_s,
+                loaders=tuple(partial(_counts, image.path, reading, shape) for image in group),
+                photons=group[0].photons,
+            )
+            for (kind, exposure_s, _), group in groups.items()
+        ),
+        bit_depth=bit_depth,
+        made_for=MadeFor(bit_depth=bit_depth, temperature_c=fmean(temperatures) if temperatures else None),
+        source=source(frames_sha256=_files_digest([image.path for group in groups.values() for image in group])),
+        flags=flags,
+        stated=stated,
+    )
+
+
+def _counts(path: Path, reading: ImageReading, shape: tuple[int, int] | None) -> NDArray[np.uint16]:
+    try:
+        counts = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).counts
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+    if shape is not None and counts.shape != shape:
+        raise DataError(f"{path}: has {counts.shape} rows and columns; the descriptor says {shape}")
+    return counts
+
+
+def _files_digest(files: Sequence[Path]) -> str:
+    with ThreadPoolExecutor() as pool:
+        return _digest(pool.map(sha256_of, files))
+
+
+def _digest(sha256s: Iterable[str]) -> str:
+    """Return the SHA-256 over the SHA-256 of each file."""
+    return hashlib.sha256("".join(sha256s).encode("ascii")).hexdigest()

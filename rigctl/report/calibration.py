@@ -1075,7 +1075,7 @@ def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
     return [
         *((name.replace("_", " "), _known(getattr(made_for, name))) for name in _MADE_FOR),
         ("temperature", "not known" if made_for.temperature_c is None else f"{made_for.temperature_c:.1f} °C"),
-        ("picture", f"{columns} x {rows} pixels, {calibration.frames.camera.bit_depth} bits"),
+        ("picture", f"{columns} x {rows} pixels, {calibration.frames.bit_depth} bits"),
         ("levels", f"{len(noise.flats)} with light, {len(noise.darks)} dark, {sum(frames)} frames"),
         ("exposures", f"{_ms(min(exposures))} to {_ms(max(exposures))}" if exposures else "not known"),
         ("light varied by", "exposure time" if len(set(exposures)) > len(noise.darks) // 2 > 0 else "lamp"),

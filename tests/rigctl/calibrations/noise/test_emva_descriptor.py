@@ -35,32 +35,18 @@ def problems(folder: Path, text: str) -> str:
     return str(caught.value)
 
 
-def test_image_size_and_bits(tmp_path: Path) -> None:
-    descriptor = read_emva_descriptor(write(tmp_path, GOOD))
-    assert (descriptor.bit_depth, descriptor.width, descriptor.height) == (12, 640, 480)
-
-
-def test_exposures_are_nanoseconds(tmp_path: Path) -> None:
-    bright, dark = read_emva_descriptor(write(tmp_path, GOOD)).groups
-    # One product with 1e-9: half a unit in the last place.
-    assert bright.exposure_s == pytest.approx(40e-6, rel=1e-15)
-    assert dark.exposure_s == bright.exposure_s
-
-
-def test_kinds_and_photons(tmp_path: Path) -> None:
-    bright, dark = read_emva_descriptor(write(tmp_path, GOOD)).groups
-    assert (bright.kind, bright.photons) == ("flat", 120.0)
-    assert (dark.kind, dark.photons) == ("dark", None)
-
-
-def test_backslashes_slashes_and_spaces_in_file_names(tmp_path: Path) -> None:
-    bright, dark = read_emva_descriptor(write(tmp_path, GOOD)).groups
-    assert bright.files == (tmp_path / "images/b_1.png", tmp_path / "images/b_2.png")
-    assert dark.files == (tmp_path / "d_1.png", tmp_path / "d 2.png")
+def test_a_descriptor_lists_its_images_by_level(tmp_path: Path) -> None:
+    bits, shape, images = read_emva_descriptor(write(tmp_path, GOOD))
+    assert (bits, shape) == (12, (480, 640))
+    # Backslashes, slashes and blanks in the names of files; exposures in nanoseconds.
+    names = [one.path.relative_to(tmp_path).as_posix() for one in images]
+    assert names == ["images/b_1.png", "images/b_2.png", "d_1.png", "d 2.png"]
+    assert [(one.kind, one.photons, one.level) for one in images[1:3]] == [("flat", 120.0, "5"), ("dark", None, "8")]
+    assert {one.exposure_s for one in images} == {40e-6}
 
 
 def test_lines_may_end_as_in_windows(tmp_path: Path) -> None:
-    assert len(read_emva_descriptor(write(tmp_path, GOOD.replace("\n", "\r\n"))).groups) == 2
+    assert len(read_emva_descriptor(write(tmp_path, GOOD.replace("\n", "\r\n")))[2]) == 4
 
 
 @pytest.mark.parametrize(

@@ -18,14 +18,14 @@ from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.noise import QUANTITIES, read_noise_file
 from rigctl.calibrations.noise_calibration import noise_content
-from rigctl.calibrations.noise_frames import CameraSetting, FrameSet, FrameSource
+from rigctl.calibrations.noise_frames import FrameSet, FrameSource
 from rigctl.calibrations.record import write_content
 from rigctl.errors import ConfigError, DataError
 from tests.rigctl.noise_sessions import frames
 
 FRAMES = FrameSet(
     groups=(),
-    camera=CameraSetting(model="synthetic", serial="42", gain_db=0.0, bit_depth=12),
+    bit_depth=12,
     made_for=MadeFor(camera_model="synthetic", camera_serial="42", gain_db=0.0, bit_depth=12),
     source=FrameSource(kind="run", path="runs/noise", sha256="0" * 64, frames_sha256="1" * 64),
 )

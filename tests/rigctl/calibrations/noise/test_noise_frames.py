@@ -32,8 +32,8 @@ def test_frames_of_a_group_come_in_the_order_in_which_they_were_taken(tmp_path: 
 
 
 def test_the_camera_of_a_run_is_kept(tmp_path: Path) -> None:
-    camera = run_frames(write_noise_run(tmp_path / "run")).camera
-    assert (camera.model, camera.serial, camera.gain_db, camera.bit_depth) == ("synthetic", "42", 0.0, 12)
+    found = run_frames(write_noise_run(tmp_path / "run"))
+    assert (found.made_for.camera_serial, found.made_for.gain_db, found.bit_depth) == ("42", 0.0, 12)
 
 
 def test_exposures_that_differ_in_the_last_digits_are_one(tmp_path: Path) -> None:
