@@ -15,6 +15,7 @@ the K10CR1 as its maker's program sets them.
 import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -32,27 +33,10 @@ from drivers.stages.serial_stage import (
     two_agree,
 )
 
+BAUD = 115200
 PRM1_STAGE_ID = 6
+_CHANNEL = 1  # the only one
 _T_S = 2048.0 / 6e6  # sampling interval of a K-Cube DC servo
-
-
-@dataclass(frozen=True, kw_only=True)
-class VelocityParameters:
-    """Speed and acceleration of moves, in the controller's units."""
-
-    lowest: int
-    acceleration: int
-    highest: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class HomeParameters:
-    """Search of the reference mark, in the controller's units; direction 2 and switch 1 are "reverse"."""
-
-    direction: int
-    switch: int
-    velocity: int
-    offset_counts: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +47,19 @@ class AptModel:
     is_stepper: bool  #: Whether it speaks the messages of stepper motors, else those of DC servo motors.
     counts_per_deg: float  #: Counts of a degree.
     speed_deg_per_s: float  #: What moves and homing are set to.
-    velocity: VelocityParameters  #: Set at every start, since some controllers forget theirs at power-off.
-    home: HomeParameters  #: Likewise.
+    #: Data of the messages that set speed and homing at every start, since some controllers forget theirs at power-off.
+    velocity: bytes
+    home: bytes
+
+
+def velocity_parameters(*, acceleration: int, highest: int) -> bytes:
+    """Return the data that set what moves run at, in the controller's units."""
+    return struct.pack("<Hiii", _CHANNEL, 0, acceleration, highest)
+
+
+def home_parameters(*, velocity: int, offset_counts: int) -> bytes:
+    """Return the data that set the search of the reference mark; direction 2 and switch 1 are "reverse"."""
+    return struct.pack("<HHHii", _CHANNEL, 2, 1, velocity, offset_counts)
 
 
 def _k10cr(name: str) -> AptModel:
@@ -73,8 +68,8 @@ def _k10cr(name: str) -> AptModel:
         is_stepper=True,
         counts_per_deg=409600.0 / 3.0,
         speed_deg_per_s=10.0,
-        velocity=VelocityParameters(lowest=0, acceleration=15020, highest=73300775),
-        home=HomeParameters(direction=2, switch=1, velocity=73300775, offset_counts=546133),
+        velocity=velocity_parameters(acceleration=15020, highest=73300775),
+        home=home_parameters(velocity=73300775, offset_counts=546133),
     )
 
 
@@ -87,8 +82,8 @@ def _prm1(controller: str) -> AptModel:
         is_stepper=False,
         counts_per_deg=counts_per_deg,
         speed_deg_per_s=speed_deg_per_s,
-        velocity=VelocityParameters(lowest=0, acceleration=acceleration, highest=velocity),
-        home=HomeParameters(direction=2, switch=1, velocity=velocity, offset_counts=0),
+        velocity=velocity_parameters(acceleration=acceleration, highest=velocity),
+        home=home_parameters(velocity=velocity, offset_counts=0),
     )
 
 
@@ -109,10 +104,7 @@ def find_model(controller: str, *, stage_id: int, actuator: str | None) -> AptMo
     )
 
 
-BAUD = 115200
-
 _HOST, _UNIT, _LONG = 0x01, 0x50, 0x80
-_CHANNEL = 1
 _HEADER = struct.Struct("<HBBBB")
 _LONGEST_UNREAD = 1024  # bytes; the longest message has 90
 
@@ -144,6 +136,11 @@ class Information:
     firmware: str
     stage_id: int
 
+    @property
+    def identity(self) -> DeviceIdentity:
+        """What goes into every frame."""
+        return DeviceIdentity(model=self.model, serial_number=str(self.serial_number), firmware=self.firmware)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Status:
@@ -168,36 +165,6 @@ class Status:
         return self.bits & _FAULT_BITS
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChannelState:
-    """State of the motor: switched on or not."""
-
-    enabled: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Homed:
-    """Unasked: the reference mark was found. Some stages never say so."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stopped:
-    """Unasked: a motion has ended. Its position may be that of the motion's start, or -1: it is not used."""
-
-    completed: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trouble:
-    """Unasked: a fault of the controller; `text` may be empty."""
-
-    code: int
-    text: str
-
-
-Event = Information | Status | ChannelState | VelocityParameters | HomeParameters | Homed | Stopped | Trouble
-
-
 def fault_in_words(bits: int) -> str:
     """Return what fault bits mean."""
     return ", ".join(meaning for bit, meaning in FAULT_MEANINGS.items() if bits & bit) or "not in the manual"
@@ -207,8 +174,7 @@ def _short(number: int, first: int = 0, second: int = 0) -> bytes:
     return _HEADER.pack(number, first, second, _UNIT, _HOST)
 
 
-def _long(number: int, layout: str, *values: int) -> bytes:
-    data = struct.pack(layout, _CHANNEL, *values)
+def _long(number: int, data: bytes) -> bytes:
     return struct.pack("<HHBB", number, len(data), _UNIT | _LONG, _HOST) + data
 
 
@@ -233,7 +199,7 @@ def enable() -> bytes:
 
 
 def channel_state() -> bytes:
-    """Return the message that is answered by `ChannelState`."""
+    """Return the question whether the motor is switched on; see `is_enabled`."""
     return _short(0x0211, _CHANNEL)
 
 
@@ -256,27 +222,26 @@ def move_absolute(counts: int) -> bytes:
     """Return the message that moves to a position."""
     if not -(1 << 31) <= counts < 1 << 31:
         raise LimitError(f"position {counts} counts: a position has 32 bits with sign")
-    return _long(0x0453, "<Hi", counts)
+    return _long(0x0453, struct.pack("<Hi", _CHANNEL, counts))
 
 
-def set_velocity(parameters: VelocityParameters) -> bytes:
+def set_velocity(parameters: bytes) -> bytes:
     """Return the message that sets what moves run at."""
-    return _long(0x0413, "<Hiii", parameters.lowest, parameters.acceleration, parameters.highest)
+    return _long(0x0413, parameters)
 
 
 def ask_velocity() -> bytes:
-    """Return the message that is answered by `VelocityParameters`."""
+    """Return the message that is answered by what moves run at."""
     return _short(0x0414, _CHANNEL)
 
 
-def set_home(parameters: HomeParameters) -> bytes:
+def set_home(parameters: bytes) -> bytes:
     """Return the message that sets how the reference mark is searched."""
-    p = parameters
-    return _long(0x0440, "<HHHii", p.direction, p.switch, p.velocity, p.offset_counts)
+    return _long(0x0440, parameters)
 
 
-def home_parameters() -> bytes:
-    """Return the message that is answered by `HomeParameters`."""
+def ask_home() -> bytes:
+    """Return the message that is answered by how the reference mark is searched."""
     return _short(0x0441, _CHANNEL)
 
 
@@ -297,18 +262,18 @@ class MessageParser:
             start, self._unread = self._unread[:16], b""
             raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that nobody reads, beginning {start.hex(' ')}")
 
-    def next_event(self) -> Event | None:
+    def next_event(self) -> bytes | None:
         """Return the next message that has come in whole, or None when more bytes are needed."""
         self._pass_over_rubbish()
         if len(self._unread) < _HEADER.size:
             return None
-        number, _, _, _, _ = _HEADER.unpack_from(self._unread)
-        length, decode = _MESSAGES[number]
-        end = _HEADER.size + length
+        end = _HEADER.size + _DATA_BYTES[number_of(self._unread)]
         if len(self._unread) < end:
             return None
         message, self._unread = self._unread[:end], self._unread[end:]
-        return decode(message)
+        if len(message) == _HEADER.size + _CHANNEL_FIRST and data_of(message)[:2] != _CHANNEL.to_bytes(2, "little"):
+            raise ProtocolError(f"{message.hex(' ')} is not of channel {_CHANNEL}, the only one")
+        return message
 
     @property
     def unread(self) -> int:
@@ -340,11 +305,22 @@ def _headers(start: bytes) -> list[bytes]:
         struct.pack("<HHBB", number, length, _HOST | _LONG, _UNIT)
         if length
         else struct.pack("<H2sBB", number, parameters, _HOST, _UNIT)
-        for number, (length, _) in _MESSAGES.items()
+        for number, length in _DATA_BYTES.items()
     ]
 
 
-def _information(message: bytes) -> Information:
+def number_of(message: bytes) -> int:
+    """Return the number of a message; that of an answer is the one after its question's."""
+    return int.from_bytes(message[:2], "little")
+
+
+def data_of(message: bytes) -> bytes:
+    """Return the data of a message."""
+    return message[_HEADER.size :]
+
+
+def information_of(message: bytes) -> Information:
+    """Return what a controller says of itself."""
     serial_number, model, minor, interim, major = struct.unpack_from("<I8s2x3B", message, _HEADER.size)
     (stage_id,) = struct.unpack_from("<H", message, _HEADER.size + 76)
     name = model.partition(b"\x00")[0]
@@ -358,52 +334,33 @@ def _information(message: bytes) -> Information:
     )
 
 
-def _unpack(layout: str, message: bytes) -> tuple[int, ...]:
-    """Return the data of a message behind the channel, which must be the only one that there is."""
-    channel, *values = struct.unpack_from(layout, message, _HEADER.size)
-    if channel != _CHANNEL:
-        raise ProtocolError(f"{message.hex(' ')} is of channel {channel}; there is only {_CHANNEL}")
-    return tuple(values)
-
-
-def _stepper_status(message: bytes) -> Status:
-    counts, _, bits = _unpack("<HiiI", message)
+def status_of(message: bytes) -> Status:
+    """Return position and status bits, which stand at the same places for steppers and servos."""
+    _, counts, _, bits = struct.unpack("<HiiI", data_of(message))
     return Status(counts=counts, bits=bits)
 
 
-def _servo_status(message: bytes) -> Status:
-    counts, _, _, bits = _unpack("<HiHHI", message)
-    return Status(counts=counts, bits=bits)
+def is_enabled(message: bytes) -> bool:
+    """Return whether the motor is switched on."""
+    return message[3] == 1
 
 
-def _velocity(message: bytes) -> VelocityParameters:
-    lowest, acceleration, highest = _unpack("<Hiii", message)
-    return VelocityParameters(lowest=lowest, acceleration=acceleration, highest=highest)
-
-
-def _home(message: bytes) -> HomeParameters:
-    direction, switch, velocity_, offset_counts = _unpack("<HHHii", message)
-    return HomeParameters(direction=direction, switch=switch, velocity=velocity_, offset_counts=offset_counts)
-
-
-def _rich_response(message: bytes) -> Trouble:
-    _, code, text = struct.unpack_from("<HH64s", message, _HEADER.size)
-    return Trouble(code=code, text=text.partition(b"\x00")[0].decode("latin-1"))
-
-
-# Number -> (length of its data, how it is read).
-_MESSAGES: dict[int, tuple[int, Callable[[bytes], Event]]] = {
-    0x0006: (84, _information),
-    0x0080: (0, lambda message: Trouble(code=message[2], text="")),
-    0x0081: (68, _rich_response),
-    0x0212: (0, lambda message: ChannelState(enabled=message[3] == 1)),
-    0x0415: (14, _velocity),
-    0x0442: (14, _home),
-    0x0444: (0, lambda _: Homed()),
-    0x0464: (14, lambda _: Stopped(completed=True)),
-    0x0466: (14, lambda _: Stopped(completed=False)),
-    0x0481: (14, _stepper_status),
-    0x0491: (14, _servo_status),
+_CHANNEL_FIRST = 14  # bytes of data, which begin with the channel
+_FAULT, _FAULT_WITH_TEXT = 0x0080, 0x0081
+# Number of a message from the unit -> length of its data.
+_DATA_BYTES = {
+    0x0006: 84,  # what it is
+    _FAULT: 0,
+    _FAULT_WITH_TEXT: 68,
+    0x0212: 0,  # whether the motor is on
+    0x0415: _CHANNEL_FIRST,  # velocity parameters
+    0x0442: _CHANNEL_FIRST,  # home parameters
+    0x0444: 0,  # homed; some stages never say so
+    # The end of a motion, unasked. The position in it may be that of the motion's start, or -1: it is not used.
+    0x0464: _CHANNEL_FIRST,
+    0x0466: _CHANNEL_FIRST,
+    0x0481: _CHANNEL_FIRST,  # status of a stepper, of a servo
+    0x0491: _CHANNEL_FIRST,
 }
 
 
@@ -414,14 +371,7 @@ _TAIL_S = 0.002  # twenty bytes' worth
 _QUIET_S = 0.05
 _QUIET_LIMIT_S = 1.0
 
-AnswerT = TypeVar(
-    "AnswerT",
-    Information,
-    Status,
-    ChannelState,
-    VelocityParameters,
-    HomeParameters,
-)
+AnswerT = TypeVar("AnswerT")
 
 
 class AptLink(Line):
@@ -436,24 +386,24 @@ class AptLink(Line):
         """Send a message that nothing answers."""
         self._port.write(message)
 
-    def ask(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
+    def ask(self, question: bytes, read: Callable[[bytes], AnswerT]) -> AnswerT:
         """Return the answer to a question, asking up to six times."""
-        return self.repeated(lambda: self._exchange(question, answer), tries=_TRIES_ON_THE_LINE)
+        return self.repeated(lambda: self._exchange(question, read), tries=_TRIES_ON_THE_LINE)
 
-    def ask_until_two_agree(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
+    def ask_until_two_agree(self, question: bytes, read: Callable[[bytes], AnswerT]) -> AnswerT:
         """Return the answer to a question about something that does not change, once two in a row are the same."""
         return two_agree(
-            lambda: self.ask(question, answer),
+            lambda: self.ask(question, read),
             name=self.name,
             tries=_TRIES_ON_THE_LINE,
             differ=lambda before, latest: f"it answers {question.hex(' ')} otherwise each time: {before}, {latest}",
         )
 
-    def _exchange(self, question: bytes, answer: type[AnswerT]) -> AnswerT:
+    def _exchange(self, question: bytes, read: Callable[[bytes], AnswerT]) -> AnswerT:
         self.drain(quiet_s=0.0 if self._in_step else _QUIET_S, limit_s=_QUIET_LIMIT_S)
         self._in_step = False
         self._port.write(question)
-        event = self._await(question, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+        event = self._await(question, read, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
         self._require_sound_tail(question)
         self._in_step = True
         return event
@@ -469,41 +419,42 @@ class AptLink(Line):
         if self._parser.unread:
             raise ProtocolError(f"{self.name}: {self._parser.unread} bytes too many behind {question.hex(' ')}")
 
-    def _await(self, question: bytes, answer: type[AnswerT], *, deadline_s: float) -> AnswerT:
+    def _await(self, question: bytes, read: Callable[[bytes], AnswerT], *, deadline_s: float) -> AnswerT:
         damaged: ProtocolError | None = None
         while True:
             try:
-                event = self._parser.next_event()
+                message = self._parser.next_event()
+                if message is not None and number_of(message) == number_of(question) + 1:
+                    return read(message)
             except ProtocolError as error:
                 damaged = error  # what was asked for may yet come behind it
                 continue
-            if isinstance(event, answer):
-                return event
-            if isinstance(event, Trouble):
-                raise self._trouble(event)
-            if event is None and not self.take_in(deadline_s):
+            if message is not None and number_of(message) in (_FAULT, _FAULT_WITH_TEXT):
+                raise self._trouble(message)
+            if message is None and not self.take_in(deadline_s):
                 raise self.unanswered(question.hex(" "), damaged, check="and the cable")
 
-    def _trouble(self, event: Trouble) -> DeviceFaultError:
-        meaning = event.text or "not told"
+    def _trouble(self, message: bytes) -> DeviceFaultError:
+        if number_of(message) == _FAULT:
+            code, text = message[2], b""
+        else:
+            _, code, text = struct.unpack_from("<HH64s", message, _HEADER.size)
+        meaning = text.partition(b"\x00")[0].decode("latin-1") or "not told"
         return DeviceFaultError(
-            f"{self.name}: it reports trouble {event.code} ({meaning}). Switch it off and on, then home it",
-            code=event.code,
+            f"{self.name}: it reports trouble {code} ({meaning}). Switch it off and on, then home it",
+            code=code,
             meaning=meaning,
         )
 
 
 def ask_apt(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
     """Return the APT controller on a line at 115200 bits/s."""
-    question, parser = identify(), MessageParser()
-    return [
-        Answer(
-            address=None,
-            identity=DeviceIdentity(model=event.model, serial_number=str(event.serial_number), firmware=event.firmware),
-        )
-        for event in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s)
-        if isinstance(event, Information)
-    ]
+    question, answers = identify(), []
+    for message in events_after(port, question, MessageParser(), wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s):
+        if number_of(message) == number_of(question) + 1:
+            with suppress(ProtocolError):
+                answers.append(Answer(address=None, identity=information_of(message).identity))
+    return answers
 
 
 # How `rigctl devices` finds one.
@@ -610,7 +561,7 @@ class AptStage(SerialStage):
             self._link.sleep(_POLL_S)
 
     def _ask_status(self) -> Status:
-        return self._link.ask(status(is_stepper=self._model.is_stepper), Status)
+        return self._link.ask(status(is_stepper=self._model.is_stepper), status_of)
 
     def _read_position(self) -> StagePosition:
         counts = self._ask_status().counts
@@ -654,12 +605,12 @@ def connect_apt(
     link = AptLink(port, now_s=now_s, sleep=sleep)
     link.tell(no_flash_programming())
     link.tell(stop_updates())
-    information = link.ask_until_two_agree(identify(), Information)
+    information = link.ask_until_two_agree(identify(), information_of)
     try:
         model = find_model(information.model, stage_id=information.stage_id, actuator=actuator)
     except ProtocolError as error:
         raise ProtocolError(f"{link.name}: {error}") from error
-    stage = AptStage(link, identity_of(information), model, tolerance_deg=tolerance_deg)
+    stage = AptStage(link, information.identity, model, tolerance_deg=tolerance_deg)
     _set_up(link, model)
     return stage
 
@@ -687,26 +638,21 @@ def open_apt(
     return open_stage_on(port, baud=BAUD, connect=connect)
 
 
-def identity_of(information: Information) -> DeviceIdentity:
-    """Return what a controller says of itself."""
-    return DeviceIdentity(
-        model=information.model, serial_number=str(information.serial_number), firmware=information.firmware
-    )
-
-
 def _set_up(link: AptLink, model: AptModel) -> None:
     """Set what some controllers forget at power-off, and see that it was taken; switch the motor on."""
     for _ in range(_TRIES):
         link.tell(set_velocity(model.velocity))
         link.tell(set_home(model.home))
-        velocity = link.ask_until_two_agree(ask_velocity(), VelocityParameters)
-        home = link.ask_until_two_agree(home_parameters(), HomeParameters)
+        velocity = link.ask_until_two_agree(ask_velocity(), data_of)
+        home = link.ask_until_two_agree(ask_home(), data_of)
         if (velocity, home) == (model.velocity, model.home):
             break
     else:
-        raise ProtocolError(f"{link.name}: it does not keep its parameters: it has {velocity} and {home}")
+        raise ProtocolError(
+            f"{link.name}: it does not keep its parameters: it has {velocity.hex(' ')} and {home.hex(' ')}"
+        )
     for _ in range(_TRIES):
-        if link.ask_until_two_agree(channel_state(), ChannelState).enabled:
+        if link.ask_until_two_agree(channel_state(), is_enabled):
             return
         link.tell(enable())
         link.sleep(_AFTER_ENABLE_S)

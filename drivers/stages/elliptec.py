@@ -18,7 +18,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
@@ -73,48 +72,23 @@ _LONGEST_UNREAD = 1024  # bytes; the longest reply has 35
 class Information:
     """Answer of a stage on what it is (``IN``)."""
 
-    address: str
     stage_type: int  #: The number in the model's name: 14 for an ELL14.
     serial_number: str  #: As printed in the reply.
-    year: str  #: Year of manufacture.
     firmware: str
     travel: int  #: Degrees for a rotation stage, millimetres for others.
     pulses: int  #: Counts over the whole travel.
 
-
-@dataclass(frozen=True, kw_only=True)
-class Status:
-    """The state of a stage (``GS``), in the numbers of `STATUS_MEANINGS`."""
-
-    address: str
-    code: int
+    @property
+    def identity(self) -> DeviceIdentity:
+        """What goes into every frame."""
+        model = ROTATION_STAGES.get(self.stage_type, f"ELL{self.stage_type}")
+        return DeviceIdentity(model=model, serial_number=self.serial_number, firmware=self.firmware)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Position:
-    """The reading of the encoder (``PO``), which may be negative."""
-
-    address: str
-    counts: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class ButtonStatus:
-    """Unasked: somebody pressed a button of the handset (``BS``)."""
-
-    address: str
-    code: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class ButtonPosition:
-    """Unasked: where the stage came to rest after a button was pressed (``BO``)."""
-
-    address: str
-    counts: int
-
-
-Event = Information | Status | Position | ButtonStatus | ButtonPosition
+# Address, letters and digits of a reply. BS and BO come unasked, when somebody presses a button of the handset.
+Reply = tuple[str, str, str]
+# Letters of a reply -> how many digits follow them.
+_DIGITS = {"IN": 30, "GS": 2, "PO": 8, "BS": 2, "BO": 8}
 
 
 def check_address(address: str) -> str:
@@ -125,39 +99,39 @@ def check_address(address: str) -> str:
 
 
 def identify(address: str) -> bytes:
-    """Return the command that is answered by `Information`."""
+    """Return the command that is answered by `IN`."""
     return f"{address}in".encode()
 
 
 def status(address: str) -> bytes:
-    """Return the command that is answered by `Status`; reading it clears an error."""
+    """Return the command that is answered by `GS`, whose digits are a status; reading it clears an error."""
     return f"{address}gs".encode()
 
 
 def position(address: str) -> bytes:
-    """Return the command that is answered by `Position`."""
+    """Return the command that is answered by `PO`, whose digits are counts."""
     return f"{address}gp".encode()
 
 
 def stop(address: str) -> bytes:
-    """Return the command that ends a continuous motion, answered by `Status`."""
+    """Return the command that ends a continuous motion, answered by `GS`, whose digits are a status."""
     return f"{address}st".encode()
 
 
 def home(address: str) -> bytes:
-    """Return the command that searches the reference mark clockwise, answered by `Position` in the end."""
+    """Return the command that searches the reference mark clockwise, answered by `PO` in the end."""
     return f"{address}ho0".encode()
 
 
 def move_absolute(address: str, *, counts: int) -> bytes:
-    """Return the command that moves to an encoder reading, answered by `Position` in the end."""
+    """Return the command that moves to an encoder reading, answered by `PO` in the end."""
     if not -(1 << 31) <= counts < 1 << 31:
         raise LimitError(f"position {counts} counts: a position has 32 bits with sign")
     return f"{address}ma{counts & 0xFFFFFFFF:08X}".encode()
 
 
 def move_relative(address: str, *, counts: int) -> bytes:
-    """Return the command that moves by a number of counts, answered by `Position` in the end."""
+    """Return the command that moves by a number of counts, answered by `PO` in the end."""
     if not -(1 << 31) <= counts < 1 << 31:
         raise LimitError(f"distance {counts} counts: a distance has 32 bits with sign")
     return f"{address}mr{counts & 0xFFFFFFFF:08X}".encode()
@@ -208,7 +182,7 @@ class ReplyParser:
             self._unread = b""
             raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that make no reply, beginning {start!r}")
 
-    def next_event(self) -> Event | None:
+    def next_event(self) -> Reply | None:
         """Return the next reply that has come in whole, or None when more bytes are needed."""
         while b"\n" in self._unread:
             line, _, self._unread = self._unread.partition(b"\n")
@@ -226,43 +200,33 @@ class ReplyParser:
 _FRAME = re.compile(rb"([0-9A-F])([A-Z]{2})([0-9A-F]*)\r\n")
 
 
-def _decode(line: bytes) -> Event:
+def _decode(line: bytes) -> Reply:
     frame = _FRAME.fullmatch(line)
     if frame is None:
         raise ProtocolError(f"{line!r} is no reply")
     address, letters, digits = (part.decode("ascii") for part in frame.groups())
-    if letters not in _REPLIES:
+    if letters not in _DIGITS:
         raise ProtocolError(f"{line!r}: {letters} answers nothing that is asked here")
-    length, decode = _REPLIES[letters]
-    if len(digits) != length:
-        raise ProtocolError(f"{line!r}: {letters} has {length} digits, not {len(digits)}")
-    return decode(address, digits)
+    if len(digits) != _DIGITS[letters]:
+        raise ProtocolError(f"{line!r}: {letters} has {_DIGITS[letters]} digits, not {len(digits)}")
+    return address, letters, digits
 
 
-def _signed(digits: str) -> int:
+def signed(digits: str) -> int:
+    """Return the counts that eight digits mean; they may be negative."""
     value = int(digits, 16)
     return value - (1 << 32) if value >= 1 << 31 else value
 
 
-def _information(address: str, digits: str) -> Information:
+def information_of(digits: str) -> Information:
+    """Return what a stage says of itself. Digits 8 to 14 are the year, 16 and 17 the hardware's release."""
     return Information(
-        address=address,
         stage_type=int(digits[0:2], 16),
         serial_number=digits[2:10],
-        year=digits[10:14],
-        firmware=digits[14:16],  # digits 16 and 17 are the hardware's release
+        firmware=digits[14:16],
         travel=int(digits[18:22], 16),
         pulses=int(digits[22:30], 16),
     )
-
-
-_REPLIES: dict[str, tuple[int, Callable[[str, str], Event]]] = {
-    "IN": (30, _information),
-    "GS": (2, lambda address, digits: Status(address=address, code=int(digits, 16))),
-    "PO": (8, lambda address, digits: Position(address=address, counts=_signed(digits))),
-    "BS": (2, lambda address, digits: ButtonStatus(address=address, code=int(digits, 16))),
-    "BO": (8, lambda address, digits: ButtonPosition(address=address, counts=_signed(digits))),
-}
 
 
 _PROBE_ANSWER_S = 0.15  # an answer takes 36 ms on the line, a USB adapter adds 16 ms
@@ -272,8 +236,6 @@ _QUIET_S = 0.05  # 48 bytes' worth of silence
 _QUIET_LIMIT_S = 1.0
 _POLL_S = 0.1
 _GAP_S = 0.1  # a move sent sooner after the one before "can move to 0 instead", other drivers' authors found
-
-AnswerT = TypeVar("AnswerT", Information, Status, Position)
 
 
 class EllxLink(Line):
@@ -307,16 +269,16 @@ class EllxLink(Line):
         if code != OK:
             self.notes.add(f"left from before: status {_in_words(code)}")
 
-    def ask(self, command: bytes, answer: type[AnswerT]) -> AnswerT:
-        """Return the answer to a command that moves nothing, asking up to three times."""
+    def ask(self, command: bytes, letters: str) -> str:
+        """Return the digits of the answer to a command that moves nothing, asking up to three times."""
         self._get_in_step()
         for _ in range(_TRIES - 1):
             try:
-                return self._exchange(command, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+                return self._exchange(command, letters, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
             except (ProtocolError, DeviceTimeoutError, DeviceFaultError) as error:
                 self._note_or_raise(error)
             self._get_in_step()
-        return self._exchange(command, answer, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+        return self._exchange(command, letters, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
 
     def run_motion(self, command: bytes, *, timeout_s: float) -> bool:
         """Send a command that moves the stage, once, and wait for the motion's end."""
@@ -324,7 +286,7 @@ class EllxLink(Line):
         self.sleep(max(0.0, self._last_heard_s + _GAP_S - self.now_s()))
         deadline_s = self.now_s() + timeout_s
         try:
-            self._exchange(command, Position, deadline_s=deadline_s)
+            self._exchange(command, "PO", deadline_s=deadline_s)
         except (ProtocolError, DeviceTimeoutError, DeviceFaultError) as error:
             self._note_or_raise(error)
             self._get_in_step(busy_until_s=deadline_s)
@@ -340,37 +302,38 @@ class EllxLink(Line):
             meaning=STATUS_MEANINGS.get(code, "reserved"),
         )
 
-    def _exchange(self, command: bytes, answer: type[AnswerT], *, deadline_s: float) -> AnswerT:
-        """Return the one answer to one command; when that fails, the link is out of step."""
+    def _exchange(self, command: bytes, letters: str, *, deadline_s: float) -> str:
+        """Return the digits of the one answer to one command; when that fails, the link is out of step."""
         self._note_unasked()
         self._in_step = False
         self._port.write(command)
-        event = self._await(command, answer, deadline_s=deadline_s)
+        digits = self._await(command, letters, deadline_s=deadline_s)
         self._in_step = True
-        return event
+        return digits
 
-    def _await(self, command: bytes, answer: type[AnswerT], *, deadline_s: float) -> AnswerT:
+    def _await(self, command: bytes, wanted: str, *, deadline_s: float) -> str:
         while True:
-            event = self._next_event(command, deadline_s=deadline_s)
-            if isinstance(event, Status) and event.code == INITIALISING:
+            letters, digits = self._next_reply(command, deadline_s=deadline_s)
+            code = int(digits, 16) if letters == "GS" else OK
+            if code == INITIALISING:
                 self.restarted = True
-            if isinstance(event, answer):
-                return event
-            if isinstance(event, Status) and event.code not in (OK, BUSY):
+            if letters == wanted:
+                return digits
+            if code not in (OK, BUSY):
                 self._clear_fault()
-                raise self.fault(event.code, command)
+                raise self.fault(code, command)
 
-    def _next_event(self, command: bytes, *, deadline_s: float) -> Event:
-        """Return the next reply of our stage; buttons are noted on the way."""
+    def _next_reply(self, command: bytes, *, deadline_s: float) -> tuple[str, str]:
+        """Return letters and digits of our stage's next reply; buttons are noted on the way."""
         while True:
             try:
-                event = self._parser.next_event()
-                if event is None:
+                reply = self._parser.next_event()
+                if reply is None:
                     self._parser.feed(self._read(command, deadline_s=deadline_s))
             except ProtocolError as error:
                 raise ProtocolError(f"{self.name}: after {command!r}: {error}") from error
-            if event is not None and not self._is_of_others(event):
-                return event
+            if reply is not None and not self._is_of_others(reply):
+                return reply[1], reply[2]
 
     def _read(self, command: bytes, *, deadline_s: float) -> bytes:
         remaining_s = deadline_s - self.now_s()
@@ -383,17 +346,14 @@ class EllxLink(Line):
             self._last_heard_s = self.now_s()
         return data
 
-    def _is_of_others(self, event: Event) -> bool:
-        """Return whether an event is none of our business; a pressed button is noted."""
-        if event.address != self.address:
-            return True
-        if isinstance(event, ButtonStatus):
+    def _is_of_others(self, reply: Reply) -> bool:
+        """Return whether a reply is none of our business; a pressed button is noted."""
+        address, letters, digits = reply
+        if address == self.address and letters == "BS":
             self.notes.add("a button of the handset was pressed")
-        elif isinstance(event, ButtonPosition):
-            self.notes.add(f"a button of the handset moved the stage to {event.counts} counts")
-        else:
-            return False
-        return True
+        elif address == self.address and letters == "BO":
+            self.notes.add(f"a button of the handset moved the stage to {signed(digits)} counts")
+        return address != self.address or letters in ("BS", "BO")
 
     def _note_unasked(self) -> None:
         """Take in what waits to be read, so that nothing older than a command can be taken for its answer."""
@@ -411,9 +371,9 @@ class EllxLink(Line):
     def _note_stale(self, data: bytes) -> None:
         try:
             self._parser.feed(data)
-            while (event := self._parser.next_event()) is not None:
-                if not self._is_of_others(event):
-                    self.notes.add(f"ignored, since it came too late or unasked: {event}")
+            while (reply := self._parser.next_event()) is not None:
+                if not self._is_of_others(reply):
+                    self.notes.add(f"ignored, since it came too late or unasked: {''.join(reply)}")
         except ProtocolError as error:
             self.notes.add(f"ignored: {error}")
 
@@ -459,7 +419,7 @@ class EllxLink(Line):
 
     def _ask_status(self, command: bytes) -> int:
         self._port.write(command)
-        return self._await(command, Status, deadline_s=self.now_s() + _REPLY_TIMEOUT_S).code
+        return int(self._await(command, "GS", deadline_s=self.now_s() + _REPLY_TIMEOUT_S), 16)
 
     def _clear_fault(self) -> None:
         """Read the status once, which makes the stage forget the fault that it has just told."""
@@ -481,17 +441,12 @@ def ask_elliptec(port: BytePort, *, now_s: Callable[[], float] = time.monotonic)
     """Return the Elliptec rotation stages on a line at 9600 bits/s, all sixteen addresses asked."""
     answers = []
     for address in "0123456789ABCDEF":
-        parser = ReplyParser()
         question = identify(address)
-        events = events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s)
-        for event in events:
-            if isinstance(event, Information) and event.address == address:
-                identity = DeviceIdentity(
-                    model=ROTATION_STAGES.get(event.stage_type, f"ELL{event.stage_type}"),
-                    serial_number=event.serial_number,
-                    firmware=event.firmware,
-                )
-                answers.append(Answer(address=address, identity=identity))
+        for found, letters, digits in events_after(
+            port, question, ReplyParser(), wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s
+        ):
+            if (found, letters) == (address, "IN"):
+                answers.append(Answer(address=address, identity=information_of(digits).identity))
     return answers
 
 
@@ -523,11 +478,7 @@ class EllxStage(SerialStage):
 
     def identify(self) -> DeviceIdentity:
         """Return what the stage said of itself when the connection was made."""
-        return DeviceIdentity(
-            model=ROTATION_STAGES[self._information.stage_type],
-            serial_number=self._information.serial_number,
-            firmware=self._information.firmware,
-        )
+        return self._information.identity
 
     def home(self) -> StagePosition:
         """Search the reference mark; return the readback."""
@@ -549,7 +500,7 @@ class EllxStage(SerialStage):
     def status(self) -> StageStatus:
         """Ask the stage what it is doing; a fault that it remembers is told, and by that forgotten by the stage."""
         try:
-            code = self._link.ask(status(self._link.address), Status).code
+            code = int(self._link.ask(status(self._link.address), "GS"), 16)
         except DeviceFaultError as error:
             code = int(error.code)
         return StageStatus(
@@ -562,7 +513,7 @@ class EllxStage(SerialStage):
     def stop(self) -> None:
         """Stop a continuous motion. A move to a target cannot be broken off: the stage has no such command."""
         command = stop(self._link.address)
-        code = self._link.ask(command, Status).code
+        code = int(self._link.ask(command, "GS"), 16)
         if code not in (OK, BUSY):
             raise self._link.fault(code, command)
 
@@ -574,7 +525,7 @@ class EllxStage(SerialStage):
             )
 
     def _read_encoder(self) -> StagePosition:
-        counts = self._link.ask(position(self._link.address), Position).counts
+        counts = signed(self._link.ask(position(self._link.address), "PO"))
         angle_deg = angle_from_counts(counts, pulses=self._pulses)
         self._last_counts = counts
         return StagePosition(angle_deg=angle_deg, counts=counts)
@@ -639,12 +590,13 @@ def open_elliptec(
 def _ask_information(link: EllxLink) -> Information:
     """Return what the stage says of itself, twice in a row alike: one damaged digit would bend every angle."""
     command = identify(link.address)
-    return two_agree(
-        lambda: link.ask(command, Information),
+    digits = two_agree(
+        lambda: link.ask(command, "IN"),
         name=link.name,
         tries=_TRIES,
         differ=lambda before, latest: f"it says something else of itself each time: {before}, {latest}",
     )
+    return information_of(digits)
 
 
 def _plausible_pulses(name: str, information: Information) -> int:
