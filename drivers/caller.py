@@ -12,45 +12,56 @@ class LeftBehindError(Exception):
     """A call that has not come back in time."""
 
 
-class Caller:
-    """A thread that makes calls, one after the other."""
+def _wait(event: threading.Event, timeout_s: float) -> bool:
+    return event.wait(timeout_s)
 
-    def __init__(self, name: str) -> None:
-        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], _Answer] | None] = queue.SimpleQueue()
-        self.thread = threading.Thread(target=self._work, name=name, daemon=True)
-        self.thread.start()
+
+class Caller:
+    """A thread that makes calls, one after the other.
+
+    `wait` waits for an event, at most so long [s], and returns whether it is set; a test has a clock of its own.
+    """
+
+    def __init__(self, name: str, *, wait: Callable[[threading.Event, float], bool] = _wait) -> None:
+        # A call, a place for what it returned or raised, and what is set once that is there.
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], list[Any], threading.Event] | None] = queue.SimpleQueue()
+        self._wait = wait
+        self._has_ended = threading.Event()
+        threading.Thread(target=self._work, name=name, daemon=True).start()
 
     def call(self, job: Callable[[], Result], *, within_s: float) -> Result:
         """Return what a call returns, or raise what it raises; raise LeftBehindError where it does not end in time."""
-        answer = _Answer()
-        self._jobs.put((job, answer))
-        if not answer.is_there.wait(within_s):
+        answer, is_there = self._put(job)
+        if not self._wait(is_there, within_s):
             raise LeftBehindError
-        if answer.error is not None:
-            raise answer.error
-        result: Result = answer.result
-        return result
+        result, error = answer
+        if error is not None:
+            raise error
+        returned: Result = result
+        return returned
 
     def end(self, last: Callable[[], object]) -> None:
         """Make a last call once all others have ended; nobody waits for it."""
-        self._jobs.put((last, _Answer()))
+        self._put(last)
         self._jobs.put(None)
 
+    def has_ended(self, *, within_s: float) -> bool:
+        """Return whether the last call has been made, waiting at most so long for it."""
+        return self._wait(self._has_ended, within_s)
+
+    def _put(self, job: Callable[[], object]) -> tuple[list[Any], threading.Event]:
+        answer: list[Any] = []
+        is_there = threading.Event()
+        self._jobs.put((job, answer, is_there))
+        return answer, is_there
+
     def _work(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            call, answer = job
+        while (waiting := self._jobs.get()) is not None:
+            job, answer, is_there = waiting
             try:
-                answer.result = call()
+                answer += [job(), None]
             except BaseException as error:
-                answer.error = error
-            answer.is_there.set()
-            del call, answer, job
-
-
-class _Answer:
-    """What a call came to."""
-
-    def __init__(self) -> None:
-        self.is_there = threading.Event()
-        self.result: Any = None
-        self.error: BaseException | None = None
+                answer += [None, error]
+            is_there.set()
+            del job, answer, is_there, waiting
+        self._has_ended.set()

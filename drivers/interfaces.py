@@ -251,6 +251,9 @@ class FrameTally:
     packets_lost: int = 0
     packets_resent: int = 0
 
+    def __add__(self, other: "FrameTally") -> "FrameTally":
+        return FrameTally(**{name: count + getattr(other, name) for name, count in vars(self).items()})
+
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFacts:

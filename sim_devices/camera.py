@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Literal, Self
 
 import numpy as np
@@ -152,11 +151,11 @@ class SimCamera:
         fault = self._faults.get(sequence)
         self._note_truth(sequence, start_utc_ns, start_monotonic_ns, fault)
         if fault == "lost":
-            self._tally = replace(self._tally, never_came=self._tally.never_came + 1)
+            self._tally += FrameTally(never_came=1)
             raise DeviceTimeoutError(f"{_MODEL}: frame {sequence} did not come within {timeout_s} s; try again")
         if fault != "repeated":
             self._last_counts = self._picture(sequence=sequence, black=fault == "black")
-        self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
+        self._tally += FrameTally(accepted=1)
         return Frame(
             counts=self._last_counts.copy(),
             settings=self._settings,

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from drivers.interfaces import FrameTally
 from drivers.network_path import interface_of, largest_receive_buffer, path_mtu
 
 _POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
@@ -391,18 +392,6 @@ class Received:
     stamp_ns: int | None = None  #: Its time by the camera's own clock; None where it bears none [ns].
 
 
-@dataclass(frozen=True, kw_only=True)
-class PacketCounts:
-    """Packets of pictures that were looked at, how many of them were lost, and how many came when asked for again."""
-
-    seen: int = 0
-    lost: int = 0
-    resent: int = 0
-
-    def __add__(self, other: "PacketCounts") -> "PacketCounts":
-        return PacketCounts(seen=self.seen + other.seen, lost=self.lost + other.lost, resent=self.resent + other.resent)
-
-
 class GigeStream:
     """A stream of one camera, which is started and stopped with the camera's acquisition."""
 
@@ -456,19 +445,19 @@ class GigeStream:
         finally:
             self._library.call("stream_push_buffer", stream, buffer)
 
-    def packets(self) -> PacketCounts:
+    def packets(self) -> FrameTally:
         """Return what became of the packets since the stream was made; nothing of a camera that sends none.
 
         Of a picture that stays incomplete, libaravis calls everything missing that stands behind the first gap: so
         each such picture is looked at up to its gap, and shows one loss.
         """
         if not self._packets_a_picture or self._stream is None:
-            return PacketCounts()
+            return FrameTally()
         complete, incomplete, behind_gap, resent = (
             int(self._library.call("stream_get_info_uint64_by_name", self._stream, name)) for name in _COUNTED
         )
         seen = (complete + incomplete) * self._packets_a_picture - behind_gap + incomplete
-        return PacketCounts(seen=max(0, seen), lost=incomplete + resent, resent=resent)
+        return FrameTally(packets=max(0, seen), packets_lost=incomplete + resent, packets_resent=resent)
 
     def close(self) -> None:
         """Give up the stream. May be called twice."""
@@ -510,19 +499,22 @@ class GigeStream:
         return self._stream
 
 
-def loss_told(counts: PacketCounts, *, address: str, packet_size: int) -> str:
+def loss_told(tally: FrameTally, *, address: str, packet_size: int) -> str:
     """Return what was measured of the way to a camera, and what to try, as one sentence or two."""
-    share = counts.lost / counts.seen if counts.seen else 0.0
+    share = tally.packets_lost / tally.packets if tally.packets else 0.0
     again = (
-        f"{counts.resent} of them came when asked for again" if counts.resent else "the camera sends none of them again"
+        f"{tally.packets_resent} of them came when asked for again"
+        if tally.packets_resent
+        else "the camera sends none of them again"
     )
     facts = (
         f"packets of {packet_size} bytes, MTU {path_mtu(address)}, interface {interface_of(address)}, receive buffers "
         f"up to {largest_receive_buffer()} bytes"
     )
     return (
-        f"The network loses {100 * share:.2g} %: {counts.lost} of {counts.seen} packets, {again} ({facts}). Raise the "
-        "receive buffer, check cable and switch, let nothing else use the interface; `rigctl doctor` measures it"
+        f"The network loses {100 * share:.2g} %: {tally.packets_lost} of {tally.packets} packets, {again} ({facts}). "
+        "Raise the receive buffer, check cable and switch, let nothing else use the interface; "
+        "`rigctl doctor` measures it"
     )
 
 
@@ -550,14 +542,6 @@ _QUARTZ = 1e-4  # by which a rate may be off, until it was measured
 _WANDER = 1e-6  # of a rate that was measured
 _UNIT_BASE_NS = 20_000_000  # from which on two looks tell what the clock counts in
 _UNIT_TOLERANCE = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class Moment:
-    """A time on the host's monotonic clock, and by how much it may be off at most [ns]."""
-
-    monotonic_ns: int
-    error_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -610,8 +594,11 @@ class CameraClock:
         except (LimitError, ProtocolError):
             self._latch = None  # it has these features and does not grant them
 
-    def moment_of(self, stamp_ns: int) -> Moment | None:
-        """Return when the camera's clock stood at a picture's time stamp; None where that is not known."""
+    def moment_of(self, stamp_ns: int) -> tuple[int, int] | None:
+        """Return when, by the host's monotonic clock, the camera's stood at a stamp, and how far off that may be [ns].
+
+        None where it is not known.
+        """
         if self._hz is None:
             return None
         last = self._looks[-1]
@@ -620,7 +607,7 @@ class CameraClock:
         host_ns = round(since_ns / (1.0 + rate))
         tick_ns = -(-_NS_HZ // self._hz)
         error_ns = last.error_ns + tick_ns + round(abs(since_ns) * rate_error)
-        return Moment(monotonic_ns=last.monotonic_ns + host_ns, error_ns=error_ns)
+        return last.monotonic_ns + host_ns, error_ns
 
     def told(self) -> str | None:
         """Return what is known of the clock, for people; None of a camera that tells nothing of it."""
@@ -649,10 +636,7 @@ class CameraClock:
         """Take in a look; forget all earlier ones where one of the clocks was set since."""
         if self._hz is not None:
             expected = self.moment_of(self._ns(look.ticks))
-            if (
-                expected is not None
-                and abs(expected.monotonic_ns - look.monotonic_ns) > expected.error_ns + look.error_ns
-            ):
+            if expected is not None and abs(expected[0] - look.monotonic_ns) > expected[1] + look.error_ns:
                 self._looks.clear()
         self._looks.append(look)
         while look.monotonic_ns - self._looks[0].monotonic_ns > _REMEMBERED_NS:

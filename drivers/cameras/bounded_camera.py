@@ -8,7 +8,6 @@ call returns. At most one thread a camera is left so: the camera is opened anew 
 Addresses of cameras have the form ``PLACE?key=value&key=value``.
 """
 
-import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -90,17 +89,22 @@ class OpenCamera(Camera, ReportingCamera, Protocol):
     """What is called in a thread of its own."""
 
 
-# Threads that were left behind, by the camera's name: the next one that opens it waits for them.
-_left: dict[str, threading.Thread] = {}
+# Calls that were left behind, by the camera's name: the next one that opens it waits for them.
+_left: dict[str, Caller] = {}
 
 
 class BoundedCamera:
     """A camera that is open."""
 
     def __init__(
-        self, open_camera: Callable[[], OpenCamera], *, name: str, now_s: Callable[[], float] = time.monotonic
+        self,
+        open_camera: Callable[[], OpenCamera],
+        *,
+        name: str,
+        now_s: Callable[[], float] = time.monotonic,
+        make_caller: Callable[[str], Caller] = Caller,
     ) -> None:
-        self._open_camera, self._name, self._now_s = open_camera, name, now_s
+        self._open_camera, self._name, self._now_s, self._make_caller = open_camera, name, now_s, make_caller
         self._caller: Caller | None = None
         self._camera: OpenCamera | None = None
         self._is_closed = False
@@ -131,7 +135,7 @@ class BoundedCamera:
 
     def tally(self) -> FrameTally:
         """Return what became of the pictures so far; of a camera that is gone too."""
-        return self._before if self._camera is None else _sum(self._before, self._camera.tally())
+        return self._before if self._camera is None else self._before + self._camera.tally()
 
     def features(self) -> dict[str, str]:
         """Return what was set, what was found and left, and what it measures."""
@@ -175,7 +179,7 @@ class BoundedCamera:
         except DeviceError:
             pass  # it was going away
         except LeftBehindError:
-            _left[self._name] = caller.thread
+            _left[self._name] = caller
         caller.end(camera.close)
 
     def _refuse_closed(self) -> None:
@@ -197,11 +201,10 @@ class BoundedCamera:
     def _open(self, *, deadline_s: float) -> None:
         earlier = _left.get(self._name)
         if earlier is not None:
-            earlier.join(max(0.0, deadline_s - self._now_s()))
-            if earlier.is_alive():
+            if not earlier.has_ended(within_s=max(0.0, deadline_s - self._now_s())):
                 raise NotConnectedError(f"{self._name}: a call to it has not ended yet. {_SILENT}")
             _left.pop(self._name, None)
-        self._caller = Caller(f"calls to {self._name}")
+        self._caller = self._make_caller(f"calls to {self._name}")
         within_s = max(0.0, deadline_s - self._now_s()) + _GRACE_S
         opened: list[OpenCamera] = []
 
@@ -234,7 +237,7 @@ class BoundedCamera:
             if found != self._settings:
                 raise LimitError(f"{self._name}: it came back, and is now {found} instead of {self._settings}")
         self._first_number = self._last_number
-        self._before = replace(self._before, reopened=self._before.reopened + 1)
+        self._before += FrameTally(reopened=1)
 
     def _call(self, job: Callable[[], Result], *, within_s: float, what: str) -> Result:
         if self._caller is None:
@@ -258,7 +261,7 @@ class BoundedCamera:
 
     def _leave(self, last: Callable[[], None]) -> None:
         if self._caller is not None:
-            _left[self._name] = self._caller.thread
+            _left[self._name] = self._caller
             self._caller.end(last)
             self._caller = None
 
@@ -270,8 +273,3 @@ def _do_nothing() -> None:
 def _close_all(cameras: list[OpenCamera]) -> None:
     for camera in cameras:
         camera.close()
-
-
-def _sum(first: FrameTally, second: FrameTally) -> FrameTally:
-    counts = {name: getattr(first, name) + getattr(second, name) for name in vars(first)}
-    return FrameTally(**counts)

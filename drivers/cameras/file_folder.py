@@ -3,7 +3,6 @@
 import struct
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,21 +30,8 @@ _FEW_VALUES = 16
 _Looks = dict[Path, tuple[int, int]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FolderOptions:
-    """Content of an address ``FOLDER?key=value``."""
-
-    folder: Path  #: Where the files appear. Nothing is written there.
-    plane: Plane | None = None  #: Colour of RAW files.
-    bit_depth: int | None = None  #: Bits of the camera; needed for PNG and TIFF, which do not tell.
-    justified: Justified = "right"  #: At which end of 16 bits the samples of PNG and TIFF stand.
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Still:
-    counts: NDArray[np.uint16]
-    bit_depth: int
-    exposure_s: float | None
+# Counts, bits of the camera, and the exposure [s] where the file tells it.
+_Still = tuple[NDArray[np.uint16], int, float | None]
 
 
 class FolderCamera:
@@ -58,18 +44,33 @@ class FolderCamera:
     machines' clocks have to agree where the folder is on another one, and a program that takes long to write a file
     may pass off a picture as later than it was by so long. A file is read when it can be, and is as long and as old as
     at the last look.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files appear. Nothing is written there.
+    plane : str or None
+        Colour of RAW files.
+    bit_depth : int or None
+        Bits of the camera; needed for PNG and TIFF, which do not tell.
+    justified : {"right", "left"}
+        At which end of 16 bits the samples of PNG and TIFF stand.
     """
 
     def __init__(
         self,
-        options: FolderOptions,
+        folder: Path,
         *,
+        plane: Plane | None = None,
+        bit_depth: int | None = None,
+        justified: Justified = "right",
         now_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._options, self._now_s, self._sleep = options, now_s, sleep
-        if not options.folder.is_dir():
-            raise NotConnectedError(f"camera files:{options.folder}: there is no such folder")
+        self._folder, self._plane, self._stated_bits, self._justified = folder, plane, bit_depth, justified
+        self._now_s, self._sleep = now_s, sleep
+        if not folder.is_dir():
+            raise NotConnectedError(f"camera files:{folder}: there is no such folder")
         self._seen: set[str] = set()
         self._exposure_s = 0.01
         self._width, self._height, self._bit_depth = self._size_of_last()
@@ -86,9 +87,7 @@ class FolderCamera:
     def identify(self) -> DeviceIdentity:
         """Return the folder: which camera fills it cannot be known."""
         self._refuse_closed()
-        return DeviceIdentity(
-            model="files of another program", serial_number=str(self._options.folder), firmware="none"
-        )
+        return DeviceIdentity(model="files of another program", serial_number=str(self._folder), firmware="none")
 
     def configure(self, *, exposure_s: float, gain_db: float) -> CameraSettings:
         """Note what the camera was set to by its own program; gain must be 0, since nothing is known of it."""
@@ -106,11 +105,11 @@ class FolderCamera:
 
     def facts(self) -> CameraFacts:
         """Return what is known of the files: what the camera's own program does to pictures is not."""
-        return CameraFacts(sample_format="files", justified=self._options.justified, linear=None)
+        return CameraFacts(sample_format="files", justified=self._justified, linear=None)
 
     def features(self) -> dict[str, str]:
         """Return which colour is taken, where files have several."""
-        return {} if self._options.plane is None else {"plane": self._options.plane}
+        return {} if self._plane is None else {"plane": self._plane}
 
     def take_frame(self, *, timeout_s: float) -> Frame:
         """Return the picture of the next file whose exposure began after this call."""
@@ -145,7 +144,7 @@ class FolderCamera:
 
     @property
     def _name(self) -> str:
-        return f"camera files:{self._options.folder}"
+        return f"camera files:{self._folder}"
 
     def _refuse_closed(self) -> None:
         if not self._open:
@@ -153,7 +152,7 @@ class FolderCamera:
 
     def _files(self) -> list[Path]:
         # Names that begin with a point are those of files under way, and of other systems.
-        there = self._options.folder.iterdir()
+        there = self._folder.iterdir()
         return [path for path in there if path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")]
 
     def _size_of_last(self) -> tuple[int, int, int]:
@@ -164,8 +163,8 @@ class FolderCamera:
                 f"{self._name}: no picture is in the folder; take one there first, which tells the size of all"
             )
         self._seen = {path.name for path in there}
-        still = self._read(there[-1])
-        return still.counts.shape[1], still.counts.shape[0], still.bit_depth
+        counts, bit_depth, _ = self._read(there[-1])
+        return counts.shape[1], counts.shape[0], bit_depth
 
     def _left_alone(self, looks: "_Looks") -> list[Path]:
         """Return new files that nobody wrote to since the last look, oldest first; note how all are."""
@@ -176,7 +175,7 @@ class FolderCamera:
 
     def _pass_over(self, path: Path) -> None:
         self._seen.add(path.name)
-        self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
+        self._tally += FrameTally(too_old=1)
 
     def _settings(self) -> CameraSettings:
         return CameraSettings(
@@ -189,22 +188,20 @@ class FolderCamera:
 
     def _read(self, path: Path) -> _Still:
         if path.suffix.lower() in RAW_SUFFIXES:
-            raw = read_raw(path, plane=self._options.plane)
-            return _Still(
-                counts=raw.counts, bit_depth=self._options.bit_depth or raw.bit_depth, exposure_s=raw.exposure_s
-            )
-        if self._options.bit_depth is None:
+            raw = read_raw(path, plane=self._plane)
+            return raw.counts, self._stated_bits or raw.bit_depth, raw.exposure_s
+        if self._stated_bits is None:
             raise LimitError(f"{self._name}: {path.name} does not tell its bits; state bit_depth=N in the address")
-        counts = _right_justified(_grey(path), path, self._options)
-        return _Still(counts=counts, bit_depth=self._options.bit_depth, exposure_s=None)
+        counts = _right_justified(_grey(path), path, bit_depth=self._stated_bits, justified=self._justified)
+        return counts, self._stated_bits, None
 
     def _frame(self, path: Path, still: _Still, start_utc_ns: int, start_monotonic_ns: int) -> Frame:
         self._require_fit(path, still)
         self._seen.add(path.name)
         self._sequence += 1
-        self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
+        self._tally += FrameTally(accepted=1)
         return Frame(
-            counts=still.counts,
+            counts=still[0],
             settings=self._settings(),
             sequence=self._sequence,
             start_utc_ns=start_utc_ns,
@@ -214,32 +211,35 @@ class FolderCamera:
         )
 
     def _require_fit(self, path: Path, still: _Still) -> None:
-        if still.exposure_s is not None:
-            off = abs(still.exposure_s - self._exposure_s)
+        counts, bit_depth, exposure_s = still
+        if exposure_s is not None:
+            off = abs(exposure_s - self._exposure_s)
             if off > _EXPOSURE_TOLERANCE * self._exposure_s:
                 raise LimitError(
-                    f"{self._name}: {path.name} was exposed {still.exposure_s:g} s, and {self._exposure_s:g} s is "
+                    f"{self._name}: {path.name} was exposed {exposure_s:g} s, and {self._exposure_s:g} s is "
                     "wanted: set the camera's own program to that"
                 )
-        height, width = still.counts.shape
-        if (width, height, still.bit_depth) != (self._width, self._height, self._bit_depth):
+        height, width = counts.shape
+        if (width, height, bit_depth) != (self._width, self._height, self._bit_depth):
             raise ProtocolError(
-                f"{self._name}: {path.name} has {width} x {height} pixels of {still.bit_depth} bits, and those before "
+                f"{self._name}: {path.name} has {width} x {height} pixels of {bit_depth} bits, and those before "
                 f"had {self._width} x {self._height} of {self._bit_depth}"
             )
-        if int(still.counts.max()) >= 2**still.bit_depth:
-            raise ProtocolError(f"{self._name}: {path.name} has counts above {still.bit_depth} bits")
+        if int(counts.max()) >= 2**bit_depth:
+            raise ProtocolError(f"{self._name}: {path.name} has counts above {bit_depth} bits")
 
 
-def _right_justified(counts: NDArray[np.uint16], path: Path, options: FolderOptions) -> NDArray[np.uint16]:
+def _right_justified(
+    counts: NDArray[np.uint16], path: Path, *, bit_depth: int, justified: Justified
+) -> NDArray[np.uint16]:
     """Return counts at the right end; refuse those that stand at the other end than is stated."""
     used = int(np.bitwise_or.reduce(counts, axis=None))
     unused_low = (used & -used).bit_length() - 1 if used else 0
-    if options.justified == "left":
-        spare = _FILE_BITS - (options.bit_depth or _FILE_BITS)
+    if justified == "left":
+        spare = _FILE_BITS - bit_depth
         if used and unused_low < spare:
             raise ProtocolError(
-                f"{path}: samples are not left-justified with {options.bit_depth} bits in {_FILE_BITS}: their lowest "
+                f"{path}: samples are not left-justified with {bit_depth} bits in {_FILE_BITS}: their lowest "
                 f"bits are used; state the camera's true bit_depth, or justified=right"
             )
         return np.right_shift(counts, np.uint16(spare))
@@ -256,7 +256,7 @@ def _age(path: Path) -> tuple[int, str]:
 
 
 def open_folder(place: str) -> FolderCamera:
-    """Return a folder as a camera, by ``FOLDER?plane=green-1&bit_depth=12&justified=left``; see `FolderOptions`.
+    """Return a folder as a camera, by ``FOLDER?plane=green-1&bit_depth=12&justified=left``; see `FolderCamera`.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def open_folder(place: str) -> FolderCamera:
     """
     readers = {"plane": one_of(*PLANES), "bit_depth": whole(8, 16), "justified": one_of("right", "left")}
     folder, values = split_place(place, readers)
-    return FolderCamera(FolderOptions(folder=Path(folder), **values))
+    return FolderCamera(Path(folder), **values)
 
 
 def _grey(path: Path) -> NDArray[np.uint16]:

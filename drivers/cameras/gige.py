@@ -19,12 +19,12 @@ from drivers.cameras.aravis import (
     CameraClock,
     GigeFeatures,
     GigeStream,
-    PacketCounts,
     Received,
     device_error,
     load_aravis,
     loss_told,
 )
+from drivers.cameras.asked import Asked, asked_now
 from drivers.cameras.bounded_camera import BoundedCamera, one_of, positive, split_place, whole, yes_or_no
 from drivers.cameras.samples import (
     GENICAM,
@@ -416,7 +416,7 @@ class GigeLink:
         self.name = options.camera_name
         self._library = library
         self._stream: GigeStream | None = None
-        self._packets = PacketCounts()
+        self._packets = FrameTally()
         place = device_of(library, options)
         self._camera: int | None = _open_device(library, place, name=self.name)
         try:
@@ -472,7 +472,7 @@ class GigeLink:
         mtu = path_mtu(self._place)
         return tuple(size for size in _PACKET_SIZES if size <= mtu)
 
-    def packets(self) -> PacketCounts:
+    def packets(self) -> FrameTally:
         """Return what became of the packets of all pictures since the camera was opened."""
         return self._packets if self._stream is None else self._packets + self._stream.packets()
 
@@ -636,30 +636,9 @@ def _text(library: AravisLibrary, name: str, index: int) -> str:
     return str(text.decode(errors="replace")) if text is not None else ""
 
 
-_CLOCK_STEP_NS = 2_000_000
 _LARGEST_SHORT_ID = 65535
 _TRIGGER: StartSource = "trigger"
 _ARRIVAL: StartSource = "arrival"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """Moment at which a picture was asked for."""
-
-    utc_ns: int  #: By both clocks of the host.
-    monotonic_ns: int
-    error_ns: int = 0  #: How far from each other they may have been read.
-
-    def was_clock_set(self) -> bool:
-        """Return whether the host's clock has been set since then."""
-        return abs((time.time_ns() - self.utc_ns) - (time.monotonic_ns() - self.monotonic_ns)) > _CLOCK_STEP_NS
-
-
-def asked_now() -> Asked:
-    """Return the time, for a picture that is asked for now."""
-    before_ns, utc_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-    # The earlier one: no exposure that was asked for then is taken for an older one.
-    return Asked(utc_ns=utc_ns, monotonic_ns=before_ns, error_ns=after_ns - before_ns)
 
 
 class FrameNumbers:
@@ -747,18 +726,19 @@ def _by_stamp(received: Received, start: _Start, exposure_ns: int, asked: Asked,
     moment = None if received.stamp_ns is None else clock.moment_of(received.stamp_ns)
     if moment is None:
         return start
+    stamp_ns, stamp_error_ns = moment
     earliest_ns = start.monotonic_ns - (start.error_ns if start.source == _ARRIVAL else 0)
     latest_ns = start.monotonic_ns + (start.error_ns if start.source == _TRIGGER else 0)
-    slack_ns = moment.error_ns + asked.error_ns
+    slack_ns = stamp_error_ns + asked.error_ns
     back_ns = [
         before_ns
         for before_ns in (0, exposure_ns)
-        if earliest_ns - slack_ns <= moment.monotonic_ns - before_ns <= latest_ns + slack_ns
+        if earliest_ns - slack_ns <= stamp_ns - before_ns <= latest_ns + slack_ns
     ]
     if not back_ns:
         return start
     middle_ns, unsure_ns = sum(back_ns) // len(back_ns), (back_ns[-1] - back_ns[0] + 1) // 2
-    begin_ns = moment.monotonic_ns - middle_ns
+    begin_ns = stamp_ns - middle_ns
     if clock.ptp is not None and received.stamp_ns is not None:
         return _Start(
             monotonic_ns=begin_ns,
@@ -769,7 +749,7 @@ def _by_stamp(received: Received, start: _Start, exposure_ns: int, asked: Asked,
     return _Start(
         monotonic_ns=begin_ns,
         utc_ns=begin_ns - asked.monotonic_ns + asked.utc_ns,
-        error_ns=moment.error_ns + asked.error_ns + unsure_ns,
+        error_ns=stamp_error_ns + asked.error_ns + unsure_ns,
         source="camera clock",
     )
 
@@ -822,7 +802,7 @@ class GigeCamera:
     ) -> None:
         self._library, self._options, self._now_s = library, options, now_s
         self._tally = FrameTally()
-        self._packets_before = PacketCounts()
+        self._packets_before = FrameTally()
         self._numbers = FrameNumbers()
         self._link: GigeLink | None = GigeLink(library, options)
         self._identity = self._link.identity
@@ -854,8 +834,7 @@ class GigeCamera:
 
     def tally(self) -> FrameTally:
         """Return what became of the pictures and of their packets so far."""
-        packets = self._packets()
-        return replace(self._tally, packets=packets.seen, packets_lost=packets.lost, packets_resent=packets.resent)
+        return self._tally + self._packets()
 
     def facts(self) -> CameraFacts:
         """Return how its samples come, and whether all that bends them is off."""
@@ -896,7 +875,7 @@ class GigeCamera:
                 self._reopen(error, deadline_s=deadline_s, may=reopenings <= _REOPENINGS)
                 continue
             if frame is not None:
-                self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
+                self._tally += FrameTally(accepted=1)
                 return frame
             damaged += 1
             self._refuse_too_many(damaged, deadline_s=deadline_s)
@@ -926,7 +905,7 @@ class GigeCamera:
     def _name(self) -> str:
         return self._options.camera_name
 
-    def _packets(self) -> PacketCounts:
+    def _packets(self) -> FrameTally:
         return self._packets_before if self._link is None else self._packets_before + self._link.packets()
 
     def _opened(self) -> GigeLink:
@@ -944,14 +923,14 @@ class GigeCamera:
         received = self._await_picture(asked, deadline_s)
         if received is None:
             # It may come yet. A new stream cannot take it for an answer to the next trigger.
-            self._tally = replace(self._tally, never_came=self._tally.never_came + 1)
+            self._tally += FrameTally(never_came=1)
             self._numbers.forget()
             link.restart()
             return None
-        if asked.was_clock_set():
+        if asked.was_clock_set(asked_now()):
             return None  # then its time of arrival says nothing
         if received.damage is not None:
-            self._tally = replace(self._tally, damaged=self._tally.damaged + 1)
+            self._tally += FrameTally(damaged=1)
             return None
         self._require_settings(link)
         link.clock.look()
@@ -979,7 +958,7 @@ class GigeCamera:
                 continue
             if received.first_packet_utc_ns >= oldest_utc_ns:
                 return received
-            self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
+            self._tally += FrameTally(too_old=1)
         return None
 
     def _earliest_arrival_ns(self) -> int:
@@ -1032,7 +1011,7 @@ class GigeCamera:
                 raise
             self._link = link
             self._numbers.forget()
-            self._tally = replace(self._tally, reopened=self._tally.reopened + 1)
+            self._tally += FrameTally(reopened=1)
             return
         raise cause
 

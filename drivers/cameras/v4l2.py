@@ -18,9 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from drivers.cameras.asked import Asked, asked_now
 from drivers.cameras.bounded_camera import BoundedCamera, one_of, positive, split_place, whole
 from drivers.cameras.samples import (
     PLANES,
@@ -307,16 +305,6 @@ def told(error: OSError, *, path: str, what: str) -> DeviceError:
 _STAMP_STEP_NS = 1000
 # A stamp from here on is no time since the machine was started: the time of day, in 2001.
 _TIME_OF_DAY_NS = 10**18
-_CLOCK_STEP_NS = 2_000_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """Moment at which a picture was asked for."""
-
-    monotonic_ns: int  #: By the host's monotonic clock.
-    to_utc_ns: int  #: How far the time of day was ahead of it.
-    error_ns: int  #: How far from each other the two may have been read.
 
 
 class V4l2Stamps:
@@ -328,10 +316,8 @@ class V4l2Stamps:
         self._period_ns: int | None = None
 
     def asked_now(self) -> Asked:
-        """Return the time, for a picture that is asked for now."""
-        before_ns = self._now_ns()
-        to_utc_ns = self._utc_ns() - before_ns
-        return Asked(monotonic_ns=before_ns, to_utc_ns=to_utc_ns, error_ns=self._now_ns() - before_ns)
+        """Return this moment."""
+        return asked_now(now_ns=self._now_ns, utc_ns=self._utc_ns)
 
     def start_of(self, buffer: Buffer, asked: Asked, *, exposure_ns: int) -> tuple[int, int | None]:
         """Return when a picture's exposure began, and by how much that may be off; None for not known yet [ns].
@@ -356,8 +342,8 @@ class V4l2Stamps:
         stamp_ns = int(buffer.timestamp.seconds) * 10**9 + int(buffer.timestamp.microseconds) * 1000
         clock = buffer.flags & CLOCK_MASK
         if stamp_ns >= _TIME_OF_DAY_NS and clock != COPIED:
-            was_set = abs(self._utc_ns() - self._now_ns() - asked.to_utc_ns) > _CLOCK_STEP_NS
-            return 0 if was_set else stamp_ns - asked.to_utc_ns
+            was_set = asked.was_clock_set(self.asked_now())
+            return 0 if was_set else stamp_ns - asked.utc_ns + asked.monotonic_ns
         if clock != MONOTONIC:
             raise ProtocolError(
                 f"{self._name}: its time stamps are neither of the monotonic clock nor of the time of day, so age "
@@ -550,14 +536,6 @@ _BUFFERS = 4
 _FIRST_EXPOSURE_S = 0.01
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Picture:
-    counts: NDArray[np.uint16]
-    sequence: int
-    start_monotonic_ns: int
-    error_ns: int | None
-
-
 class V4l2Camera:
     """A video device that is open and streams; `open_v4l2` makes one.
 
@@ -631,9 +609,10 @@ class V4l2Camera:
         damaged = 0
         while (left_ns := deadline_ns - self._now_ns()) > 0 and self._node.wait(left_ns / 1e9):
             picture = self._next_picture(asked)
-            if isinstance(picture, _Picture):
+            if isinstance(picture, Frame):
                 self._require_settings()
-                return self._frame(picture, asked)
+                self._tally += FrameTally(accepted=1)
+                return picture
             damaged = damaged + 1 if picture == "damaged" else 0
             if damaged > self._options.retakes:
                 raise ProtocolError(f"{self._name}: {damaged} damaged pictures in a row; check cable and USB hub")
@@ -710,7 +689,7 @@ class V4l2Camera:
         self._ask(STREAMON, ctypes.c_int(CAPTURE), "starting the stream")
         return memory
 
-    def _next_picture(self, asked: Asked) -> _Picture | str:
+    def _next_picture(self, asked: Asked) -> Frame | str:
         """Return the picture that is waiting, or "damaged" or "too old"."""
         buffer = self._buffer(0)
         self._ask(DQBUF, buffer, "taking a picture")
@@ -719,14 +698,14 @@ class V4l2Camera:
         finally:
             self._ask(QBUF, buffer, "queueing a buffer")
 
-    def _judged(self, buffer: Buffer, asked: Asked) -> _Picture | str:
+    def _judged(self, buffer: Buffer, asked: Asked) -> Frame | str:
         self._count_gap(buffer.sequence)
         start_ns, error_ns = self._stamps.start_of(buffer, asked, exposure_ns=round(self._settings.exposure_s * 1e9))
         if start_ns < asked.monotonic_ns:
-            self._tally = replace(self._tally, too_old=self._tally.too_old + 1)
+            self._tally += FrameTally(too_old=1)
             return "too old"
         if buffer.flags & DAMAGED or buffer.bytesused < self._needed_bytes():
-            self._tally = replace(self._tally, damaged=self._tally.damaged + 1)
+            self._tally += FrameTally(damaged=1)
             return "damaged"
         counts = unpack(
             self._memory[buffer.index][: buffer.bytesused],
@@ -735,17 +714,22 @@ class V4l2Camera:
             height=self._format.height,
             row_bytes=self._format.bytesperline,
         )
-        return _Picture(
+        start_utc_ns = start_ns - asked.monotonic_ns + asked.utc_ns
+        return Frame(
             counts=counts_of_picture(counts, pixel_format=self._pixel_format, plane=self._options.plane),
+            settings=self._settings,
             sequence=buffer.sequence,
+            start_utc_ns=start_utc_ns,
+            end_utc_ns=start_utc_ns + round(self._settings.exposure_s * 1e9),
             start_monotonic_ns=start_ns,
-            error_ns=error_ns,
+            start_uncertainty_s=None if error_ns is None else error_ns / 1e9,
+            start_source="driver",
         )
 
     def _count_gap(self, sequence: int) -> None:
         last, self._last_sequence = self._last_sequence, sequence
         if last is not None and (gap := (sequence - last - 1) % 2**32) > 0:
-            self._tally = replace(self._tally, never_came=self._tally.never_came + gap)
+            self._tally += FrameTally(never_came=gap)
 
     def _needed_bytes(self) -> int:
         last_row = needed_bytes(self._pixel_format, samples=int(self._format.width))
@@ -772,20 +756,6 @@ class V4l2Camera:
             width=width,
             height=height,
             bit_depth=bit_depth,
-        )
-
-    def _frame(self, picture: _Picture, asked: Asked) -> Frame:
-        self._tally = replace(self._tally, accepted=self._tally.accepted + 1)
-        start_utc_ns = picture.start_monotonic_ns + asked.to_utc_ns
-        return Frame(
-            counts=picture.counts,
-            settings=self._settings,
-            sequence=picture.sequence,
-            start_utc_ns=start_utc_ns,
-            end_utc_ns=start_utc_ns + round(self._settings.exposure_s * 1e9),
-            start_monotonic_ns=picture.start_monotonic_ns,
-            start_uncertainty_s=None if picture.error_ns is None else picture.error_ns / 1e9,
-            start_source="driver",
         )
 
     def _buffer(self, index: int) -> Buffer:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.cameras.file_folder import FolderCamera, FolderOptions, open_folder
+from drivers.cameras.file_folder import FolderCamera, open_folder
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from tests.drivers.cameras.other_program import save
 
@@ -36,8 +36,7 @@ def folder(tmp_path):
 
 def camera_with(folder, *pieces, **options):
     program = Program(*pieces)
-    chosen = FolderOptions(folder=folder, **{"plane": "red", **options})
-    return FolderCamera(chosen, now_s=program.now_s, sleep=program.sleep)
+    return FolderCamera(folder, **{"plane": "red", **options}, now_s=program.now_s, sleep=program.sleep)
 
 
 def later(path, seconds):
@@ -97,7 +96,7 @@ def test_a_picture_larger_than_any_sensor_is_not_decoded(tmp_path):
     bomb[16:24] = (60_000).to_bytes(4, "big") * 2
     (tmp_path / "bomb.png").write_bytes(bomb)
     with pytest.raises(ProtocolError, match="would take 7200 MB"):
-        FolderCamera(FolderOptions(folder=tmp_path, bit_depth=12))
+        FolderCamera(tmp_path, bit_depth=12)
 
 
 def test_another_exposure_than_was_wanted_is_refused(folder):
