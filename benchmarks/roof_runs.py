@@ -16,6 +16,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.measure.measure import measure
 from rigctl.rig.simulation import with_simulation
 from rigctl.runs.folder import read_run
+from rigctl.scene.reading import scene_of_file
 from rigctl.session.take import take_session
 
 Hour = Literal["noon", "morning"]
@@ -81,7 +82,7 @@ def roof_comparison(folder: Path, *, hour: Hour, seed: int, perturb: RoofChange 
     take_session(_rig(path, hour, seed, perturb), session, folder / "run", files={})
     scene = load_scene(path)
     measurement = measure(read_run(folder / "run"), regions=list(scene.regions))
-    found = compare_with_scene(measurement, scene=scene, noise=None, alpha=ALPHA)
+    found = compare_with_scene(measurement, scene_of_file(scene), alpha=ALPHA)
     return replace(found, checks=run_checks(measurement, registration_of(measurement)))
 
 

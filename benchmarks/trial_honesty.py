@@ -63,7 +63,7 @@ def one_seed(seed: int, perturbations: tuple[Perturbation, ...]) -> Outcome:
             seed=seed,
             agrees=plain.agrees,
             z={(r.region, r.quantity, r.statistic): r.z for r in plain.rows if r.z is not None},
-            points_to={str(what): comparison.diagnosis.points_to for what, comparison in found.items()},
+            points_to={str(what): comparison.points_to for what, comparison in found.items()},
         )
 
 

@@ -21,6 +21,7 @@ from rigctl.comparison.compare import compare_with_scene
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
+from rigctl.scene.reading import scene_of_file
 
 ALPHA = 1e-3
 MOVED_STD = 5.0
@@ -53,7 +54,7 @@ def one_seed(seed: int, moved: str | None) -> Outcome:
         path.write_text(scene_text())
         scene = load_scene(path)
         run = take_run(Path(folder) / "run", drawn_truth(draws, moved=moved, by_std=MOVED_STD), draws)
-        found = compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=ALPHA)
+        found = compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(scene), alpha=ALPHA)
     attribution = found.attribution
     if attribution is None or attribution.best is None:
         raise RuntimeError("a scene with uncertain inputs has to have an explanation")

@@ -19,6 +19,7 @@ from rigctl.files.choices import Interpolation
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 from rigctl.runs.folder import read_run
+from rigctl.scene.reading import scene_of_file
 from rigctl.session.take import take_session
 from tests.rigctl.session.test_mosaic_session import TAKES, mosaic_rig, mosaic_session
 
@@ -38,7 +39,7 @@ def scores(interpolation: Interpolation, seed: int) -> tuple[bool, dict[tuple[st
         take_session(rig, session, folder / "run", files={})
         scene = load_scene(folder / "scene.toml")
         measured = measure(read_run(folder / "run"), regions=list(scene.regions))
-        found = compare_with_scene(measured, scene=scene, noise=None, alpha=0.001)
+        found = compare_with_scene(measured, scene_of_file(scene), alpha=0.001)
         off: dict[tuple[str, str], list[float]] = defaultdict(list)
         for row in found.rows:
             if row.z is not None:

@@ -200,10 +200,10 @@ def _going_together(cube: FloatArray, section: CasesSection, scene: Scene) -> Fl
     """Return draws of numbers with their stated errors as those errors go together; all others stay independent."""
     places = {key: k for k, (key, one) in enumerate(section.parameters.items()) if one.std == "stated"}
     drawn = cube.copy()
-    for joint in scene.joint_errors:
-        chosen = [k for k, key in enumerate(joint.keys) if key in places]
-        columns = [places[joint.keys[k]] for k in chosen]
-        covariance = joint.covariance[np.ix_(chosen, chosen)]
+    for keys, joint in scene.joint_errors:
+        chosen = [k for k, key in enumerate(keys) if key in places]
+        columns = [places[keys[k]] for k in chosen]
+        covariance = joint[np.ix_(chosen, chosen)]
         std = np.sqrt(np.diag(covariance))
         if len(chosen) > 1 and np.all(std > 0.0):
             variances, axes = np.linalg.eigh(covariance / np.outer(std, std))

@@ -437,16 +437,8 @@ ADVICE: dict[Cause, str] = {
 _OF_LAW = ("dolp_pixels", "dolp_snr")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Diagnosis:
-    """Where the disagreements point."""
-
-    points_to: tuple[Cause, ...]  #: Causes that would show as these rows do; empty where all rows agree.
-    advice: tuple[str, ...]  #: A sentence for each.
-
-
-def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> Diagnosis:
-    """Return where the disagreeing rows point.
+def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> tuple[Cause, ...]:
+    """Return the causes that would show as the disagreeing rows do; none where all rows agree.
 
     What a cause cannot touch tells it apart: a scale leaves s1, s2, DoLP and AoLP alone, a turned axis leaves S0 and
     DoLP alone, and only noise leaves every mean alone.
@@ -463,7 +455,7 @@ def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> Diagnosis:
             causes.append("scale")
     if off and not causes:
         causes.append("not-normal" if is_of_law and all(name in _OF_LAW for name, _ in off) else "noise")
-    return Diagnosis(points_to=tuple(causes), advice=tuple(ADVICE[cause] for cause in causes))
+    return tuple(causes)
 
 
 def _any_count(quantities: set[str]) -> bool:

@@ -1,15 +1,14 @@
-"""Numerical settings that a comparison chooses for itself, so that its rows' own errors are far above those of them.
+"""A run compared with the model, number by number, with one verdict.
 
-Model beside measurement, row by row, with a decision over all rows.
-
-Model beside measurement without a scene: a run's own means and texture through noise model and DoLP law.
-
-Many runs of one rig, such as an afternoon: both sides against time and sun, residuals, drift, trend.
+`compare_run_with_model` is the whole of it. With a scene, `rigctl.comparison.predict_run` predicts the run; rows of
+`rigctl.comparison.rows` set each predicted number beside the measured one, with the errors of both, and decide by
+Holm's rule. Numerical settings are then chosen so that numerical errors are far below those of the rows. Without a
+scene a run's own means and texture go through noise model and DoLP law. Checks of the run itself
+(`rigctl.comparison.checks`) say which regions can be judged at all.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from functools import cached_property
 from math import hypot, inf, radians
 from pathlib import Path
@@ -24,63 +23,74 @@ from model.accuracy.plan import NUMERICAL_SETTINGS
 from model.accuracy.predict import SMALLEST, Predicted, predict
 from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
 from model.prediction import Quantities, RegionPrediction, predict_region
-from model.processing.agreement import DriftLine, Propagation, drift_line, propagate_inputs
+from model.processing.agreement import Propagation, propagate_inputs
 from model.processing.samples import Sample, check_dolp_distribution, deviation
-from model.quantities import CIRCULAR, FOLLOWED, SHARES, angle_of, counts_name, is_counts
+from model.quantities import SHARES, angle_of, counts_name, is_counts
 from model.scene.field import FieldLight
 from model.sensor import ChannelMoments
 from rigctl.base.durable import sha256_of
+from rigctl.base.numbers import wrapped
 from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.comparison.checks import (
     AGREES,
+    Cause,
     Check,
-    Diagnosis,
     RegionVerdict,
     Trend,
     VerdictName,
     diagnose,
+    nothing_tested,
+    refused_regions,
     region_verdicts,
-    trend,
+    registration_of,
+    run_checks,
     trends_of,
     verdict_of,
+    without_decisions,
 )
 from rigctl.comparison.explain import InputAttribution, attribute_residuals
 from rigctl.comparison.predict_run import RunPredictor, run_predictor
-from rigctl.comparison.remarks import model_warnings, not_tested, overruled
 from rigctl.comparison.rows import (
     RegionBudget,
     Row,
     decide,
     error_of_both,
     measured_with_ratios,
-    off_prediction,
     pair,
     predictable,
     run_budget,
     scene_budget,
     scored,
+    with_diagnosis,
     with_ratios,
+    with_registration,
 )
 from rigctl.comparison.scale import Scale, scale_inputs
-from rigctl.errors import ConfigError, DataError, as_config_error
+from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.choices import ScaleKind
 from rigctl.files.regions import Region
-from rigctl.files.scene_file import SceneFile
 from rigctl.measure.calibrations import PickedCalibrations
-from rigctl.measure.diagnose import RunDiagnosis
+from rigctl.measure.diagnose import DiagnosedRun, RunDiagnosis
 from rigctl.measure.measure import MeasuredRegion, Measurement, TemporalNoise, temporal_noise, temporal_variance
-from rigctl.prediction.predict import NumberKey, Performance, curved_inputs, performance_of, propagate_numbers
-from rigctl.runs.folder import Run
+from rigctl.prediction.predict import (
+    NumberKey,
+    Performance,
+    curved_inputs,
+    model_warnings,
+    performance_of,
+    propagate_numbers,
+)
 from rigctl.scene.effects import plan_effects
-from rigctl.scene.light import lit_scene, sensor_of
 from rigctl.scene.reading import acting_effects
-from rigctl.scene.scene import Inputs, only_uncertain
+from rigctl.scene.scene import Inputs, Scene, only_uncertain
+
+FloatArray = NDArray[np.float64]
 
 # Of any row's standard error: in quadrature that is 5 % more.
 ALLOWED_SHARE = 0.3
 # Where a comparison begins; most need no more.
-FIRST_TOLERANCE = 0.01
+_FIRST_TOLERANCE = 0.01
 # A next tolerance aims at this share of what is allowed, and is at least twice as small.
 _AIM, _LEAST_STEP = 0.7, 0.5
 _RATIO = "ratio_"
@@ -88,6 +98,21 @@ _RATIO = "ratio_"
 _NOT_LINEAR = 0.03
 # Settings that take longer, as the planner counts, are not tried: predictions of such a scene take minutes.
 _LONGEST_S = 10.0
+# So many numbers of a region that are hardly tested are said at the head of a report; all stand in its tables.
+_MOST_SAID = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsedFile:
+    """A file that a result rests on."""
+
+    path: Path
+    sha256: str
+
+
+def used_file(path: Path) -> UsedFile:
+    """Return a file with its hash."""
+    return UsedFile(path=path, sha256=sha256_of(path))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,6 +123,7 @@ class NumericalAccuracy:
     found: Predicted  #: Settings, and errors as they were estimated.
     effects: EffectPlan  #: What the run calls for.
     left_out: frozenset[Effect]  #: Effects of the light that the plan leaves out, and that are there.
+    taken: frozenset[Effect]  #: Effects that act.
     share: float = 0.0  #: Largest numerical error over the standard error of its row; 0 where no row has one.
     row: NumberKey | None = None  #: Where that is.
 
@@ -187,57 +213,6 @@ class NumericalAccuracy:
         return self.found.budget.total.get(key, inf) + spent
 
 
-def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
-    """Return the prediction of a run to a tolerance."""
-    scene = run.inputs.scene
-    planned = plan_effects(
-        scene,
-        tolerance=tolerance,
-        readout=run.readout,
-        exposure_s=run.exposure_s,
-    )
-    there = {one.effect for one in planned.plan.decisions if one.bound.largest > 0.0}
-    acting = acting_effects(scene)
-    left_out = frozenset() if rule == "all" else ((acting & LIGHT & there) - planned.plan.active)
-    spent = planned.plan.spent.largest if left_out else 0.0
-    with as_config_error(f"scene {scene.name}"):
-        (found,) = predict(
-            [lit_scene(scene, sensor=sensor_of(scene, run.exposure_s), readout=run.readout)],
-            tolerance=max(tolerance - spent, SMALLEST),
-            effects=acting - left_out,
-            estimated_only=True,
-            store=run.light.lights,
-        ).cases
-    return NumericalAccuracy(tolerance=tolerance, found=found, effects=planned.plan, left_out=left_out)
-
-
-FloatArray = NDArray[np.float64]
-
-# So many numbers of a region that are hardly tested are said at the head of a report; all stand in its tables.
-_MOST_SAID = 4
-
-
-@dataclass(frozen=True, kw_only=True)
-class UsedFile:
-    """A file that a result rests on."""
-
-    path: Path
-    sha256: str
-
-
-def used_file(path: Path) -> UsedFile:
-    """Return a file with its hash."""
-    return UsedFile(path=path, sha256=sha256_of(path))
-
-
-@dataclass(frozen=True, kw_only=True)
-class EffectsTaken:
-    """Effects of the model: the decisions at the tolerance that a report shows, and those that a comparison took."""
-
-    plan: EffectPlan
-    taken: frozenset[Effect]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
     """Measurement of a run and what the model predicts for it, number by number, with a verdict."""
@@ -247,7 +222,7 @@ class Comparison:
     measurement: Measurement
     alpha: float  #: family-wise error rate: chance that any row is called a disagreement where all agree
     rows: tuple[Row, ...]
-    diagnosis: Diagnosis  #: where the disagreements point
+    points_to: tuple[Cause, ...]  #: causes that would show as the disagreements do; `ADVICE` has a sentence for each
     predictions: dict[str, RegionPrediction]  #: by region
     remarks: tuple[str, ...]  #: what was assumed, overruled or left out
     not_tested: tuple[str, ...]  #: what this comparison says nothing about
@@ -265,11 +240,8 @@ class Comparison:
     outlines: tuple[Region, ...] = ()  #: regions as they were drawn
     noise: NoiseParameters | None = None  #: the noise calibration
     picked: PickedCalibrations | None = None  #: which calibrations were picked from the store
-    effects: EffectsTaken | None = None  #: None without a scene
-    accuracy: "NumericalAccuracy | None" = None  #: the numerical settings that were chosen; None without a scene
-    files: dict[str, UsedFile] = field(
-        default_factory=dict
-    )  #: "scene", "noise", "manifest", ...: what it was made from
+    accuracy: NumericalAccuracy | None = None  #: effects and numerical settings that were chosen; None without a scene
+    files: dict[str, UsedFile] = field(default_factory=dict)  #: what it was made from, such as "scene"
 
     @cached_property
     def performance(self) -> Performance:
@@ -311,32 +283,86 @@ class Comparison:
         return tuple(row for row in self.rows if row.agrees is False)
 
 
-def _weakly_tested(rows: Sequence[Row]) -> str:
-    said = "; ".join(
-        f"{row.quantity} {row.statistic} only if off by more than {row.smallest_difference_90:.2g}, of "
-        f"{abs(row.predicted):.2g}"
-        for row in rows[:_MOST_SAID]
-    )
-    more = "" if len(rows) <= _MOST_SAID else f"; and {len(rows) - _MOST_SAID} more"
-    return f"a difference would have been seen (with a chance of 90 %) in {said}{more}"
+# Tolerances that are tried where the first one does not do.
+_MOST_TRIED = 3
 
 
-def compare_with_scene(
-    measurement: Measurement,
+def compare_run_with_model(
+    seen: DiagnosedRun,
+    regions: list[Region],
     *,
-    scene: SceneFile,
+    scene: Scene | None,
     noise: NoiseParameters | None,
     alpha: float,
     scale: ScaleKind = "absolute",
     radiometric: RadiometricResponse | None = None,
+    rule: EffectRule = "safe",
+    tolerance: float | None = None,
 ) -> Comparison:
-    """Compare a run with what a scene file predicts for it, with the numerical settings of the file."""
-    predictor = run_predictor(measurement, scene=scene, noise=noise)
-    return compare_with_prediction(measurement, predictor, alpha=alpha, scale=scale, radiometric=radiometric)
+    """Compare a run that was measured and diagnosed with a scene, or without one with its own means.
+
+    The numerical tolerance to begin with is chosen unless it is given.
+    """
+    if scene is None:
+        made = compare_closed_loop(seen.measurement, noise=noise, alpha=alpha)
+    else:
+        made = _to_its_errors(
+            run_predictor(seen.measurement, scene),
+            alpha=alpha,
+            scale=scale,
+            radiometric=radiometric,
+            rule=rule,
+            tolerance=tolerance or _FIRST_TOLERANCE,
+        )
+    return _judged(made, seen, regions)
 
 
-def compare_with_prediction(
+def _to_its_errors(
+    run: RunPredictor,
+    *,
+    alpha: float,
+    scale: ScaleKind,
+    radiometric: RadiometricResponse | None,
+    rule: EffectRule,
+    tolerance: float,
+) -> Comparison:
+    """Return a comparison with a scene whose numerical errors are far below those of its rows."""
+
+    def compared(tried: NumericalAccuracy, coarser: Comparison | None = None) -> tuple[Comparison, NumericalAccuracy]:
+        predictor = replace(run.without(tried.left_out), settings=tried.found.result.settings)
+        made = _with_prediction(predictor, alpha=alpha, scale=scale, radiometric=radiometric, coarser=coarser)
+        return made, tried.beside(made.rows, made.predictions)
+
+    comparison, found = compared(_accuracy_at(run, tolerance, rule))
+    # Errors of rows are those of the first comparison; a second one is made with what they ask.
+    chosen = found
+    for _ in range(_MOST_TRIED):
+        if chosen.next_tolerance is None:
+            break
+        finer = _accuracy_at(run, chosen.next_tolerance, rule).beside(comparison.rows, comparison.predictions)
+        # Where finer settings are not to be had, as of very deep air, a smaller tolerance changes nothing.
+        if finer.share >= chosen.share:
+            break
+        chosen = finer
+    if chosen is not found:
+        comparison, found = compared(chosen, comparison)
+    return replace(comparison, remarks=(*comparison.remarks, found.remark), accuracy=found)
+
+
+def compare_with_scene(
     measurement: Measurement,
+    scene: Scene,
+    *,
+    alpha: float,
+    scale: ScaleKind = "absolute",
+    radiometric: RadiometricResponse | None = None,
+) -> Comparison:
+    """Compare a run with what a scene predicts for it, with the numerical settings of its file."""
+    predictor = run_predictor(measurement, scene)
+    return _with_prediction(predictor, alpha=alpha, scale=scale, radiometric=radiometric)
+
+
+def _with_prediction(
     predictor: RunPredictor,
     *,
     alpha: float,
@@ -345,7 +371,7 @@ def compare_with_prediction(
     coarser: Comparison | None = None,
 ) -> Comparison:
     """Compare a run with its prediction; errors of the inputs are those of a coarser comparison of the same rows."""
-    predicted = predictor.predictions
+    measurement, predicted = predictor.measurement, predictor.predictions
     inputs, scaled_by = scale_inputs(
         scale, predictor.inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
     )
@@ -357,10 +383,10 @@ def compare_with_prediction(
         propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
     decided = _decided(rows, propagation, alpha)
     assumed = (
-        *inputs.remarks,
+        *inputs.scene.remarks,
         scaled_by.remark,
-        *overruled(inputs.scene, measurement, predictor.exposure_s),
-        *predictor.moved,
+        *_overruled(inputs.scene, measurement, predictor.exposure_s),
+        *predictor.remarks,
         *predictor.light.remarks(inputs.scene),
     )
     return Comparison(
@@ -368,10 +394,10 @@ def compare_with_prediction(
         measurement=measurement,
         alpha=alpha,
         rows=decided,
-        diagnosis=diagnose(decided),
+        points_to=diagnose(decided),
         predictions=predictions,
         remarks=(*assumed, *model_warnings(predictions), *curved_inputs(propagation, uncertain)),
-        not_tested=not_tested(measurement, inputs.scene, scaled_by, uncertain),
+        not_tested=_not_tested(measurement, inputs.scene, scaled_by, uncertain),
         scale=scaled_by,
         inputs=uncertain,
         propagation=propagation,
@@ -411,7 +437,127 @@ def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measuremen
         yield from pair(region, prediction.quantities, measured)
 
 
-NOT_TESTED = (
+def _weakly_tested(rows: Sequence[Row]) -> str:
+    said = "; ".join(
+        f"{row.quantity} {row.statistic} only if off by more than {row.smallest_difference_90:.2g}, of "
+        f"{abs(row.predicted):.2g}"
+        for row in rows[:_MOST_SAID]
+    )
+    more = "" if len(rows) <= _MOST_SAID else f"; and {len(rows) - _MOST_SAID} more"
+    return f"a difference would have been seen (with a chance of 90 %) in {said}{more}"
+
+
+def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -> Comparison:
+    """Return a comparison with the checks and faults of the run, and with what cannot be judged."""
+    measurement, diagnosis = seen.measurement, seen.diagnosis
+    registered = registration_of(measurement)
+    checks = (*run_checks(measurement, registered, diagnosis), *nothing_tested(comparison.rows, comparison.not_tested))
+    means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
+    budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)
+    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
+    return replace(
+        comparison,
+        rows=without_decisions(comparison.rows, unjudged),
+        checks=checks,
+        budgets=with_diagnosis(budgets, diagnosis, measurement),
+        unjudged=unjudged,
+        run_diagnosis=diagnosis,
+    )
+
+
+def _accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
+    """Return the prediction of a run to a tolerance."""
+    scene = run.inputs.scene
+    planned = plan_effects(scene, tolerance=tolerance, readout=run.readout, exposure_s=run.exposure_s)
+    there = {one.effect for one in planned.plan.decisions if one.bound.largest > 0.0}
+    acting = acting_effects(scene)
+    left_out = frozenset() if rule == "all" else ((acting & LIGHT & there) - planned.plan.active)
+    spent = planned.plan.spent.largest if left_out else 0.0
+    with as_config_error(f"scene {scene.name}"):
+        (found,) = predict(
+            [planned.scene],
+            tolerance=max(tolerance - spent, SMALLEST),
+            effects=acting - left_out,
+            estimated_only=True,
+            store=run.light.lights,
+        ).cases
+    return NumericalAccuracy(
+        tolerance=tolerance, found=found, effects=planned.plan, left_out=left_out, taken=acting - left_out
+    )
+
+
+# A stage that lands this near to an angle was sent there [deg].
+_LANDING_DEG = 1.0
+# What no simulated run says anything about.
+NOT_OF_SIMULATION = (
+    (
+        "the scene part of the model against nature: a simulated scene whose truth was computed by the model, or "
+        "stated in a file, agrees with it because both have one source"
+    ),
+    "any real device: stage, camera and light are simulated, with assumed numbers",
+)
+
+
+def _overruled(scene: Scene, measurement: Measurement, exposure_s: float) -> Iterable[str]:
+    """Return what the run says otherwise than the scene file, and what it does not say."""
+    if abs(scene.acquisition.exposure_ms / 1000 - exposure_s) > 1e-6 * exposure_s:
+        yield (
+            f"exposure: {exposure_s * 1000:g} ms of the run, not {scene.acquisition.exposure_ms:g} ms of the scene file"
+        )
+    if scene.acquisition.cycles != measurement.grid.cycles:
+        yield f"cycles: {measurement.grid.cycles} of the run, not {scene.acquisition.cycles} of the scene file"
+    light = measurement.run.session.simulated_light
+    yield from () if light is None else light.remarks
+    stated_deg = np.sort(np.mod(scene.acquisition.angles_deg, 180.0))
+    read_deg = np.rad2deg(measurement.grid.polarizer_angles_rad)
+    if not _same_angles(stated_deg, read_deg):
+        run, file = (", ".join(f"{angle:.4g}" for angle in angles) for angles in (read_deg, stated_deg))
+        yield f"angles: {run} deg of the run, not {file} deg of the scene file"
+    if np.isfinite(measurement.extinction_ratio):
+        return
+    yield "the processing takes the polarizer as ideal: the run states no extinction ratio"
+
+
+def _same_angles(stated_deg: FloatArray, read_deg: FloatArray) -> bool:
+    """Whether axes are the same ones, as near as a stage lands."""
+    if stated_deg.size != read_deg.size:
+        return False
+    apart = wrapped(stated_deg - read_deg, turn=180.0)
+    return bool(np.all(np.abs(apart) < _LANDING_DEG))
+
+
+def _not_tested(measurement: Measurement, scene: Scene, scale: Scale, uncertain: Inputs) -> tuple[str, ...]:
+    """Return what a comparison with a scene says nothing about."""
+    given = [region.name for region in scene.regions if region.material is None]
+    found = []
+    if len(given) == len(scene.regions):
+        found.append(
+            "the radiance of the scene: the model was given it, it did not compute it from surface, sun and sky"
+        )
+    elif given:
+        found.append(f"the radiance of {', '.join(given)}: the model was given it")
+    light = measurement.run.session.simulated_light
+    found.extend(() if light is None else light.caution)
+    if measurement.run.session.origin == "simulated":
+        found.extend(NOT_OF_SIMULATION)
+    if scale.kind == "free":
+        found.append("the scale of the counts: it was fitted to S0 of this run")
+    if not uncertain.names:
+        found.append(
+            "whether the numbers of the scene file are right within what is known of them: none has an uncertainty, "
+            "write { value = ..., std = ... } or { range = [..., ...] }"
+        )
+    if measurement.run.session.cell_deg is not None:
+        found.append(
+            "deviations of Stokes parameters and DoLP over the pixels: behind polarizers on the pixels each angle has "
+            "pixels of its own, and what their texture has in common is not known"
+        )
+    if measurement.grid.cycles < 2:
+        found.append("temporal noise: there is one cycle only")
+    return tuple(found)
+
+
+_NOT_TESTED = (
     "means, and where one half of the pixels does not predict the other, deviations: rows without a verdict",
     "the scene: no radiance was predicted",
 )
@@ -446,7 +592,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         measurement=measurement,
         alpha=alpha,
         rows=decided,
-        diagnosis=diagnose(decided, is_of_law=True),
+        points_to=diagnose(decided, is_of_law=True),
         predictions=predictions,
         unjudged=unjudged,
         budgets=run_budget(
@@ -454,7 +600,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         ),
         remarks=tuple(remarks),
         not_tested=(
-            *NOT_TESTED,
+            *_NOT_TESTED,
             *(f"{', '.join(regions)}: {numbers}: {_ONE_NUMBER}" for numbers, regions in same.items() if numbers),
             *(("temporal noise: no noise calibration was given",) if calibrated is None else ()),
             *(() if light is None else light.caution),
@@ -600,152 +746,3 @@ class _RegionLoop:
 def _errors(noise: TemporalNoise, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     cov = propagate_inputs(function, noise.values, noise.cov, least=(0.0, 0.0, 0.0))
     return np.asarray(np.sqrt(np.diag(cov)))
-
-
-_S_PER_H = 3600.0
-_LEAST_RUNS = 3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SeriesPoint:
-    """One run of a series."""
-
-    name: str  #: of the run folder
-    comparison: Comparison
-    start: datetime | None  #: of its first frame
-    sun_zenith_deg: float | None  #: as the prediction took it
-
-
-@dataclass(frozen=True, kw_only=True)
-class SeriesDrift:
-    """Drift of the residual of a quantity of a region."""
-
-    region: str
-    quantity: str
-    line: DriftLine
-
-    @property
-    def z(self) -> float:
-        """Slope over its standard error."""
-        return self.line.slope / self.line.std_error
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ComparedSeries:
-    """Many runs of one rig and their predictions from one scene."""
-
-    points: tuple[SeriesPoint, ...]
-    drifts: tuple[SeriesDrift, ...]
-    trends: tuple[Trend, ...]
-    alpha: float  #: family-wise error rate: chance of any false disagreement over all runs
-    scene: UsedFile  #: the scene file of all
-
-    @property
-    def agrees(self) -> bool | None:
-        """Whether every run agrees; None where none disagrees and one cannot be judged."""
-        found = [point.comparison.agrees for point in self.points]
-        if False in found:
-            return False
-        return None if None in found else True
-
-
-def require_one_instrument(runs: Sequence[Run]) -> None:
-    """Refuse runs that are not of one camera as it was set, one stage, and one axis of the polarizer."""
-    first = _instrument(runs[0])
-    strangers = []
-    for run in runs[1:]:
-        own = _instrument(run)
-        wrong = [f"{what} {own[what]}, not {first[what]}" for what in first if own[what] != first[what]]
-        if wrong:
-            strangers.append(f"{run.path}: {', '.join(wrong)}")
-    if strangers:
-        raise DataError(f"these runs do not belong with {runs[0].path}: " + "; ".join(strangers))
-
-
-def hours_of(points: Sequence[SeriesPoint]) -> list[float] | None:
-    """Return the time of each run from the first [h]; None where a run does not say when it was."""
-    starts = [point.start for point in points if point.start is not None]
-    if len(starts) != len(points):
-        return None
-    return [(start - min(starts)).total_seconds() / _S_PER_H for start in starts]
-
-
-def mean_row(point: SeriesPoint, region: str, quantity: str) -> Row | None:
-    """Return the row of the mean of a quantity, if there is one."""
-    wanted = NumberKey(region, quantity, "mean")
-    return next((row for row in point.comparison.rows if row.key == wanted), None)
-
-
-def drifts_of(points: Sequence[SeriesPoint]) -> tuple[SeriesDrift, ...]:
-    """Return how residuals drift with time, per hour; nothing with fewer than three runs or without their times.
-
-    Errors are those of the measurement: those of the inputs are common to all runs, and move all residuals alike.
-    """
-    hours = hours_of(points)
-    if hours is None or len(points) < _LEAST_RUNS or np.ptp(hours) == 0.0:
-        return ()
-    found = []
-    for region, quantity, rows in _complete(points):
-        residuals = [off_prediction(row, row.measured) for row in rows]
-        errors = [row.std_error or 0.0 for row in rows]
-        if min(errors) > 0.0:
-            found.append(SeriesDrift(region=region, quantity=quantity, line=drift_line(hours, residuals, errors)))
-    return tuple(found)
-
-
-def trends_over_runs(points: Sequence[SeriesPoint]) -> tuple[Trend, ...]:
-    """Return whether the order of runs is as predicted, for each region and quantity that has an order."""
-    if len(points) < _LEAST_RUNS:
-        return ()
-    return tuple(
-        trend(
-            rows,
-            over=f"runs of {region}",
-            predicted_cov=_joint_cov(points, rows),
-            measured_cov=np.diag([(row.std_error or 0.0) ** 2 for row in rows]),
-        )
-        for region, quantity, rows in _complete(points)
-        if quantity not in CIRCULAR
-    )
-
-
-def _complete(points: Sequence[SeriesPoint]) -> Iterable[tuple[str, str, list[Row]]]:
-    """Return the quantities that every run has."""
-    for region in points[0].comparison.measurement.regions:
-        for quantity in FOLLOWED:
-            rows = [mean_row(point, region, quantity) for point in points]
-            known = [row for row in rows if row is not None]
-            if len(known) == len(points):
-                yield region, quantity, known
-
-
-def _joint_cov(points: Sequence[SeriesPoint], rows: Sequence[Row]) -> NDArray[np.float64]:
-    """Return the covariance of one prediction over the runs: the same inputs are off in all of them."""
-    names = list(dict.fromkeys(n for p in points if p.comparison.inputs is not None for n in p.comparison.inputs.names))
-    effects = np.zeros((len(points), len(names)))
-    for k, (point, row) in enumerate(zip(points, rows, strict=True)):
-        inputs, propagation = point.comparison.inputs, point.comparison.propagation
-        if inputs is None or propagation is None:
-            continue
-        place = point.comparison.rows.index(row)
-        for name, effect in zip(inputs.names, propagation.effects[place], strict=True):
-            effects[k, names.index(name)] = effect
-    return np.asarray(effects @ effects.T)
-
-
-def _instrument(run: Run) -> dict[str, str]:
-    """Return what runs of one series have in common, as it is said where they have not."""
-    scene = next((record for record in run.frames if record.kind == "scene"), None)
-    if scene is None:
-        raise DataError(f"{run.path}: holds no scene frames")
-    polarizer = run.session.polarizer
-    return {
-        "camera": repr((scene.camera_model, scene.camera_serial)),
-        "gain [dB]": repr(scene.gain_db),
-        "bit depth": repr(scene.bit_depth),
-        "picture": repr((scene.width, scene.height)),
-        "stage": repr((scene.stage_model, scene.stage_serial)),
-        "polarizer sense": repr(polarizer.sense),
-        "polarizer offset [deg]": repr(polarizer.offset_deg),
-        "extinction ratio": repr(polarizer.extinction_ratio),
-    }

@@ -1,6 +1,7 @@
-"""The rows that an attribution is sought from, and the covariance of their measurement.
+"""Residuals of a comparison attributed to its inputs: which input would explain them, and what it cannot be told from.
 
-Attribution of residuals to inputs: which, how far each, and which of them the data cannot tell apart.
+Each uncertain input is moved as far as it removes the residuals best (a Bayesian update, to first order). The rows that
+count are those that are not functions of one another, with the covariance of their measurement.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,69 +20,6 @@ from rigctl.scene.scene import Inputs, parameters
 FloatArray = NDArray[np.float64]
 
 _STOKES = ("s0", "s1", "s2")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
-    """Rows that are not functions of one another."""
-
-    #: Positions among the rows of the comparison: mean counts of every channel, their temporal deviations, and the
-    #: spatial deviations of the Stokes parameters. All other rows follow from these.
-    places: NDArray[np.intp]
-    cov: FloatArray  #: Covariance of the measurement.
-
-
-def gather_evidence(rows: Sequence["Row"], measurement: "Measurement") -> Evidence:
-    """Return the rows that an attribution is sought from.
-
-    Sample means and deviations of Gaussian pixels are independent. Means of one region share pixels; those of all
-    regions share the error of the dark level. Temporal deviations are of frames that are independent; spatial ones of
-    Stokes parameters go together as far as their pixels do.
-    """
-    place = {row.key: k for k, row in enumerate(rows)}
-    groups = [
-        (names, statistic)
-        for region in measurement.regions
-        for names, statistic in (
-            ([(region, name) for name in measurement.grid.channel_names], "mean"),
-            ([(region, name) for name in measurement.grid.channel_names], "std_temporal"),
-            ([(region, name) for name in _STOKES], "std_spatial_mean"),
-        )
-    ]
-    wanted = [NumberKey(*name, statistic) for names, statistic in groups for name in names]
-    found = [key for key in wanted if key in place]
-    position = {key: k for k, key in enumerate(found)}
-    cov = np.diag([(rows[place[key]].std_error or 0.0) ** 2 for key in found])
-    _fill_means(cov, position, measurement)
-    _fill_deviations(cov, position, measurement)
-    return Evidence(places=np.array([place[key] for key in found], dtype=np.intp), cov=cov)
-
-
-def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: "Measurement") -> None:
-    names = measurement.grid.channel_names
-    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
-    at = {
-        region: [position[NumberKey(region, name, "mean")] for name in names]
-        for region in measurement.regions
-        if NumberKey(region, names[0], "mean") in position
-    }
-    for one, here in at.items():
-        for other, there in at.items():
-            cov[np.ix_(here, there)] = (
-                measurement.regions[one].channels_mean.cov if one == other else np.outer(level, level)
-            )
-
-
-def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measurement: "Measurement") -> None:
-    for name, region in measurement.regions.items():
-        keys = [NumberKey(name, quantity, "std_spatial_mean") for quantity in _STOKES]
-        if any(key not in position for key in keys):
-            continue
-        here = [position[key] for key in keys]
-        errors = np.sqrt(np.diag(cov))[here]
-        # Without any spread of some parameter there is no correlation to speak of.
-        if np.all(np.ptp(region.stokes_pixels_mean, axis=1) > 0.0):
-            cov[np.ix_(here, here)] = deviations_cov(errors, np.corrcoef(region.stokes_pixels_mean))
 
 
 # An input of whose variance the data resolve less than this says nothing, and of which nothing is said.
@@ -157,15 +95,15 @@ def attribute_residuals(
     """Return what would explain the residuals of rows; None where no input has an uncertainty."""
     if not inputs.names:
         return None
-    evidence = gather_evidence(rows, measurement)
-    chosen = [rows[k] for k in evidence.places]
+    places, cov = _evidence(rows, measurement)
+    chosen = [rows[k] for k in places]
     std = np.sqrt(np.diag(inputs.cov))
     of_prediction, of_measurement = _straightened(chosen)
     residual = np.array([off_prediction(row, row.measured) for row in chosen])
     found = bayesian_update.update_inputs(
         0.5 * (of_prediction + of_measurement) * residual,
-        measurement_cov=evidence.cov * np.outer(of_measurement, of_measurement),
-        effects=propagation.effects[evidence.places] * of_prediction[:, None],
+        measurement_cov=cov * np.outer(of_measurement, of_measurement),
+        effects=propagation.effects[places] * of_prediction[:, None],
         input_correlation=inputs.cov / np.outer(std, std),
     )
     moves = tuple(_move(found, inputs, std, k) for k in found.order if found.seen[k] >= _LEAST_SEEN)
@@ -179,6 +117,62 @@ def attribute_residuals(
         unseen=tuple(name for name in inputs.names if name not in seen),
         remark=_remark(moves, found.p_value, _exact(inputs)),
     )
+
+
+def _evidence(rows: Sequence[Row], measurement: Measurement) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the positions of rows that are not functions of one another, and the covariance of their measurement.
+
+    These are mean counts of every channel, their temporal deviations, and the spatial deviations of the Stokes
+    parameters. All other rows follow from these.
+
+    Sample means and deviations of Gaussian pixels are independent. Means of one region share pixels; those of all
+    regions share the error of the dark level. Temporal deviations are of frames that are independent; spatial ones of
+    Stokes parameters go together as far as their pixels do.
+    """
+    place = {row.key: k for k, row in enumerate(rows)}
+    groups = [
+        (names, statistic)
+        for region in measurement.regions
+        for names, statistic in (
+            ([(region, name) for name in measurement.grid.channel_names], "mean"),
+            ([(region, name) for name in measurement.grid.channel_names], "std_temporal"),
+            ([(region, name) for name in _STOKES], "std_spatial_mean"),
+        )
+    ]
+    wanted = [NumberKey(*name, statistic) for names, statistic in groups for name in names]
+    found = [key for key in wanted if key in place]
+    position = {key: k for k, key in enumerate(found)}
+    cov = np.diag([(rows[place[key]].std_error or 0.0) ** 2 for key in found])
+    _fill_means(cov, position, measurement)
+    _fill_deviations(cov, position, measurement)
+    return np.array([place[key] for key in found], dtype=np.intp), cov
+
+
+def _fill_means(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
+    names = measurement.grid.channel_names
+    level = measurement.dark_level.std_error_dn * measurement.grid.to_unit
+    at = {
+        region: [position[NumberKey(region, name, "mean")] for name in names]
+        for region in measurement.regions
+        if NumberKey(region, names[0], "mean") in position
+    }
+    for one, here in at.items():
+        for other, there in at.items():
+            cov[np.ix_(here, there)] = (
+                measurement.regions[one].channels_mean.cov if one == other else np.outer(level, level)
+            )
+
+
+def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measurement: Measurement) -> None:
+    for name, region in measurement.regions.items():
+        keys = [NumberKey(name, quantity, "std_spatial_mean") for quantity in _STOKES]
+        if any(key not in position for key in keys):
+            continue
+        here = [position[key] for key in keys]
+        errors = np.sqrt(np.diag(cov))[here]
+        # Without any spread of some parameter there is no correlation to speak of.
+        if np.all(np.ptp(region.stokes_pixels_mean, axis=1) > 0.0):
+            cov[np.ix_(here, here)] = deviations_cov(errors, np.corrcoef(region.stokes_pixels_mean))
 
 
 def _straightened(rows: Sequence[Row]) -> tuple[FloatArray, FloatArray]:

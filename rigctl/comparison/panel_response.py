@@ -1,7 +1,7 @@
 """Counts per radiance from a run: a panel of known reflectance under the run's own sun."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 from calibration.radiometric import PanelScale, panel_scale
 from model.prediction import predict
 from model.processing.agreement import input_jacobian
-from rigctl.calibrations.noise import NoiseParameters
 from rigctl.calibrations.radiometric import SCHEMA_VERSION
 from rigctl.calibrations.record import header_of, source_of, source_of_run
-from rigctl.comparison.predict_run import one_exposure_s, run_readout, scene_of_run
+from rigctl.comparison.predict_run import differences, one_exposure_s, run_readout, scene_of_run
 from rigctl.comparison.scale import modelled_response, without_throughput
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.scene_file import SceneFile
 from rigctl.measure.measure import MeasuredRegion, Measurement
 from rigctl.scene.light import SceneLight, build_scenario
-from rigctl.scene.reading import assumed_materials, scene_of_file
+from rigctl.scene.reading import assumed_materials, with_geometry
 from rigctl.scene.scene import Inputs, Scene, gather
 
 FloatArray = NDArray[np.float64]
@@ -50,12 +48,10 @@ class PanelResponse:
     remarks: tuple[str, ...]  #: What was assumed, overruled or found on the way.
 
 
-def panel_response(
-    measurement: Measurement, *, scene: SceneFile, panel: str, noise: NoiseParameters | None
-) -> PanelResponse:
+def panel_response(measurement: Measurement, scene: Scene, *, panel: str) -> PanelResponse:
     """Return the counts that a radiance makes, by a panel of known reflectance."""
     alone = _alone(scene, panel)
-    used, moved = scene_of_run(scene_of_file(alone, noise), measurement.run, measurement.grid.frames)
+    used = scene_of_run(alone, measurement.run, measurement.grid.frames)
     measured = _unsaturated(measurement, panel)
     # Counts are compared with the radiance: what the sensor makes of it is what is sought.
     inputs = without_throughput(gather(used), gain=True)
@@ -81,16 +77,22 @@ def panel_response(
         radiance_error=float(np.sqrt(cov[-1, -1])),
         shares=_shares(scale, predicted_dn, inputs, jacobian[:-1]),
         pixels=measured.pixels,
-        remarks=(*assumed_materials(alone), *moved, *light.remarks(inputs.scene), *_of_channels(scale)),
+        remarks=(
+            *assumed_materials(alone.regions),
+            *differences(alone, used),
+            *light.remarks(inputs.scene),
+            *_of_channels(scale),
+        ),
     )
 
 
-def _alone(scene: SceneFile, panel: str) -> SceneFile:
-    named = [region for region in scene.regions if region.name == panel]
+def _alone(scene: Scene, panel: str) -> Scene:
+    """Return the scene of the panel alone, taken by a rig as it is recorded."""
+    named = tuple(region for region in scene.regions if region.name == panel)
     if not named:
         known = ", ".join(region.name for region in scene.regions)
         raise ConfigError(f"--panel: {panel!r} is no region of {scene.name}; there are {known}")
-    return scene.model_copy(update={"regions": named})
+    return with_geometry(replace(scene, regions=named, rig=None), scene.geometry, scene.pointing)
 
 
 def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:

@@ -1,12 +1,13 @@
-"""Sun and camera of a run in place of the scene file's, with what that changes.
+"""A scene as it was when a run was taken: with the run's sun, camera, exposure, angles and rig, ready to be predicted.
 
-Prediction of a run from a scene file: at the run's own angles, cycles, exposure, sun and rig.
+What the run says takes the place of what the scene file says; `RunPredictor.remarks` says where they differ.
 """
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,30 +19,27 @@ from model.quantities import angle_of
 from model.scene.field import FieldLight
 from model.scene.scene import Readout
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.noise import NoiseParameters
 from rigctl.comparison.rows import with_ratios
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.place import GeometrySection, Place, PointingSection, SiteSection
-from rigctl.files.scene_file import SceneFile
 from rigctl.files.toml import Uncertain
 from rigctl.measure.measure import Measurement, frame_order
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, SimulatedLight
 from rigctl.scene.light import SceneLight, build_scenario, sun_text
-from rigctl.scene.reading import scene_of_file, sun_covariance_deg2, with_geometry, with_sun, without_effects
+from rigctl.scene.reading import sun_covariance_deg2, with_geometry, with_sun, without_effects
 from rigctl.scene.scene import (
     Inputs,
     Parameter,
     Scene,
     Sun,
-    TakenCycle,
-    exposure_std,
     gather,
     parameters,
     rig_errors,
-    with_rig,
 )
 from rigctl.scene.sun import sun_position
+
+FloatArray = NDArray[np.float64]
 
 # Below this a difference is that of rounding, and not worth a word [deg].
 _WORTH_A_WORD_DEG = 0.01
@@ -49,21 +47,115 @@ _WORTH_A_WORD_DEG = 0.01
 _ANYWHERE = Place(latitude_deg=0.0, longitude_deg=0.0, elevation_m=0.0)
 
 
-def scene_of_run(scene: Scene, run: Run, frames: Iterable[FrameRecord]) -> tuple[Scene, tuple[str, ...]]:
-    """Return the scene with the sun and the camera's place that the run states, and each difference in words.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunPredictor:
+    """A scene as it was when a run was taken, ready to be predicted with other values of its inputs."""
+
+    measurement: Measurement  #: Of the run.
+    stated: Scene  #: As the scene file has it.
+    inputs: Inputs  #: Numbers of the scene of the run.
+    light: SceneLight  #: Computes the light of materials, and keeps it.
+    settings: Settings | None = None  #: Numerical settings in place of those of the file.
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Which sun is taken, and what the run says of sun and geometry otherwise than the file."""
+        run, frames, used = self.measurement.run, self.measurement.grid.frames, self.inputs.scene
+        return (*sun_used(self.stated, used, run, frames), *differences(self.stated, used))
+
+    @cached_property
+    def readout(self) -> Readout:
+        """Angles and cycles of the run."""
+        return run_readout(self.measurement)
+
+    @cached_property
+    def exposure_s(self) -> float:
+        """Exposure of each frame [s]."""
+        return one_exposure_s(self.measurement)
+
+    def predictions(self, values: FloatArray) -> dict[str, RegionPrediction]:
+        """Return what the model says of each region, at values of the inputs."""
+        scene = self.inputs.at(values)
+        errors = rig_errors(scene)
+        try:
+            scenario = build_scenario(
+                scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light, settings=self.settings
+            )
+            return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
+        except ValueError as error:
+            raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
+
+    def without(self, effects: frozenset[Effect]) -> "RunPredictor":
+        """Return what predicts the run with some effects left out."""
+        return replace(self, inputs=gather(without_effects(self.inputs.scene, effects)))
+
+    def lights(self, scene: Scene) -> dict[str, FieldLight]:
+        """Return the light of each region that is given by a material."""
+        named = [region for region in scene.regions if region.material is not None]
+        return {region.name: self.light.region(scene, region, self.settings) for region in named}
+
+
+def run_predictor(measurement: Measurement, scene: Scene) -> RunPredictor:
+    """Return what predicts a run from a scene."""
+    used = scene_of_run(scene, measurement.run, measurement.grid.frames)
+    return RunPredictor(
+        measurement=measurement, stated=scene, inputs=gather(_with_cycle(used, measurement)), light=SceneLight()
+    )
+
+
+def run_readout(measurement: Measurement) -> Readout:
+    """Return angles and cycles of a run."""
+    grid = measurement.grid
+    return Readout(
+        angles_rad=grid.polarizer_angles_rad,
+        channel_names=grid.channel_names,
+        cycles=grid.cycles,
+        extinction_ratio=measurement.extinction_ratio,
+        noise_factor=measurement.noise_factor if measurement.corrections.is_any else None,
+        flat_error=None if measurement.flat is None else measurement.flat.error,
+    )
+
+
+def one_exposure_s(measurement: Measurement) -> float:
+    """Return the exposure of a run's frames [s]."""
+    exposures = measurement.grid.exposures_s
+    if exposures is None:
+        raise DataError(f"{measurement.run.path}: its exposure is not known, and a scene cannot be predicted without")
+    if not measurement.grid.is_one_exposure:
+        raise DataError(f"{measurement.run.path}: its angles have different exposures; a scene needs one for all")
+    return float(exposures[0])
+
+
+def _with_cycle(scene: Scene, measurement: Measurement) -> Scene:
+    """Return the scene whose rig takes the cycle of the run, with what its rig file does not know of the axis."""
+    if scene.rig is None:
+        return scene
+    names, offset = measurement.grid.channel_names, scene.rig.polarizer_offset_deg
+    # 0 where there is no rig file, as of images.
+    std = float(np.hypot(offset.std, measurement.run.session.polarizer.offset_std_deg))
+    rig = replace(
+        scene.rig,
+        polarizer_offset_deg=Uncertain(value=offset.value, std=std),
+        angle_deg=scene.rig.angle_deg[:1] * len(names),
+        angle_names=tuple(angle_of(name) for name in names),
+        frame_order=tuple(frame_order(measurement).tolist()),
+    )
+    return replace(scene, rig=rig)
+
+
+def scene_of_run(scene: Scene, run: Run, frames: Iterable[FrameRecord]) -> Scene:
+    """Return the scene with the sun and the camera's place that the run states.
 
     The sun is that of the mean over the frames. A simulated run's clock says nothing of the sun, unless it lit a
     simulated roof. Where the run states a number as exact, the scene file's standard uncertainty of it stays.
     """
     light = run.session.simulated_light
     if not scene.has_materials or (run.session.origin == "simulated" and light is None):
-        return scene, ()
+        return scene
     changed = _with_geometry(scene, run)
     if light is not None and not light.is_clocked:
-        changed = _with_stated_sun(changed, light)
-    else:
-        changed = _with_sun(changed, run, tuple(frames))
-    return changed, tuple(_differences(scene, changed))
+        return _with_stated_sun(changed, light)
+    return _with_sun(changed, run, tuple(frames))
 
 
 def sun_used(stated: Scene, used: Scene, run: Run, frames: Iterable[FrameRecord]) -> tuple[str, ...]:
@@ -192,7 +284,8 @@ def _direction(frame: FrameRecord, site: SiteSection | None) -> tuple[float, flo
     return level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.cos(zenith_rad)
 
 
-def _differences(scene: Scene, changed: Scene) -> Iterable[str]:
+def differences(scene: Scene, changed: Scene) -> Iterable[str]:
+    """Yield in words where the scene of a run differs from that of its file."""
     yield from _pointing_set_aside(scene, changed)
     stated, used = _directions(scene), _directions(changed)
     for name, number in used.items():
@@ -219,87 +312,3 @@ def _directions(scene: Scene) -> dict[str, Parameter]:
         for number in parameters(scene)
         if number.key.startswith(("sun.", "geometry.")) and number.unit == "deg"
     }
-
-
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunPredictor:
-    """A scene as it was when a run was taken, ready to be predicted with other values of its inputs."""
-
-    inputs: Inputs  #: Numbers of scene file, calibration and rig.
-    readout: Readout  #: Angles and cycles of the run.
-    exposure_s: float  #: Of each frame [s].
-    light: SceneLight  #: Computes the light of materials, and keeps it.
-    moved: tuple[str, ...]  #: Which sun is taken, and what the run says of sun and geometry otherwise than the file.
-    settings: Settings | None = None  #: Numerical settings in place of those of the file.
-
-    def predictions(self, values: FloatArray) -> dict[str, RegionPrediction]:
-        """Return what the model says of each region, at values of the inputs."""
-        scene = self.inputs.at(values)
-        errors = rig_errors(scene)
-        try:
-            scenario = build_scenario(
-                scene, readout=self.readout, exposure_s=self.exposure_s, light=self.light, settings=self.settings
-            )
-            return with_ratios(predict(scenario) if errors is None else predict_with_errors(scenario, errors))
-        except ValueError as error:
-            raise ConfigError(f"scene {scene.name}, its numbers within their uncertainties: {error}") from error
-
-    def without(self, effects: frozenset[Effect]) -> "RunPredictor":
-        """Return what predicts the run with some effects left out."""
-        return replace(self, inputs=gather(without_effects(self.inputs.scene, effects)))
-
-    def lights(self, scene: Scene) -> dict[str, FieldLight]:
-        """Return the light of each region that is given by a material."""
-        named = [region for region in scene.regions if region.material is not None]
-        return {region.name: self.light.region(scene, region, self.settings) for region in named}
-
-
-def run_predictor(measurement: Measurement, *, scene: SceneFile, noise: NoiseParameters | None) -> RunPredictor:
-    """Return what predicts a run from a scene file."""
-    run, frames = measurement.run, measurement.grid.frames
-    stated = scene_of_file(scene, noise)
-    used, moved = scene_of_run(stated, run, frames)
-    return RunPredictor(
-        inputs=gather(with_rig(used, scene.rig, cycle_of_run(measurement, scene))),
-        readout=run_readout(measurement),
-        exposure_s=one_exposure_s(measurement),
-        light=SceneLight(),
-        moved=(*sun_used(stated, used, run, frames), *moved),
-    )
-
-
-def run_readout(measurement: Measurement) -> Readout:
-    """Return angles and cycles of a run."""
-    grid = measurement.grid
-    return Readout(
-        angles_rad=grid.polarizer_angles_rad,
-        channel_names=grid.channel_names,
-        cycles=grid.cycles,
-        extinction_ratio=measurement.extinction_ratio,
-        noise_factor=measurement.noise_factor if measurement.corrections.is_any else None,
-        flat_error=None if measurement.flat is None else measurement.flat.error,
-    )
-
-
-def one_exposure_s(measurement: Measurement) -> float:
-    """Return the exposure of a run's frames [s]."""
-    exposures = measurement.grid.exposures_s
-    if exposures is None:
-        raise DataError(f"{measurement.run.path}: its exposure is not known, and a scene cannot be predicted without")
-    if not measurement.grid.is_one_exposure:
-        raise DataError(f"{measurement.run.path}: its angles have different exposures; a scene needs one for all")
-    return float(exposures[0])
-
-
-def cycle_of_run(measurement: Measurement, scene: SceneFile) -> TakenCycle:
-    """Return the cycle of a run, as the errors of its rig act on it."""
-    return TakenCycle(
-        angle_names=tuple(angle_of(name) for name in measurement.grid.channel_names),
-        frame_order=tuple(frame_order(measurement).tolist()),
-        # How well the rig file of the run knows the polarizer's offset; 0 where there is none, as of images.
-        offset_std_deg=measurement.run.session.polarizer.offset_std_deg,
-        exposure_std=exposure_std(scene),
-    )

@@ -129,7 +129,7 @@ def _of_file(inputs: "Inputs", exposure_s: float) -> Scale:
 def with_panel_scale(inputs: "Inputs", *, radiometric: "RadiometricResponse") -> "Inputs":
     """Return the inputs of a prediction without a run, scaled by a radiometric calibration, which a remark says."""
     scaled, scale = panel_scaled(inputs, radiometric, exposure_s=inputs.scene.exposure_s)
-    return replace(scaled, remarks=(*scaled.remarks, scale.remark))
+    return replace(scaled, scene=replace(scaled.scene, changed=(*scaled.scene.changed, scale.remark)))
 
 
 def panel_scaled(inputs: "Inputs", radiometric: "RadiometricResponse", *, exposure_s: float) -> tuple["Inputs", Scale]:

@@ -644,8 +644,7 @@ class RigSection(Section):
     """Errors of the rig against what a run records of it; each is an input with an uncertainty, exact by default.
 
     `polarizer_offset_deg` is what would have to be added to every recorded angle of the polarizer, `angle_std_deg` how
-    well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one. `light_drift` is what
-    `errors.illumination_drift` was called here.
+    well each angle is known on its own, `exposure_ratio` the true exposure over the recorded one.
     """
 
     polarizer_offset_deg: Uncertain = Uncertain(value=0.0)
@@ -654,8 +653,6 @@ class RigSection(Section):
     """How well each recorded angle is known on its own. Example: `0.02`."""
     exposure_ratio: Positive = Uncertain(value=1.0)
     """True exposure over the recorded one. Example: `{ value = 1.0, std = 0.01 }`."""
-    light_drift: Drift | None = None
-    """Former name of `errors.illumination_drift`. Example: `0.01`."""
 
 
 def _is_covariance(rows: list[list[float]]) -> bool:
@@ -789,12 +786,6 @@ class SceneFile(Section):
     @model_validator(mode="after")
     def _distinct_names(self) -> "SceneFile":
         require_distinct([region.name for region in self.regions])
-        return self
-
-    @model_validator(mode="after")
-    def _one_drift(self) -> "SceneFile":
-        if self.rig.light_drift is not None and "illumination_drift" in self.errors.model_fields_set:
-            raise ValueError("rig.light_drift and errors.illumination_drift are one number; leave the first out")
         return self
 
     @model_validator(mode="after")

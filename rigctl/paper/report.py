@@ -23,6 +23,7 @@ from rigctl.report.drawing import COLOURS, legend_below, legend_of_all, png, say
 from rigctl.report.output import html, write_folder
 from rigctl.report.prediction import laws_of, sky_picture
 from rigctl.report.table import Column, Table
+from rigctl.scene.reading import scene_of_file
 from rigctl.scene.sky_map import sky_map
 
 if TYPE_CHECKING:
@@ -393,7 +394,7 @@ def _picture(found: CheckedPaper, one: MaterialSet, number: int, curves: PaperFi
     if curves is not None:
         return curves_png(curves, beneath, points)
     if number == 2:
-        return sky_picture(sky_map(one.scene), title=(_FIG2,), beneath=beneath)
+        return sky_picture(sky_map(scene_of_file(one.scene)), title=(_FIG2,), beneath=beneath)
     panels = one.scenes.rooftop.predictions
     return panels_png(panels, PANELS, beneath) if number == 6 else laws_figure_png(panels, PANELS, beneath, points)
 

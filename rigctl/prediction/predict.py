@@ -28,16 +28,7 @@ from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import ROC_KINDS, RocKind
 from rigctl.scene.light import SceneLight, build_scenario, camera_view, lit_scene, readout_of, sensor_of
 from rigctl.scene.reading import acting_effects, forced_effects, scene_of_file
-from rigctl.scene.scene import (
-    Inputs,
-    cycle_of_file,
-    gather,
-    only_uncertain,
-    require_within,
-    rig_errors,
-    with_rig,
-    with_values,
-)
+from rigctl.scene.scene import Inputs, gather, only_uncertain, require_within, rig_errors, with_values
 
 if TYPE_CHECKING:
     from model.accuracy.chain import Clock
@@ -70,7 +61,7 @@ def _with_changes(scene: "Scene", changed: Mapping[str, float]) -> "Scene":
     found = with_values(scene, changed)
     require_within(scene, changed, option="changed")
     said = ", ".join(f"{key} = {value:g}" for key, value in changed.items())
-    return replace(found, remarks=(*scene.remarks, f"changed: {said}, not as the scene file has it"))
+    return replace(found, changed=(f"changed: {said}, not as the scene file has it",))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +93,7 @@ class ScenePredictor:
         """
         if source != "total" and not scene.has_materials:
             raise ConfigError(f"--light {source}: no region of {scene.name} is given by its material")
-        stated = with_rig(scene_of_file(scene, noise), scene.rig, cycle_of_file(scene))
+        stated = scene_of_file(scene, noise)
         if changes:
             stated = _with_changes(stated, changes)
         self._light, self._source = SceneLight() if light is None else light, source
@@ -123,7 +114,7 @@ class ScenePredictor:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is assumed, what was set aside, and what is least known of the air."""
-        return (*self._inputs.remarks, *self._light.remarks(self.scene))
+        return (*self.scene.remarks, *self._light.remarks(self.scene))
 
     def predictions(self, changed: Mapping[str, float] | None = None) -> dict[str, RegionPrediction]:
         """Return what the model says with some numbers changed, by their keys."""
@@ -249,6 +240,12 @@ def _require_recorded_rig(scene: "Scene") -> None:
             f"scene {scene.name}: --tolerance is of a rig as it is recorded; leave the values of [rig] at "
             "polarizer_offset_deg = 0, exposure_ratio = 1 (uncertainties may stay)"
         )
+
+
+def model_warnings(predictions: Mapping[str, RegionPrediction]) -> Iterable[str]:
+    """Yield where the model is void or poor, by region."""
+    for name, prediction in predictions.items():
+        yield from (f"{name}: {warning}" for warning in prediction.warnings)
 
 
 # Probabilities of false alarm that people ask for. A measured ROC has a point at each that its pixels reach.

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ _NOT_OF_THE_TRUTH = {"sun", "geometry", "atmosphere", "field_of_view", "errors",
 def write_truth(scene_path: Path, out: Path, *, changes: Mapping[str, float] | None = None) -> None:
     """Write a scene as a scene file in which every region states its radiance, as a simulated rig can paint it."""
     file = load_scene(scene_path)
-    scene = with_values(scene_of_file(file), changes or {})
+    # A rig errs when frames are taken, not in their light.
+    scene = with_values(replace(scene_of_file(file), rig=None), changes or {})
     scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s)
     regions = [
         _stated(region, np.asarray(light.stokes_radiance), light.aperture_moments().cov)

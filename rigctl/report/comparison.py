@@ -37,9 +37,10 @@ from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digits
 from rigctl.calibrations.made_for import MeasuredOverFrames
-from rigctl.comparison.checks import VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
-from rigctl.comparison.compare import ALLOWED_SHARE, hours_of, mean_row
+from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
+from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS
+from rigctl.comparison.series import hours_of, mean_row
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
@@ -79,18 +80,12 @@ if TYPE_CHECKING:
     from model.prediction import RegionPrediction
     from model.scene.field import FieldLight
     from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.comparison.checks import Check, RegionVerdict, Trend
-    from rigctl.comparison.compare import (
-        ComparedSeries,
-        Comparison,
-        EffectsTaken,
-        NumericalAccuracy,
-        SeriesDrift,
-        SeriesPoint,
-    )
+    from rigctl.comparison.checks import Cause, Check, RegionVerdict, Trend
+    from rigctl.comparison.compare import Comparison, NumericalAccuracy
     from rigctl.comparison.detect import RxOnRun
     from rigctl.comparison.explain import FittedInput, InputAttribution, InputMove
     from rigctl.comparison.rows import RegionBudget, Row
+    from rigctl.comparison.series import ComparedSeries, SeriesDrift, SeriesPoint
     from rigctl.console.json_text import Json
     from rigctl.files.regions import Region
     from rigctl.measure.faults import FaultTerm
@@ -385,7 +380,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "alpha": comparison.alpha,
         "scale": None if comparison.scale is None else asdict(comparison.scale),
         "disagreements": json_rows(row_table(comparison.disagreements)),
-        "diagnosis": asdict(comparison.diagnosis) | diagnosis_json(comparison.run_diagnosis),
+        "diagnosis": _pointers(comparison.points_to) | diagnosis_json(comparison.run_diagnosis),
         "statistics": STATISTICS,
         "unit": measurement.grid.unit,
         "regions": _with_verdicts(_rows_by_name(comparison.rows), comparison.regions),
@@ -402,6 +397,10 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         **({} if comparison.picked is None else comparison.picked.as_json()),
         **annotations_of(measurement.run, measurement.grid.left_out),
     }
+
+
+def _pointers(causes: Sequence[Cause]) -> dict[str, Json]:
+    return {"points_to": list(causes), "advice": [ADVICE[cause] for cause in causes]}
 
 
 def _accuracy(found: NumericalAccuracy) -> Json:
@@ -540,7 +539,7 @@ def _point_json(point: SeriesPoint) -> dict[str, Json]:
         **facts,
         "agrees": comparison.agrees,
         "disagreements": len(comparison.disagreements),
-        "points_to": list(comparison.diagnosis.points_to),
+        "points_to": list(comparison.points_to),
         "explanation": None if comparison.attribution is None else comparison.attribution.remark,
         "means": {
             region: {
@@ -899,7 +898,7 @@ def comparison_report(comparison: Comparison) -> Report:
             *_trends(comparison),
             *([light_section(comparison.lights)] if comparison.lights else []),
             *_uncertainty(comparison),
-            *_effects(comparison.effects),
+            *_effects(comparison.accuracy),
             *_by_itself(comparison),
             *_strength(comparison),
             *_numbers(comparison, measurement),
@@ -936,8 +935,8 @@ def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
         f"all agree in truth, the chance that any one is called a disagreement is at most {alpha}."
     )
     yield "", rule
-    for cause, advice in zip(comparison.diagnosis.points_to, comparison.diagnosis.advice, strict=True):
-        yield f"Points to {cause}:", advice
+    for cause in comparison.points_to:
+        yield f"Points to {cause}:", ADVICE[cause]
     if comparison.attribution is not None and comparison.disagreements:
         yield "What would explain it:", comparison.attribution.remark + "."
     for title, text in said_of(comparison.checks, "flagged"):
@@ -1042,7 +1041,7 @@ def _uncertainty(comparison: Comparison) -> Iterable[Section]:
     )
 
 
-def _effects(effects: EffectsTaken | None) -> Iterable[Section]:
+def _effects(effects: NumericalAccuracy | None) -> Iterable[Section]:
     if effects is None:
         return
     note = Paragraph(
@@ -1190,9 +1189,7 @@ def _series_reasons(series: ComparedSeries) -> Iterable[tuple[str, str]]:
 
 def _why(point: SeriesPoint) -> str:
     comparison = point.comparison
-    text = (
-        f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.diagnosis.points_to) or 'no cause'}"
-    )
+    text = f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.points_to) or 'no cause'}"
     return text if comparison.attribution is None else f"{text}; {comparison.attribution.remark}"
 
 

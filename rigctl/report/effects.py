@@ -13,12 +13,12 @@ from rigctl.report.table import Column, Table
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
     from model.effects.names import Bound, Decision, Effect, EffectPlan
-    from rigctl.comparison.compare import EffectsTaken
+    from rigctl.comparison.compare import NumericalAccuracy
     from rigctl.console.json_text import Json
     from rigctl.scene.effects import Verification
 
 
-def taken_table(found: EffectsTaken) -> Table[Decision]:
+def taken_table(found: NumericalAccuracy) -> Table[Decision]:
     """Return each effect of the model: taken here or not, the most that leaving it out can change, and why."""
     columns: tuple[Column[Decision], ...] = (
         Column(title="effect", text=lambda one: one.effect.value, left=True),
@@ -30,7 +30,7 @@ def taken_table(found: EffectsTaken) -> Table[Decision]:
     )
     return Table(
         columns=columns,
-        rows=found.plan.decisions,
+        rows=found.effects.decisions,
         is_off=lambda one: one.acts and one.effect not in found.taken,
     )
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rigctl.base.numbers import percent
-from rigctl.comparison.remarks import NOT_OF_SIMULATION
+from rigctl.comparison.compare import NOT_OF_SIMULATION
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.files.session_file import PICTURE
 from rigctl.measure.faults import fault_lines

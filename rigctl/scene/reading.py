@@ -1,8 +1,9 @@
-"""Effects that act by a user's own choice, from the scene file and from options.
+"""From a scene file and a noise calibration to the record `Scene`: the only module that knows both.
 
-Limits of the geometry: where a plane-parallel atmosphere and few tiles of a wide field are poor, and by how much.
+Sections of the file that the model's units allow stay as they are. What the file may state in several ways becomes one:
+the sun by its angles, materials at the sensor's wavelength, the noise of a calibration in place of the assumed one.
 
-From a scene file and a noise calibration to the record of the scene.
+Effects that a user forces on or off, in the file or by options, are read here too.
 """
 
 import math
@@ -10,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from difflib import get_close_matches
-from math import cos, hypot, radians, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from model.atmosphere.sky import distance_factor
 from model.effects.names import ALL, Effect
 from model.sensor import effective_wavelength_m
-from model.surface.materials import Material, assumed_properties, properties
-from rigctl.base.numbers import percent
+from model.surface.materials import assumed_properties, properties
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.materials import find_material
 from rigctl.files.place import GeometrySection, PointingSection, SiteSection
@@ -36,120 +35,25 @@ from rigctl.files.scene_file import (
     pointing_angles,
 )
 from rigctl.files.toml import Uncertain
-from rigctl.scene.scene import DRIFT, NOISE_FACTOR, SUN_AZIMUTH, SUN_ZENITH, JointErrors, Scene, SceneRegionRecord, Sun
+from rigctl.scene.scene import (
+    NOISE_FACTOR,
+    POINTED,
+    SUN_AZIMUTH,
+    SUN_ZENITH,
+    JointErrors,
+    Rig,
+    Scene,
+    SceneRegionRecord,
+    Sun,
+)
 from rigctl.scene.sun import response_band, sun_moved_by_place, sun_position
 
 if TYPE_CHECKING:
     from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.files.scene_file import ErrorsSection
-
-
-def with_choices(scene: "SceneFile", *, switched_on: Sequence[str], left_out: Sequence[str]) -> "SceneFile":
-    """Return the scene file with effects forced by options, which go before those of the file."""
-    chosen = scene.model_copy(update={"effects": _chosen(scene.effects, switched_on, left_out)})
-    forced_effects(chosen)
-    return chosen
-
-
-def _chosen(stated: EffectsSection, switched_on: Sequence[str], left_out: Sequence[str]) -> EffectsSection:
-    for name in (*switched_on, *left_out):
-        if name not in effect_names():
-            close = get_close_matches(name, effect_names(), n=1)
-            alike = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(effect_names())}"
-            raise ConfigError(f"effect {name!r} is not known; {alike}")
-    mine = {*switched_on, *left_out}
-    return EffectsSection.model_validate(
-        {
-            "with": (*switched_on, *(one for one in stated.switched_on if one not in mine)),
-            "without": (*left_out, *(one for one in stated.left_out if one not in mine)),
-        }
-    )
-
-
-def without_effects(scene: Scene, effects: frozenset[Effect]) -> Scene:
-    """Return the scene with some effects left out, in addition to those that it leaves out itself."""
-    names = tuple(name for name in effect_names() if effect_of(name) in effects)
-    return _with_remarks(replace(scene, effects=_chosen(scene.effects, (), names)))
-
-
-def forced_effects(scene: "SceneFile | Scene") -> dict[Effect, bool]:
-    """Return the effects that are forced on (True) or off (False)."""
-    both = sorted(set(scene.effects.switched_on) & set(scene.effects.left_out))
-    if both:
-        raise ConfigError(f"scene {scene.name}: effects {', '.join(both)} are both switched on and left out")
-    return {effect_of(name): True for name in scene.effects.switched_on} | {
-        effect_of(name): False for name in scene.effects.left_out
-    }
-
-
-def acting_effects(scene: "SceneFile | Scene") -> frozenset[Effect]:
-    """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
-    return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}
-
-
-def choice_remarks(scene: Scene) -> tuple[str, ...]:
-    """Return what has to be said of every result: which effects are left out by request."""
-    names = scene.effects.left_out
-    if not names:
-        return ()
-    return (f"left out by request: {', '.join(names)}; rigctl effects says what that may change",)
-
-
-# As far as a plane-parallel atmosphere is taken for the sun without remark.
-_PLANE_TO_DEG = 85.0
-_EARTH_RADIUS_M = 6.371e6
-# A field so wide, corner to corner, may come near the horizon, where light is not smooth over few tiles.
-_WIDE_DEG = 90.0
-
-
-def geometry_remarks(scene: Scene) -> Iterable[str]:
-    """Return where the geometry of a scene goes beyond what the model holds for, and by how much that is off."""
-    if not scene.has_materials:
-        return
-    if scene.geometry is not None and _PLANE_TO_DEG < scene.geometry.camera_zenith_deg.value < 90.0:
-        yield _of_view(scene.geometry)
-    field = scene.field_of_view
-    if field is not None and field.width_deg is not None and field.height_deg is not None:
-        width, height = field.width_deg.value, field.height_deg.value
-        if hypot(width, height) > _WIDE_DEG:
-            yield (
-                f"field of view {width:g} x {height:g} deg: {field.tiles_per_side} x {field.tiles_per_side} tiles are "
-                "few where it comes near the horizon; --tolerance chooses them, and says what cannot be promised"
-            )
-
-
-def slant_path_m(*, height_m: float, zenith_rad: float) -> float:
-    """Return the way from the ground to a height over a round earth, without refraction [m].
-
-    Definition: law of cosines in the triangle with the earth's centre.
-    """
-    along = _EARTH_RADIUS_M * cos(zenith_rad)
-    beyond = height_m * (2.0 * _EARTH_RADIUS_M + height_m)
-    # The difference of two long ways, without its loss of digits.
-    return beyond / (sqrt(along**2 + beyond) + along) if height_m > 0.0 else 0.0
-
-
-def _of_view(geometry: GeometrySection) -> str:
-    zenith_deg, height_m = geometry.camera_zenith_deg.value, geometry.camera_height_m.value
-    zenith_rad = radians(zenith_deg)
-    if height_m == 0.0:
-        return (
-            f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg light of the sky that is "
-            "reflected comes from near the horizon, where a plane-parallel atmosphere is wrong"
-        )
-    plane_m, round_m = height_m / cos(zenith_rad), slant_path_m(height_m=height_m, zenith_rad=zenith_rad)
-    return (
-        f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg a plane-parallel atmosphere is "
-        f"wrong; it takes {plane_m / 1000.0:.3g} km of air to the camera, over a round earth they are "
-        f"{round_m / 1000.0:.3g} km ({percent(plane_m / round_m - 1.0)} too long)"
-    )
-
 
 FloatArray = NDArray[np.float64]
 
 _NM_PER_M = 1e9
-# Beginning of the keys of angles whose errors [pointing] joins.
-_POINTED = ("geometry.", "regions.")
 
 
 def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Scene:
@@ -158,13 +62,14 @@ def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Sc
     wavelength_m = 0.0 if sensor.wavelength_nm is None else sensor.wavelength_nm.value * 1e-9
     sun, by_site = _sun(file)
     known, joint = _calibrated(noise)
+    regions = tuple(_region(region, wavelength_m) for region in file.regions)
     scene = Scene(
         name=file.name,
         sensor=sensor,
         noise=file.noise.model_copy(update=known),
         acquisition=file.acquisition,
-        regions=tuple(_region(region, wavelength_m) for region in file.regions),
-        errors=_errors(file),
+        regions=regions,
+        errors=file.errors,
         effects=file.effects,
         sun=sun,
         geometry=file.geometry,
@@ -172,45 +77,32 @@ def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Sc
         field_of_view=file.field_of_view,
         sun_time=None if file.sun is None else file.sun.time,
         joint_errors=(*joint, *by_site),
-        assumed=(*_of_noise(file, noise, known), *assumed_materials(file), *_of_old_keys(file)),
+        rig=_rig(file),
+        assumed=(*_of_noise(file, noise, known), *assumed_materials(regions)),
     )
     return with_geometry(scene, file.geometry, file.pointing)
 
 
 def with_geometry(scene: Scene, geometry: GeometrySection | None, pointing: PointingSection | None) -> Scene:
     """Return the scene seen from elsewhere, and how the errors of its angles go together then."""
-    others = [one for one in scene.joint_errors if not one.keys[0].startswith(_POINTED)]
+    others = [one for one in scene.joint_errors if not one[0][0].startswith(POINTED)]
     regions = [region.given for region in scene.regions]
     joint = (*others, *_pointing(pointing, geometry, regions))
-    return _with_remarks(replace(scene, geometry=geometry, pointing=pointing, joint_errors=joint))
+    return replace(scene, geometry=geometry, pointing=pointing, joint_errors=joint)
 
 
 def with_sun(scene: Scene, sun: Sun) -> Scene:
     """Return the scene under another sun, whose angles are not off together by the place of the scene."""
-    joint = tuple(one for one in scene.joint_errors if one.keys[0] != SUN_ZENITH)
+    joint = tuple(one for one in scene.joint_errors if one[0][0] != SUN_ZENITH)
     return replace(scene, sun=sun, joint_errors=joint)
 
 
-def _with_remarks(scene: Scene) -> Scene:
-    together = [one.keys for one in scene.joint_errors if one.keys[0].startswith(_POINTED)]
-    return replace(
-        scene,
-        remarks=(
-            *scene.assumed,
-            *choice_remarks(scene),
-            *geometry_remarks(scene),
-            *(f"the errors of {', '.join(keys)} go together, as [pointing] says" for keys in together),
-        ),
-    )
-
-
-def assumed_materials(scene: SceneFile) -> Iterable[str]:
-    """Return for each region what is only assumed of its material, in words."""
-    for region in scene.regions:
-        material = _material(region)
-        assumed = () if material is None else assumed_properties(material)
-        if material is not None and assumed:
-            yield f"assumed, not measured: {', '.join(assumed)} of {material.name} (region {region.name})"
+def assumed_materials(regions: Iterable[SceneRegionRecord]) -> Iterable[str]:
+    """Yield for each region what is only assumed of its material, in words."""
+    for region in regions:
+        assumed = () if region.material is None else assumed_properties(region.material)
+        if region.material is not None and assumed:
+            yield f"assumed, not measured: {', '.join(assumed)} of {region.material.name} (region {region.name})"
 
 
 def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, float], ...]:
@@ -239,17 +131,6 @@ def _with_wavelength(file: SceneFile) -> SensorSection:
     return file.sensor.model_copy(update={"wavelength_nm": Uncertain(value=wavelength_nm)})
 
 
-def _errors(file: SceneFile) -> "ErrorsSection":
-    """Return what the session adds, with the drift of the light from where it was stated before."""
-    drift = file.rig.light_drift
-    return file.errors if drift is None else file.errors.model_copy(update={"illumination_drift": drift})
-
-
-def _of_old_keys(file: SceneFile) -> Iterable[str]:
-    if file.rig.light_drift is not None:
-        yield f"rig.light_drift: is called {DRIFT} now, and taken as that"
-
-
 def _calibrated(noise: "NoiseParameters | None") -> tuple[dict[str, Uncertain], tuple[JointErrors, ...]]:
     """Return what a calibration knows, by the names of the file, and the covariance of its errors."""
     if noise is None:
@@ -258,20 +139,36 @@ def _calibrated(noise: "NoiseParameters | None") -> tuple[dict[str, Uncertain], 
     values = {name: 0.0 if name in noise.below_zero else noise.known[name].value for name in names}
     found = {name: Uncertain(value=values[name], std=noise.known[name].std_error) for name in names}
     keys = tuple(f"noise.{name}" for name in names)
-    return found, (JointErrors(keys=keys, covariance=noise.covariance_of(names)),)
+    return found, ((keys, noise.covariance_of(names)),)
 
 
-def _of_noise(file: SceneFile, noise: "NoiseParameters | None", known: Mapping[str, Uncertain]) -> Iterable[str]:
-    for name, value in (noise.below_zero if noise is not None else {}).items():
-        yield f"noise.{name}: the calibration's estimate {value:.3g} is below 0 by its error; 0 is used"
+def _of_noise(file: SceneFile, noise: "NoiseParameters | None", known: Mapping[str, Uncertain]) -> tuple[str, ...]:
+    below = (
+        f"noise.{name}: the calibration's estimate {value:.3g} is below 0 by its error; 0 is used"
+        for name, value in (noise.below_zero if noise is not None else {}).items()
+    )
     # The noise factor is a choice of the user's, not a property of a sensor: no calibration gives it.
     assumed = [
         f"noise.{name} = {getattr(file.noise, name).value:g}"
         for name in NoiseSection.model_fields
         if name not in known and f"noise.{name}" != NOISE_FACTOR
     ]
-    if assumed:
-        yield f"assumed, not calibrated: {', '.join(assumed)}"
+    return (*below, *([f"assumed, not calibrated: {', '.join(assumed)}"] if assumed else []))
+
+
+def _rig(file: SceneFile) -> Rig:
+    """Return the rig of a scene file, with the cycle that the file states; errors of exposure and ratio are apart."""
+    stated, taken = file.rig, file.acquisition
+    in_time_deg = np.mod(taken.angles_deg, 180.0)
+    ratio = stated.exposure_ratio
+    exposure_std = taken.exposure_std_ms / taken.exposure_ms * ratio.value
+    return Rig(
+        polarizer_offset_deg=stated.polarizer_offset_deg,
+        exposure_ratio=Uncertain(value=ratio.value, std=float(np.hypot(ratio.std, exposure_std))),
+        angle_deg=(Uncertain(value=0.0, std=stated.angle_std_deg),) * len(in_time_deg),
+        angle_names=tuple(f"{angle:g}" for angle in np.sort(in_time_deg)),
+        frame_order=tuple(np.argsort(in_time_deg, kind="stable").tolist()),
+    )
 
 
 def _sun(file: SceneFile) -> tuple[Sun | None, tuple[JointErrors, ...]]:
@@ -300,8 +197,7 @@ def _sun_of_time(file: SceneFile, time: datetime) -> tuple[Sun, tuple[JointError
         azimuth_deg=Uncertain(value=math.degrees(position.azimuth_rad), std=azimuth_std),
         distance_factor=Uncertain(value=position.distance_factor),
     )
-    joint = JointErrors(keys=(SUN_ZENITH, SUN_AZIMUTH), covariance=covariance)
-    return sun, (joint,) if file.site.is_uncertain else ()
+    return sun, (((SUN_ZENITH, SUN_AZIMUTH), covariance),) if file.site.is_uncertain else ()
 
 
 def _pointing(
@@ -316,13 +212,14 @@ def _pointing(
     std = np.array([angles[keys[k]].std for k in used])
     correlation = np.array(pointing.correlation)[np.ix_(used, used)]
     if len(used) > 1:
-        yield JointErrors(keys=tuple(keys[k] for k in used), covariance=correlation * np.outer(std, std))
+        yield tuple(keys[k] for k in used), correlation * np.outer(std, std)
 
 
 def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:
-    material = _material(region)
-    if material is None:
+    if region.material is None:
         return SceneRegionRecord(given=region, material=None)
+    # A file's path was made absolute when the scene file was read.
+    material = find_material(region.material, beside=Path())
     try:
         at: dict[str, Any] = {
             name: replace(found, values=(found.at(wavelength_m),), wavelengths_m=())
@@ -333,6 +230,48 @@ def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:
     return SceneRegionRecord(given=region, material=replace(material, **at))
 
 
-def _material(region: SceneRegion) -> Material | None:
-    # A file's path was made absolute when the scene file was read.
-    return None if region.material is None else find_material(region.material, beside=Path())
+def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequence[str]) -> SceneFile:
+    """Return the scene file with effects forced by options, which go before those of the file."""
+    chosen = scene.model_copy(update={"effects": _chosen(scene.effects, switched_on, left_out)})
+    _forced(chosen.effects, scene.name)
+    return chosen
+
+
+def _chosen(stated: EffectsSection, switched_on: Sequence[str], left_out: Sequence[str]) -> EffectsSection:
+    for name in (*switched_on, *left_out):
+        if name not in effect_names():
+            close = get_close_matches(name, effect_names(), n=1)
+            alike = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(effect_names())}"
+            raise ConfigError(f"effect {name!r} is not known; {alike}")
+    mine = {*switched_on, *left_out}
+    return EffectsSection.model_validate(
+        {
+            "with": (*switched_on, *(one for one in stated.switched_on if one not in mine)),
+            "without": (*left_out, *(one for one in stated.left_out if one not in mine)),
+        }
+    )
+
+
+def without_effects(scene: Scene, effects: frozenset[Effect]) -> Scene:
+    """Return the scene with some effects left out, in addition to those that it leaves out itself."""
+    names = tuple(name for name in effect_names() if effect_of(name) in effects)
+    return replace(scene, effects=_chosen(scene.effects, (), names))
+
+
+def forced_effects(scene: Scene) -> dict[Effect, bool]:
+    """Return the effects that are forced on (True) or off (False)."""
+    return _forced(scene.effects, scene.name)
+
+
+def _forced(effects: EffectsSection, scene_name: str) -> dict[Effect, bool]:
+    both = sorted(set(effects.switched_on) & set(effects.left_out))
+    if both:
+        raise ConfigError(f"scene {scene_name}: effects {', '.join(both)} are both switched on and left out")
+    return {effect_of(name): True for name in effects.switched_on} | {
+        effect_of(name): False for name in effects.left_out
+    }
+
+
+def acting_effects(scene: Scene) -> frozenset[Effect]:
+    """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
+    return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}

@@ -1,15 +1,13 @@
-"""The frozen record of a scene: what file, materials, sun and calibration say, in the units of the file.
+"""The scene as one record, and every number of it by a key.
 
-The one table of a scene's parameters: a row each, with unit, range, meaning, and where it stands in the record.
+`rigctl.scene.reading` makes a `Scene` of a scene file and a noise calibration. A run, a sweep or an option makes a
+changed copy of it; nothing goes back to the file.
 
-A new parameter is a row here, a key of its file section, and what the model makes of it; those of [errors] state
-their row beside their key.
+One table says which numbers a scene has: key, unit, range, meaning, and the place in the record. `parameters`, `get`
+and `with_values` read and set them by their keys, as files and `--sweep` have them. A new number is a row here, a key
+of its section in `rigctl.files.scene_file`, and its use in the model; numbers of [errors] state their row there.
 
-Every number of a scene by its key: what there is, what it is, and the scene with another in its place.
-
-Errors of the rig that takes a cycle of frames, as part of a scene.
-
-The numbers that a prediction rests on, with their covariance.
+`gather` returns the numbers that a prediction rests on as `Inputs`: values, ranges and covariance.
 """
 
 import math
@@ -18,8 +16,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
-from math import inf
-from typing import TYPE_CHECKING, Any
+from math import cos, hypot, inf, radians, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +26,7 @@ from pydantic import BaseModel
 from model.prediction import RigErrors
 from model.surface.materials import Material, Property
 from model.surface.pbrdf import SLOPE_RMS_MIN
+from rigctl.base.numbers import percent
 from rigctl.errors import ConfigError
 from rigctl.files.place import GeometrySection, PointingSection
 from rigctl.files.scene_file import (
@@ -45,9 +44,6 @@ from rigctl.files.scene_file import (
     error_numbers,
 )
 from rigctl.files.toml import Uncertain
-
-if TYPE_CHECKING:
-    from rigctl.files.scene_file import RigSection, SceneFile
 
 FloatArray = NDArray[np.float64]
 
@@ -68,12 +64,23 @@ class Sun:
 class Rig:
     """Errors of the rig that takes a cycle of frames, against what is recorded of it."""
 
-    #: As in the scene file's [rig], with what the run's own files say of their uncertainty.
-    polarizer_offset_deg: Uncertain
-    exposure_ratio: Uncertain
-    angle_deg: tuple[Uncertain, ...]  #: What each angle of the cycle is off on its own.
-    angle_names: tuple[str, ...]  #: Of these angles, such as "45".
-    frame_order: tuple[int, ...]  #: Place of each angle's frame in the cycle, from 0.
+    polarizer_offset_deg: Uncertain  #: as in the scene file's [rig], widened by what the rig file of a run states
+    exposure_ratio: Uncertain  #: widened by what the scene file states of the exposure
+    angle_deg: tuple[Uncertain, ...]  #: error of each angle of the cycle on its own
+    angle_names: tuple[str, ...]  #: of these angles, such as "45"
+    frame_order: tuple[int, ...]  #: place of each angle's frame in the cycle, from 0
+
+    @property
+    def is_ideal(self) -> bool:
+        """True if the values are as recorded."""
+        turned = any(angle.value for angle in (self.polarizer_offset_deg, *self.angle_deg))
+        return not turned and self.exposure_ratio.value == 1.0
+
+    @property
+    def is_exact(self) -> bool:
+        """True if the values are as recorded and have no uncertainty."""
+        stated = (self.polarizer_offset_deg, self.exposure_ratio, *self.angle_deg)
+        return self.is_ideal and not any(number.std for number in stated)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,17 +96,15 @@ class SceneRegionRecord:
         return self.given.name
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointErrors:
-    """Covariance of parameters that are off together, in the units of the file."""
-
-    keys: tuple[str, ...]  #: Of the parameters.
-    covariance: FloatArray  #: Of their errors.
+# Keys of numbers whose errors go together, and the covariance of these errors in the units of the file.
+JointErrors = tuple[tuple[str, ...], FloatArray]
+# Beginning of the keys of angles whose errors [pointing] joins.
+POINTED = ("geometry.", "regions.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """A scene, its sensor and its rig; `rigctl.scene.scene` reads and sets every number of it by its key."""
+    """A scene, its sensor and its rig."""
 
     name: str
     sensor: SensorSection  #: With the effective wavelength.
@@ -112,12 +117,12 @@ class Scene:
     geometry: GeometrySection | None = None
     atmosphere: AtmosphereSection | None = None
     field_of_view: FieldSection | None = None
-    rig: Rig | None = None  #: None where no cycle of frames is given yet.
+    rig: Rig | None = None  #: None: as it is recorded.
     sun_time: datetime | None = None  #: As the file states it; None where it states the angles.
     pointing: PointingSection | None = None  #: How the errors of angles of camera and panels go together.
     joint_errors: tuple[JointErrors, ...] = ()  #: Of what is off together; all other errors are independent.
     assumed: tuple[str, ...] = ()  #: What is assumed of noise and materials, in words.
-    remarks: tuple[str, ...] = ()  #: That, what is left out, and where the geometry is beyond the model.
+    changed: tuple[str, ...] = ()  #: What options have changed, in words.
 
     @property
     def has_materials(self) -> bool:
@@ -129,6 +134,19 @@ class Scene:
         """Exposure of a frame as the file has it [s]."""
         return self.acquisition.exposure_ms / 1000.0
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is assumed, left out or changed, and where the geometry is beyond the model."""
+        left_out = ", ".join(self.effects.left_out)
+        together = [keys for keys, _ in self.joint_errors if keys[0].startswith(POINTED)]
+        return (
+            *self.assumed,
+            *([f"left out by request: {left_out}; rigctl effects says what that may change"] if left_out else []),
+            *_geometry_remarks(self),
+            *(f"the errors of {', '.join(keys)} go together, as [pointing] says" for keys in together),
+            *self.changed,
+        )
+
 
 EXPOSURE = "acquisition.exposure_ms"
 GAIN, NOISE_FACTOR = "noise.gain_dn_per_e", "noise.noise_factor"
@@ -136,8 +154,6 @@ EFFICIENCY, TRANSMITTANCE = "sensor.quantum_efficiency", "sensor.optics_transmit
 SUN_ZENITH, SUN_AZIMUTH = "sun.zenith_deg", "sun.azimuth_deg"
 OFFSET, EXPOSURE_RATIO = "rig.polarizer_offset_deg", "rig.exposure_ratio"
 DRIFT = "errors.illumination_drift"
-# What a parameter was called before.
-OLD_KEYS = {"rig.light_drift": DRIFT}
 # Before the name of each angle.
 ANGLE = "rig.angle_deg."
 
@@ -150,15 +166,17 @@ Place = tuple[str | int, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
-    """One parameter."""
+class Parameter:
+    """One number that a scene may have, or has."""
 
-    key: str  #: As in files, in --sweep and in reports; of a region, within that region.
+    key: str  #: As in files, in --sweep and in reports; in the table, of a region, within that region.
     unit: str  #: Of the file; empty for a pure number.
     meaning: str  #: One line.
     least: float = 0.0  #: Between which numbers it has to stay; infinite where there is no limit.
     most: float = inf
     place: str = ""  #: Where it stands in the record, where that is not its key.
+    value: float = math.nan  #: It, and its standard uncertainty, in `unit`; in the table there is none.
+    std: float = 0.0
 
     @cached_property
     def path(self) -> Place:
@@ -166,8 +184,8 @@ class Row:
         return tuple(int(step) if step.isdigit() else step for step in (self.place or self.key).split("."))
 
 
-def _row(key: str, unit: str, meaning: str, least: float = 0.0, most: float = inf, place: str = "") -> Row:
-    return Row(key=key, unit=unit, meaning=meaning, least=least, most=most, place=place)
+def _row(key: str, unit: str, meaning: str, least: float = 0.0, most: float = inf, place: str = "") -> Parameter:
+    return Parameter(key=key, unit=unit, meaning=meaning, least=least, most=most, place=place)
 
 
 SCENE_ROWS = (
@@ -261,59 +279,23 @@ _ANGLE_ROW = _row(ANGLE, "deg", "what one angle of the polarizer is off on its o
 _EXPOSURE_ROW = _row(EXPOSURE, "ms", "exposure of a frame")
 
 
-def placed_rows(scene: Scene) -> Iterator[tuple[str, Row, Place]]:
-    """Yield key, row and place in the record of every parameter that a scene may have, in the order of the inputs."""
-    for row in SCENE_ROWS:
-        yield row.key, row, row.path
-    for k, region in enumerate(scene.regions):
-        rows = REGION_ROWS if region.material is None else (*REGION_ROWS, *MATERIAL_ROWS)
-        for row in rows:
-            yield f"regions.{region.name}.{row.key}", row, ("regions", k, *row.path)
-    for row in RIG_ROWS:
-        yield row.key, row, row.path
-    for k, name in enumerate(() if scene.rig is None else scene.rig.angle_names):
-        yield f"{ANGLE}{name}", _ANGLE_ROW, ("rig", "angle_deg", k)
-    yield EXPOSURE, _EXPOSURE_ROW, _EXPOSURE_ROW.path
-
-
-def all_rows() -> tuple[Row, ...]:
-    """Return every row as a page on the parameters shows it: NAME stands for a region, ANGLE for an angle."""
-    regions = tuple(_named(row, f"regions.NAME.{row.key}") for row in (*REGION_ROWS, *MATERIAL_ROWS))
-    return (*SCENE_ROWS, *regions, *RIG_ROWS, _named(_ANGLE_ROW, f"{ANGLE}ANGLE"), _EXPOSURE_ROW)
-
-
-def _named(row: Row, key: str) -> Row:
-    return Row(key=key, unit=row.unit, meaning=row.meaning, least=row.least, most=row.most, place=row.place)
-
-
-_SUGGESTED = 4
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """One number of a scene."""
-
-    key: str  #: As in files, such as "regions.black_panel.stokes_radiance.0".
-    value: float  #: It, and its standard uncertainty, in `unit`.
-    std: float
-    unit: str  #: Of the file; empty for a pure number.
-    least: float  #: Between which numbers it has to stay.
-    most: float
-    meaning: str  #: One line.
+def describe() -> tuple[Parameter, ...]:
+    """Return every parameter that a scene may have: NAME stands for a region, ANGLE for an angle."""
+    regions = tuple(replace(row, key=f"regions.NAME.{row.key}") for row in (*REGION_ROWS, *MATERIAL_ROWS))
+    return (*SCENE_ROWS, *regions, *RIG_ROWS, replace(_ANGLE_ROW, key=f"{ANGLE}ANGLE"), _EXPOSURE_ROW)
 
 
 def parameters(scene: Scene) -> tuple[Parameter, ...]:
     """Return every number of a scene that may be changed, in the order of the file's tables."""
-    return tuple(_parameter(key, row, place, leaf) for key, row, place, leaf in _found(scene))
+    return tuple(_parameter(*found) for found in _found(scene))
 
 
 def get(scene: Scene, key: str) -> Parameter:
     """Return one number of a scene."""
-    wanted = OLD_KEYS.get(key, key)
-    for found, row, place, leaf in _found(scene):
-        if found == wanted:
-            return _parameter(key, row, place, leaf)
-    raise ConfigError(unknown(scene, key))
+    for found in _found(scene):
+        if found[0] == key:
+            return _parameter(*found)
+    raise ConfigError(_unknown(scene, key))
 
 
 def with_value(scene: Scene, key: str, value: float) -> Scene:
@@ -329,9 +311,9 @@ def with_values(scene: Scene, values: Mapping[str, float]) -> Scene:
     found = {key: (place, leaf) for key, _, place, leaf in _found(scene)} if values else {}
     changed = scene
     for key, value in values.items():
-        place, leaf = found.get(OLD_KEYS.get(key, key), ((), None))
+        place, leaf = found.get(key, ((), None))
         if leaf is None:
-            raise ConfigError(unknown(scene, key))
+            raise ConfigError(_unknown(scene, key))
         if _number(place, leaf)[0] != value:
             changed = _with(changed, place, value)
     return changed
@@ -351,7 +333,7 @@ def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str
     found: dict[str, float] = {}
     for request in requests:
         key, _, text = request.partition("=")
-        name = OLD_KEYS.get(key.strip(), key.strip())
+        name = key.strip()
         try:
             value = float(text)
         except ValueError:
@@ -364,32 +346,46 @@ def parse_changes(requests: Iterable[str], *, option: str = "--set") -> dict[str
     return found
 
 
-def describe() -> tuple[Row, ...]:
-    """Return every parameter that a scene may have: key, unit, range and meaning."""
-    return all_rows()
+# So many keys are suggested for one that is not there.
+_SUGGESTED = 4
 
 
-def unknown(scene: Scene, key: str) -> str:
+def _unknown(scene: Scene, key: str) -> str:
     """Return in words that a scene has no such number, and which to try."""
     keys = [parameter.key for parameter in parameters(scene)]
-    if key in {row.key for row in all_rows()}:
+    if key in {row.key for row in describe()}:
         return f"the scene does not state the number {key!r}; there are {', '.join(keys)}"
     close = get_close_matches(key, keys, n=_SUGGESTED, cutoff=0.6)
     alike = f"did you mean {', '.join(close)}?" if close else f"there are {', '.join(keys)}"
     return f"the scene has no number {key!r}; {alike}"
 
 
-def _found(scene: Scene) -> Iterator[tuple[str, Row, Place, Any]]:
+def _placed_rows(scene: Scene) -> Iterator[tuple[str, Parameter, Place]]:
+    """Yield key, row and place in the record of every parameter that a scene may have, in the order of the inputs."""
+    for row in SCENE_ROWS:
+        yield row.key, row, row.path
+    for k, region in enumerate(scene.regions):
+        rows = REGION_ROWS if region.material is None else (*REGION_ROWS, *MATERIAL_ROWS)
+        for row in rows:
+            yield f"regions.{region.name}.{row.key}", row, ("regions", k, *row.path)
+    for row in RIG_ROWS:
+        yield row.key, row, row.path
+    for k, name in enumerate(() if scene.rig is None else scene.rig.angle_names):
+        yield f"{ANGLE}{name}", _ANGLE_ROW, ("rig", "angle_deg", k)
+    yield EXPOSURE, _EXPOSURE_ROW, _EXPOSURE_ROW.path
+
+
+def _found(scene: Scene) -> Iterator[tuple[str, Parameter, Place, Any]]:
     """Yield the parameters that the scene has, each with what stands at its place."""
-    for key, row, place in placed_rows(scene):
+    for key, row, place in _placed_rows(scene):
         leaf = _at(scene, place)
         if leaf is not None:
             yield key, row, place, leaf
 
 
-def _parameter(key: str, row: Row, place: Place, leaf: Any) -> Parameter:
+def _parameter(key: str, row: Parameter, place: Place, leaf: Any) -> Parameter:
     value, std = _number(place, leaf)
-    return Parameter(key=key, value=value, std=std, unit=row.unit, least=row.least, most=row.most, meaning=row.meaning)
+    return replace(row, key=key, value=value, std=std)
 
 
 def _number(place: Place, leaf: Any) -> tuple[float, float]:
@@ -433,73 +429,16 @@ def _is_angle(place: Place) -> bool:
     return str(place[-1]).endswith("_rad")
 
 
-@dataclass(frozen=True, kw_only=True)
-class TakenCycle:
-    """A cycle of frames, as far as the errors of a rig act on it."""
-
-    angle_names: tuple[str, ...]  #: Of the polarizer angles, rising, such as "45".
-    frame_order: tuple[int, ...]  #: Place of each angle's frame in the cycle, from 0.
-    offset_std_deg: float = 0.0  #: How well the rig file knows the polarizer's offset.
-    exposure_std: float = 0.0  #: How well the scene file knows the exposure, as a share of it.
-
-
-def cycle_of_file(scene: "SceneFile") -> TakenCycle:
-    """Return the cycle that a scene file states, for a prediction without a run."""
-    in_time_deg = np.mod(scene.acquisition.angles_deg, 180.0)
-    return TakenCycle(
-        angle_names=tuple(f"{angle:g}" for angle in np.sort(in_time_deg)),
-        frame_order=tuple(np.argsort(in_time_deg, kind="stable").tolist()),
-        exposure_std=exposure_std(scene),
-    )
-
-
-def exposure_std(scene: "SceneFile") -> float:
-    """Return how well a scene file knows the exposure, as a share of it."""
-    return scene.acquisition.exposure_std_ms / scene.acquisition.exposure_ms
-
-
-def with_rig(scene: Scene, section: "RigSection", cycle: TakenCycle) -> Scene:
-    """Return the scene with the rig that takes a cycle: of the scene file, and of the rig file that the run holds.
-
-    The errors of the offset in both files are taken as independent, those of exposure and ratio too.
-    """
-    offset, exposure = section.polarizer_offset_deg, section.exposure_ratio
-    rig = Rig(
-        polarizer_offset_deg=_widened(offset, cycle.offset_std_deg),
-        exposure_ratio=_widened(exposure, cycle.exposure_std * exposure.value),
-        angle_deg=tuple(Uncertain(value=0.0, std=section.angle_std_deg) for _ in cycle.angle_names),
-        angle_names=cycle.angle_names,
-        frame_order=cycle.frame_order,
-    )
-    return replace(scene, rig=rig)
-
-
-def is_ideal(rig: Rig) -> bool:
-    """Return True if a rig is as recorded, as far as the values go."""
-    turned = any(angle.value for angle in (rig.polarizer_offset_deg, *rig.angle_deg))
-    return not turned and rig.exposure_ratio.value == 1.0
-
-
-def is_as_recorded(rig: Rig) -> bool:
-    """Return True if a rig is exactly as recorded: ideal, and without any uncertainty."""
-    stated = (rig.polarizer_offset_deg, rig.exposure_ratio, *rig.angle_deg)
-    return is_ideal(rig) and not any(number.std for number in stated)
-
-
 def rig_errors(scene: Scene) -> RigErrors | None:
     """Return the errors of the rig of a scene; None where it is as recorded."""
     rig = scene.rig
-    if rig is None or is_ideal(rig):
+    if rig is None or rig.is_ideal:
         return None
     single_deg = np.array([angle.value for angle in rig.angle_deg])
     return RigErrors(
         turned_rad=np.deg2rad(single_deg + rig.polarizer_offset_deg.value),
         exposure_ratio=rig.exposure_ratio.value,
     )
-
-
-def _widened(number: Uncertain, std: float) -> Uncertain:
-    return Uncertain(value=number.value, std=float(np.hypot(number.std, std)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -512,7 +451,6 @@ class Inputs:
     cov: FloatArray  #: Their covariance.
     least: FloatArray  #: Between which numbers each has to stay; infinite where there is no limit.
     most: FloatArray
-    remarks: tuple[str, ...]  #: What is assumed, and what was set aside, in words.
     #: Those that were fitted so that they make up for others: their covariance with these holds to first order.
     fitted: tuple[str, ...] = ()
 
@@ -535,7 +473,6 @@ def gather(scene: Scene) -> Inputs:
         cov=_covariance(scene, found),
         least=np.array([parameter.least for parameter in found]),
         most=np.array([parameter.most for parameter in found]),
-        remarks=scene.remarks,
     )
 
 
@@ -543,7 +480,7 @@ def _is_input(scene: Scene, parameter: Parameter) -> bool:
     if parameter.key.startswith(ANGLE) and parameter.std == 0.0:
         return False
     if parameter.key.startswith("rig."):
-        return scene.rig is not None and not is_as_recorded(scene.rig)
+        return scene.rig is not None and not scene.rig.is_exact
     # What is not known of the exposure is in rig.exposure_ratio.
     return parameter.key != EXPOSURE
 
@@ -564,7 +501,57 @@ def only_uncertain(inputs: Inputs) -> Inputs:
 def _covariance(scene: Scene, found: list[Parameter]) -> FloatArray:
     cov = np.diag([parameter.std**2 for parameter in found])
     places = {parameter.key: k for k, parameter in enumerate(found)}
-    for joint in scene.joint_errors:
-        there = [places[key] for key in joint.keys]
-        cov[np.ix_(there, there)] = joint.covariance
+    for keys, joint in scene.joint_errors:
+        there = [places[key] for key in keys]
+        cov[np.ix_(there, there)] = joint
     return cov
+
+
+# As far as a plane-parallel atmosphere is taken for the sun without remark.
+_PLANE_TO_DEG = 85.0
+_EARTH_RADIUS_M = 6.371e6
+# A field so wide, corner to corner, may come near the horizon, where light is not smooth over few tiles.
+_WIDE_DEG = 90.0
+
+
+def _geometry_remarks(scene: Scene) -> Iterator[str]:
+    """Return where the geometry of a scene goes beyond what the model holds for, and by how much that is off."""
+    if not scene.has_materials:
+        return
+    if scene.geometry is not None and _PLANE_TO_DEG < scene.geometry.camera_zenith_deg.value < 90.0:
+        yield _of_view(scene.geometry)
+    field = scene.field_of_view
+    if field is not None and field.width_deg is not None and field.height_deg is not None:
+        width, height = field.width_deg.value, field.height_deg.value
+        if hypot(width, height) > _WIDE_DEG:
+            yield (
+                f"field of view {width:g} x {height:g} deg: {field.tiles_per_side} x {field.tiles_per_side} tiles are "
+                "few where it comes near the horizon; --tolerance chooses them, and says what cannot be promised"
+            )
+
+
+def _slant_path_m(*, height_m: float, zenith_rad: float) -> float:
+    """Return the way from the ground to a height over a round earth, without refraction [m].
+
+    Definition: law of cosines in the triangle with the earth's centre.
+    """
+    along = _EARTH_RADIUS_M * cos(zenith_rad)
+    beyond = height_m * (2.0 * _EARTH_RADIUS_M + height_m)
+    # The difference of two long ways, without its loss of digits.
+    return beyond / (sqrt(along**2 + beyond) + along) if height_m > 0.0 else 0.0
+
+
+def _of_view(geometry: GeometrySection) -> str:
+    zenith_deg, height_m = geometry.camera_zenith_deg.value, geometry.camera_height_m.value
+    zenith_rad = radians(zenith_deg)
+    if height_m == 0.0:
+        return (
+            f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg light of the sky that is "
+            "reflected comes from near the horizon, where a plane-parallel atmosphere is wrong"
+        )
+    plane_m, round_m = height_m / cos(zenith_rad), _slant_path_m(height_m=height_m, zenith_rad=zenith_rad)
+    return (
+        f"camera zenith {zenith_deg:g} deg: above {_PLANE_TO_DEG:g} deg a plane-parallel atmosphere is "
+        f"wrong; it takes {plane_m / 1000.0:.3g} km of air to the camera, over a round earth they are "
+        f"{round_m / 1000.0:.3g} km ({percent(plane_m / round_m - 1.0)} too long)"
+    )

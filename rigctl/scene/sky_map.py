@@ -1,7 +1,7 @@
 """The sky of a scene: Stokes radiance over the hemisphere, of its own aerosol or of one kind after another."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,9 @@ from model.scene.sky_light import Illumination
 from model.stokes import dolp
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Engine
-from rigctl.files.scene_file import AtmosphereSection, SceneFile
+from rigctl.files.scene_file import AtmosphereSection
 from rigctl.scene.light import SceneLight, require_engine
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import Scene
 
 FloatArray = NDArray[np.float64]
 
@@ -67,8 +67,8 @@ class SkyDifference:
     largest_dolp: float
 
 
-def sky_map(scene: SceneFile, *, engine: Engine = "own", tell: Callable[[float], None] | None = None) -> SkyMap:
-    """Return the sky of a scene file."""
+def sky_map(scene: Scene, *, engine: Engine = "own", tell: Callable[[float], None] | None = None) -> SkyMap:
+    """Return the sky of a scene."""
     missing = [f"[{name}]" for name in ("sun", "atmosphere") if getattr(scene, name) is None]
     if not scene.sensor.has_band:
         missing.append("a band of the sensor (band_nm or response)")
@@ -76,8 +76,7 @@ def sky_map(scene: SceneFile, *, engine: Engine = "own", tell: Callable[[float],
         raise ConfigError(f"scene {scene.name}: a sky also needs {', '.join(missing)}")
     require_engine(engine, tier=None if scene.atmosphere is None else scene.atmosphere.tier)
     light = SceneLight(engine=engine, tell=tell)
-    record = scene_of_file(scene)
-    return _map(scene.name, light.illumination(record), remarks=light.remarks(record))
+    return _map(scene.name, light.illumination(scene), remarks=light.remarks(scene))
 
 
 def _map(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> SkyMap:
@@ -96,13 +95,13 @@ def _map(name: str, illumination: Illumination, *, remarks: tuple[str, ...]) -> 
     )
 
 
-def skies_of_kinds(scene: SceneFile, *, engine: Engine = "own") -> Iterator[SkyOfKind]:
+def skies_of_kinds(scene: Scene, *, engine: Engine = "own") -> Iterator[SkyOfKind]:
     """Yield the sky of a scene for each kind of aerosol: that of the file first, its depth at 550 nm in all of them."""
     own = scene.atmosphere
     if own is None or own.tier is Fidelity.TABLE:
         raise ConfigError(f"--compare-aerosols: {scene.name} has no atmosphere that is computed; a table's sky is one")
     for label, air in _kinds(own):
-        changed = scene.model_copy(update={"atmosphere": air.model_copy(update={"alternative": None})})
+        changed = replace(scene, atmosphere=air.model_copy(update={"alternative": None}))
         yield SkyOfKind(label=label, is_chosen=air is own, sky=sky_map(changed, engine=engine))
 
 

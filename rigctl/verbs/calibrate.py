@@ -565,13 +565,14 @@ def radiometric(
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run
+    from rigctl.scene.reading import scene_of_file
 
     content = scene_file_of(scene)
     record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))
     calibrated, doubts = (None, ()) if noise is None else NoiseParameters.read_fitting(Path(noise), record)
     regions = [region for region in content.regions if region.name == panel]
     measurement = measure(record, regions=list(regions), noise=calibrated)
-    found = panel_response(measurement, scene=content, panel=panel, noise=calibrated)
+    found = panel_response(measurement, scene_of_file(content, calibrated), panel=panel)
     files = {"scene": scene, "noise": noise}
     named = {what: Path(path) for what, path in files.items() if isinstance(path, str | Path)}
     file = radiometric_content(found, measurement, files=named, valid_days=valid_days)

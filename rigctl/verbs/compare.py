@@ -25,12 +25,11 @@ from rigctl.verbs.options import (
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.comparison.compare import ComparedSeries, Comparison, NumericalAccuracy, SeriesPoint, UsedFile
+    from rigctl.comparison.compare import Comparison, UsedFile
+    from rigctl.comparison.series import ComparedSeries, SeriesPoint
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
-    from rigctl.measure.calibrations import CalibrationPaths, RunCalibrations
-    from rigctl.measure.diagnose import DiagnosedRun
-    from rigctl.measure.measure import Measurement
+    from rigctl.measure.calibrations import CalibrationPaths
 
 _FILES = (
     "comparison.json",
@@ -46,8 +45,6 @@ _FILES = (
 )
 # Disagreements that are printed; all stand in the files.
 _SHOWN = 20
-# Tolerances that are tried where the first one does not do.
-_MOST_TRIED = 3
 # What a regions file says of a region except its name.
 _OUTLINE = ("rectangle", "polygon", "edge_px")
 
@@ -184,6 +181,7 @@ class ComparisonResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the verdict, what disagrees, and where that points; then how it was found."""
+        from rigctl.comparison.checks import ADVICE
         from rigctl.report.comparison import row_table
         from rigctl.report.comparison import scores_png as scores
 
@@ -192,8 +190,7 @@ class ComparisonResult(Result):
         off = sorted(found.disagreements, key=lambda row: -abs(row.z or 0.0))
         if found.agrees is False:
             yield row_table(off[:_SHOWN])
-            for cause, advice in zip(found.diagnosis.points_to, found.diagnosis.advice, strict=True):
-                yield f"points to {cause}: {advice}"
+            yield from (f"points to {cause}: {ADVICE[cause]}" for cause in found.points_to)
             if found.attribution is not None:
                 yield f"what would explain it: {found.attribution.remark}"
         yield from _of_run(found)
@@ -330,11 +327,12 @@ def compare_run(
     **options: Unpack[CompareOptions],
 ) -> "Comparison":
     """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
-    from rigctl.comparison.compare import FIRST_TOLERANCE
+    from rigctl.comparison.compare import compare_run_with_model
     from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
     from rigctl.measure.diagnose import diagnosed
     from rigctl.runs.check import used_run
     from rigctl.runs.records import monitor_line, monitor_traces, read_events
+    from rigctl.scene.reading import scene_of_file
 
     require_possible(scene, regions, options)
     paths = calibrations_of(options)
@@ -344,11 +342,20 @@ def compare_run(
     picked = picked_for_run(paths, record, ("noise", "polarizer", "flat", "registration", *scaling))
     given = read_calibrations(picked.paths, record)
     seen = diagnosed(record, drawn, given, correct=tuple(options.get("correct", ())))
-    if model is None:
-        made = _closed_loop(seen.measurement, given, options)
-    else:
-        made = _to_its_errors(seen.measurement, model, given, options, tolerance or FIRST_TOLERANCE)
-    made = _judged(made, seen, drawn)
+    scale = options.get("scale", "absolute")
+    if model is None and (scale != "absolute" or given.radiometric is not None):
+        raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
+    made = compare_run_with_model(
+        seen,
+        drawn,
+        scene=None if model is None else scene_of_file(model, given.noise),
+        noise=given.noise,
+        alpha=_alpha(options),
+        scale=scale,
+        radiometric=given.radiometric,
+        rule=options.get("effects") or "safe",
+        tolerance=tolerance,
+    )
     return replace(
         made,
         remarks=(
@@ -406,84 +413,6 @@ def _outlined(
     return content.model_copy(update={"regions": outlined}), list(outlined)
 
 
-def _closed_loop(measurement: "Measurement", given: "RunCalibrations", options: CompareOptions) -> "Comparison":
-    from rigctl.comparison.compare import compare_closed_loop
-
-    if options.get("scale", "absolute") != "absolute" or given.radiometric is not None:
-        raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
-    return compare_closed_loop(measurement, noise=given.noise, alpha=_alpha(options))
-
-
-def _to_its_errors(
-    measurement: "Measurement",
-    scene: "SceneFile",
-    given: "RunCalibrations",
-    options: CompareOptions,
-    tolerance: float,
-) -> "Comparison":
-    """Return a comparison with a scene whose numerical errors are far below those of its rows."""
-    from rigctl.comparison.compare import EffectsTaken, accuracy_at, compare_with_prediction
-    from rigctl.comparison.predict_run import run_predictor
-    from rigctl.scene.reading import acting_effects
-
-    run = run_predictor(measurement, scene=scene, noise=given.noise)
-
-    def compared(
-        tried: "NumericalAccuracy", coarser: "Comparison | None" = None
-    ) -> "tuple[Comparison, NumericalAccuracy]":
-        made = compare_with_prediction(
-            measurement,
-            replace(run.without(tried.left_out), settings=tried.found.result.settings),
-            alpha=_alpha(options),
-            scale=options.get("scale", "absolute"),
-            radiometric=given.radiometric,
-            coarser=coarser,
-        )
-        return made, tried.beside(made.rows, made.predictions)
-
-    rule = options.get("effects") or "safe"
-    comparison, found = compared(accuracy_at(run, tolerance, rule))
-    # Errors of rows are those of the first comparison; a second one is made with what they ask.
-    chosen = found
-    for _ in range(_MOST_TRIED):
-        if chosen.next_tolerance is None:
-            break
-        finer = accuracy_at(run, chosen.next_tolerance, rule).beside(comparison.rows, comparison.predictions)
-        # Where finer settings are not to be had, as of very deep air, a smaller tolerance changes nothing.
-        if finer.share >= chosen.share:
-            break
-        chosen = finer
-    if chosen is not found:
-        comparison, found = compared(chosen, comparison)
-    return replace(
-        comparison,
-        remarks=(*comparison.remarks, found.remark),
-        effects=EffectsTaken(plan=found.effects, taken=acting_effects(scene) - found.left_out),
-        accuracy=found,
-    )
-
-
-def _judged(comparison: "Comparison", seen: "DiagnosedRun", regions: "list[Region]") -> "Comparison":
-    """Return a comparison with the checks and faults of the run, and with what cannot be judged."""
-    from rigctl.comparison.checks import nothing_tested, refused_regions, registration_of, run_checks, without_decisions
-    from rigctl.comparison.rows import with_diagnosis, with_registration
-
-    measurement, diagnosis = seen.measurement, seen.diagnosis
-    registered = registration_of(measurement)
-    checks = (*run_checks(measurement, registered, diagnosis), *nothing_tested(comparison.rows, comparison.not_tested))
-    means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
-    budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)
-    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
-    return replace(
-        comparison,
-        rows=without_decisions(comparison.rows, unjudged),
-        checks=checks,
-        budgets=with_diagnosis(budgets, diagnosis, measurement),
-        unjudged=unjudged,
-        run_diagnosis=diagnosis,
-    )
-
-
 def _used_files(
     run: Path, scene: ScenePath | None, regions: RegionsPath | None, calibrations: "CalibrationPaths"
 ) -> "dict[str, UsedFile]":
@@ -499,7 +428,8 @@ def _series(
     runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "ComparedSeries":
     """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
-    from rigctl.comparison.compare import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs, used_file
+    from rigctl.comparison.compare import used_file
+    from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
     from rigctl.runs.check import used_run
 
     if not isinstance(scene, str | Path):
@@ -528,7 +458,7 @@ def _series(
 
 
 def _point(name: str, comparison: "Comparison") -> "SeriesPoint":
-    from rigctl.comparison.compare import SeriesPoint
+    from rigctl.comparison.series import SeriesPoint
 
     first = comparison.measurement.grid.records[0][0].start_utc
     return SeriesPoint(

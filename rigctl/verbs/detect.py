@@ -85,6 +85,7 @@ def detect(
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure, signal_of_cycle
     from rigctl.runs.check import used_run
+    from rigctl.scene.reading import scene_of_file
 
     if (regions is None) == (scene is None):
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")
@@ -95,7 +96,7 @@ def detect(
     measurement, predicted = measure(record, regions=drawn, noise=calibrated), None
     if content is not None:
         with solving_shown():
-            predictor = run_predictor(measurement, scene=content, noise=calibrated)
+            predictor = run_predictor(measurement, scene_of_file(content, calibrated))
             predictions = predictor.predictions(predictor.inputs.values)
         predicted = {name: prediction.stokes_dn for name, prediction in predictions.items()}
     stokes = np.einsum("kn,nij->kij", measurement.plan.inverse, signal_of_cycle(measurement, 0))

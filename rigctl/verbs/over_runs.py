@@ -282,7 +282,7 @@ def _compared(name: str, run: Path, job: ArchiveJob) -> RunRow:
     if comparison.agrees is None:
         reasons = tuple(dict.fromkeys(one.reason for one in comparison.regions.values() if one.reason))
     else:
-        reasons = comparison.diagnosis.points_to if comparison.agrees is False else ()
+        reasons = comparison.points_to if comparison.agrees is False else ()
     return RunRow(
         run=name,
         exit_code={True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[comparison.agrees],

@@ -249,7 +249,7 @@ class Prediction(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about regions and their detection, each once."""
-        from rigctl.comparison.remarks import model_warnings
+        from rigctl.prediction.predict import model_warnings
 
         pairs = (*self.performance.detections, *self.rocs.values())
         of_pairs = (f"{pair.target} on {pair.background}: {text}" for pair in pairs for text in pair.warnings)

@@ -55,17 +55,18 @@ def sky(
     ConfigError
         The file states no sun and atmosphere, the sun is too low, or the engine is not installed.
     """
+    from rigctl.scene.reading import scene_of_file
     from rigctl.scene.sky_map import skies_of_kinds, sky_map
 
-    file, kinds = scene_file_of(scene), list["SkyOfKind"]()
+    record, kinds = scene_of_file(scene_file_of(scene)), list["SkyOfKind"]()
     if compare_aerosols:
-        for one in skies_of_kinds(file, engine=engine):
+        for one in skies_of_kinds(record, engine=engine):
             note(f"{one.label}: computed")
             kinds.append(one)
         found = SkyResult(sky=kinds[0].sky, kinds=tuple(kinds))
     else:
         with solving_shown() as tell:
-            found = SkyResult(sky=sky_map(file, engine=engine, tell=tell))
+            found = SkyResult(sky=sky_map(record, engine=engine, tell=tell))
     if out is not None:
         note(f"{' and '.join(found.write(Path(out)))} in {out}")
     return found

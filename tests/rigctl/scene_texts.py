@@ -1,5 +1,8 @@
 """A scene given by materials, as text, for tests: the fast tier, two regions."""
 
+from rigctl.files.scene_file import load_scene
+from rigctl.scene.reading import scene_of_file
+
 SENSOR = """
 [sensor]
 pixel_pitch_um = 8.3
@@ -56,3 +59,8 @@ def written(folder, text=SCENE, *, name="scene.toml"):
     path = folder / name
     path.write_text(text)
     return path
+
+
+def scene_of(folder, text=SCENE):
+    """Return the scene of a file with this text."""
+    return scene_of_file(load_scene(written(folder, text)))

@@ -164,7 +164,7 @@ def test_rounding_is_no_disagreement_and_points_to_no_calibration(states: dict[s
         # 8 bits, noise of 0.2 to 0.45 DN; nobody gave a noise calibration.
         found = compare_closed_loop(measurement, noise=None, alpha=1e-3)
         assert found.verdict != "disagrees", state
-        assert not found.diagnosis.points_to, state
+        assert not found.points_to, state
 
 
 @pytest.mark.parametrize(("name", "x", "y"), [("fruits", 400, 400), ("carps", 800, 800)])

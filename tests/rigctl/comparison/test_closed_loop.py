@@ -52,7 +52,7 @@ def test_another_gain_shows_in_every_temporal_deviation_and_points_to_the_noise(
     temporal = [row for row in found.rows if row.statistic == "std_temporal"]
     assert len(temporal) == 7
     assert not any(row.agrees for row in temporal)
-    assert found.diagnosis.points_to == ("noise",)
+    assert found.points_to == ("noise",)
 
 
 def test_means_are_no_test_of_themselves(tmp_path):
@@ -91,7 +91,7 @@ def test_pixels_that_are_not_gaussian_are_found(tmp_path):
     found = _compared(make_run(tmp_path / "mixed", frames), None)
     assert not found.agrees
     # Nobody gave a noise calibration: nothing points there.
-    assert found.diagnosis.points_to == ("not-normal",)
+    assert found.points_to == ("not-normal",)
 
 
 def test_texture_of_one_half_predicts_the_other_with_standard_normal_scores(tmp_path):

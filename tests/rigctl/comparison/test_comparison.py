@@ -9,6 +9,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 from rigctl.rig.roof import PERTURBATIONS, perturbed
 from rigctl.runs.folder import read_run
+from rigctl.scene.reading import scene_of_file
 from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
@@ -27,18 +28,18 @@ def _compared(folder, *, seed=1, perturbation=None, alpha=1e-3):
     take_session(rig, small_session(cycles=4), folder / "run", files={})
     scene = load_scene(folder / "scene.toml")
     measurement = measure(read_run(folder / "run"), regions=list(scene.regions))
-    return compare_with_scene(measurement, scene=scene, noise=None, alpha=alpha)
+    return compare_with_scene(measurement, scene_of_file(scene), alpha=alpha)
 
 
 def test_an_undisturbed_rig_agrees(tmp_path):
     found = _compared(tmp_path)
     assert found.agrees
-    assert found.diagnosis.points_to == ()
+    assert found.points_to == ()
 
 
 @pytest.mark.parametrize("what", PERTURBATIONS)
 def test_each_perturbation_points_where_it_belongs(tmp_path, what):
-    assert _compared(tmp_path, perturbation=what).diagnosis.points_to == POINTS_TO[what]
+    assert _compared(tmp_path, perturbation=what).points_to == POINTS_TO[what]
 
 
 def test_scores_are_standard_normal_over_seeds(tmp_path):
@@ -72,7 +73,7 @@ def test_an_unknown_exposure_is_refused(tmp_path):
     scene = load_scene(tmp_path / "scene.toml")
     run = make_run(tmp_path / "run", [(at(a), np.random.default_rng(a).normal(500, 9, (48, 96))) for a in (0, 60, 120)])
     with pytest.raises(DataError, match="exposure is not known"):
-        compare_with_scene(measure(run, regions=list(scene.regions)), scene=scene, noise=None, alpha=1e-3)
+        compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(scene), alpha=1e-3)
 
 
 def test_a_region_that_was_not_measured_is_refused(tmp_path):
@@ -81,4 +82,4 @@ def test_a_region_that_was_not_measured_is_refused(tmp_path):
     measurement = measure(read_run(tmp_path / "run"), regions=list(scene.regions))
     less = replace(measurement, regions={"left": measurement.regions["left"]})
     with pytest.raises(ConfigError, match="region right"):
-        compare_with_scene(less, scene=scene, noise=None, alpha=1e-3)
+        compare_with_scene(less, scene_of_file(scene), alpha=1e-3)

@@ -8,6 +8,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
+from rigctl.scene.reading import scene_of_file
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.scene_texts import SCENE, written
 
@@ -44,7 +45,7 @@ def compared(tmp_path, cache):
         polarizer = {"polarizer": {"extinction_ratio": 500.0}}
         run = make_run(tmp_path / "run", frames, session={"origin": "device", "rig": polarizer | (rig or {})})
         told_scene = load_scene(written(tmp_path, told or text))
-        return compare_with_scene(measure(run, regions=list(scene.regions)), scene=told_scene, noise=None, alpha=1e-3)
+        return compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(told_scene), alpha=1e-3)
 
     return compare
 

@@ -37,6 +37,7 @@ def _beside(*rows, spent=None, tolerance=0.01, expected_s=1.0):
         found=SimpleNamespace(budget=SimpleNamespace(total=total), estimated_only=False, expected_s=expected_s),
         effects=SimpleNamespace(spent=Bound() if spent is None else spent),
         left_out=frozenset() if spent is None else frozenset({Effect.SKYLIGHT}),
+        taken=frozenset(),
     )
     return found.beside(rows, {"a": SimpleNamespace(quantities=QUANTITIES)})
 

@@ -15,6 +15,7 @@ from rigctl.console.failures import EXIT_USAGE
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
+from rigctl.scene.reading import scene_of_file
 from tests.rigctl.comparison.panel_runs import panel_run, response_dn, scene_text
 from tests.rigctl.scene_texts import SCENE, written
 
@@ -24,7 +25,7 @@ def response(folder: Path, *, panel: str = "white", seed: int = 1, told: float =
         written(folder, scene_text(error={panel: 0.02}, told={panel: told}, gain_dn_per_e="{value=0.24, std=0.1}"))
     )
     measurement = measure(panel_run(folder / f"run{seed}", seed=seed, **run), regions=list(scene.regions))
-    return panel_response(measurement, scene=scene, panel=panel, noise=None)
+    return panel_response(measurement, scene_of_file(scene), panel=panel)
 
 
 def test_the_response_is_found_with_its_error(tmp_path: Path) -> None:
@@ -118,7 +119,7 @@ def test_a_panel_of_a_material_takes_the_sun_of_the_run(tmp_path: Path, monkeypa
     for elevation in (40.0, 25.0):
         run = panel_run(tmp_path / f"run{elevation}", sun_azimuth_deg=180.0, sun_elevation_deg=elevation)
         measurement = measure(run, regions=list(scene.regions))
-        found = panel_response(measurement, scene=scene, panel="road", noise=None)
+        found = panel_response(measurement, scene_of_file(scene), panel="road")
         radiance[elevation] = found.radiance
     # A lower sun is weaker; forward scatter makes up for part of it.
     assert radiance[25.0] < 0.95 * radiance[40.0]

@@ -22,6 +22,7 @@ from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measure.measure import measure
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.report.comparison import compared_json
+from rigctl.scene.reading import scene_of_file
 from rigctl.verbs.compare import compare_run
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written
@@ -37,7 +38,7 @@ def scene(folder: Path, **options: Any) -> SceneFile:
 def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> RadiometricResponse:
     run = panel_run(folder / "panel-run", seed=9, efficiency=TRUE, exposure_s=exposure_s / 4.0)
     measurement = measure(run, regions=list(told.regions))
-    found = panel_response(measurement, scene=told, panel="white", noise=None)
+    found = panel_response(measurement, scene_of_file(told), panel="white")
     content = radiometric_content(found, measurement, files={})
     return TypeAdapter(RadiometricResponse).validate_python(content)
 
@@ -45,7 +46,7 @@ def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> Ra
 def compared(folder: Path, told: SceneFile, **options: Any) -> Comparison:
     run = panel_run(folder / "run", seed=3, efficiency=TRUE)
     return compare_with_scene(
-        measure(run, regions=list(told.regions)), scene=told, noise=None, alpha=1e-3, **{"scale": "free"} | options
+        measure(run, regions=list(told.regions)), scene_of_file(told), alpha=1e-3, **{"scale": "free"} | options
     )
 
 

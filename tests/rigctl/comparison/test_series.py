@@ -10,7 +10,7 @@ import pytest
 
 import benchmarks.uncertain_panels as panels
 from rigctl.cli import main
-from rigctl.comparison.compare import ComparedSeries, require_one_instrument
+from rigctl.comparison.series import ComparedSeries, require_one_instrument
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import ConfigError, DataError
 from rigctl.report.comparison import series_json, series_report

@@ -5,11 +5,10 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.errors import ConfigError
-from rigctl.files.scene_file import load_scene
 from rigctl.report.light import kinds_json
 from rigctl.report.prediction import kinds_picture
 from rigctl.scene.sky_map import skies_of_kinds, sky_map
-from tests.rigctl.scene_texts import SCENE, written
+from tests.rigctl.scene_texts import SCENE, scene_of, written
 
 ONE_WAVELENGTH = SCENE.replace("wavelengths = 2", "wavelengths = 1")
 
@@ -24,7 +23,7 @@ def kinds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
-        yield tuple(skies_of_kinds(load_scene(written(folder, ONE_WAVELENGTH))))
+        yield tuple(skies_of_kinds(scene_of(folder, ONE_WAVELENGTH)))
 
 
 def test_the_file_stands_first_and_every_kind_once(kinds):
@@ -54,7 +53,7 @@ def test_differences_are_from_the_sky_of_the_file(kinds):
 
 def test_a_file_of_spheres_is_compared_with_what_it_is_not(tmp_path):
     text = ONE_WAVELENGTH.replace('tier = "fast"', 'tier = "single"\naerosol = "spheres"\naerosol_type = "dust"')
-    labels = [one.label for one in skies_of_kinds(load_scene(written(tmp_path, text)))]
+    labels = [one.label for one in skies_of_kinds(scene_of(tmp_path, text))]
     assert labels[:3] == ["spheres, dust", "depolarizing, dust", "polarizing, dust"]
     assert len(labels) == len(set(labels)) == 7
 
@@ -66,7 +65,7 @@ def test_the_picture_is_one(kinds):
 def test_a_doubt_about_the_kind_is_left_out_of_the_comparison(tmp_path):
     doubt = '[atmosphere.alternative]\naerosol = "spheres"\nshare = 0.5\n'
     text = ONE_WAVELENGTH.replace('tier = "fast"', 'tier = "single"').replace("[[regions]]", doubt + "[[regions]]", 1)
-    scene = load_scene(written(tmp_path, text))
+    scene = scene_of(tmp_path, text)
     mixed, alone = sky_map(scene), next(iter(skies_of_kinds(scene)))
     assert mixed.largest_dolp[0] > 1.1 * alone.sky.largest_dolp[0]
 
@@ -74,7 +73,7 @@ def test_a_doubt_about_the_kind_is_left_out_of_the_comparison(tmp_path):
 def test_a_scene_without_a_computed_atmosphere_is_refused(tmp_path):
     text = ONE_WAVELENGTH.replace('tier = "fast"\nvisibility_km = 23.0', 'tier = "table"\ntable = "sky.npz"')
     with pytest.raises(ConfigError, match="no atmosphere that is computed"):
-        next(iter(skies_of_kinds(load_scene(written(tmp_path, text)))))
+        next(iter(skies_of_kinds(scene_of(tmp_path, text))))
 
 
 def test_the_command_writes_picture_and_numbers(tmp_path, capsys):

@@ -24,6 +24,7 @@ from rigctl.rig.rig import Rig, open_rig, require_cell
 from rigctl.runs.check import repair_run
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
+from rigctl.scene.reading import scene_of_file
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.verify import verification_of
 from rigctl.web.rig import LiveRig, open_devices
@@ -98,7 +99,7 @@ def test_four_frames_are_one_exposure(run: Run) -> None:
 def compared(run: Run) -> Comparison:
     scene = load_scene(run.path.parent / "scene.toml")
     measurement = measure(run, regions=list(scene.regions))
-    return compare_with_scene(measurement, scene=scene, noise=None, alpha=0.001)
+    return compare_with_scene(measurement, scene_of_file(scene), alpha=0.001)
 
 
 def test_model_and_samples_agree(run: Run) -> None:

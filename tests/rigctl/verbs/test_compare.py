@@ -85,13 +85,15 @@ def test_a_file_that_is_no_calibration_is_refused(folder):
 
 
 def test_effects_of_the_light_are_left_out_by_a_rule_and_any_by_name(folder):
-    whole, safe = (_compare(folder, effects=rule).effects for rule in ("all", "safe"))
+    whole, safe = (_compare(folder, effects=rule).accuracy for rule in ("all", "safe"))
     assert whole.taken == ALL
-    assert [one.acts_by_bound for one in safe.plan.decisions] == [one.acts_by_bound for one in whole.plan.decisions]
-    there = {one.effect for one in safe.plan.decisions if one.bound.largest > 0.0}
-    assert safe.taken == ALL - ((there & LIGHT) - safe.plan.active)
-    assert Effect.TEXTURE not in _compare(folder, left_out=("texture",)).effects.taken
-    assert safe.taken <= _compare(folder, effects="safe", switched_on=("dark-current",)).effects.taken
+    assert [one.acts_by_bound for one in safe.effects.decisions] == [
+        one.acts_by_bound for one in whole.effects.decisions
+    ]
+    there = {one.effect for one in safe.effects.decisions if one.bound.largest > 0.0}
+    assert safe.taken == ALL - ((there & LIGHT) - safe.effects.active)
+    assert Effect.TEXTURE not in _compare(folder, left_out=("texture",)).accuracy.taken
+    assert safe.taken <= _compare(folder, effects="safe", switched_on=("dark-current",)).accuracy.taken
 
 
 def test_effects_without_a_scene_are_refused(folder):
