@@ -15,7 +15,7 @@ from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity, RotationStage
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import utc_text, wrapped
-from rigctl.calibrations.made_for import Measured
+from rigctl.console.json_text import Json
 from rigctl.errors import DataError
 from rigctl.files.toml import describe, other_schema
 from rigctl.version import VERSION
@@ -24,6 +24,7 @@ Side = Literal["forward", "backward"]
 SIDES: tuple[Side, ...] = ("forward", "backward")
 _RUN_UP_DEG = 10.0  # far more than any backlash
 _SETTLED_BEFORE = 0.5  # a stage whose readings still change in the second half of the watch was not seen to rest
+_BETWEEN_READINGS_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +126,49 @@ def characterise(
     return Characterisation(identity=stage.identify(), band_deg=band_deg, watch_s=watch_s, visits=tuple(visits))
 
 
+def characterisation_file(result: Characterisation) -> dict[str, Json]:
+    """Return the content of the file that keeps a measurement."""
+    return {
+        "schema_version": 1,
+        "kind": "stage characterisation",
+        "created_by": f"rigctl {VERSION}",
+        "created_utc": utc_text(time.time_ns()),
+        "stage": asdict(result.identity),
+        "settle_s": result.settle_s,
+        "is_settled": result.is_settled,
+        "largest_error_deg": result.largest_error_deg,
+        "repeatability_deg": result.repeatability_deg,
+        "backlash_deg": {"value": result.backlash_deg, "std_error": result.backlash_std_error_deg},
+        "band_deg": result.band_deg,
+        "watch_s": result.watch_s,
+        "visits": [asdict(visit) for visit in result.visits],
+    }
+
+
+def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
+    """Return the time that a stage needs to come to rest [s], as it was measured."""
+    found: object = None
+    try:
+        found = json.loads(read_bounded(path, MOST_TEXT_BYTES))
+        content = _Content.model_validate(found)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        later = other_schema(found, _Content)
+        if later is not None:
+            raise DataError(f"{path}: {later}") from error
+        problem = describe(path, error) if isinstance(error, ValidationError) else f"{path}: is no JSON: {error}"
+        raise DataError(f"{problem}\n  this file is made by `rigctl calibrate stage`") from error
+    if content.stage.serial_number != identity.serial_number:
+        raise NotConnectedError(
+            f"{path}: that stage was {content.stage.model} {content.stage.serial_number}, and this one is "
+            f"{identity.model} {identity.serial_number}: characterise it too"
+        )
+    if not content.is_settled:
+        raise DataError(f"{path}: the stage was not seen to rest: characterise it again with a longer --watch")
+    return content.settle_s
+
+
 def _visit(
     stage: RotationStage,
     angle_deg: float,
@@ -151,9 +195,6 @@ def _visit(
     )
 
 
-_BETWEEN_READINGS_S = 0.02
-
-
 def _watch(
     stage: RotationStage, *, watch_s: float, now_s: Callable[[], float], sleep: Callable[[float], None]
 ) -> list[tuple[float, float]]:
@@ -165,49 +206,6 @@ def _watch(
         readings.append((now_s() - start_s, angle_deg))
         sleep(_BETWEEN_READINGS_S)
     return readings
-
-
-_KIND = "stage characterisation"
-
-
-@dataclass(frozen=True, kw_only=True)
-class CharacterisationFile:
-    """All that was measured of a stage, in the order in which the file has it."""
-
-    schema_version: int = 1
-    kind: str = _KIND
-    created_by: str = f"rigctl {VERSION}"
-    created_utc: str
-    stage: DeviceIdentity
-    settle_s: float
-    is_settled: bool
-    largest_error_deg: float
-    repeatability_deg: float
-    backlash_deg: Measured[float]
-    band_deg: float
-    watch_s: float
-    visits: tuple[Visit, ...]
-
-
-def characterisation_file(result: Characterisation) -> CharacterisationFile:
-    """Return the file of a measurement."""
-    return CharacterisationFile(
-        created_utc=utc_text(time.time_ns()),
-        stage=result.identity,
-        settle_s=result.settle_s,
-        is_settled=result.is_settled,
-        largest_error_deg=result.largest_error_deg,
-        repeatability_deg=result.repeatability_deg,
-        backlash_deg=Measured(value=result.backlash_deg, std_error=result.backlash_std_error_deg),
-        band_deg=result.band_deg,
-        watch_s=result.watch_s,
-        visits=tuple(result.visits),
-    )
-
-
-def as_text(file: CharacterisationFile) -> bytes:
-    """Return the file's bytes."""
-    return (json.dumps(asdict(file), indent=1, allow_nan=False) + "\n").encode()
 
 
 class _Stage(BaseModel):
@@ -226,27 +224,3 @@ class _Content(BaseModel):
     stage: _Stage
     settle_s: Annotated[float, Field(ge=0, le=60)]
     is_settled: bool
-
-
-def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
-    """Return the time that a stage needs to come to rest [s], as it was measured."""
-    found: object = None
-    try:
-        found = json.loads(read_bounded(path, MOST_TEXT_BYTES))
-        content = _Content.model_validate(found)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        later = other_schema(found, _Content)
-        if later is not None:
-            raise DataError(f"{path}: {later}") from error
-        problem = describe(path, error) if isinstance(error, ValidationError) else f"{path}: is no JSON: {error}"
-        raise DataError(f"{problem}\n  this file is made by `rigctl calibrate stage`") from error
-    if content.stage.serial_number != identity.serial_number:
-        raise NotConnectedError(
-            f"{path}: that stage was {content.stage.model} {content.stage.serial_number}, and this one is "
-            f"{identity.model} {identity.serial_number}: characterise it too"
-        )
-    if not content.is_settled:
-        raise DataError(f"{path}: the stage was not seen to rest: characterise it again with a longer --watch")
-    return content.settle_s

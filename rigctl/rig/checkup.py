@@ -28,6 +28,14 @@ _RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
 _WRITES = 20
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC
 _MAX_ERROR_PLACE, _STATUS_PLACE, _TIMEX_BYTES = 24, 40, 208  # in struct timex of 64-bit Linux
+_EXPOSURE_S = 0.01
+# For a look at the cell of a mosaic: share of saturated pixels that does no harm, and where to end.
+_SATURATED, _SHORTEST_S = 0.1, 1e-5
+_READINGS = 20
+_SLOW_ANSWER_S = 0.05
+_SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
+_ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
+_USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,15 +91,6 @@ def room(folder: Path, *, total_bytes: int, free_bytes: int | None = None) -> Fi
     return Finding(what=f"room in {folder}", found=found, advice=advice)
 
 
-def utc_error_s() -> float | None:
-    """Return how far the system's clock may be off UTC, as its time service says [s]; None: nothing synchronises it."""
-    content = ctypes.create_string_buffer(_TIMEX_BYTES)
-    ctypes.CDLL(None).ntp_adjtime(content)
-    status = int.from_bytes(content.raw[_STATUS_PLACE : _STATUS_PLACE + 4], "little")
-    error_us = int.from_bytes(content.raw[_MAX_ERROR_PLACE : _MAX_ERROR_PLACE + 8], "little")
-    return None if status & _UNSYNCHRONISED else error_us / 1e6
-
-
 def clock() -> Finding:
     """Return whether the system's clock follows a time server, and how far off it may be."""
     error_s = utc_error_s()
@@ -104,23 +103,13 @@ def clock() -> Finding:
     return Finding(what="clock", found=f"synchronised, off by {error_s * 1e3:.0f} ms at most")
 
 
-def _durable_write_s(path: Path, content: bytes) -> float:
-    start_s = time.perf_counter()
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    return time.perf_counter() - start_s
-
-
-_EXPOSURE_S = 0.01
-# For a look at the cell of a mosaic: share of saturated pixels that does no harm, and where to end.
-_SATURATED, _SHORTEST_S = 0.1, 1e-5
-_READINGS = 20
-_SLOW_ANSWER_S = 0.05
-_SERIAL_DEVICES = Path("/sys/bus/usb-serial/devices")
-_ETHERNET_MTU, _JUMBO_MTU = 1500, 9000
-_USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
+def utc_error_s() -> float | None:
+    """Return how far the system's clock may be off UTC, as its time service says [s]; None: nothing synchronises it."""
+    content = ctypes.create_string_buffer(_TIMEX_BYTES)
+    ctypes.CDLL(None).ntp_adjtime(content)
+    status = int.from_bytes(content.raw[_STATUS_PLACE : _STATUS_PLACE + 4], "little")
+    error_us = int.from_bytes(content.raw[_MAX_ERROR_PLACE : _MAX_ERROR_PLACE + 8], "little")
+    return None if status & _UNSYNCHRONISED else error_us / 1e6
 
 
 class RigCheckup:
@@ -144,9 +133,9 @@ class RigCheckup:
             settings = rig.camera.configure(exposure_s=_EXPOSURE_S, gain_db=self._rig.camera.gain_db)
             self.pixels = settings.width * settings.height
             timeout_s = self._rig.camera.timeout_s + _EXPOSURE_S
-            timed = timed_frames(rig.camera, frames=self._frames, timeout_s=timeout_s)
-            self.camera_s = max(0.0, statistics.median(one.duration_s for one in timed) - settings.exposure_s)
-            yield from camera_frames(rig.camera, timed)
+            times_s, last = timed_frames(rig.camera, frames=self._frames, timeout_s=timeout_s)
+            self.camera_s = max(0.0, statistics.median(times_s) - settings.exposure_s)
+            yield from camera_frames(rig.camera, times_s, last)
             if self._rig.camera.mosaic_deg is not None:
                 yield cell_finding(rig.camera, self._rig, timeout_s=timeout_s)
 
@@ -173,19 +162,6 @@ def cell_finding(camera: Camera, rig: RigFile, *, timeout_s: float) -> Finding:
     return Finding(what="cell", found=f"{text} deg row by row, {source}", advice=advice)
 
 
-def _unsaturated(camera: Camera, *, gain_db: float, timeout_s: float) -> Frame:
-    """Return a picture, exposed shorter until little of it is saturated, as far as the camera allows."""
-    frame, exposure_s = camera.take_frame(timeout_s=timeout_s), _EXPOSURE_S
-    while np.mean(frame.counts >= 2**frame.settings.bit_depth - 1) > _SATURATED and exposure_s > _SHORTEST_S:
-        exposure_s /= 4.0
-        try:
-            camera.configure(exposure_s=exposure_s, gain_db=gain_db)
-        except LimitError:
-            break
-        frame = camera.take_frame(timeout_s=timeout_s)
-    return frame
-
-
 def stage_latency(stage: RotationStage) -> Finding:
     """Return how long the stage takes to tell its position."""
     times_s = [_timed(stage.position) for _ in range(_READINGS)]
@@ -210,39 +186,23 @@ def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | Non
     return Finding(what="serial adapter", found=f"waits {wait_ms} ms before it passes bytes on", advice=advice)
 
 
-@dataclass(frozen=True, kw_only=True)
-class TimedFrame:
-    """What a picture took, exposure included, and by how much its start may be off, found by what [s]."""
-
-    duration_s: float
-    start_uncertainty_s: float | None = None
-    start_source: str | None = None
-
-
-def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> list[TimedFrame]:
-    """Return how so many pictures came."""
-    timed = []
+def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> tuple[list[float], Frame]:
+    """Take so many pictures; return how long each took, exposure included [s], and the last one."""
+    times_s = []
     for _ in range(frames):
         start_s = time.perf_counter()
         frame = camera.take_frame(timeout_s=timeout_s)
-        timed.append(
-            TimedFrame(
-                duration_s=time.perf_counter() - start_s,
-                start_uncertainty_s=frame.start_uncertainty_s,
-                start_source=frame.start_source,
-            )
-        )
-    return timed
+        times_s.append(time.perf_counter() - start_s)
+    return times_s, frame
 
 
-def camera_frames(camera: Camera, timed: Sequence[TimedFrame]) -> Iterator[Finding]:
+def camera_frames(camera: Camera, times_s: Sequence[float], last: Frame) -> Iterator[Finding]:
     """Return how fast pictures came, when, and what was lost of them, where the camera counts that."""
-    times_s = [one.duration_s for one in timed]
     found = (
         f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
     )
     yield Finding(what="camera", found=found)
-    yield from _time_stamps(timed[-1])  # by then the camera's clock is known, where it has one that can be read
+    yield from _time_stamps(last)  # by then the camera's clock is known, where it has one that can be read
     if not isinstance(camera, ReportingCamera):
         return
     facts, tally = camera.facts(), camera.tally()
@@ -266,15 +226,6 @@ def camera_frames(camera: Camera, timed: Sequence[TimedFrame]) -> Iterator[Findi
         yield Finding(what=f"  {name}", found=value)
 
 
-def _time_stamps(frame: TimedFrame) -> Iterator[Finding]:
-    """Give how well the start of an exposure is known, where the camera tells."""
-    source = frame.start_source
-    if source is not None:
-        told = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
-        hint = "docs/cameras.md has what makes it known better" if source in ("trigger", "arrival") else None
-        yield Finding(what="time stamps", found=f"start of an exposure {told}", hint=hint)
-
-
 def interface_mtu(address: str) -> Finding:
     """Return how large packets may be on the way to a camera."""
     mtu = path_mtu(address)
@@ -286,6 +237,37 @@ def interface_mtu(address: str) -> Finding:
             f"if camera and switch can: ip link set IFACE mtu {_JUMBO_MTU}, and packet_size={_JUMBO_MTU}, load it less"
         )
     return Finding(what="MTU", found=f"{mtu} bytes on interface {interface_of(address)}", advice=advice, hint=hint)
+
+
+def _durable_write_s(path: Path, content: bytes) -> float:
+    start_s = time.perf_counter()
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return time.perf_counter() - start_s
+
+
+def _unsaturated(camera: Camera, *, gain_db: float, timeout_s: float) -> Frame:
+    """Return a picture, exposed shorter until little of it is saturated, as far as the camera allows."""
+    frame, exposure_s = camera.take_frame(timeout_s=timeout_s), _EXPOSURE_S
+    while np.mean(frame.counts >= 2**frame.settings.bit_depth - 1) > _SATURATED and exposure_s > _SHORTEST_S:
+        exposure_s /= 4.0
+        try:
+            camera.configure(exposure_s=exposure_s, gain_db=gain_db)
+        except LimitError:
+            break
+        frame = camera.take_frame(timeout_s=timeout_s)
+    return frame
+
+
+def _time_stamps(frame: Frame) -> Iterator[Finding]:
+    """Give how well the start of an exposure is known, where the camera tells."""
+    source = frame.start_source
+    if source is not None:
+        told = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
+        hint = "docs/cameras.md has what makes it known better" if source in ("trigger", "arrival") else None
+        yield Finding(what="time stamps", found=f"start of an exposure {told}", hint=hint)
 
 
 def _timed(ask: Callable[[], object]) -> float:

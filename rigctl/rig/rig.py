@@ -43,24 +43,15 @@ from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import serve_on_pty
 
-_PLACES = ("upper left", "upper right", "lower left", "lower right")
-
-
-def cell_problem(counts: NDArray[np.uint16], mosaic_deg: Sequence[float], *, bit_depth: int) -> str | None:
-    """Return in words that the light contradicts a cell, or None: it agrees, or tells nothing."""
-    found = pair_by_light(counts, tuple(mosaic_deg), saturation_dn=float(2**bit_depth - 1))
-    if found is None:
-        return None
-    stated = ", ".join(f"{angle:g}" for angle in mosaic_deg)
-    one, other = (_PLACES[place] for place in found)
-    return (
-        f"mosaic_deg = [{stated}] does not fit the light: by its sums the {one} and the {other} pixel of a cell stand "
-        "across one another, and the two that are left. Look up the cell of the sensor, and whether the picture is "
-        "mirrored or begins at an odd row or column"
-    )
-
-
 SIMULATED = "sim:"
+REQUESTS: dict[FrameKind, str] = {
+    "scene": "Point the camera at the scene, nothing before the lens",
+    "dark": "Cover the lens, so that no light comes in",
+    "flat": "Put the flat field (integrating sphere) before the lens",
+}
+_PLACES = ("upper left", "upper right", "lower left", "lower right")
+# A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
+_CELL_TOLERANCE_DEG = 22.5
 # What is printed on a device, and the driver for it.
 _DRIVERS_OF_MODELS = (
     (("ell", "elliptec"), "ellx"),
@@ -69,138 +60,6 @@ _DRIVERS_OF_MODELS = (
     (("aravis", "genicam", "gc", "prosilica", "allied", "basler", "flir"), "gige"),
     (("usb", "uvc", "/dev/video", "webcam"), "v4l2"),
 )
-
-
-@contextmanager
-def open_stage(section: StageSection, *, warn: Callable[[str], None]) -> Iterator[RotationStage]:
-    """Give the open stage of a rig file, a simulated one with nothing around it, until the context is left."""
-    if not section.port.startswith(SIMULATED):
-        with connect_stage(section, resolve_port(section.port, warn=warn)) as stage:
-            yield stage
-        return
-    try:
-        options = parse_stage_address(section.port)
-    except ValueError as error:
-        raise ConfigError(f"stage.port: {error}") from error
-    clock = SimClock(speed=options.speed)
-    with serve_on_pty(make_stage(options, clock=clock), clock=clock) as port, connect_stage(section, port) as stage:
-        yield stage
-
-
-@contextmanager
-def connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
-    """Give the stage that answers on a port, once it is known to be the one that the rig file names."""
-    factory = find_driver("rigctl.stages", section.driver, key="stage.driver").load()
-    given: dict[str, Any] = {"tolerance_deg": section.tolerance_deg, **section.options}
-    if section.address is not None:
-        given["address"] = section.address
-    _require_arguments(factory, section.driver, port, given)
-    opened: RotationStage = factory(port, **given)
-    with opened as stage:
-        identity = stage.identify()
-        require_serial("stage", section.serial_number, identity)
-        if section.characterisation is None:
-            yield stage
-        else:
-            yield SettlingStage(stage, settle_s=load_settle_s(section.characterisation, identity=identity))
-
-
-def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
-    """Return an installed driver."""
-    installed = {entry.name: entry for entry in entry_points(group=group)}
-    if name not in installed:
-        known = ", ".join(sorted(installed)) or "none"
-        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}{_driver_meant(name, installed)}")
-    return installed[name]
-
-
-def _driver_meant(name: str, installed: Collection[str]) -> str:
-    """Return which driver a name of a model leads to, in words."""
-    word = name.strip().lower()
-    by_model = next((driver for models, driver in _DRIVERS_OF_MODELS if word.startswith(models)), None)
-    known = by_model is not None and by_model in installed
-    close = [by_model] if known else get_close_matches(word, list(installed), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
-
-
-def require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:
-    """Raise NotConnectedError unless a device has the serial number that the rig file asks for, if it asks."""
-    if configured is not None and configured != found.serial_number:
-        raise NotConnectedError(
-            f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
-            f"{configured}: another device is on this port. Mend the port or the serial number"
-        )
-
-
-def _require_arguments(factory: Callable[..., RotationStage], driver: str, port: str, given: dict[str, Any]) -> None:
-    signature = inspect.signature(factory)
-    try:
-        signature.bind(port, **given)
-    except TypeError as error:
-        allowed = ", ".join(list(signature.parameters)[1:])
-        raise ConfigError(f"stage: driver {driver!r}: {error}; it takes {allowed}") from error
-
-
-class SettlingStage:
-    """Another stage, with a pause and a fresh readback after each move."""
-
-    def __init__(self, stage: RotationStage, *, settle_s: float, sleep: Callable[[float], None] = time.sleep) -> None:
-        self._stage = stage
-        self._settle_s = settle_s
-        self._sleep = sleep
-
-    def __enter__(self) -> "SettlingStage":
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self.close()
-
-    def identify(self) -> DeviceIdentity:
-        """Return what the device says of itself."""
-        return self._stage.identify()
-
-    def home(self) -> StagePosition:
-        """Search the reference mark; return the readback after the pause."""
-        self._stage.home()
-        self._sleep(self._settle_s)
-        return self._stage.position()
-
-    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
-        """Go to an angle; return once it is there and rests. Raises what the stage raises."""
-        move = self._stage.move_to(angle_deg, way=way)
-        self._sleep(self._settle_s)
-        return Move(
-            target_deg=move.target_deg,
-            position=self._stage.position(),
-            tries=move.tries,
-            duration_s=move.duration_s + self._settle_s,
-            remarks=move.remarks,
-        )
-
-    def position(self) -> StagePosition:
-        """Read the encoder."""
-        return self._stage.position()
-
-    def status(self) -> StageStatus:
-        """Ask the device what it is doing."""
-        return self._stage.status()
-
-    def stop(self) -> None:
-        """Stop any motion that the device is able to stop."""
-        self._stage.stop()
-
-    def close(self) -> None:
-        """Release the port. May be called twice."""
-        self._stage.close()
-
-
-# A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
-_CELL_TOLERANCE_DEG = 22.5
-REQUESTS: dict[FrameKind, str] = {
-    "scene": "Point the camera at the scene, nothing before the lens",
-    "dark": "Cover the lens, so that no light comes in",
-    "flat": "Put the flat field (integrating sphere) before the lens",
-}
 
 
 def _do_nothing(_sequence: int) -> bool:
@@ -264,10 +123,68 @@ def require_drivers(rig: RigFile) -> None:
 
 
 @contextmanager
+def open_stage(section: StageSection, *, warn: Callable[[str], None]) -> Iterator[RotationStage]:
+    """Give the open stage of a rig file, a simulated one with nothing around it, until the context is left."""
+    if not section.port.startswith(SIMULATED):
+        with _connect_stage(section, resolve_port(section.port, warn=warn)) as stage:
+            yield stage
+        return
+    try:
+        options = parse_stage_address(section.port)
+    except ValueError as error:
+        raise ConfigError(f"stage.port: {error}") from error
+    clock = SimClock(speed=options.speed)
+    with serve_on_pty(make_stage(options, clock=clock), clock=clock) as port, _connect_stage(section, port) as stage:
+        yield stage
+
+
+def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
+    """Return an installed driver."""
+    installed = {entry.name: entry for entry in entry_points(group=group)}
+    if name not in installed:
+        known = ", ".join(sorted(installed)) or "none"
+        raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}{_driver_meant(name, installed)}")
+    return installed[name]
+
+
+def require_cell(rig: RigFile, camera: Camera) -> None:
+    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells."""
+    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    stated = rig.camera.mosaic_deg
+    if told is None:
+        return
+    cell = ", ".join(f"{angle:g}" for angle in told)
+    if stated is None:
+        raise ConfigError(
+            "camera.mosaic_deg: the camera says that it has polarizers on its pixels: state "
+            f"mosaic_deg = [{cell}], and leave [stage] out"
+        )
+    if any(
+        abs(wrapped(one - other, turn=180.0)) > _CELL_TOLERANCE_DEG for one, other in zip(stated, told, strict=True)
+    ):
+        found = ", ".join(f"{angle:g}" for angle in stated)
+        raise ConfigError(f"camera.mosaic_deg: is [{found}], and the camera says that its cell is [{cell}]")
+
+
+def cell_problem(counts: NDArray[np.uint16], mosaic_deg: Sequence[float], *, bit_depth: int) -> str | None:
+    """Return in words that the light contradicts a cell, or None: it agrees, or tells nothing."""
+    found = pair_by_light(counts, tuple(mosaic_deg), saturation_dn=float(2**bit_depth - 1))
+    if found is None:
+        return None
+    stated = ", ".join(f"{angle:g}" for angle in mosaic_deg)
+    one, other = (_PLACES[place] for place in found)
+    return (
+        f"mosaic_deg = [{stated}] does not fit the light: by its sums the {one} and the {other} pixel of a cell stand "
+        "across one another, and the two that are left. Look up the cell of the sensor, and whether the picture is "
+        "mirrored or begins at an odd row or column"
+    )
+
+
+@contextmanager
 def _open_devices(rig: RigFile, simulation: Simulation | None) -> Iterator[Rig]:
     with _stage(rig, simulation) as stage, _camera(rig, simulation) as camera:
         camera_identity = camera.identify()
-        require_serial("camera", rig.camera.serial_number, camera_identity)
+        _require_serial("camera", rig.camera.serial_number, camera_identity)
         require_cell(rig, camera)
         yield Rig(
             stage=stage,
@@ -290,27 +207,8 @@ def _stage(rig: RigFile, simulation: Simulation | None) -> Iterator[RotationStag
     simulated_port = None if simulation is None else simulation.stage_port
     is_real = simulated_port is None or not rig.stage.port.startswith(SIMULATED)
     port = resolve_port(rig.stage.port, warn=warn) if is_real or simulated_port is None else simulated_port
-    with connect_stage(rig.stage, port) as stage:
+    with _connect_stage(rig.stage, port) as stage:
         yield stage
-
-
-def require_cell(rig: RigFile, camera: Camera) -> None:
-    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells."""
-    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
-    stated = rig.camera.mosaic_deg
-    if told is None:
-        return
-    cell = ", ".join(f"{angle:g}" for angle in told)
-    if stated is None:
-        raise ConfigError(
-            "camera.mosaic_deg: the camera says that it has polarizers on its pixels: state "
-            f"mosaic_deg = [{cell}], and leave [stage] out"
-        )
-    if any(
-        abs(wrapped(one - other, turn=180.0)) > _CELL_TOLERANCE_DEG for one, other in zip(stated, told, strict=True)
-    ):
-        found = ", ".join(f"{angle:g}" for angle in stated)
-        raise ConfigError(f"camera.mosaic_deg: is [{found}], and the camera says that its cell is [{cell}]")
 
 
 def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
@@ -337,3 +235,101 @@ def _ask_operator(kind: FrameKind) -> None:
     sys.stderr.write(f"{REQUESTS[kind]}, then press Enter: ")
     sys.stderr.flush()
     sys.stdin.readline()
+
+
+@contextmanager
+def _connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
+    """Give the stage that answers on a port, once it is known to be the one that the rig file names."""
+    factory = find_driver("rigctl.stages", section.driver, key="stage.driver").load()
+    given: dict[str, Any] = {"tolerance_deg": section.tolerance_deg, **section.options}
+    if section.address is not None:
+        given["address"] = section.address
+    _require_arguments(factory, section.driver, port, given)
+    opened: RotationStage = factory(port, **given)
+    with opened as stage:
+        identity = stage.identify()
+        _require_serial("stage", section.serial_number, identity)
+        if section.characterisation is None:
+            yield stage
+        else:
+            yield _SettlingStage(stage, settle_s=load_settle_s(section.characterisation, identity=identity))
+
+
+def _require_serial(what: str, configured: str | None, found: DeviceIdentity) -> None:
+    """Raise NotConnectedError unless a device has the serial number that the rig file asks for, if it asks."""
+    if configured is not None and configured != found.serial_number:
+        raise NotConnectedError(
+            f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
+            f"{configured}: another device is on this port. Mend the port or the serial number"
+        )
+
+
+def _require_arguments(factory: Callable[..., RotationStage], driver: str, port: str, given: dict[str, Any]) -> None:
+    signature = inspect.signature(factory)
+    try:
+        signature.bind(port, **given)
+    except TypeError as error:
+        allowed = ", ".join(list(signature.parameters)[1:])
+        raise ConfigError(f"stage: driver {driver!r}: {error}; it takes {allowed}") from error
+
+
+def _driver_meant(name: str, installed: Collection[str]) -> str:
+    """Return which driver a name of a model leads to, in words."""
+    word = name.strip().lower()
+    by_model = next((driver for models, driver in _DRIVERS_OF_MODELS if word.startswith(models)), None)
+    known = by_model is not None and by_model in installed
+    close = [by_model] if known else get_close_matches(word, list(installed), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+class _SettlingStage:
+    """Another stage, with a pause and a fresh readback after each move."""
+
+    def __init__(self, stage: RotationStage, *, settle_s: float, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._stage = stage
+        self._settle_s = settle_s
+        self._sleep = sleep
+
+    def __enter__(self) -> "_SettlingStage":
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()
+
+    def identify(self) -> DeviceIdentity:
+        """Return what the device says of itself."""
+        return self._stage.identify()
+
+    def home(self) -> StagePosition:
+        """Search the reference mark; return the readback after the pause."""
+        self._stage.home()
+        self._sleep(self._settle_s)
+        return self._stage.position()
+
+    def move_to(self, angle_deg: float, *, way: Way = "short") -> Move:
+        """Go to an angle; return once it is there and rests. Raises what the stage raises."""
+        move = self._stage.move_to(angle_deg, way=way)
+        self._sleep(self._settle_s)
+        return Move(
+            target_deg=move.target_deg,
+            position=self._stage.position(),
+            tries=move.tries,
+            duration_s=move.duration_s + self._settle_s,
+            remarks=move.remarks,
+        )
+
+    def position(self) -> StagePosition:
+        """Read the encoder."""
+        return self._stage.position()
+
+    def status(self) -> StageStatus:
+        """Ask the device what it is doing."""
+        return self._stage.status()
+
+    def stop(self) -> None:
+        """Stop any motion that the device is able to stop."""
+        self._stage.stop()
+
+    def close(self) -> None:
+        """Release the port. May be called twice."""
+        self._stage.close()

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import lru_cache
 
@@ -58,24 +58,14 @@ def perturbed(rig: RigFile, what: Perturbation) -> RigFile:
     return rig.model_copy(update={"simulation": truth.model_copy(update=changed)})
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChangedRoof:
-    """A scene that was changed, and how, in words."""
-
-    scene: Scene
-    text: str
-
-
-def changed_roof(scene: Scene, what: RoofChange) -> ChangedRoof:
-    """Return a scene with one thing changed; of "drift" the scene stays, and `cloud_factor` dims it."""
-    changes: dict[RoofChange, Callable[[Scene], ChangedRoof]] = {
+def changed_roof(scene: Scene, what: RoofChange) -> tuple[Scene, str]:
+    """Return a scene with one thing changed, and how, in words; "drift" leaves the scene, `cloud_factor` dims it."""
+    changes: dict[RoofChange, Callable[[Scene], tuple[Scene, str]]] = {
         "visibility": _visibility,
         "aerosol": _aerosol,
         "dhr": lambda roof: _of_first(roof, "dhr", lambda value: min(1.0, value * DHR_FACTOR)),
         "tilt": lambda roof: _of_first(roof, "tilt_deg", lambda value: value + TILT_DEG),
-        "drift": lambda roof: ChangedRoof(
-            scene=roof, text=f"drift: the light falls by {CLOUD_SHARE:.0%} within {CLOUD_S:g} s, and is back"
-        ),
+        "drift": lambda roof: (roof, f"drift: the light falls by {CLOUD_SHARE:.0%} within {CLOUD_S:g} s, and is back"),
     }
     return changes[what](scene)
 
@@ -86,7 +76,7 @@ def cloud_factor(elapsed_ns: int) -> float:
     return 1.0 - CLOUD_SHARE * share
 
 
-def _visibility(scene: Scene) -> ChangedRoof:
+def _visibility(scene: Scene) -> tuple[Scene, str]:
     known = {parameter.key for parameter in parameters(scene)}
     if "atmosphere.visibility_km" in known:
         return _changed(scene, "visibility", "atmosphere.visibility_km", lambda value: value * VISIBILITY_FACTOR)
@@ -97,24 +87,24 @@ def _visibility(scene: Scene) -> ChangedRoof:
     raise ConfigError("--perturb visibility: the scene states neither visibility_km nor aerosol_optical_depth")
 
 
-def _aerosol(scene: Scene) -> ChangedRoof:
+def _aerosol(scene: Scene) -> tuple[Scene, str]:
     air = scene.atmosphere
     if air is None or air.table is not None:
         raise ConfigError("--perturb aerosol: the sky of the scene is a table, not an aerosol")
     other = AerosolKind.DEPOLARIZING if air.aerosol is AerosolKind.SPHERES else AerosolKind.SPHERES
     changed = replace(scene, atmosphere=air.model_copy(update={"aerosol": other}))
-    return ChangedRoof(scene=changed, text=f"aerosol: atmosphere.aerosol {other}, not {air.aerosol}")
+    return (changed, f"aerosol: atmosphere.aerosol {other}, not {air.aerosol}")
 
 
-def _of_first(scene: Scene, name: str, change: Callable[[float], float]) -> ChangedRoof:
+def _of_first(scene: Scene, name: str, change: Callable[[float], float]) -> tuple[Scene, str]:
     region = next(region.name for region in scene.regions if region.material is not None)
     return _changed(scene, name.removesuffix("_deg"), f"regions.{region}.{name}", change)
 
 
-def _changed(scene: Scene, name: str, key: str, change: Callable[[float], float]) -> ChangedRoof:
+def _changed(scene: Scene, name: str, key: str, change: Callable[[float], float]) -> tuple[Scene, str]:
     before = get(scene, key).value
     after = change(before)
-    return ChangedRoof(scene=with_value(scene, key, after), text=f"{name}: {key} {after:g}, not {before:g}")
+    return (with_value(scene, key, after), f"{name}: {key} {after:g}, not {before:g}")
 
 
 FloatArray = NDArray[np.float64]
@@ -197,11 +187,11 @@ class LitRoof:
             time = datetime.fromtimestamp(utc_ns / NS_PER_S, tz=UTC)
             file = file.model_copy(update={"site": self._site, "sun": SunSection(time=time)})
         scene = scene_of_file(file)
-        return scene if self._change is None else changed_roof(scene, self._change).scene
+        return scene if self._change is None else changed_roof(scene, self._change)[0]
 
     def _record(self, file: SceneFile, rig: RigFile) -> SimulatedLight:
         scene = scene_of_file(self._file)
-        changed = None if self._change is None else changed_roof(scene, self._change).text
+        changed = None if self._change is None else changed_roof(scene, self._change)[1]
         remarks = (*self._of_time(file), *_of_place(file, rig.site), *_of_camera(file, rig))
         if self._clock_ns is not None or scene.sun is None:
             return SimulatedLight(scene=file.name, is_clocked=True, perturbed=changed, remarks=remarks)

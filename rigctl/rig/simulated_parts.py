@@ -9,7 +9,7 @@ import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, assert_never
 
@@ -282,17 +282,11 @@ def _stated_mm(file: Path, before_mm: float) -> float:
     return stated_mm if abs(stated_mm) <= MOST_DEFOCUS_MM else before_mm
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurnedLens:
-    """A lens that was turned."""
+def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
+    """Turn the lens of a simulated camera, also while it runs: the key in its rig file changes, the rest stays.
 
-    defocus_mm: float  #: How far the detector is behind the focus now [mm].
-    was_mm: float  #: And before [mm].
-    blur_px: float  #: Diameter of the disk that a point becomes [pixels].
-
-
-def turn_lens(rig: Path, *, defocus_mm: float) -> TurnedLens:
-    """Turn the lens of a simulated camera, also while it runs: the key in its rig file changes, the rest stays."""
+    Return the defocus before [mm], and the diameter of the disk that a point becomes now [pixels].
+    """
     if not abs(defocus_mm) <= MOST_DEFOCUS_MM:
         raise ConfigError(f"--defocus-mm: is {defocus_mm:g}; must be from {-MOST_DEFOCUS_MM:g} to {MOST_DEFOCUS_MM:g}")
     camera = _simulated_camera(rig)
@@ -306,7 +300,7 @@ def turn_lens(rig: Path, *, defocus_mm: float) -> TurnedLens:
         write_durably(rig, (text[: table.start()] + inside + text[table.end() :]).encode("utf-8"))
     except OSError as error:
         raise ConfigError(f"{rig}: cannot be written: {error.strerror}") from error
-    return TurnedLens(defocus_mm=defocus_mm, was_mm=camera.defocus_mm, blur_px=_blur_px(camera, defocus_mm))
+    return camera.defocus_mm, _blur_px(camera, defocus_mm)
 
 
 def _simulated_camera(rig: Path) -> SimulatedCamera:

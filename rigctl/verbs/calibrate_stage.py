@@ -1,8 +1,9 @@
 """`rigctl calibrate stage`: readback error, backlash and settling of a rotation stage, from its own readings."""
 
+import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,7 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.files.rig_file import RigFile
-    from rigctl.rig.characterise import Characterisation, CharacterisationFile, Side
+    from rigctl.rig.characterise import Characterisation, Side
 
 # So wide that a landing is measured as it is: a correction would come from the other side.
 _TOLERANCE_DEG = 1.0
@@ -71,7 +72,7 @@ def stage(
     """
     from rigctl.base.durable import write_durably
     from rigctl.files.rig_file import load_rig
-    from rigctl.rig.characterise import SIDES, as_text, characterisation_file, characterise
+    from rigctl.rig.characterise import SIDES, characterisation_file, characterise
     from rigctl.rig.rig import open_stage
 
     for file in (out, plot):
@@ -86,7 +87,7 @@ def stage(
         result = characterise(opened, angles_deg, repeats=repeats, band_deg=band_deg, watch_s=watch_s, progress=visited)
     measured = StageCalibration(result=result, file=characterisation_file(result))
     if out is not None:
-        write_durably(Path(out), as_text(measured.file))
+        write_durably(Path(out), (json.dumps(measured.file, indent=1, allow_nan=False) + "\n").encode())
     if plot is not None:
         from rigctl.report.calibration import characterisation_png
 
@@ -124,7 +125,7 @@ class StageCalibration(Result):
     """A stage as its own readings show it."""
 
     result: "Characterisation"
-    file: "CharacterisationFile"  #: content of the file for the rig
+    file: dict[str, Json]  #: content of the file for the rig
 
     def content(self) -> Iterable[Part]:
         """Return the largest error, repeatability, backlash and settling, then each angle."""
@@ -142,7 +143,7 @@ class StageCalibration(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return the content of the file."""
-        return asdict(self.file)
+        return self.file
 
     def _angles(self) -> Table[float]:
         result = self.result

@@ -3,9 +3,9 @@
 import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter, validators
 
@@ -14,9 +14,6 @@ from rigctl.console.terminal import note
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result
-
-if TYPE_CHECKING:
-    from rigctl.rig.simulated_parts import TurnedLens
 
 
 def stage(
@@ -118,7 +115,8 @@ def lens(rig: FilePath, /, *, defocus_mm: float) -> "LensResult":
     """
     from rigctl.rig.simulated_parts import turn_lens
 
-    return LensResult(rig=Path(rig), lens=turn_lens(Path(rig), defocus_mm=defocus_mm))
+    was_mm, blur_px = turn_lens(Path(rig), defocus_mm=defocus_mm)
+    return LensResult(rig=Path(rig), defocus_mm=defocus_mm, was_mm=was_mm, blur_px=blur_px)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,19 +124,20 @@ class LensResult(Result):
     """Focus of a simulated camera, before and now."""
 
     rig: Path
-    lens: "TurnedLens"
+    defocus_mm: float  #: How far the detector is behind the focus now [mm].
+    was_mm: float  #: And before [mm].
+    blur_px: float  #: Diameter of the disk that a point becomes [pixels].
 
     def content(self) -> Iterable[Part]:
         """Return the focus in words."""
-        lens = self.lens
         yield (
-            f"{self.rig}: defocus {lens.defocus_mm:g} mm, was {lens.was_mm:g} mm; a point is a disk of "
-            f"{lens.blur_px:.1f} pixels"
+            f"{self.rig}: defocus {self.defocus_mm:g} mm, was {self.was_mm:g} mm; a point is a disk of "
+            f"{self.blur_px:.1f} pixels"
         )
 
     def as_json(self) -> dict[str, Json]:
         """Return the focus in numbers."""
-        return asdict(self.lens)
+        return {"defocus_mm": self.defocus_mm, "was_mm": self.was_mm, "blur_px": self.blur_px}
 
 
 @contextmanager

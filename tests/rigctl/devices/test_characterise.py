@@ -8,7 +8,7 @@ import pytest
 from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
 from rigctl.report.calibration import characterisation_png
-from rigctl.rig.characterise import Characterisation, as_text, characterisation_file, characterise
+from rigctl.rig.characterise import Characterisation, characterisation_file, characterise
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import InProcessPort
@@ -71,7 +71,7 @@ def test_an_angle_is_reached_from_the_side_that_it_says() -> None:
 
 def test_the_file_holds_every_visit_and_is_json() -> None:
     result = measured("sim:zaber", repeats=2)
-    content = json.loads(as_text(characterisation_file(result)))
+    content = json.loads(json.dumps(characterisation_file(result)))
     assert len(content["visits"]) == 2 * 2 * len(ANGLES_DEG)
     assert content["stage"]["serial_number"] == "114821"
     assert content["backlash_deg"]["std_error"] > 0.0

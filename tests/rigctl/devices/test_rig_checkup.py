@@ -12,7 +12,6 @@ from rigctl.errors import DataError
 from rigctl.files.session_file import SessionFile
 from rigctl.rig.checkup import (
     Finding,
-    TimedFrame,
     adapter_wait,
     camera_frames,
     clock,
@@ -67,7 +66,7 @@ def test_the_way_to_oneself_is_wide():
 
 def test_pictures_are_timed_and_what_the_camera_counts_is_told():
     camera = small_camera()
-    timed, stamps, samples, loss = camera_frames(camera, timed_frames(camera, frames=3, timeout_s=1.0))
+    timed, stamps, samples, loss = camera_frames(camera, *timed_frames(camera, frames=3, timeout_s=1.0))
     assert timed.found.startswith("3 frames")
     assert stamps.found == "start of an exposure as simulated, off by 0 us at most"
     assert "right-justified" in samples.found
@@ -154,7 +153,8 @@ def test_packets_that_are_lost_are_told_with_their_share(monkeypatch):
     monkeypatch.setattr(
         camera, "tally", lambda: FrameTally(accepted=20, packets=10000, packets_lost=50, packets_resent=49)
     )
-    loss = next(finding for finding in camera_frames(camera, [TimedFrame(duration_s=0.1)]) if finding.what == "loss")
+    findings = camera_frames(camera, [0.1], camera.take_frame(timeout_s=1.0))
+    loss = next(finding for finding in findings if finding.what == "loss")
     assert "0.5 % of 10000 packets lost, 49 of them came" in loss.found
     assert loss.advice is not None
 
