@@ -45,6 +45,51 @@ from drivers.network_path import path_mtu
 Trigger = Literal["software", "free"]
 Link = Literal["gige", "usb3", "any"]
 """How the camera is reached; "any" is whatever libaravis finds under a name."""
+_PACKET_BYTES = (576, 16384)
+_NAMES: dict[Link, str] = {"gige": "GigE camera", "usb3": "USB3 camera", "any": "camera"}
+_AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
+_PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
+_GAMMA = "Gamma"
+_EXPOSURE = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+_EXPOSURE_RAW, _EXPOSURE_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
+# What some send behind their pixels.
+_CHUNKS = "ChunkModeActive"
+_GAIN, _GAIN_RAW = "Gain", "GainRaw"
+# Makers whose GainRaw counts dB.
+_RAW_IS_DB = ("prosilica", "allied", "avt", "aravis")
+_BEST_FIRST = ("Mono14", "Mono12", "Mono12p", "Mono12Packed", "Mono10", "Mono10p", "Mono10Packed", "Mono16", "Mono8")
+_RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+_RATE_TOLERANCE = 0.01
+_ETHERNET_MTU = 1500
+# Where a camera limits what it takes of its line [bytes/s]: by the standard's name, or by Prosilica's.
+_BANDWIDTH, _BANDWIDTH_MODE = ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"), "DeviceLinkThroughputLimitMode"
+_GIGABIT_NS_PER_BYTE, _PAUSE_TOLERANCE = 8.0, 0.05
+_PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
+    "gige": (b"GigEVision",),
+    "usb3": (b"USB3Vision",),
+    "any": (b"GigEVision", b"USB3Vision", b"Fake"),
+}
+_NETWORK = "GigEVision"
+_IN_LIBRARY = "Fake"  # cameras that the library simulates within this program, and lists only when told to
+_EXPOSURE_TOLERANCE = 0.01
+_PACKET_SIZES = (9000, 8192, 4096, 1500)  # that are tried where the largest is asked for
+_US_PER_S = 1e6
+_LARGEST_SHORT_ID = 65535
+_TRIGGER: StartSource = "trigger"
+_ARRIVAL: StartSource = "arrival"
+_FIRST_EXPOSURE_S = 0.01
+_PROBE_TIMEOUT_S = 5.0
+_PROBE_PICTURE_S, _PROBE_PICTURES = 1.5, 2  # for each size of packets that is tried; the first picture may be damaged
+_REOPENINGS = 3  # in one picture
+_LOOK_S = 0.2  # how often a wait looks whether the camera is still there
+_DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
+# Cell of Sony's sensors with polarizers (IMX250MZR, IMX253MZR), which the formats with this word in their names are of.
+_SENSOR_CELL_DEG = (90.0, 45.0, 135.0, 0.0)
+_THERMOMETERS = ("SensorTemperature", "DeviceTemperature")
+_NO_PICTURES = (
+    "If no picture ever comes, a firewall may hold back the stream (UDP), or packets are larger than the network "
+    "carries: `rigctl doctor` tells"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,12 +134,83 @@ class GigeOptions:
         return f"{_NAMES[self.link]} {self.place}"
 
 
+def open_gige(place: str) -> BoundedCamera:
+    """Return a GigE Vision camera by ``PLACE?key=value&...``; the place is its IP address, serial number or name.
+
+    See `drivers.cameras.gige.GigeOptions` for the keys.
+
+    Raises
+    ------
+    NotConnectedError, DeviceTimeoutError
+        It is not there, belongs to another program, sends no picture, or libaravis is not installed.
+    LimitError
+        The address is wrong, or the camera cannot be set to it.
+    """
+    return _open(place, link="gige")
+
+
+def open_usb3(place: str) -> BoundedCamera:
+    """Return a USB3 Vision camera by ``PLACE?key=value&...``; the place is its serial number or name.
+
+    Raises as `open_gige`.
+    """
+    return _open(place, link="usb3")
+
+
+def open_aravis(place: str) -> BoundedCamera:
+    """Return whatever camera libaravis knows by a name, such as ``Fake_1``, which it simulates.
+
+    Raises as `open_gige`.
+    """
+    return _open(place, link="any")
+
+
+def read_gige_place(text: str, *, link: Link = "gige") -> GigeOptions:
+    """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys."""
+    place, values = split_place(text, _READERS)
+    return GigeOptions(place=place, link=link, **values)
+
+
+def find_gige() -> Iterator[tuple[str, DeviceIdentity]]:
+    """Give address and identity of each GigE Vision camera that answers a call to all; none is opened.
+
+    Raises
+    ------
+    NotConnectedError
+        libaravis is not installed.
+    """
+    for camera in _find_cameras(load_aravis()):
+        yield (
+            f"gige:{camera.address}",
+            # What firmware it has it tells only to whoever opens it.
+            DeviceIdentity(model=camera.name, serial_number=camera.serial_number, firmware="not asked"),
+        )
+
+
+def find_usb3() -> Iterator[tuple[str, DeviceIdentity]]:
+    """Give address and identity of each USB3 Vision camera that is plugged in; none is opened.
+
+    Raises
+    ------
+    NotConnectedError
+        libaravis is not installed.
+    """
+    for camera in _find_cameras(load_aravis(), link="usb3"):
+        yield (
+            f"u3v:{camera.serial_number or camera.name}",
+            DeviceIdentity(model=camera.name, serial_number=camera.serial_number, firmware="not asked"),
+        )
+
+
+def network_address(place: str) -> str:
+    """Return the IP address of a camera, by its place as `open_gige` takes it; the camera is not opened."""
+    return _address_of(load_aravis(), place.partition("?")[0])
+
+
 def _packet_size(text: str) -> int | str:
     return text if text == "probe" else whole(*_PACKET_BYTES)(text)
 
 
-_PACKET_BYTES = (576, 16384)
-_NAMES: dict[Link, str] = {"gige": "GigE camera", "usb3": "USB3 camera", "any": "camera"}
 _READERS: dict[str, Callable[[str], Any]] = {
     "pixel_format": str,
     "plane": one_of(*PLANES),
@@ -120,29 +236,70 @@ _READERS: dict[str, Callable[[str], Any]] = {
 }
 
 
-def read_gige_place(text: str, *, link: Link = "gige") -> GigeOptions:
-    """Return what ``PLACE?key=value&...`` says; see `GigeOptions` for the keys."""
-    place, values = split_place(text, _READERS)
-    return GigeOptions(place=place, link=link, **values)
+def _open(place: str, *, link: Link) -> BoundedCamera:
+    options = read_gige_place(place, link=link)
+    library = load_aravis()
+    return BoundedCamera(lambda: GigeCamera(library, options), name=options.camera_name)
 
 
-_AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "ContrastAuto")
-_PROCESSING = ("GammaEnable", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
-_GAMMA = "Gamma"
-_EXPOSURE = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
-_EXPOSURE_RAW, _EXPOSURE_UNIT = "ExposureTimeRaw", "ExposureTimeBaseAbs"
-# What some send behind their pixels.
-_CHUNKS = "ChunkModeActive"
-_GAIN, _GAIN_RAW = "Gain", "GainRaw"
-# Makers whose GainRaw counts dB.
-_RAW_IS_DB = ("prosilica", "allied", "avt", "aravis")
-_BEST_FIRST = ("Mono14", "Mono12", "Mono12p", "Mono12Packed", "Mono10", "Mono10p", "Mono10Packed", "Mono16", "Mono8")
-_RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
-_RATE_TOLERANCE = 0.01
-_ETHERNET_MTU = 1500
-# Where a camera limits what it takes of its line [bytes/s]: by the standard's name, or by Prosilica's.
-_BANDWIDTH, _BANDWIDTH_MODE = ("DeviceLinkThroughputLimit", "StreamBytesPerSecond"), "DeviceLinkThroughputLimitMode"
-_GIGABIT_NS_PER_BYTE, _PAUSE_TOLERANCE = 8.0, 0.05
+@dataclass(frozen=True, kw_only=True)
+class _FoundCamera:
+    """A camera that answered a call to all."""
+
+    address: str
+    serial_number: str
+    name: str
+    protocol: str = _NETWORK
+
+
+def _find_cameras(library: AravisLibrary, *, link: Link = "gige") -> list[_FoundCamera]:
+    """Return the cameras of a kind that answer a call to all; it takes about a second."""
+    library.call("update_device_list")
+    return [
+        _FoundCamera(
+            address=_text(library, "get_device_address", index),
+            serial_number=_text(library, "get_device_serial_nbr", index),
+            name=_text(library, "get_device_id", index),
+            protocol=_text(library, "get_device_protocol", index),
+        )
+        for index in range(library.call("get_n_devices"))
+        if library.call("get_device_protocol", index) in _PROTOCOLS[link]
+    ]
+
+
+def _device_of(library: AravisLibrary, options: GigeOptions) -> str:
+    """Return what the library is to open: an IP address of a camera on the network, else the library's name of it."""
+    if options.link == "gige":
+        return _address_of(library, options.place)
+    if options.link == "any" and options.place.startswith(_IN_LIBRARY):
+        library.call("enable_interface", _IN_LIBRARY.encode())
+        return options.place
+    found = _find_cameras(library, link=options.link)
+    for camera in found:
+        if options.place in (camera.serial_number, camera.name, camera.address):
+            return camera.address if camera.protocol == _NETWORK else camera.name
+    there = ", ".join(f"{c.name} (serial {c.serial_number}, {c.protocol})" for c in found) or "none"
+    advice = " A USB camera needs power, a USB 3 port, and to be yours to use (docs/cameras.md)" * (not found)
+    raise NotConnectedError(
+        f"{options.camera_name}: no camera of this serial number or name answers; found: {there}.{advice}"
+    )
+
+
+def _address_of(library: AravisLibrary, place: str) -> str:
+    """Return the IP address of a camera that is given by address, serial number or name.
+
+    A camera is always opened by its address: opened by name, it may be reached through another interface than the
+    one that its pictures come through, and then none come.
+    """
+    try:
+        return str(ipaddress.ip_address(place))
+    except ValueError:
+        found = _find_cameras(library)
+    for camera in found:
+        if place in (camera.serial_number, camera.name):
+            return camera.address
+    there = ", ".join(f"{c.name} (serial {c.serial_number}) at {c.address}" for c in found) or "none"
+    raise NotConnectedError(f"GigE camera {place}: no camera of this serial number or name answers; found: {there}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,251 +321,6 @@ class GigeSetup:
     gain_step_db: float | None  #: What a step of it is [dB]; None where it is in dB and need not be whole.
 
 
-def set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
-    """Write everything but exposure and gain; return what the camera then is."""
-    linear = _switch_off(features)
-    sent = _set_region(features, options)
-    pixel_format, code = _set_pixel_format(features, options)
-    if options.plane is not None or pixel_format.is_polarized:
-        _refuse_moved_mosaic(options)
-    width, height, bit_depth = size_of_counts(pixel_format, plane=options.plane, width=sent[0], height=sent[1])
-    _set_black_level(features, options)
-    _set_trigger(features, options)
-    exposure_feature = features.first_of(*_EXPOSURE)
-    if exposure_feature is None:
-        raise LimitError(f"{options.place}: it has no exposure that is known ({', '.join(_EXPOSURE)})")
-    gain_feature = features.first_of(_GAIN, _GAIN_RAW)
-    return GigeSetup(
-        pixel_format=pixel_format,
-        pixel_format_code=code,
-        sent_width=sent[0],
-        sent_height=sent[1],
-        width=width,
-        height=height,
-        bit_depth=bit_depth,
-        plane=options.plane,
-        linear=linear,
-        exposure_feature=exposure_feature,
-        exposure_step_us=_exposure_step_us(features, options) if exposure_feature == _EXPOSURE_RAW else 1.0,
-        gain_feature=gain_feature,
-        gain_step_db=_gain_step_db(features, options) if gain_feature == _GAIN_RAW else None,
-    )
-
-
-def set_packet_size(
-    library: AravisLibrary, camera: int, features: GigeFeatures, *, address: str, asked: int | None
-) -> int:
-    """Set how large packets are: what was asked for, or what every Ethernet carries; return what it is [bytes]."""
-    mtu = path_mtu(address)
-    size = asked or min(mtu, _ETHERNET_MTU)
-    if size > mtu:
-        raise LimitError(
-            f"{address}: packet_size is {size} bytes, and the interface to the camera carries {mtu}. Ask for less, or "
-            " raise the MTU of the interface and of every switch between"
-        )
-    with features.told("packet size"):
-        library.call("camera_gv_set_packet_size", camera, size)
-        taken = int(library.call("camera_gv_get_packet_size", camera))
-    features.used["GevSCPSPacketSize"] = str(taken)
-    return taken
-
-
-def set_bandwidth(
-    library: AravisLibrary, camera: int, features: GigeFeatures, *, asked_mb_per_s: float, packet_size: int | None
-) -> None:
-    """Let the camera take a part of its line only, by a limit of its own, or by pauses between packets."""
-    limit = features.first_of(*_BANDWIDTH)
-    if limit is not None:
-        if features.has(_BANDWIDTH_MODE):
-            features.set_text(_BANDWIDTH_MODE, "On")
-        features.set_whole(limit, round(asked_mb_per_s * 1e6))
-        return
-    if packet_size is None:
-        raise LimitError(f"its bandwidth cannot be set ({', '.join(_BANDWIDTH)})")
-    pause_ns = max(0, round(packet_size * 1e3 / asked_mb_per_s - packet_size * _GIGABIT_NS_PER_BYTE))
-    with features.told("packet delay"):
-        library.call("camera_gv_set_packet_delay", camera, pause_ns)
-        taken_ns = int(library.call("camera_gv_get_packet_delay", camera))
-    if abs(taken_ns - pause_ns) > _PAUSE_TOLERANCE * pause_ns:
-        raise LimitError(
-            f"its packets were to be {pause_ns} ns apart, for {asked_mb_per_s:g} MB/s, and are {taken_ns} ns apart: "
-            "it cannot share its line, leave bandwidth_mb_per_s out"
-        )
-    features.used["GevSCPD"] = f"{taken_ns} ns"
-
-
-def _switch_off(features: GigeFeatures) -> bool | None:
-    """Switch off what changes pictures without being told to; return whether it had something that bends counts."""
-    for feature in filter(features.has, _AUTOMATIC):
-        features.set_text(feature, "Off")
-    processing = [feature for feature in _PROCESSING if features.has(feature)]
-    if features.has(_CHUNKS):
-        features.set_truth(_CHUNKS, False)
-    for feature in processing:
-        features.set_truth(feature, False)
-    if features.has(_GAMMA) and "GammaEnable" not in processing:
-        features.set_number(_GAMMA, 1.0, relative=0.0)
-        processing.append(_GAMMA)
-    return True if processing else None
-
-
-def _set_region(features: GigeFeatures, options: GigeOptions) -> tuple[int, int]:
-    """Set binning, mirroring, size and place of the region; return width and height."""
-    _set_or_need(features, "ReverseX", options.reverse_x, wanted=options.reverse_x)
-    _set_or_need(features, "ReverseY", options.reverse_y, wanted=options.reverse_y)
-    for feature in ("BinningHorizontal", "BinningVertical"):
-        if features.has(feature):
-            features.set_whole(feature, options.binning)
-        elif options.binning != 1:
-            raise LimitError(f"{options.place}: it cannot bin ({feature})")
-    # A region can only grow while it begins at the corner.
-    for feature in ("OffsetX", "OffsetY"):
-        features.set_whole(feature, 0)
-    size = [
-        _set_length(features, "Width", options.width, options.offset_x),
-        _set_length(features, "Height", options.height, options.offset_y),
-    ]
-    features.set_whole("OffsetX", options.offset_x)
-    features.set_whole("OffsetY", options.offset_y)
-    return size[0], size[1]
-
-
-def _set_or_need(features: GigeFeatures, feature: str, value: bool, *, wanted: bool) -> None:
-    if features.has(feature):
-        features.set_truth(feature, value)
-    elif wanted:
-        raise LimitError(f"the camera cannot mirror its pictures ({feature})")
-
-
-def _set_length(features: GigeFeatures, feature: str, asked: int | None, offset: int) -> int:
-    _, most = features.whole_limits(feature)
-    length = most - offset if asked is None else asked
-    if length + offset > most:
-        raise LimitError(f"{feature} {length} and offset {offset} are more than the camera has, {most}")
-    features.set_whole(feature, length)
-    return length
-
-
-def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[PixelFormat, int]:
-    offered = features.entries("PixelFormat")
-    name = options.pixel_format or next((name for name in _BEST_FIRST if name in offered), None)
-    if name is None or name not in offered:
-        raise LimitError(f"{options.place}: pixel format {name}: the camera offers {', '.join(offered)}")
-    features.set_text("PixelFormat", name)
-    code = features.whole("PixelFormat") & 0xFFFFFFFF
-    # Makers' own numbers are not known all, and their names say it.
-    known = polarized_format(name) or GENICAM.get(code)
-    if known is None:
-        names = ", ".join(fmt.name for fmt in GENICAM.values())
-        raise LimitError(f"{options.place}: pixel format {name} ({code:#010x}) cannot be read; known are {names}")
-    depth = options.bit_depth or known.bit_depth
-    if depth != known.bit_depth and known.bit_depth != 16:
-        raise LimitError(f"{options.place}: bit_depth {depth}: samples of {name} have {known.bit_depth}")
-    return replace(known, bit_depth=depth, justified=options.justified, byte_order=options.byte_order), code
-
-
-def _refuse_moved_mosaic(options: GigeOptions) -> None:
-    """Refuse what moves the mosaic's cell: what a camera then calls its format differs from maker to maker."""
-    if options.offset_x % 2 or options.offset_y % 2 or options.reverse_x or options.reverse_y or options.binning != 1:
-        raise LimitError(f"{options.place}: the cell of a mosaic needs even offsets, no mirroring and no binning")
-
-
-def _set_black_level(features: GigeFeatures, options: GigeOptions) -> None:
-    """Set the black level if asked to, and write down what it is."""
-    feature = features.first_of("BlackLevelRaw", "BlackLevel")
-    if options.black_level_dn is not None:
-        if feature is None:
-            raise LimitError(f"{options.place}: its black level cannot be set")
-        if feature == "BlackLevelRaw":
-            features.set_whole(feature, options.black_level_dn)
-        else:
-            features.set_number(feature, options.black_level_dn, relative=0.0)
-    elif feature is not None:
-        value = features.whole(feature) if feature == "BlackLevelRaw" else features.number(feature)
-        features.used[feature] = f"{value} (as found)"
-
-
-def _set_trigger(features: GigeFeatures, options: GigeOptions) -> None:
-    features.set_text("AcquisitionMode", "Continuous")
-    selectors = features.entries("TriggerSelector") if features.has("TriggerSelector") else []
-    for selector in selectors:
-        features.set_text("TriggerSelector", selector)
-        features.set_text("TriggerMode", "Off")
-    if "FrameStart" in selectors:
-        features.set_text("TriggerSelector", "FrameStart")
-    if options.trigger == "software":
-        features.set_text("TriggerSource", "Software")
-        features.set_text("TriggerMode", "On")
-        return
-    if features.has("AcquisitionFrameRateEnable"):
-        features.set_truth("AcquisitionFrameRateEnable", True)
-    rate = features.first_of(*_RATE)
-    if rate is None:
-        raise LimitError(f"{options.place}: its frame rate cannot be set ({', '.join(_RATE)}); use trigger=software")
-    features.set_number(rate, options.frame_rate_hz, relative=_RATE_TOLERANCE)
-
-
-def _exposure_step_us(features: GigeFeatures, options: GigeOptions) -> float:
-    """Return what the camera counts its exposure in."""
-    if options.exposure_step_us is not None:
-        return options.exposure_step_us
-    if features.has(_EXPOSURE_UNIT):
-        return features.number(_EXPOSURE_UNIT)
-    raise LimitError(
-        f"{options.place}: it counts its exposure in steps ({_EXPOSURE_RAW}) and does not tell of what; state "
-        "exposure_step_us=X in its address"
-    )
-
-
-def _gain_step_db(features: GigeFeatures, options: GigeOptions) -> float:
-    if options.gain_step_db is not None:
-        return options.gain_step_db
-    maker = features.text("DeviceVendorName")
-    if maker.lower().startswith(_RAW_IS_DB):
-        return 1.0
-    raise LimitError(
-        f"{options.place}: nothing is known of what a step of GainRaw is for cameras of {maker}; state gain_step_db=X "
-        "in its address"
-    )
-
-
-_PROTOCOLS: dict[Link, tuple[bytes, ...]] = {
-    "gige": (b"GigEVision",),
-    "usb3": (b"USB3Vision",),
-    "any": (b"GigEVision", b"USB3Vision", b"Fake"),
-}
-_NETWORK = "GigEVision"
-_IN_LIBRARY = "Fake"  # cameras that the library simulates within this program, and lists only when told to
-_EXPOSURE_TOLERANCE = 0.01
-_PACKET_SIZES = (9000, 8192, 4096, 1500)  # that are tried where the largest is asked for
-_US_PER_S = 1e6
-
-
-@dataclass(frozen=True, kw_only=True)
-class FoundCamera:
-    """A camera that answered a call to all."""
-
-    address: str
-    serial_number: str
-    name: str
-    protocol: str = _NETWORK
-
-
-def find_cameras(library: AravisLibrary, *, link: Link = "gige") -> list[FoundCamera]:
-    """Return the cameras of a kind that answer a call to all; it takes about a second."""
-    library.call("update_device_list")
-    return [
-        FoundCamera(
-            address=_text(library, "get_device_address", index),
-            serial_number=_text(library, "get_device_serial_nbr", index),
-            name=_text(library, "get_device_id", index),
-            protocol=_text(library, "get_device_protocol", index),
-        )
-        for index in range(library.call("get_n_devices"))
-        if library.call("get_device_protocol", index) in _PROTOCOLS[link]
-    ]
-
-
 class GigeLink:
     """An open camera with all of its settings written and its acquisition running."""
 
@@ -417,7 +329,7 @@ class GigeLink:
         self._library = library
         self._stream: GigeStream | None = None
         self._packets = FrameTally()
-        place = device_of(library, options)
+        place = _device_of(library, options)
         self._camera: int | None = _open_device(library, place, name=self.name)
         try:
             self._is_network = bool(library.call("camera_is_gv_device", self._camera))
@@ -427,13 +339,13 @@ class GigeLink:
                 raise NotConnectedError(f"{self.name}: another program controls it: close that one first")
             self.features = GigeFeatures(library, self._device, name=self.name)
             self.identity = _identity(self.features)
-            self.setup: GigeSetup = set_up(self.features, options)
+            self.setup: GigeSetup = _set_up(self.features, options)
             self.clock = CameraClock(self.features, ptp=options.ptp)
             self._place = place
             if self._is_network:
                 self.set_packet_size(None if options.packet_size == "probe" else options.packet_size)
             if options.bandwidth_mb_per_s is not None:
-                set_bandwidth(
+                _set_bandwidth(
                     library,
                     self._camera,
                     self.features,
@@ -463,7 +375,7 @@ class GigeLink:
 
     def set_packet_size(self, asked: int | None) -> None:
         """Set how large packets are, before the stream is started; None: as every Ethernet carries them."""
-        self.packet_size = set_packet_size(
+        self.packet_size = _set_packet_size(
             self._library, self._opened(), self.features, address=self._place, asked=asked
         )
 
@@ -578,70 +490,7 @@ class GigeLink:
         return value
 
 
-def device_of(library: AravisLibrary, options: GigeOptions) -> str:
-    """Return what the library is to open: an IP address of a camera on the network, else the library's name of it."""
-    if options.link == "gige":
-        return address_of(library, options.place)
-    if options.link == "any" and options.place.startswith(_IN_LIBRARY):
-        library.call("enable_interface", _IN_LIBRARY.encode())
-        return options.place
-    found = find_cameras(library, link=options.link)
-    for camera in found:
-        if options.place in (camera.serial_number, camera.name, camera.address):
-            return camera.address if camera.protocol == _NETWORK else camera.name
-    there = ", ".join(f"{c.name} (serial {c.serial_number}, {c.protocol})" for c in found) or "none"
-    advice = " A USB camera needs power, a USB 3 port, and to be yours to use (docs/cameras.md)" * (not found)
-    raise NotConnectedError(
-        f"{options.camera_name}: no camera of this serial number or name answers; found: {there}.{advice}"
-    )
-
-
-def address_of(library: AravisLibrary, place: str) -> str:
-    """Return the IP address of a camera that is given by address, serial number or name.
-
-    A camera is always opened by its address: opened by name, it may be reached through another interface than the
-    one that its pictures come through, and then none come.
-    """
-    try:
-        return str(ipaddress.ip_address(place))
-    except ValueError:
-        found = find_cameras(library)
-    for camera in found:
-        if place in (camera.serial_number, camera.name):
-            return camera.address
-    there = ", ".join(f"{c.name} (serial {c.serial_number}) at {c.address}" for c in found) or "none"
-    raise NotConnectedError(f"GigE camera {place}: no camera of this serial number or name answers; found: {there}")
-
-
-def _open_device(library: AravisLibrary, address: str, *, name: str) -> int:
-    try:
-        return int(library.call("camera_new", address.encode()))
-    except AravisError as error:
-        told: DeviceError = device_error(error, name=name, what="opening")
-        raise told from error
-
-
-def _identity(features: GigeFeatures) -> DeviceIdentity:
-    serial = features.first_of("DeviceSerialNumber", "DeviceID")
-    firmware = features.first_of("DeviceFirmwareVersion", "DeviceVersion")
-    return DeviceIdentity(
-        model=f"{features.text('DeviceVendorName')} {features.text('DeviceModelName')}".strip(),
-        serial_number=features.text(serial) if serial else "unknown",
-        firmware=features.text(firmware) if firmware else "unknown",
-    )
-
-
-def _text(library: AravisLibrary, name: str, index: int) -> str:
-    text = library.call(name, index)
-    return str(text.decode(errors="replace")) if text is not None else ""
-
-
-_LARGEST_SHORT_ID = 65535
-_TRIGGER: StartSource = "trigger"
-_ARRIVAL: StartSource = "arrival"
-
-
-class FrameNumbers:
+class _FrameNumbers:
     """Numbers that grow as the camera's own do: 65535 is followed by 1, and a restart begins anew."""
 
     def __init__(self) -> None:
@@ -658,126 +507,6 @@ class FrameNumbers:
         advance = 1 if last is None else frame_id - last
         self._sequence += advance if advance > 0 else advance + _LARGEST_SHORT_ID
         return self._sequence
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Start:
-    """Start of an exposure: by the host's clocks, by how much it may be off, and by what it was found [ns]."""
-
-    monotonic_ns: int
-    utc_ns: int
-    error_ns: int
-    source: StartSource
-
-
-def frame_of(
-    received: Received,
-    *,
-    setup: GigeSetup,
-    settings: CameraSettings,
-    sequence: int,
-    asked: Asked,
-    clock: CameraClock,
-    free_period_s: float | None,
-) -> Frame:
-    """Return a whole picture as a frame.
-
-    The exposure begins when the picture's own time stamp says, if the camera's clock can be held against the host's.
-    Else that of a camera that is triggered is taken to begin at the trigger, and cannot have begun later than an
-    exposure before the first packet came in; of one that runs by itself, an exposure before its first packet, and not
-    earlier than a period before that.
-    """
-    exposure_ns = round(settings.exposure_s * 1e9)
-    start = _start_of(received, exposure_ns, asked, None if free_period_s is None else round(free_period_s * 1e9))
-    start = _by_stamp(received, start, exposure_ns, asked, clock)
-    return Frame(
-        counts=_counts(received, setup),
-        settings=settings,
-        sequence=sequence,
-        start_utc_ns=start.utc_ns,
-        end_utc_ns=start.utc_ns + exposure_ns,
-        start_monotonic_ns=start.monotonic_ns,
-        start_uncertainty_s=start.error_ns / 1e9,
-        start_source=start.source,
-    )
-
-
-def _start_of(received: Received, exposure_ns: int, asked: Asked, free_period_ns: int | None) -> _Start:
-    """Return when an exposure began, by the host alone."""
-    latest_ns = received.first_packet_utc_ns - asked.utc_ns - exposure_ns
-    if free_period_ns is None:
-        delay_ns, error_ns, source = 0, max(0, latest_ns), _TRIGGER
-    else:
-        delay_ns, error_ns, source = latest_ns, free_period_ns, _ARRIVAL
-    return _Start(
-        monotonic_ns=asked.monotonic_ns + delay_ns,
-        utc_ns=asked.utc_ns + delay_ns,
-        error_ns=error_ns + asked.error_ns,
-        source=source,
-    )
-
-
-def _by_stamp(received: Received, start: _Start, exposure_ns: int, asked: Asked, clock: CameraClock) -> _Start:
-    """Return a start by the camera's clock, where the picture's stamp lies in the time in which it must have begun.
-
-    Cameras stamp the beginning of an exposure, and some its end. A stamp that can only be one of them is taken as
-    that. Where it can be both, the start is between, and known to half an exposure more.
-    """
-    moment = None if received.stamp_ns is None else clock.moment_of(received.stamp_ns)
-    if moment is None:
-        return start
-    stamp_ns, stamp_error_ns = moment
-    earliest_ns = start.monotonic_ns - (start.error_ns if start.source == _ARRIVAL else 0)
-    latest_ns = start.monotonic_ns + (start.error_ns if start.source == _TRIGGER else 0)
-    slack_ns = stamp_error_ns + asked.error_ns
-    back_ns = [
-        before_ns
-        for before_ns in (0, exposure_ns)
-        if earliest_ns - slack_ns <= stamp_ns - before_ns <= latest_ns + slack_ns
-    ]
-    if not back_ns:
-        return start
-    middle_ns, unsure_ns = sum(back_ns) // len(back_ns), (back_ns[-1] - back_ns[0] + 1) // 2
-    begin_ns = stamp_ns - middle_ns
-    if clock.ptp is not None and received.stamp_ns is not None:
-        return _Start(
-            monotonic_ns=begin_ns,
-            utc_ns=received.stamp_ns - middle_ns - clock.ptp.ahead_s * 10**9,
-            error_ns=clock.ptp.offset_ns + unsure_ns,
-            source="ptp",
-        )
-    return _Start(
-        monotonic_ns=begin_ns,
-        utc_ns=begin_ns - asked.monotonic_ns + asked.utc_ns,
-        error_ns=stamp_error_ns + asked.error_ns + unsure_ns,
-        source="camera clock",
-    )
-
-
-def _counts(received: Received, setup: GigeSetup) -> NDArray[np.uint16]:
-    sent = (received.width, received.height, received.pixel_format_code)
-    if sent != (setup.sent_width, setup.sent_height, setup.pixel_format_code):
-        raise ProtocolError(
-            f"the camera sent a picture of {sent[0]} x {sent[1]} pixels in format {sent[2]:#010x}, and was set to "
-            f"{setup.sent_width} x {setup.sent_height} in {setup.pixel_format.name}"
-        )
-    counts = unpack(received.data, pixel_format=setup.pixel_format, width=sent[0], height=sent[1])
-    return counts_of_picture(counts, pixel_format=setup.pixel_format, plane=setup.plane)
-
-
-_FIRST_EXPOSURE_S = 0.01
-_PROBE_TIMEOUT_S = 5.0
-_PROBE_PICTURE_S, _PROBE_PICTURES = 1.5, 2  # for each size of packets that is tried; the first picture may be damaged
-_REOPENINGS = 3  # in one picture
-_LOOK_S = 0.2  # how often a wait looks whether the camera is still there
-_DELIVERY_S = 1.0  # beyond exposure (and frame period): a picture that takes longer does not come any more
-# Cell of Sony's sensors with polarizers (IMX250MZR, IMX253MZR), which the formats with this word in their names are of.
-_SENSOR_CELL_DEG = (90.0, 45.0, 135.0, 0.0)
-_THERMOMETERS = ("SensorTemperature", "DeviceTemperature")
-_NO_PICTURES = (
-    "If no picture ever comes, a firewall may hold back the stream (UDP), or packets are larger than the network "
-    "carries: `rigctl doctor` tells"
-)
 
 
 class GigeCamera:
@@ -803,7 +532,7 @@ class GigeCamera:
         self._library, self._options, self._now_s = library, options, now_s
         self._tally = FrameTally()
         self._packets_before = FrameTally()
-        self._numbers = FrameNumbers()
+        self._numbers = _FrameNumbers()
         self._link: GigeLink | None = GigeLink(library, options)
         self._identity = self._link.identity
         try:
@@ -992,7 +721,7 @@ class GigeCamera:
         if packet_size is None:
             return "Check the cable and the USB hub, and let nothing else use this bus"
         return loss_told(
-            self._packets(), address=address_of(self._library, self._options.place), packet_size=packet_size
+            self._packets(), address=_address_of(self._library, self._options.place), packet_size=packet_size
         )
 
     def _reopen(self, cause: DeviceError, *, deadline_s: float, may: bool) -> None:
@@ -1030,74 +759,337 @@ class GigeCamera:
         link.restart()
 
 
-def open_gige(place: str) -> BoundedCamera:
-    """Return a GigE Vision camera by ``PLACE?key=value&...``; the place is its IP address, serial number or name.
-
-    See `drivers.cameras.gige.GigeOptions` for the keys.
-
-    Raises
-    ------
-    NotConnectedError, DeviceTimeoutError
-        It is not there, belongs to another program, sends no picture, or libaravis is not installed.
-    LimitError
-        The address is wrong, or the camera cannot be set to it.
-    """
-    return _open(place, link="gige")
+def _open_device(library: AravisLibrary, address: str, *, name: str) -> int:
+    try:
+        return int(library.call("camera_new", address.encode()))
+    except AravisError as error:
+        told: DeviceError = device_error(error, name=name, what="opening")
+        raise told from error
 
 
-def open_usb3(place: str) -> BoundedCamera:
-    """Return a USB3 Vision camera by ``PLACE?key=value&...``; the place is its serial number or name.
-
-    Raises as `open_gige`.
-    """
-    return _open(place, link="usb3")
-
-
-def open_aravis(place: str) -> BoundedCamera:
-    """Return whatever camera libaravis knows by a name, such as ``Fake_1``, which it simulates.
-
-    Raises as `open_gige`.
-    """
-    return _open(place, link="any")
+def _identity(features: GigeFeatures) -> DeviceIdentity:
+    serial = features.first_of("DeviceSerialNumber", "DeviceID")
+    firmware = features.first_of("DeviceFirmwareVersion", "DeviceVersion")
+    return DeviceIdentity(
+        model=f"{features.text('DeviceVendorName')} {features.text('DeviceModelName')}".strip(),
+        serial_number=features.text(serial) if serial else "unknown",
+        firmware=features.text(firmware) if firmware else "unknown",
+    )
 
 
-def _open(place: str, *, link: Link) -> BoundedCamera:
-    options = read_gige_place(place, link=link)
-    library = load_aravis()
-    return BoundedCamera(lambda: GigeCamera(library, options), name=options.camera_name)
+def _text(library: AravisLibrary, name: str, index: int) -> str:
+    text = library.call(name, index)
+    return str(text.decode(errors="replace")) if text is not None else ""
 
 
-def network_address(place: str) -> str:
-    """Return the IP address of a camera, by its place as `open_gige` takes it; the camera is not opened."""
-    return address_of(load_aravis(), place.partition("?")[0])
+def _set_up(features: GigeFeatures, options: GigeOptions) -> GigeSetup:
+    """Write everything but exposure and gain; return what the camera then is."""
+    linear = _switch_off(features)
+    sent = _set_region(features, options)
+    pixel_format, code = _set_pixel_format(features, options)
+    if options.plane is not None or pixel_format.is_polarized:
+        _refuse_moved_mosaic(options)
+    width, height, bit_depth = size_of_counts(pixel_format, plane=options.plane, width=sent[0], height=sent[1])
+    _set_black_level(features, options)
+    _set_trigger(features, options)
+    exposure_feature = features.first_of(*_EXPOSURE)
+    if exposure_feature is None:
+        raise LimitError(f"{options.place}: it has no exposure that is known ({', '.join(_EXPOSURE)})")
+    gain_feature = features.first_of(_GAIN, _GAIN_RAW)
+    return GigeSetup(
+        pixel_format=pixel_format,
+        pixel_format_code=code,
+        sent_width=sent[0],
+        sent_height=sent[1],
+        width=width,
+        height=height,
+        bit_depth=bit_depth,
+        plane=options.plane,
+        linear=linear,
+        exposure_feature=exposure_feature,
+        exposure_step_us=_exposure_step_us(features, options) if exposure_feature == _EXPOSURE_RAW else 1.0,
+        gain_feature=gain_feature,
+        gain_step_db=_gain_step_db(features, options) if gain_feature == _GAIN_RAW else None,
+    )
 
 
-def find_gige() -> Iterator[tuple[str, DeviceIdentity]]:
-    """Give address and identity of each GigE Vision camera that answers a call to all; none is opened.
+def _switch_off(features: GigeFeatures) -> bool | None:
+    """Switch off what changes pictures without being told to; return whether it had something that bends counts."""
+    for feature in filter(features.has, _AUTOMATIC):
+        features.set_text(feature, "Off")
+    processing = [feature for feature in _PROCESSING if features.has(feature)]
+    if features.has(_CHUNKS):
+        features.set_truth(_CHUNKS, False)
+    for feature in processing:
+        features.set_truth(feature, False)
+    if features.has(_GAMMA) and "GammaEnable" not in processing:
+        features.set_number(_GAMMA, 1.0, relative=0.0)
+        processing.append(_GAMMA)
+    return True if processing else None
 
-    Raises
-    ------
-    NotConnectedError
-        libaravis is not installed.
-    """
-    for camera in find_cameras(load_aravis()):
-        yield (
-            f"gige:{camera.address}",
-            # What firmware it has it tells only to whoever opens it.
-            DeviceIdentity(model=camera.name, serial_number=camera.serial_number, firmware="not asked"),
+
+def _set_region(features: GigeFeatures, options: GigeOptions) -> tuple[int, int]:
+    """Set binning, mirroring, size and place of the region; return width and height."""
+    _set_or_need(features, "ReverseX", options.reverse_x, wanted=options.reverse_x)
+    _set_or_need(features, "ReverseY", options.reverse_y, wanted=options.reverse_y)
+    for feature in ("BinningHorizontal", "BinningVertical"):
+        if features.has(feature):
+            features.set_whole(feature, options.binning)
+        elif options.binning != 1:
+            raise LimitError(f"{options.place}: it cannot bin ({feature})")
+    # A region can only grow while it begins at the corner.
+    for feature in ("OffsetX", "OffsetY"):
+        features.set_whole(feature, 0)
+    size = [
+        _set_length(features, "Width", options.width, options.offset_x),
+        _set_length(features, "Height", options.height, options.offset_y),
+    ]
+    features.set_whole("OffsetX", options.offset_x)
+    features.set_whole("OffsetY", options.offset_y)
+    return size[0], size[1]
+
+
+def _set_or_need(features: GigeFeatures, feature: str, value: bool, *, wanted: bool) -> None:
+    if features.has(feature):
+        features.set_truth(feature, value)
+    elif wanted:
+        raise LimitError(f"the camera cannot mirror its pictures ({feature})")
+
+
+def _set_length(features: GigeFeatures, feature: str, asked: int | None, offset: int) -> int:
+    _, most = features.whole_limits(feature)
+    length = most - offset if asked is None else asked
+    if length + offset > most:
+        raise LimitError(f"{feature} {length} and offset {offset} are more than the camera has, {most}")
+    features.set_whole(feature, length)
+    return length
+
+
+def _set_pixel_format(features: GigeFeatures, options: GigeOptions) -> tuple[PixelFormat, int]:
+    offered = features.entries("PixelFormat")
+    name = options.pixel_format or next((name for name in _BEST_FIRST if name in offered), None)
+    if name is None or name not in offered:
+        raise LimitError(f"{options.place}: pixel format {name}: the camera offers {', '.join(offered)}")
+    features.set_text("PixelFormat", name)
+    code = features.whole("PixelFormat") & 0xFFFFFFFF
+    # Makers' own numbers are not known all, and their names say it.
+    known = polarized_format(name) or GENICAM.get(code)
+    if known is None:
+        names = ", ".join(fmt.name for fmt in GENICAM.values())
+        raise LimitError(f"{options.place}: pixel format {name} ({code:#010x}) cannot be read; known are {names}")
+    depth = options.bit_depth or known.bit_depth
+    if depth != known.bit_depth and known.bit_depth != 16:
+        raise LimitError(f"{options.place}: bit_depth {depth}: samples of {name} have {known.bit_depth}")
+    return replace(known, bit_depth=depth, justified=options.justified, byte_order=options.byte_order), code
+
+
+def _refuse_moved_mosaic(options: GigeOptions) -> None:
+    """Refuse what moves the mosaic's cell: what a camera then calls its format differs from maker to maker."""
+    if options.offset_x % 2 or options.offset_y % 2 or options.reverse_x or options.reverse_y or options.binning != 1:
+        raise LimitError(f"{options.place}: the cell of a mosaic needs even offsets, no mirroring and no binning")
+
+
+def _set_black_level(features: GigeFeatures, options: GigeOptions) -> None:
+    """Set the black level if asked to, and write down what it is."""
+    feature = features.first_of("BlackLevelRaw", "BlackLevel")
+    if options.black_level_dn is not None:
+        if feature is None:
+            raise LimitError(f"{options.place}: its black level cannot be set")
+        if feature == "BlackLevelRaw":
+            features.set_whole(feature, options.black_level_dn)
+        else:
+            features.set_number(feature, options.black_level_dn, relative=0.0)
+    elif feature is not None:
+        value = features.whole(feature) if feature == "BlackLevelRaw" else features.number(feature)
+        features.used[feature] = f"{value} (as found)"
+
+
+def _set_trigger(features: GigeFeatures, options: GigeOptions) -> None:
+    features.set_text("AcquisitionMode", "Continuous")
+    selectors = features.entries("TriggerSelector") if features.has("TriggerSelector") else []
+    for selector in selectors:
+        features.set_text("TriggerSelector", selector)
+        features.set_text("TriggerMode", "Off")
+    if "FrameStart" in selectors:
+        features.set_text("TriggerSelector", "FrameStart")
+    if options.trigger == "software":
+        features.set_text("TriggerSource", "Software")
+        features.set_text("TriggerMode", "On")
+        return
+    if features.has("AcquisitionFrameRateEnable"):
+        features.set_truth("AcquisitionFrameRateEnable", True)
+    rate = features.first_of(*_RATE)
+    if rate is None:
+        raise LimitError(f"{options.place}: its frame rate cannot be set ({', '.join(_RATE)}); use trigger=software")
+    features.set_number(rate, options.frame_rate_hz, relative=_RATE_TOLERANCE)
+
+
+def _exposure_step_us(features: GigeFeatures, options: GigeOptions) -> float:
+    """Return what the camera counts its exposure in."""
+    if options.exposure_step_us is not None:
+        return options.exposure_step_us
+    if features.has(_EXPOSURE_UNIT):
+        return features.number(_EXPOSURE_UNIT)
+    raise LimitError(
+        f"{options.place}: it counts its exposure in steps ({_EXPOSURE_RAW}) and does not tell of what; state "
+        "exposure_step_us=X in its address"
+    )
+
+
+def _gain_step_db(features: GigeFeatures, options: GigeOptions) -> float:
+    if options.gain_step_db is not None:
+        return options.gain_step_db
+    maker = features.text("DeviceVendorName")
+    if maker.lower().startswith(_RAW_IS_DB):
+        return 1.0
+    raise LimitError(
+        f"{options.place}: nothing is known of what a step of GainRaw is for cameras of {maker}; state gain_step_db=X "
+        "in its address"
+    )
+
+
+def _set_packet_size(
+    library: AravisLibrary, camera: int, features: GigeFeatures, *, address: str, asked: int | None
+) -> int:
+    """Set how large packets are: what was asked for, or what every Ethernet carries; return what it is [bytes]."""
+    mtu = path_mtu(address)
+    size = asked or min(mtu, _ETHERNET_MTU)
+    if size > mtu:
+        raise LimitError(
+            f"{address}: packet_size is {size} bytes, and the interface to the camera carries {mtu}. Ask for less, or "
+            " raise the MTU of the interface and of every switch between"
         )
+    with features.told("packet size"):
+        library.call("camera_gv_set_packet_size", camera, size)
+        taken = int(library.call("camera_gv_get_packet_size", camera))
+    features.used["GevSCPSPacketSize"] = str(taken)
+    return taken
 
 
-def find_usb3() -> Iterator[tuple[str, DeviceIdentity]]:
-    """Give address and identity of each USB3 Vision camera that is plugged in; none is opened.
-
-    Raises
-    ------
-    NotConnectedError
-        libaravis is not installed.
-    """
-    for camera in find_cameras(load_aravis(), link="usb3"):
-        yield (
-            f"u3v:{camera.serial_number or camera.name}",
-            DeviceIdentity(model=camera.name, serial_number=camera.serial_number, firmware="not asked"),
+def _set_bandwidth(
+    library: AravisLibrary, camera: int, features: GigeFeatures, *, asked_mb_per_s: float, packet_size: int | None
+) -> None:
+    """Let the camera take a part of its line only, by a limit of its own, or by pauses between packets."""
+    limit = features.first_of(*_BANDWIDTH)
+    if limit is not None:
+        if features.has(_BANDWIDTH_MODE):
+            features.set_text(_BANDWIDTH_MODE, "On")
+        features.set_whole(limit, round(asked_mb_per_s * 1e6))
+        return
+    if packet_size is None:
+        raise LimitError(f"its bandwidth cannot be set ({', '.join(_BANDWIDTH)})")
+    pause_ns = max(0, round(packet_size * 1e3 / asked_mb_per_s - packet_size * _GIGABIT_NS_PER_BYTE))
+    with features.told("packet delay"):
+        library.call("camera_gv_set_packet_delay", camera, pause_ns)
+        taken_ns = int(library.call("camera_gv_get_packet_delay", camera))
+    if abs(taken_ns - pause_ns) > _PAUSE_TOLERANCE * pause_ns:
+        raise LimitError(
+            f"its packets were to be {pause_ns} ns apart, for {asked_mb_per_s:g} MB/s, and are {taken_ns} ns apart: "
+            "it cannot share its line, leave bandwidth_mb_per_s out"
         )
+    features.used["GevSCPD"] = f"{taken_ns} ns"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Start:
+    """Start of an exposure: by the host's clocks, by how much it may be off, and by what it was found [ns]."""
+
+    monotonic_ns: int
+    utc_ns: int
+    error_ns: int
+    source: StartSource
+
+
+def frame_of(
+    received: Received,
+    *,
+    setup: GigeSetup,
+    settings: CameraSettings,
+    sequence: int,
+    asked: Asked,
+    clock: CameraClock,
+    free_period_s: float | None,
+) -> Frame:
+    """Return a whole picture as a frame.
+
+    The exposure begins when the picture's own time stamp says, if the camera's clock can be held against the host's.
+    Else that of a camera that is triggered is taken to begin at the trigger, and cannot have begun later than an
+    exposure before the first packet came in; of one that runs by itself, an exposure before its first packet, and not
+    earlier than a period before that.
+    """
+    exposure_ns = round(settings.exposure_s * 1e9)
+    start = _start_of(received, exposure_ns, asked, None if free_period_s is None else round(free_period_s * 1e9))
+    start = _by_stamp(received, start, exposure_ns, asked, clock)
+    return Frame(
+        counts=_counts(received, setup),
+        settings=settings,
+        sequence=sequence,
+        start_utc_ns=start.utc_ns,
+        end_utc_ns=start.utc_ns + exposure_ns,
+        start_monotonic_ns=start.monotonic_ns,
+        start_uncertainty_s=start.error_ns / 1e9,
+        start_source=start.source,
+    )
+
+
+def _start_of(received: Received, exposure_ns: int, asked: Asked, free_period_ns: int | None) -> _Start:
+    """Return when an exposure began, by the host alone."""
+    latest_ns = received.first_packet_utc_ns - asked.utc_ns - exposure_ns
+    if free_period_ns is None:
+        delay_ns, error_ns, source = 0, max(0, latest_ns), _TRIGGER
+    else:
+        delay_ns, error_ns, source = latest_ns, free_period_ns, _ARRIVAL
+    return _Start(
+        monotonic_ns=asked.monotonic_ns + delay_ns,
+        utc_ns=asked.utc_ns + delay_ns,
+        error_ns=error_ns + asked.error_ns,
+        source=source,
+    )
+
+
+def _by_stamp(received: Received, start: _Start, exposure_ns: int, asked: Asked, clock: CameraClock) -> _Start:
+    """Return a start by the camera's clock, where the picture's stamp lies in the time in which it must have begun.
+
+    Cameras stamp the beginning of an exposure, and some its end. A stamp that can only be one of them is taken as
+    that. Where it can be both, the start is between, and known to half an exposure more.
+    """
+    moment = None if received.stamp_ns is None else clock.moment_of(received.stamp_ns)
+    if moment is None:
+        return start
+    stamp_ns, stamp_error_ns = moment
+    earliest_ns = start.monotonic_ns - (start.error_ns if start.source == _ARRIVAL else 0)
+    latest_ns = start.monotonic_ns + (start.error_ns if start.source == _TRIGGER else 0)
+    slack_ns = stamp_error_ns + asked.error_ns
+    back_ns = [
+        before_ns
+        for before_ns in (0, exposure_ns)
+        if earliest_ns - slack_ns <= stamp_ns - before_ns <= latest_ns + slack_ns
+    ]
+    if not back_ns:
+        return start
+    middle_ns, unsure_ns = sum(back_ns) // len(back_ns), (back_ns[-1] - back_ns[0] + 1) // 2
+    begin_ns = stamp_ns - middle_ns
+    if clock.ptp is not None and received.stamp_ns is not None:
+        return _Start(
+            monotonic_ns=begin_ns,
+            utc_ns=received.stamp_ns - middle_ns - clock.ptp.ahead_s * 10**9,
+            error_ns=clock.ptp.offset_ns + unsure_ns,
+            source="ptp",
+        )
+    return _Start(
+        monotonic_ns=begin_ns,
+        utc_ns=begin_ns - asked.monotonic_ns + asked.utc_ns,
+        error_ns=stamp_error_ns + asked.error_ns + unsure_ns,
+        source="camera clock",
+    )
+
+
+def _counts(received: Received, setup: GigeSetup) -> NDArray[np.uint16]:
+    sent = (received.width, received.height, received.pixel_format_code)
+    if sent != (setup.sent_width, setup.sent_height, setup.pixel_format_code):
+        raise ProtocolError(
+            f"the camera sent a picture of {sent[0]} x {sent[1]} pixels in format {sent[2]:#010x}, and was set to "
+            f"{setup.sent_width} x {setup.sent_height} in {setup.pixel_format.name}"
+        )
+    counts = unpack(received.data, pixel_format=setup.pixel_format, width=sent[0], height=sent[1])
+    return counts_of_picture(counts, pixel_format=setup.pixel_format, plane=setup.plane)

@@ -172,7 +172,6 @@ QUERYBUF, QBUF, DQBUF = (_request(_BOTH, number, Buffer) for number in (9, 15, 1
 STREAMON, STREAMOFF = _request(_WRITE, 18, ctypes.c_int), _request(_WRITE, 19, ctypes.c_int)
 G_CTRL, S_CTRL = _request(_BOTH, 27, Control), _request(_BOTH, 28, Control)
 QUERYCTRL = _request(_BOTH, 36, QueryControl)
-
 CAPTURE, MMAP, NO_FIELDS = 1, 1, 1
 CAN_CAPTURE, CAN_STREAM, HAS_DEVICE_CAPS = 0x1, 0x04000000, 0x80000000
 DAMAGED, MONOTONIC, COPIED, CLOCK_MASK, AT_START_OF_EXPOSURE, SOURCE_MASK = (
@@ -184,7 +183,6 @@ DAMAGED, MONOTONIC, COPIED, CLOCK_MASK, AT_START_OF_EXPOSURE, SOURCE_MASK = (
     0x70000,
 )
 DISABLED_CONTROL = 0x1
-
 EXPOSURE_AUTO, EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
 GAIN = 0x00980913
 # Control -> value that switches it off.
@@ -200,27 +198,18 @@ AUTOMATIC = {
 # What else may change counts: brightness, contrast, gamma, sharpness, backlight compensation. The standard does not say
 # which value of each changes nothing.
 PROCESSING = (0x00980900, 0x00980901, 0x00980910, 0x0098091B, 0x0098091C)
-
-
-def can_take_pictures(device: Capability) -> bool:
-    """Return whether a device is a camera that streams."""
-    can = device.device_caps if device.capabilities & HAS_DEVICE_CAPS else device.capabilities
-    return bool(can & CAN_CAPTURE and can & CAN_STREAM)
-
-
 _BIG_END, _BIG_END_BIT = "_BE", 1 << 31
-
-
-def fourcc(letters: str) -> int:
-    """Return the number of a format by its four letters; "_BE" behind them sets the highest bit."""
-    plain = letters.removesuffix(_BIG_END).ljust(4)
-    return int.from_bytes(plain.encode(), "little") | (_BIG_END_BIT if letters.endswith(_BIG_END) else 0)
-
-
-def letters_of(number: int) -> str:
-    """Return the four letters of a format, "_BE" behind them where its highest bit is set."""
-    plain = (number & ~_BIG_END_BIT).to_bytes(4, "little").decode(errors="replace")
-    return f"{plain.strip()}{_BIG_END}" if number & _BIG_END_BIT else plain
+_STAMP_STEP_NS = 1000
+# A stamp from here on is no time since the machine was started: the time of day, in 2001.
+_TIME_OF_DAY_NS = 10**18
+_EXPOSURE_STEP_S = 100e-6
+_BUFFERS = 4
+_FIRST_EXPOSURE_S = 0.01
+_DEVICES = Path("/dev")
+_PATTERN = "video*"
+# Most bits first, but for formats that pad fewer bits to 16 and do not tell how many.
+_BEST_FIRST = ("Y14 ", "Y12 ", "Y12P", "Y10 ", "Y10P", "Y16 ", "GREY")
+_MOST_FORMATS = 100
 
 
 class VideoNode(Protocol):
@@ -254,7 +243,7 @@ class LinuxVideoNode:
         try:
             self._file: int | None = os.open(path, os.O_RDWR | os.O_NONBLOCK)
         except OSError as error:
-            raise told(error, path=path, what="opening") from error
+            raise _told(error, path=path, what="opening") from error
 
     @property
     def path(self) -> str:
@@ -288,23 +277,90 @@ class LinuxVideoNode:
         return self._file
 
 
-def told(error: OSError, *, path: str, what: str) -> DeviceError:
-    """Return the error of the drivers that a refusal of the system stands for."""
-    text = f"video device {path}: {what}: {error.strerror}"
-    if error.errno in (errno.ENODEV, errno.ENOENT, errno.ENXIO):
-        return NotConnectedError(f"{text}. It is not there, or was unplugged")
-    if error.errno == errno.EBUSY:
-        return NotConnectedError(f"{text}. Another program has it: close that one first")
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return NotConnectedError(f"{text}. You may not use it: join its group (`ls -l {path}`, mostly `video`)")
-    if error.errno in (errno.EINVAL, errno.ERANGE):
-        return LimitError(f"{text}. The device does not have this, or not with this value")
-    return ProtocolError(f"{text}. Unplug it and plug it in again")
+@dataclass(frozen=True, kw_only=True)
+class V4l2Options:
+    """Content of an address ``/dev/video0?key=value``."""
+
+    path: str  #: The device file.
+    pixel_format: str = "Y12"  #: Its four letters, without the space at the end that some have.
+    width: int | None = None  #: Size of a picture; None: as the device has it.
+    height: int | None = None
+    plane: Plane | None = None  #: What is taken of a Bayer format: see `drivers.cameras.samples`.
+    bit_depth: int | None = None  #: True bits, where a format of 16 has fewer.
+    justified: Justified = "right"  #: Where these stand.
+    #: "none": the device has none, and what the caller configures is what somebody has set by other means.
+    exposure_control: str = "device"
+    #: What a step of the gain is [dB]. None: nobody knows; then the gain is the smallest, which is called 0 dB.
+    gain_step_db: float | None = None
+    retakes: int = 20  #: How many damaged pictures in a row are an error.
 
 
-_STAMP_STEP_NS = 1000
-# A stamp from here on is no time since the machine was started: the time of day, in 2001.
-_TIME_OF_DAY_NS = 10**18
+def open_v4l2(place: str) -> BoundedCamera:
+    """Return a video device by ``/dev/video0?pixel_format=Y12&...``.
+
+    See `drivers.cameras.v4l2.V4l2Options` for the keys.
+
+    Raises
+    ------
+    NotConnectedError
+        It is not there, in use, or no camera.
+    LimitError
+        It cannot be set to what the address says.
+    """
+    options = read_v4l2_place(place)
+    return BoundedCamera(lambda: _open(options), name=f"video device {options.path}")
+
+
+def find_v4l2(
+    paths: Iterable[str] | None = None, *, open_node: Callable[[str], VideoNode] = LinuxVideoNode
+) -> Iterator[tuple[str, DeviceIdentity]]:
+    """Give address and identity of each video device that takes pictures; nothing is set.
+
+    Parameters
+    ----------
+    paths : iterable of str, optional
+        Device files; None: all of /dev/video*.
+    open_node : callable
+        Opens one.
+
+    Raises
+    ------
+    DeviceError
+        A device cannot be asked; the others are given first.
+    """
+    failure: DeviceError | None = None
+    for path in sorted(map(str, _DEVICES.glob(_PATTERN))) if paths is None else paths:
+        try:
+            node = open_node(path)
+            try:
+                found = _asked(node)
+            finally:
+                node.close()
+        except DeviceError as error:
+            failure = error
+            continue
+        if found is not None:
+            yield found
+    if failure is not None:
+        raise failure
+
+
+def read_v4l2_place(text: str) -> V4l2Options:
+    """Return what an address says; see `V4l2Options` for its keys."""
+    path, values = split_place(text, _READERS)
+    options = V4l2Options(path=path, **values)
+    if (_known(options).cell is None) != (options.plane is None):
+        raise LimitError(f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there")
+    return options
+
+
+def sample_format(options: V4l2Options) -> PixelFormat:
+    """Return how samples stand in a picture of the device."""
+    known = _known(options)
+    depth = options.bit_depth or known.bit_depth
+    if depth != known.bit_depth and known.bit_depth != 16:
+        raise LimitError(f"{options.path}: bit_depth {depth}: samples of {known.name} have {known.bit_depth}")
+    return replace(known, bit_depth=depth, justified=options.justified)
 
 
 class V4l2Stamps:
@@ -335,7 +391,7 @@ class V4l2Stamps:
     def _monotonic_ns(self, buffer: Buffer, asked: Asked) -> int:
         """Return a picture's time stamp on the monotonic clock.
 
-        Of a stamp of the time of day the flags say "unknown", or "monotonic" where the driver was told to use that
+        Of a stamp of the time of day the flags say "unknown", or "monotonic" where the driver was _told to use that
         clock later (uvcvideo's parameter ``clock``): its size tells. Where the time of day was set meanwhile, such a
         stamp counts as of long ago.
         """
@@ -356,62 +412,6 @@ class V4l2Stamps:
         last, self._last = self._last, (sequence, stamp_ns)
         if last is not None and sequence > last[0] and stamp_ns > last[1]:
             self._period_ns = (stamp_ns - last[1]) // (sequence - last[0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class V4l2Options:
-    """Content of an address ``/dev/video0?key=value``."""
-
-    path: str  #: The device file.
-    pixel_format: str = "Y12"  #: Its four letters, without the space at the end that some have.
-    width: int | None = None  #: Size of a picture; None: as the device has it.
-    height: int | None = None
-    plane: Plane | None = None  #: What is taken of a Bayer format: see `drivers.cameras.samples`.
-    bit_depth: int | None = None  #: True bits, where a format of 16 has fewer.
-    justified: Justified = "right"  #: Where these stand.
-    #: "none": the device has none, and what the caller configures is what somebody has set by other means.
-    exposure_control: str = "device"
-    #: What a step of the gain is [dB]. None: nobody knows; then the gain is the smallest, which is called 0 dB.
-    gain_step_db: float | None = None
-    retakes: int = 20  #: How many damaged pictures in a row are an error.
-
-
-_READERS: dict[str, Callable[[str], Any]] = {
-    "pixel_format": one_of(*(name.strip() for name in V4L2)),
-    "width": whole(1, 65535),
-    "height": whole(1, 65535),
-    "plane": one_of(*PLANES),
-    "bit_depth": whole(8, 16),
-    "justified": one_of("right", "left"),
-    "exposure_control": one_of("device", "none"),
-    "gain_step_db": positive,
-    "retakes": whole(0, 1000),
-}
-
-
-def read_v4l2_place(text: str) -> V4l2Options:
-    """Return what an address says; see `V4l2Options` for its keys."""
-    path, values = split_place(text, _READERS)
-    options = V4l2Options(path=path, **values)
-    if (_known(options).cell is None) != (options.plane is None):
-        raise LimitError(f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there")
-    return options
-
-
-def sample_format(options: V4l2Options) -> PixelFormat:
-    """Return how samples stand in a picture of the device."""
-    known = _known(options)
-    depth = options.bit_depth or known.bit_depth
-    if depth != known.bit_depth and known.bit_depth != 16:
-        raise LimitError(f"{options.path}: bit_depth {depth}: samples of {known.name} have {known.bit_depth}")
-    return replace(known, bit_depth=depth, justified=options.justified)
-
-
-def _known(options: V4l2Options) -> PixelFormat:
-    return V4L2[options.pixel_format.ljust(4)]
-
-
-_EXPOSURE_STEP_S = 100e-6
 
 
 class V4l2Controls:
@@ -517,23 +517,19 @@ class V4l2Controls:
         try:
             self._node.request(G_CTRL, content)
         except OSError as error:
-            raise told(error, path=self._node.path, what=f"control {control:#x}") from error
+            raise _told(error, path=self._node.path, what=f"control {control:#x}") from error
         return int(content.value)
 
     def _set(self, control: int, value: int) -> None:
         try:
             self._node.request(S_CTRL, Control(id=control, value=value))
         except OSError as error:
-            raise told(error, path=self._node.path, what=f"control {control:#x} = {value}") from error
+            raise _told(error, path=self._node.path, what=f"control {control:#x} = {value}") from error
         described = self._described(control)
         name = described.name.decode() if described is not None else f"{control:#x}"
         if (found := self._get(control)) != value:
             raise LimitError(f"video device {self._node.path}: {name} was set to {value}, and is {found}")
         self.used[name] = str(value)
-
-
-_BUFFERS = 4
-_FIRST_EXPOSURE_S = 0.01
 
 
 class V4l2Camera:
@@ -646,7 +642,7 @@ class V4l2Camera:
         try:
             self._node.request(number, content)
         except OSError as error:
-            raise told(error, path=self._node.path, what=what) from error
+            raise _told(error, path=self._node.path, what=what) from error
 
     def _identified(self) -> DeviceIdentity:
         found = Capability()
@@ -762,20 +758,53 @@ class V4l2Camera:
         return Buffer(index=index, type=CAPTURE, memory=MMAP)
 
 
-def open_v4l2(place: str) -> BoundedCamera:
-    """Return a video device by ``/dev/video0?pixel_format=Y12&...``.
+def can_take_pictures(device: Capability) -> bool:
+    """Return whether a device is a camera that streams."""
+    can = device.device_caps if device.capabilities & HAS_DEVICE_CAPS else device.capabilities
+    return bool(can & CAN_CAPTURE and can & CAN_STREAM)
 
-    See `drivers.cameras.v4l2.V4l2Options` for the keys.
 
-    Raises
-    ------
-    NotConnectedError
-        It is not there, in use, or no camera.
-    LimitError
-        It cannot be set to what the address says.
-    """
-    options = read_v4l2_place(place)
-    return BoundedCamera(lambda: _open(options), name=f"video device {options.path}")
+def fourcc(letters: str) -> int:
+    """Return the number of a format by its four letters; "_BE" behind them sets the highest bit."""
+    plain = letters.removesuffix(_BIG_END).ljust(4)
+    return int.from_bytes(plain.encode(), "little") | (_BIG_END_BIT if letters.endswith(_BIG_END) else 0)
+
+
+def letters_of(number: int) -> str:
+    """Return the four letters of a format, "_BE" behind them where its highest bit is set."""
+    plain = (number & ~_BIG_END_BIT).to_bytes(4, "little").decode(errors="replace")
+    return f"{plain.strip()}{_BIG_END}" if number & _BIG_END_BIT else plain
+
+
+def _told(error: OSError, *, path: str, what: str) -> DeviceError:
+    """Return the error of the drivers that a refusal of the system stands for."""
+    text = f"video device {path}: {what}: {error.strerror}"
+    if error.errno in (errno.ENODEV, errno.ENOENT, errno.ENXIO):
+        return NotConnectedError(f"{text}. It is not there, or was unplugged")
+    if error.errno == errno.EBUSY:
+        return NotConnectedError(f"{text}. Another program has it: close that one first")
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return NotConnectedError(f"{text}. You may not use it: join its group (`ls -l {path}`, mostly `video`)")
+    if error.errno in (errno.EINVAL, errno.ERANGE):
+        return LimitError(f"{text}. The device does not have this, or not with this value")
+    return ProtocolError(f"{text}. Unplug it and plug it in again")
+
+
+_READERS: dict[str, Callable[[str], Any]] = {
+    "pixel_format": one_of(*(name.strip() for name in V4L2)),
+    "width": whole(1, 65535),
+    "height": whole(1, 65535),
+    "plane": one_of(*PLANES),
+    "bit_depth": whole(8, 16),
+    "justified": one_of("right", "left"),
+    "exposure_control": one_of("device", "none"),
+    "gain_step_db": positive,
+    "retakes": whole(0, 1000),
+}
+
+
+def _known(options: V4l2Options) -> PixelFormat:
+    return V4L2[options.pixel_format.ljust(4)]
 
 
 def _open(options: V4l2Options) -> V4l2Camera:
@@ -787,54 +816,13 @@ def _open(options: V4l2Options) -> V4l2Camera:
         raise
 
 
-_DEVICES = Path("/dev")
-_PATTERN = "video*"
-# Most bits first, but for formats that pad fewer bits to 16 and do not tell how many.
-_BEST_FIRST = ("Y14 ", "Y12 ", "Y12P", "Y10 ", "Y10P", "Y16 ", "GREY")
-_MOST_FORMATS = 100
-
-
-def find_v4l2(
-    paths: Iterable[str] | None = None, *, open_node: Callable[[str], VideoNode] = LinuxVideoNode
-) -> Iterator[tuple[str, DeviceIdentity]]:
-    """Give address and identity of each video device that takes pictures; nothing is set.
-
-    Parameters
-    ----------
-    paths : iterable of str, optional
-        Device files; None: all of /dev/video*.
-    open_node : callable
-        Opens one.
-
-    Raises
-    ------
-    DeviceError
-        A device cannot be asked; the others are given first.
-    """
-    failure: DeviceError | None = None
-    for path in sorted(map(str, _DEVICES.glob(_PATTERN))) if paths is None else paths:
-        try:
-            node = open_node(path)
-            try:
-                found = _asked(node)
-            finally:
-                node.close()
-        except DeviceError as error:
-            failure = error
-            continue
-        if found is not None:
-            yield found
-    if failure is not None:
-        raise failure
-
-
 def _asked(node: VideoNode) -> tuple[str, DeviceIdentity] | None:
     """Return a device's address and identity; None if it takes no pictures."""
     capability = Capability()
     try:
         node.request(QUERYCAP, capability)
     except OSError as error:
-        raise told(error, path=node.path, what="asking what it is") from error
+        raise _told(error, path=node.path, what="asking what it is") from error
     if not can_take_pictures(capability):
         return None
     offered = _formats(node)

@@ -1,18 +1,23 @@
 """The GigE Vision driver against libaravis's own device: real packets, pictures known to the last bit."""
 
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from drivers.cameras.aravis import load_aravis
 from drivers.cameras.bounded_camera import BoundedCamera
-from drivers.cameras.gige import GigeCamera, open_gige, read_gige_place
+from drivers.cameras.gige import GigeCamera, find_gige, open_gige, read_gige_place
 from drivers.errors import LimitError, NotConnectedError, ProtocolError
 from sim_devices.cameras import gige_server as registers
 from sim_devices.cameras.gige_server import serve_gige_camera
 from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
-from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, KnownPictures, assert_known
+from tests.sim_devices.cameras.known_pictures import EXPOSURE, MARK, NUMBER, KnownPictures, assert_known
 
 TIMEOUT_S = 10.0
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXPOSURE_REGISTER = 0x120
 
 
@@ -63,16 +68,12 @@ def test_wrong_justification_is_found(device):
         open_gige(f"{ADDRESS}?pixel_format=Mono16&bit_depth=12&justified=right")
 
 
-def test_everything_automatic_is_switched_off(device, open_camera):
-    open_camera()
-    assert device.read_register(registers.EXPOSURE_AUTO) == registers.EXPOSURE_AUTO_OFF
-    assert device.read_register(registers.GAIN_AUTO) == registers.GAIN_AUTO_OFF
-
-
-def test_what_bends_counts_is_switched_off_and_said_to_be(device, open_camera):
+def test_what_is_automatic_or_bends_counts_is_switched_off_and_said_to_be(device, open_camera):
     assert device.read_register(registers.GAMMA) == 1
     assert open_camera().facts().linear is True
     assert device.read_register(registers.GAMMA) == 0
+    assert device.read_register(registers.EXPOSURE_AUTO) == registers.EXPOSURE_AUTO_OFF
+    assert device.read_register(registers.GAIN_AUTO) == registers.GAIN_AUTO_OFF
 
 
 @pytest.mark.parametrize(("options", "expected"), [("", True), ("trigger=free&frame_rate_hz=25", False)])
@@ -87,12 +88,6 @@ def test_the_names_of_features_are_told(open_camera):
     expected = {"PixelFormat": "Mono12", "ExposureTimeAbs": "4000", "GainRaw": "3", "ReverseX": "False"}
     assert features.items() >= expected.items()
     assert float(features["DeviceTemperature"]) == 28.5
-
-
-def test_exposure_reaches_the_camera(open_camera):
-    camera = open_camera()
-    camera.configure(exposure_s=0.02, gain_db=0.0)
-    assert camera.take_frame(timeout_s=TIMEOUT_S).counts[EXPOSURE] == 2000
 
 
 @pytest.mark.parametrize("exposure_us", [29, 30, 31, 57, 1001])
@@ -153,14 +148,11 @@ def test_gain_between_two_steps_is_refused(open_camera):
         open_camera().configure(exposure_s=0.01, gain_db=1.5)
 
 
-def test_opens_by_serial_number(device):
-    with open_gige("T7") as camera:
-        assert camera.identify().serial_number == "T7"
-
-
-def test_opens_by_name(device):
-    with open_gige("Aravis-Fake-T7") as camera:
-        assert camera.identify().model == "Aravis Fake"
+def test_is_found_and_opened_by_serial_number_and_by_name(device):
+    assert dict(find_gige())[f"gige:{ADDRESS}"].serial_number == "T7"
+    for place in ("T7", "Aravis-Fake-T7"):
+        with open_gige(place) as camera:
+            assert (camera.identify().model, camera.identify().serial_number) == ("Aravis Fake", "T7")
 
 
 def test_a_serial_number_that_does_not_answer_is_said_so_with_those_that_do(device):
@@ -177,6 +169,12 @@ def test_settings_that_changed_behind_its_back_are_restored_before_a_picture_is_
     assert camera.tally().reopened == 1
 
 
+def assert_of_after(source, frame, turn, *, period_s):
+    """A picture is of after the mark was set, unless the device held it back for longer than a driver can know."""
+    held_s = (frame.end_utc_ns - source.made_utc_ns[frame.counts[NUMBER]]) / 1e9
+    assert frame.counts[MARK] == turn or held_s > frame.settings.exposure_s + period_s
+
+
 def test_a_running_camera_gives_no_picture_of_before(source, open_camera):
     # The host is busy until more pictures have come than there are buffers; then the polarizer is turned.
     camera = open_camera("trigger=free&frame_rate_hz=100")
@@ -184,7 +182,7 @@ def test_a_running_camera_gives_no_picture_of_before(source, open_camera):
     for turn in range(1, 11):
         source.await_pictures(10)
         source.mark = turn
-        assert camera.take_frame(timeout_s=TIMEOUT_S).counts[MARK] == turn
+        assert_of_after(source, camera.take_frame(timeout_s=TIMEOUT_S), turn, period_s=0.01)
     assert camera.tally().accepted == 11
 
 
@@ -195,15 +193,8 @@ def test_a_picture_whose_exposure_had_begun_is_not_accepted(source, open_camera)
     for turn in range(1, 6):
         source.await_pictures(1)
         source.mark = turn
-        assert camera.take_frame(timeout_s=TIMEOUT_S).counts[MARK] == turn
+        assert_of_after(source, camera.take_frame(timeout_s=TIMEOUT_S), turn, period_s=0.04)
     assert camera.tally().too_old >= 5
-
-
-def test_triggered_pictures_are_of_after_the_trigger(source, open_camera):
-    camera = open_camera()
-    for turn in range(1, 11):
-        source.mark = turn
-        assert camera.take_frame(timeout_s=TIMEOUT_S).counts[MARK] == turn
 
 
 def test_numbers_go_on_where_the_camera_begins_anew_at_one(device):
@@ -229,3 +220,10 @@ def test_without_the_library_its_package_is_named(monkeypatch):
     monkeypatch.setenv("ARAVIS_LIBRARY", "/nowhere/libaravis.so")
     with pytest.raises(NotConnectedError, match=r"apt install libaravis-0\.8-0"):
         open_gige(ADDRESS)
+
+
+@pytest.mark.parametrize("group", ["rigctl.cameras", "rigctl.camera_finders"])
+def test_what_the_project_registers_is_there(group):
+    for place in PROJECT["entry-points"][group].values():
+        module, _, name = place.partition(":")
+        assert callable(getattr(import_module(module), name))

@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from benchmarks.trial_stale_frames import driver_score, first_come_score, running_rig
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, LimitError, NotConnectedError, ProtocolError
@@ -13,6 +14,8 @@ from tests.sim_devices.cameras.gige_port import ADDRESS, gige_port
 from tests.sim_devices.cameras.known_pictures import EXPOSURE, KnownPictures, assert_known
 
 EXPOSURE_S = 0.02
+
+
 MARK_OF_EXPOSURE = 2000
 
 
@@ -80,13 +83,6 @@ def take_with_loss():
     return take
 
 
-def test_nothing_is_damaged_without_loss(take_with_loss):
-    tally = take_with_loss(lost_share=0.0, pictures=10)
-    assert tally.accepted == 11
-    # The very first picture after a start may be damaged; the driver has taken and thrown away that one.
-    assert tally.damaged <= 1
-
-
 def test_every_accepted_picture_is_whole_though_packets_are_lost(take_with_loss):
     tally = take_with_loss(lost_share=1e-3, pictures=10)
     assert tally.accepted == 11
@@ -140,3 +136,23 @@ def test_a_camera_without_a_limit_shares_its_line_by_pauses_between_packets():
             assert_known(camera.take_frame(timeout_s=5.0).counts)
         with pytest.raises(LimitError, match="packet delay"):
             open_gige(f"{ADDRESS}?bandwidth_mb_per_s=60")
+
+
+BUSY_S = 0.3  # six pictures at 20 a second
+
+
+@pytest.fixture
+def stage():
+    with gige_port(), running_rig(speed=20.0, width=64, height=48) as opened:
+        yield opened
+
+
+@pytest.mark.slow
+def test_no_picture_of_the_old_angle_is_accepted(stage):
+    score = driver_score(stage, turns=10, busy_s=BUSY_S)
+    assert (score.turns, score.wrong) == (10, 0)
+
+
+def test_whoever_takes_the_first_picture_takes_one_of_the_old_angle(stage):
+    # So that the test above tests something.
+    assert first_come_score(stage, turns=3, busy_s=BUSY_S).wrong == 3

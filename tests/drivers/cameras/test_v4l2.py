@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.cameras import v4l2
-from drivers.cameras.v4l2 import V4l2Camera, open_v4l2, read_v4l2_place, sample_format
+from drivers.cameras.v4l2 import V4l2Camera, find_v4l2, read_v4l2_place, sample_format
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from tests.drivers.cameras.fake_video import AUTOGAIN, EXPOSURE_AUTO, FakeVideo, Shot
 
@@ -163,14 +163,6 @@ def test_gaps_in_the_numbers_are_counted(video):
     assert camera.tally().never_came == 3
 
 
-def test_every_buffer_goes_back_to_the_device(video):
-    camera = camera_on(video)
-    before = video.waiting
-    video.shots = [Shot(0, 50 * MS, bytesused=1), Shot(1, 60 * MS)]
-    camera.take_frame(timeout_s=1.0)
-    assert video.waiting == before
-
-
 def test_no_picture_is_a_timeout(video):
     camera = camera_on(video)
     with pytest.raises(DeviceTimeoutError, match="no picture"):
@@ -201,11 +193,6 @@ def test_it_stops_when_it_is_closed_even_if_it_was_unplugged(video):
     video.broken = errno.ENODEV
     camera.close()
     assert video.closed
-
-
-def test_a_device_that_is_not_there_is_said_so():
-    with pytest.raises(NotConnectedError, match="/dev/no-such-video"):
-        open_v4l2("/dev/no-such-video")
 
 
 @pytest.mark.parametrize(
@@ -248,14 +235,6 @@ def test_a_sum_that_does_not_fit_is_refused_at_once(video):
         camera_on(video, "pixel_format=RG16&plane=sum")
 
 
-def test_a_colour_is_cut_out_of_its_mosaic(video):
-    camera = camera_on(video, "pixel_format=RG12&plane=blue")
-    video.shots = [Shot(7, 50 * MS)]
-    frame = camera.take_frame(timeout_s=1.0)
-    assert frame.counts.shape == (frame.settings.height, frame.settings.width) == (1, 2)
-    np.testing.assert_array_equal(frame.counts, 7)
-
-
 def test_a_bayer_format_needs_a_colour():
     with pytest.raises(LimitError, match="plane="):
         read_v4l2_place("/dev/fake?pixel_format=RG12")
@@ -264,3 +243,67 @@ def test_a_bayer_format_needs_a_colour():
 def test_bits_of_a_format_that_has_them_all_cannot_be_others():
     with pytest.raises(LimitError, match="bit_depth"):
         sample_format(read_v4l2_place("/dev/fake?pixel_format=Y12&bit_depth=10"))
+
+
+class OfferingVideo(FakeVideo):
+    """A video device that offers these formats."""
+
+    def __init__(self, *letters, can=v4l2.CAN_CAPTURE | v4l2.CAN_STREAM):
+        super().__init__()
+        self._letters, self._can = letters, can
+
+    def request(self, number, content):
+        if number == v4l2.ENUM_FMT:
+            if content.index >= len(self._letters):
+                raise OSError(errno.EINVAL, "no more")
+            content.pixelformat = v4l2.fourcc(self._letters[content.index])
+            return
+        super().request(number, content)
+        if number == v4l2.QUERYCAP:
+            content.capabilities = self._can
+
+
+def found_of(*videos):
+    nodes = {f"/dev/fake{index}": video for index, video in enumerate(videos)}
+    return list(find_v4l2(nodes, open_node=nodes.__getitem__))
+
+
+@pytest.mark.parametrize(
+    ("letters", "address"),
+    [
+        (("YUYV", "GREY", "Y12 ", "Y16 "), "v4l2:/dev/fake?pixel_format=Y12"),
+        (("YUYV", "RG12"), "v4l2:/dev/fake?pixel_format=RG12&plane=green-1"),
+        (("YUYV", "MJPG"), "v4l2:/dev/fake"),
+    ],
+)
+def test_a_video_device_is_found_with_its_best_format(letters, address):
+    ((told, identity),) = found_of(OfferingVideo(*letters))
+    assert told == address
+    assert identity.serial_number == "usb-1"
+
+
+def test_a_device_that_has_no_counts_says_so():
+    ((_, identity),) = found_of(OfferingVideo("YUYV", "MJPG"))
+    assert "YUYV, MJPG: no counts" in identity.model
+
+
+def test_what_is_no_camera_is_left_out():
+    assert found_of(OfferingVideo("Y12 ", can=0x4)) == []
+
+
+def test_devices_behind_one_that_may_not_be_asked_are_found_all_the_same():
+    def opened(path):
+        if path == "/dev/first":
+            raise NotConnectedError("/dev/first: join its group")
+        return OfferingVideo("GREY")
+
+    finder = find_v4l2(["/dev/first", "/dev/second"], open_node=opened)
+    assert next(finder)[0].startswith("v4l2:/dev/")
+    with pytest.raises(NotConnectedError, match="join its group"):
+        next(finder)
+
+
+def test_every_asked_device_is_closed():
+    video = OfferingVideo("GREY")
+    found_of(video)
+    assert video.closed

@@ -22,6 +22,8 @@ class KnownPictures:
         Put into every picture from now on, 0 to 4095.
     last_counts : array
         The picture that was made last.
+    made_utc_ns : dict
+        Number of a picture to when it was made.
     """
 
     def __init__(self, *, width=782, height=582):
@@ -29,6 +31,7 @@ class KnownPictures:
         self._taken = 0
         self._changed = threading.Condition()
         self.mark = 0
+        self.made_utc_ns = {}
         self.configure(exposure_s=0.01, gain_db=0.0)
 
     def __enter__(self):
@@ -53,6 +56,7 @@ class KnownPictures:
         with self._changed:
             self._taken += 1
             number = self._taken
+            self.made_utc_ns[number % _TOP] = time.time_ns()
             self._changed.notify_all()
         counts = known_counts(self._noise, number, mark=self.mark, exposure_s=self._settings.exposure_s)
         self.last_counts = counts

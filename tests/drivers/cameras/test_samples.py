@@ -1,4 +1,4 @@
-"""Unpacking of samples, against packers that go by the words of the standards, one bit at a time."""
+"""Samples out of bytes, against packers that go by the words of the standards, one bit at a time; planes."""
 
 from dataclasses import replace
 
@@ -7,11 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.cameras.samples import GENICAM, V4L2, needed_bytes, polarized_format, unpack
-from drivers.errors import ProtocolError
+from drivers.cameras.samples import (
+    GENICAM,
+    V4L2,
+    bit_depth_of,
+    needed_bytes,
+    plane_size,
+    polarized_format,
+    take_plane,
+    unpack,
+)
+from drivers.errors import LimitError, ProtocolError
 from tests.drivers.cameras.bit_packers import as_csi_packed, as_gvsp_packed, as_stream_of_bits
 
 BY_NAME = {fmt.name: fmt for fmt in (*GENICAM.values(), *V4L2.values())}
+
+
 PACKERS = {
     "Mono10p": as_stream_of_bits,
     "Mono12p": as_stream_of_bits,
@@ -27,6 +38,8 @@ PACKERS = {
     **{f"Bayer{cell}{bits}Packed": as_gvsp_packed for cell in ("BG", "GB", "GR", "RG") for bits in (10, 12)},
     **{f"p{cell}{bits}": as_csi_packed for cell in ("B", "G", "g", "R") for bits in ("AA", "CC", "EE")},
 }
+
+
 UNPACKED = sorted(set(BY_NAME) - set(PACKERS))
 
 
@@ -115,25 +128,9 @@ def test_computed_pictures_and_grey_ones_are_not_behind_polarizers(name):
     assert polarized_format(name) is None
 
 
-def test_the_two_packings_of_12_bits_differ():
-    data = bytes([0xAB, 0x3C, 0x12])
-    first, second = (unpack(data, pixel_format=BY_NAME[n], width=2, height=1) for n in ("Mono12Packed", "Mono12p"))
-    assert not np.array_equal(first, second)
-
-
-def test_high_end_first_can_be_stated():
-    fmt = replace(BY_NAME["Mono12"], byte_order="big")
-    np.testing.assert_array_equal(unpack(b"\x0a\xbc\x01\x23", pixel_format=fmt, width=2, height=1), [[0xABC, 0x123]])
-
-
 def test_wrong_byte_order_is_found_by_the_bits_that_should_be_empty():
     with pytest.raises(ProtocolError, match="byte_order"):
         unpack(b"\x0a\xbc\x01\x23", pixel_format=BY_NAME["Mono12"], width=2, height=1)
-
-
-def test_left_justified_samples_are_shifted_down():
-    fmt = replace(BY_NAME["Mono16"], bit_depth=12, justified="left")
-    np.testing.assert_array_equal(unpack(b"\xc0\xab\x30\x12", pixel_format=fmt, width=2, height=1), [[0xABC, 0x123]])
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -159,3 +156,55 @@ def test_the_counts_are_no_window_onto_the_buffer(name):
     counts = unpack(memoryview(data), pixel_format=BY_NAME[name], width=4, height=1)
     data[:] = b"\xff" * len(data)
     np.testing.assert_array_equal(counts, [[1, 2, 3, 4]])
+
+
+CELLS = ("RGGB", "BGGR", "GRBG", "GBRG")
+
+
+FULL = 4095
+
+
+def picked(counts, cell, wanted):
+    """The samples of a colour, one by one; green-1 is the green beside red."""
+    red_row = cell.index("R") // 2
+    letter = {"red": "R", "blue": "B"}.get(wanted, "G")
+    row_of = {"green-1": red_row, "green-2": 1 - red_row}.get(wanted)
+    found = [
+        [int(counts[y, x]) for x in range(counts.shape[1]) if cell[2 * (y % 2) + x % 2] == letter]
+        for y in range(counts.shape[0])
+        if row_of is None or y % 2 == row_of
+    ]
+    return np.array([row for row in found if row])
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    st.sampled_from(CELLS), st.sampled_from(["red", "green-1", "green-2", "blue"]), st.integers(2, 7), st.integers(2, 7)
+)
+def test_a_colour_has_its_own_samples_whatever_the_size(cell, plane, height, width):
+    counts = np.arange(height * width, dtype=np.uint16).reshape(height, width)
+    taken = take_plane(counts, cell=cell, plane=plane, saturation_dn=FULL, saturated_as_dn=FULL)
+    np.testing.assert_array_equal(taken, picked(counts, cell, plane))
+    assert taken.shape[::-1] == plane_size(width=width, height=height, cell=cell, plane=plane)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_the_sum_is_of_all_four_and_the_green_one_of_two(cell):
+    counts = np.random.default_rng(1).integers(0, FULL, (6, 8), dtype=np.uint16)
+    parts = {name: picked(counts, cell, name) for name in ("red", "green-1", "green-2", "blue")}
+    total = take_plane(counts, cell=cell, plane="sum", saturation_dn=FULL, saturated_as_dn=4 * FULL + 3)
+    np.testing.assert_array_equal(total, sum(parts.values()))
+    green = take_plane(counts, cell=cell, plane="green", saturation_dn=FULL, saturated_as_dn=2 * FULL + 1)
+    np.testing.assert_array_equal(green, parts["green-1"] + parts["green-2"])
+
+
+def test_one_saturated_sample_saturates_its_sum_and_no_other():
+    counts = np.zeros((4, 4), dtype=np.uint16)
+    counts[0, 3] = FULL
+    total = take_plane(counts, cell="RGGB", plane="sum", saturation_dn=FULL, saturated_as_dn=2**14 - 1)
+    np.testing.assert_array_equal(total, [[0, 2**14 - 1], [0, 0]])
+
+
+def test_a_sum_of_more_than_sixteen_bits_is_refused():
+    with pytest.raises(LimitError, match="18"):
+        bit_depth_of("sum", bit_depth=16)
