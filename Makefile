@@ -26,8 +26,8 @@ check: $(STAMP)
 docs: $(DOCS_STAMP)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 
-# Writes docs/benchmarks.md. Programs of others are timed beside ours once `python -m benchmarks.page --make-peers` has
-# made their environments.
+# Writes the table of docs/benchmarks.md; `python -m benchmarks.peers` makes the programs of others that are timed beside
+# ours.
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.page
 
