@@ -11,7 +11,7 @@ FRAME_KINDS: tuple[FrameKind, ...] = get_args(FrameKind)
 Interpolation = Literal["none", "bilinear"]
 
 # What a run can be exported as.
-ExportFormat = Literal["tiff", "hdf5", "zarr"]
+ExportFormat = Literal["csv", "fits", "tiff", "hdf5", "zarr"]
 
 # What the counts of a prediction are scaled by: the scene file, a panel, or the run itself.
 ScaleKind = Literal["absolute", "panel", "free"]

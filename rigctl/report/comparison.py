@@ -33,25 +33,27 @@ from numpy.typing import NDArray
 
 from model.processing import dolp
 from model.processing import dolp_studies as normalized_stokes
+from model.processing.reconstruction import aolp_is_defined
 from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
 from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digits
 from rigctl.calibrations.made_for import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
-from rigctl.comparison.rows import FAULTS
+from rigctl.comparison.rows import FAULTS, off_prediction
 from rigctl.comparison.series import hours_of, mean_row
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
 from rigctl.report.data_files import csv_rows, fits_image, json_file, json_rows, provenance_json, source_table
-from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section, Verbatim, Verdict
+from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Verbatim, Verdict
 from rigctl.report.drawing import (
     MEASURED,
     PREDICTED,
     DrawnPicture,
     legend_beside,
     legend_of_all,
+    picture_pngs,
     pictures_png,
     placed_axes,
     png,
@@ -107,12 +109,28 @@ def error_of(row: Row) -> float:
 
 def predicted_text(row: Row) -> str:
     """Return the prediction to the digits that the errors allow."""
-    return to_digits(row.predicted, error_of(row))
+    return _undefined(row, row.std_error_inputs) or to_digits(row.predicted, error_of(row))
 
 
 def measured_text(row: Row) -> str:
     """Return the measured number to the digits that the errors allow."""
-    return to_digits(row.measured, error_of(row))
+    return _undefined(row, row.std_error) or to_digits(row.measured, error_of(row))
+
+
+def _undefined(row: Row, std_error: float | None) -> str:
+    """Return the word for an AoLP that may be any angle; nothing for other numbers."""
+    if (row.quantity, row.statistic) != ("aolp_deg", "mean") or std_error is None:
+        return ""
+    return "" if aolp_is_defined(np.radians(std_error)) else "undefined"
+
+
+def _with_error(row: Row, value: float, std_error: float | None) -> str:
+    """Return a number with its own standard error, both to two digits of that error."""
+    if undefined := _undefined(row, std_error):
+        return undefined
+    if not std_error or std_error < _ROUNDING:
+        return f"{to_digits(value, error_of(row))}\N{NO-BREAK SPACE}± 0"
+    return f"{to_digits(value, std_error)}\N{NO-BREAK SPACE}± {to_digits(std_error, std_error)}"
 
 
 def _with_region(row: Row) -> str:
@@ -190,55 +208,34 @@ def _disagrees(row: Row) -> bool:
     return row.agrees is False
 
 
-# Heading, quantity and unit of the means that stand first.
-_SUMMARY = (("DoLP", "dolp", ""), ("AoLP", "aolp_deg", " [deg]"), ("DoLP SNR", "dolp_snr", ""))
+# Quantities of the means that stand first, and their names there.
+_SUMMARY = {"s0": "S0 [{unit}]", "dolp": "DoLP", "aolp_deg": "AoLP [deg]", "dolp_snr": "DoLP SNR"}
 # More names than this say no more than that an input is hardly seen.
 _NAMED = 4
 _SHOWN_MOVES = 12
 _Known = tuple[str, MeasuredOverFrames[float]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Region:
-    name: str
-    pixels: int
-    rows: tuple[Row, ...]
-
-    @property
-    def wrong(self) -> int:
-        return sum(row.agrees is False for row in self.rows)
-
-    @property
-    def tests(self) -> int:
-        return sum(row.agrees is not None for row in self.rows)
-
-    def mean(self, quantity: str) -> Row | None:
-        return next((row for row in self.rows if (row.quantity, row.statistic) == (quantity, "mean")), None)
-
-
-def summary_table(comparison: Comparison, measurement: Measurement) -> Table[_Region]:
-    """Return a line a region: DoLP, AoLP and SNR of DoLP on both sides, and how many numbers disagree."""
-    columns: tuple[Column[_Region], ...] = (
-        Column(title="region", text=lambda region: region.name, left=True),
-        Column(title="pixels", text=lambda region: str(region.pixels)),
-        *(column for title, quantity, unit in _SUMMARY for column in _both_sides(title, quantity, unit)),
-        Column(title="disagree", text=lambda region: f"{region.wrong} of {region.tests}"),
+def summary_table(comparison: Comparison) -> Table[Row]:
+    """Return S0, DoLP, AoLP and DoLP SNR of each region: both sides with their errors, and the difference in them."""
+    unit = comparison.measurement.grid.unit
+    means = {(row.region, row.quantity): row for row in comparison.rows if row.statistic == "mean"}
+    keys = [(region, quantity) for region in comparison.measurement.regions for quantity in _SUMMARY]
+    rows = [means[key] for key in keys if key in means]
+    first = {row.region: row.quantity for row in reversed(rows)}
+    columns: tuple[Column[Row], ...] = (
+        Column(title="region", text=lambda row: row.region if first[row.region] == row.quantity else "", left=True),
+        Column(title="quantity", text=lambda row: _SUMMARY[row.quantity].format(unit=unit), left=True),
+        Column(title="measured", text=lambda row: _with_error(row, row.measured, row.std_error)),
+        Column(title="predicted", text=lambda row: _with_error(row, row.predicted, row.std_error_inputs)),
+        Column(
+            title="z",
+            text=lambda row: (
+                NOTHING if row.z is None else f"{row.z:+.1f}".replace("-0.0", "0.0").replace("+0.0", "0.0")
+            ),
+        ),
     )
-    rows = tuple(
-        _Region(name=name, pixels=region.pixels, rows=tuple(row for row in comparison.rows if row.region == name))
-        for name, region in measurement.regions.items()
-    )
-    return Table(columns=columns, rows=rows, is_off=lambda region: region.wrong > 0)
-
-
-def _both_sides(title: str, quantity: str, unit: str) -> Iterable[Column[_Region]]:
-    yield Column(title=f"{title} predicted{unit}", text=partial(_mean, quantity=quantity, text=predicted_text))
-    yield Column(title=f"measured{unit}", text=partial(_mean, quantity=quantity, text=measured_text))
-
-
-def _mean(region: _Region, quantity: str, text: Callable[[Row], str]) -> str:
-    row = region.mean(quantity)
-    return NOTHING if row is None else text(row)
+    return Table(columns=columns, rows=tuple(rows), is_off=_disagrees)
 
 
 def trend_table(trends: Sequence[Trend]) -> Table[Trend]:
@@ -299,9 +296,9 @@ def move_table(attribution: InputAttribution) -> Table[InputMove]:
         Column(title="would move by [its std]", text=lambda move: f"{move.move_std:+.1f}"),
         Column(title="to", text=lambda move: to_digits(move.moved_value, move.std)),
         Column(title="score", text=lambda move: f"{move.score:+.1f}"),
-        Column(title="chance of the rest", text=_chance),
+        Column(title="p-value left", text=_chance),
         Column(title="seen by the data", text=lambda move: f"{move.seen:.0%}"),
-        Column(title="cannot be told from", text=_confused, left=True, wide=True),
+        Column(title="not distinguished from", text=_confused, left=True, wide=True),
     )
     return Table(columns=columns, rows=attribution.moves[:_SHOWN_MOVES])
 
@@ -769,8 +766,6 @@ def series_figure(
 
 
 def _both(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
-    from rigctl.comparison.rows import off_prediction
-
     order = np.argsort(at)
     x = np.asarray(at)[order]
     predicted = np.array([rows[k].predicted for k in order])
@@ -795,8 +790,6 @@ def _both(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
 
 
 def _residuals(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
-    from rigctl.comparison.rows import off_prediction
-
     ax.axhline(0.0, color="0.5", linewidth=0.8)
     ax.errorbar(
         at,
@@ -812,45 +805,53 @@ def _residuals(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
 
 AnyFloatArray = NDArray[np.floating]
 
-# An angle that is known worse than this fades.
-_WELL_KNOWN_DEG = 10.0
+# An AoLP that is known worse than this fades: DoLP is below three of its errors.
+_KNOWN_DEG = 10.0
 # Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
 _SHOWN_PERCENTILES = (1.0, 99.5)
-# A grey that the cyclic colours never pass: theirs at 0 degrees is a light one.
+# A grey: the cyclic colours are all saturated.
 _UNKNOWN_GREY = 153
 # Of a picture that is the same all over, the bar is so wide for its value.
 _LEAST_SPAN = 1e-3
 
 
 def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:
-    """Return the panchromatic and the DoLP image with the regions, as [MK14] Fig. 6."""
+    """Return the maps of S0 and DoLP with the regions, as [MK14] Fig. 6."""
+    return pictures_png(scene_maps(images, unit=unit), regions=regions)
+
+
+def scene_maps(images: PolarizationImages, *, unit: str) -> tuple[DrawnPicture, DrawnPicture]:
+    """Return the maps of S0 and DoLP."""
     s0 = images.stokes[0]
     s0_low, s0_high = _shown(np.where(images.unusable, np.nan, s0))
     low, high = _shown(images.dolp, most=1.0)
-    panchromatic = DrawnPicture(
-        values=s0, low=s0_low, high=s0_high, colours="gray", title="S0 (panchromatic)", label=f"S0 [{unit}]"
+    intensity = DrawnPicture(values=s0, low=s0_low, high=s0_high, colours="gray", title="S0", label=f"S0 [{unit}]")
+    return intensity, DrawnPicture(
+        values=images.dolp, low=low, high=high, colours="viridis", title="DoLP", label="DoLP"
     )
-    dolp = DrawnPicture(values=images.dolp, low=low, high=high, colours="viridis", title="DoLP", label="DoLP")
-    return pictures_png((panchromatic, dolp), regions=regions)
 
 
-def aolp_picture(images: PolarizationImages) -> bytes:
-    """Return the image of the angle of polarization; it fades where it is known to less than 10 degrees."""
-    picture = DrawnPicture(
+def aolp_map(images: PolarizationImages) -> DrawnPicture:
+    """Return the map of AoLP; it fades to grey where DoLP is not significant, below three of its errors."""
+    return DrawnPicture(
         values=np.where(images.unusable, np.nan, images.aolp_deg),
         low=0.0,
         high=180.0,
-        colours="twilight",
-        title=f"AoLP (grey: not known to {_WELL_KNOWN_DEG:g} deg)",
-        label="counter-clockwise from horizontal [deg]",
-        opacity=np.clip(_WELL_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2,
+        colours="aolp",
+        title="AoLP (grey: DoLP not significant)",
+        label="AoLP [deg]",
+        opacity=np.clip(_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2,
         ground=_UNKNOWN_GREY,
     )
-    return pictures_png((picture,))
+
+
+def aolp_picture(images: PolarizationImages) -> bytes:
+    """Return the map of AoLP as PNG."""
+    return pictures_png((aolp_map(images),))
 
 
 def residual_picture(residual: AnyFloatArray) -> bytes:
-    """Return the image of what no light gives, as a share of the light."""
+    """Return the map of the fit residual, as a share of the light."""
     found = 100.0 * residual
     good = np.abs(found[np.isfinite(found)])
     most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
@@ -859,7 +860,7 @@ def residual_picture(residual: AnyFloatArray) -> bytes:
         low=-most,
         high=most,
         colours="red-blue",
-        title="What no light gives",
+        title="Fit residual",
         label="twice the residual over the light [%]",
     )
     return pictures_png((picture,))
@@ -874,11 +875,8 @@ def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
 _SHOWN_DISAGREEMENTS = 12
-_SOURCE = (
-    "Model ([MK14]: Meng & Kerekes, IEEE TGRS 2014, doi:10.1109/TGRS.2014.2299272) beside measurement. {kind} "
-    "comparison. {origin}"
-)
 _SIMULATED = "The frames are simulated; the numbers of the simulated sensor and scene are assumed."
+_MODEL = "Model: Meng & Kerekes, IEEE TGRS 2014, doi:10.1109/TGRS.2014.2299272, [MK14] above."
 
 
 def comparison_report(comparison: Comparison) -> Report:
@@ -886,14 +884,17 @@ def comparison_report(comparison: Comparison) -> Report:
     measurement = comparison.measurement
     simulated = measurement.run.session.origin == "simulated"
     return Report(
-        title=f"{measurement.run.path.name} beside the model",
-        source=_SOURCE.format(kind=comparison.kind.capitalize(), origin=_SIMULATED if simulated else ""),
-        verdict=Verdict(good=comparison.agrees is True, text=verdict(comparison), reasons=tuple(_reasons(comparison))),
+        title=f"Measurement versus model: {measurement.run.path.name}",
+        source=_SIMULATED if simulated else "",
+        verdict=Verdict(good=comparison.agrees is True, text=_headline(comparison)),
         sections=[
-            *_first(comparison, measurement),
-            *annotation_sections(measurement.run.annotations),
-            *_attributed(comparison.attribution),
+            _summary(comparison),
             _pictures(measurement, comparison.outlines),
+            *_attributed(comparison),
+            *_disagreements(comparison),
+            Section(title="What the verdict rests on", blocks=(Bullets(items=tuple(_reasons(comparison))),)),
+            *annotation_sections(measurement.run.annotations),
+            *_residual_of_fit(measurement),
             *_both_sides_section(comparison, measurement),
             *_trends(comparison),
             *([light_section(comparison.lights)] if comparison.lights else []),
@@ -909,6 +910,51 @@ def comparison_report(comparison: Comparison) -> Report:
     )
 
 
+def _headline(comparison: Comparison) -> str:
+    """Return the verdict in one sentence, with the likeliest cause of a disagreement."""
+    tests = sum(row.agrees is not None for row in comparison.rows)
+    held_with = reservations(comparison.checks, comparison.regions)
+    if comparison.agrees is None or not tests:
+        return verdict(comparison)
+    if comparison.agrees:
+        return f"Model and measurement agree in all {tests} tested numbers{f'; {held_with}' if held_with else ''}."
+    cause = likeliest_cause(comparison)
+    number = f"{len(comparison.disagreements)} of {tests} tested numbers"
+    return f"Model and measurement disagree in {number}{f'; likeliest cause: {cause}' if cause else ''}."
+
+
+def likeliest_cause(comparison: Comparison) -> str:
+    """Return the likeliest cause of a disagreement and its size; nothing where the rows point to none."""
+    cause = next(iter(comparison.points_to), None)
+    if cause == "axis-offset":
+        off = _mean_of([(off_prediction(row, row.measured), error_of(row)) for row in _means(comparison, "aolp_deg")])
+        return off and f"polarizer axis off by {off} deg"
+    if cause == "axis-sense":
+        return "the polarizer turns the other way (sense)"
+    if cause in ("scale", "polarization"):
+        rows = [row for row in _means(comparison, "s0" if cause == "scale" else "dolp") if row.predicted > 0.0]
+        share = _mean_of([(100.0 * (r.measured / r.predicted - 1.0), 100.0 * error_of(r) / r.predicted) for r in rows])
+        return share and f"{'light or counts' if cause == 'scale' else 'DoLP'} off by {share} %"
+    return {"noise": "noise other than predicted", "not-normal": "a law other than predicted"}.get(cause or "", "")
+
+
+def _means(comparison: Comparison, quantity: str) -> list[Row]:
+    rows = [row for row in comparison.rows if (row.quantity, row.statistic) == (quantity, "mean")]
+    return [row for row in rows if error_of(row) > 0.0]
+
+
+def _mean_of(found: Sequence[tuple[float, float]]) -> str:
+    """Return the weighted mean of numbers with errors; the error is the larger one, of theirs and of their scatter."""
+    if not found:
+        return ""
+    values, errors = np.array(found).T
+    weights = 1.0 / errors**2
+    mean = float(np.sum(weights * values) / np.sum(weights))
+    scatter = float(np.sum(weights * (values - mean) ** 2)) / max(len(found) - 1, 1)
+    error = float(np.sqrt(max(scatter, 1.0) / np.sum(weights)))
+    return f"{to_digits(mean, error)} ± {to_digits(error, error)}".replace("-", "−")
+
+
 def verdict(comparison: Comparison) -> str:
     """Return the verdict in a sentence, with what it is held with."""
     found = comparison.verdict
@@ -921,76 +967,89 @@ def verdict(comparison: Comparison) -> str:
     return f"Model and measurement {VERDICT_WORDS[found].lower()}.{flagged}"
 
 
-def _reasons(comparison: Comparison) -> Iterable[tuple[str, str]]:
-    for refusal in refusals(comparison.checks):
-        yield "Refused:", refusal
-    for line in unjudged_lines(comparison.regions, comparison.checks):
-        yield "", line
-    for weak in comparison.weak:
-        yield "Hardly tested:", weak
+def _reasons(comparison: Comparison) -> Iterable[str]:
+    yield from (f"Refused: {refusal}" for refusal in refusals(comparison.checks))
+    yield from unjudged_lines(comparison.regions, comparison.checks)
+    yield from (f"Hardly tested: {weak}" for weak in comparison.weak)
     tests = sum(row.agrees is not None for row in comparison.rows)
-    alpha = f"{comparison.alpha:g}"
-    rule = (
-        f"{tests} numbers were tested; {len(comparison.disagreements)} disagree. Holm's rule at alpha = {alpha}: if "
-        f"all agree in truth, the chance that any one is called a disagreement is at most {alpha}."
+    yield (
+        f"{tests} numbers were tested; {len(comparison.disagreements)} disagree. Holm's rule at alpha = "
+        f"{comparison.alpha:g}: if all agree in truth, the chance that any one is called a disagreement is at most "
+        f"{comparison.alpha:g}."
     )
-    yield "", rule
     for cause in comparison.points_to:
-        yield f"Points to {cause}:", ADVICE[cause]
-    if comparison.attribution is not None and comparison.disagreements:
-        yield "What would explain it:", comparison.attribution.remark + "."
-    for title, text in said_of(comparison.checks, "flagged"):
-        yield f"{title[:1].upper()}{title[1:]}:", text
+        yield f"The disagreements point to {cause}: {ADVICE[cause]}"
+    yield from (f"{title[:1].upper()}{title[1:]}: {text}" for title, text in said_of(comparison.checks, "flagged"))
 
 
-def _first(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
-    yield Section(title="In short", blocks=(summary_table(comparison, measurement),))
+def _summary(comparison: Comparison) -> Section:
+    regions = comparison.measurement.regions
+    note = (
+        "Means of the regions ± standard errors: of the measurement, and of the prediction by its inputs (0: they are "
+        "stated as exact). z: the difference in standard errors of both. Pixels: "
+        f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}."
+    )
+    return Section(title="", blocks=(summary_table(comparison), Paragraph(text=note)))
+
+
+def _pictures(measurement: Measurement, regions: Sequence[Region]) -> Section:
+    maps = (*scene_maps(measurement.images, unit=measurement.grid.unit), aolp_map(measurement.images))
+    titles = ("Map of S0", "Map of DoLP", "Map of AoLP")
+    pngs = picture_pngs(maps, regions=regions)
+    pictures = tuple(Picture(png=one, caption=title) for one, title in zip(pngs, titles, strict=True))
+    return Section(title="", blocks=(Pictures(pictures=pictures),))
+
+
+def _residual_of_fit(measurement: Measurement) -> Iterable[Section]:
+    if measurement.images.residual is not None:
+        residual = Picture(
+            png=residual_picture(measurement.images.residual),
+            caption="Twice the residual of the fit over the light; at 0, 45, 90, 135 deg, the difference between the "
+            "sums of orthogonal pairs. No light has one: structure in it is a fault of the run.",
+        )
+        yield Section(title="Fit residual", blocks=(residual,))
+
+
+def _disagreements(comparison: Comparison) -> Iterable[Section]:
     if comparison.disagreements:
         worst = disagreeing(comparison, _SHOWN_DISAGREEMENTS)
         text = f"The {len(worst)} farthest of {len(comparison.disagreements)}; all stand in the tables below."
-        table = mixed_row_table(worst)
-        yield Section(title="What disagrees", blocks=(table, Paragraph(text=text)))
+        yield Section(title="What disagrees", blocks=(mixed_row_table(worst), Paragraph(text=text)))
 
 
-def _attributed(attribution: InputAttribution | None) -> Iterable[Section]:
+def _attributed(comparison: Comparison) -> Iterable[Section]:
+    """Yield what would explain the residuals: the size of the likeliest cause first, folded where all agrees."""
+    cause, attribution = likeliest_cause(comparison), comparison.attribution
+    blocks: tuple[Block, ...] = (Paragraph(text=f"{cause[:1].upper()}{cause[1:]}."),) if cause else ()
     if attribution is None:
+        if blocks:
+            yield Section(title="What would explain the residuals", blocks=blocks)
         return
-    all_of_it = (
-        f"chi-square of the residuals {attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of "
-        f"freedom, {p_value(attribution.p_value)}, in the errors of measurement and inputs together"
-    )
     method = Paragraph(
-        text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]} ({all_of_it}). For each input alone: how far "
-        "it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the score, "
-        "standard normal where nothing is wrong; the chance of what is left; the share of its stated variance that "
-        "these data resolve; and the inputs that they cannot tell from it were it off by five standard uncertainties."
+        text=f"{attribution.remark[:1].upper()}{attribution.remark[1:]}. Chi-square of the residuals: "
+        f"{attribution.chi_square:.1f} with {attribution.degrees_of_freedom} degrees of freedom, "
+        f"{p_value(attribution.p_value)}, in the errors of measurement and inputs together. For each input alone: how "
+        "far it would have to move, in its own standard uncertainties, to remove what it can of the residuals; the "
+        "score, standard normal where nothing is wrong; the p-value of the remaining residuals; the share of its "
+        "stated variance that these data resolve; and inputs whose effect cannot be distinguished."
     )
-    blocks: tuple[Block, ...] = (method,)
+    details: tuple[Block, ...] = (method,)
     if attribution.moves:
-        blocks += (move_table(attribution),)
+        details += (move_table(attribution),)
     if attribution.unseen:
-        blocks += (Paragraph(text="The data say nothing of: " + ", ".join(attribution.unseen) + "."),)
-    yield Section(title="What would explain the residuals", blocks=blocks)
+        details += (Paragraph(text="The data do not depend on " + ", ".join(attribution.unseen) + "."),)
     fitted = Paragraph(
         text="FITTED to this run, not measured otherwise: all inputs updated at once (Bayesian linear update), each "
         "held by its stated uncertainty. Not for a comparison with the run that they were fitted to."
     )
-    yield Section(title="Inputs fitted to this run", blocks=(fitted, fitted_table(attribution)), folded=True)
-
-
-def _pictures(measurement: Measurement, regions: Sequence[Region]) -> Section:
-    pictures = Picture(
-        png=scene_pictures(measurement.images, regions, unit=measurement.grid.unit),
-        caption="Panchromatic and DoLP image with the regions (compare [MK14] Fig. 6).",
-    )
-    if measurement.images.residual is None:
-        return Section(title="Pictures", blocks=(pictures,))
-    residual = Picture(
-        png=residual_picture(measurement.images.residual),
-        caption="What no light gives: twice the residual of the fit over the light, at 0, 45, 90, 135 deg what the "
-        "sums of orthogonal pairs differ by. Structure in it is a fault of the run.",
-    )
-    return Section(title="Pictures", blocks=(pictures, residual))
+    details += (fitted, fitted_table(attribution))
+    if not comparison.disagreements:
+        yield Section(title="What would explain the residuals", blocks=details, folded=True, printed=False)
+    elif not blocks or (attribution.best is not None and attribution.best.removes):
+        yield Section(title="What would explain the residuals", blocks=(*blocks, *details))
+    else:
+        yield Section(title="What would explain the residuals", blocks=blocks)
+        yield Section(title="Stated inputs, each moved alone", blocks=details, folded=True, printed=False)
 
 
 def _both_sides_section(comparison: Comparison, measurement: Measurement) -> Iterable[Section]:
@@ -1116,7 +1175,7 @@ def _calibration(noise: NoiseParameters | None) -> Iterable[Section]:
 
 
 def _sources(comparison: Comparison) -> Iterable[Section]:
-    yield Section(title="Where it comes from", blocks=(source_table(comparison),))
+    yield Section(title="Where it comes from", blocks=(source_table(comparison), Paragraph(text=_MODEL)))
     provenance = Verbatim(text=json.dumps(provenance_json(comparison), indent=2))
     yield Section(title="Provenance in full", blocks=(provenance,), folded=True, printed=False)
 
@@ -1144,7 +1203,7 @@ def series_report(series: ComparedSeries) -> Report:
     """Return what the report of many runs says."""
     points = series.points
     return Report(
-        title=f"{len(points)} runs beside the model",
+        title=f"Measurement versus model: {len(points)} runs",
         source="Each run with its own sun, time and exposure, and one scene file for all.",
         verdict=Verdict(
             good=series.agrees is True,

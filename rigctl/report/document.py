@@ -38,13 +38,20 @@ class Picture:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Pictures:
+    """Pictures next to each other where there is room."""
+
+    pictures: tuple[Picture, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Verbatim:
     """Text that keeps its lines."""
 
     text: str
 
 
-Block = Paragraph | Bullets | Terms | AnyTable | Picture | Verbatim
+Block = Paragraph | Bullets | Terms | AnyTable | Picture | Pictures | Verbatim
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +61,7 @@ class Section:
     `folded` ones are closed at first where a page can be; those that are not `printed` stand on no paper.
     """
 
-    title: str
+    title: str  #: empty for what follows the verdict at once
     blocks: tuple[Block, ...]
     folded: bool = False
     printed: bool = True

@@ -205,9 +205,18 @@ _RED_BLUE = (
     *((5, 48, 97), (33, 102, 172), (67, 147, 195), (146, 197, 222), (209, 229, 240), (247, 247, 247)),
     *((253, 219, 199), (244, 165, 130), (214, 96, 77), (178, 24, 43), (103, 0, 31)),
 )
-_OF_OPENCV = {"viridis": "COLORMAP_VIRIDIS", "cividis": "COLORMAP_CIVIDIS", "twilight": "COLORMAP_TWILIGHT"}
+# Of angles, cyclic, every 15 degrees of AoLP from 0 on: a circle about the axis of CIE L*a*b*, yellow and light at 0,
+# blue and dark at 90 degrees, which every eye tells apart. None is grey, to which pictures fade.
+_ANGLES = (
+    *((209, 182, 110), (166, 189, 115), (109, 183, 130), (22, 168, 149), (0, 150, 167), (0, 133, 179)),
+    *((51, 120, 184), (123, 112, 180), (176, 111, 168), (215, 121, 151), (235, 142, 133), (233, 165, 117)),
+)
+_STOPS = {"gray": (_BLACK, _WHITE), "red-blue": _RED_BLUE, "aolp": (*_ANGLES, _ANGLES[0])}
+_OF_OPENCV = {"viridis": "COLORMAP_VIRIDIS", "cividis": "COLORMAP_CIVIDIS"}
+# The wheel of angles: its outer and inner radius, and room for the numbers about it.
+_WHEEL, _HUB, _ABOUT = 40, 22, 24
 
-Colours = Literal["gray", "viridis", "cividis", "twilight", "red-blue"]
+Colours = Literal["gray", "viridis", "cividis", "aolp", "red-blue"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,13 +235,27 @@ class DrawnPicture:
 
 def pictures_png(pictures: Sequence[DrawnPicture], *, regions: Sequence[Region] = ()) -> bytes:
     """Return pictures beside each other, each with the outlines of regions, as the bytes of a PNG file."""
+    return _png_of(np.hstack(_padded([_panel(picture, regions) for picture in pictures], is_wide=False)))
+
+
+def picture_pngs(pictures: Sequence[DrawnPicture], *, regions: Sequence[Region] = ()) -> tuple[bytes, ...]:
+    """Return pictures of one size, each as the bytes of a PNG file."""
+    return tuple(map(_png_of, _padded([_panel(picture, regions) for picture in pictures], is_wide=True)))
+
+
+def _padded(panels: Sequence[ByteArray], *, is_wide: bool) -> list[ByteArray]:
+    high, wide = (max(panel.shape[k] for panel in panels) for k in (0, 1))
+    room = [(high - len(panel), wide - panel.shape[1] if is_wide else 0) for panel in panels]
+    return [
+        np.pad(panel, ((0, below), (0, right), (0, 0)), constant_values=255)
+        for panel, (below, right) in zip(panels, room, strict=True)
+    ]
+
+
+def _png_of(panel: ByteArray) -> bytes:
     import cv2
 
-    panels = [_panel(picture, regions) for picture in pictures]
-    high = max(len(panel) for panel in panels)
-    padded = [np.pad(p, ((0, high - len(p)), (0, 0), (0, 0)), constant_values=255) for p in panels]
-    encoded = cv2.imencode(".png", np.hstack(padded), (cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL))[1]
-    return encoded.tobytes()
+    return cv2.imencode(".png", panel, (cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL))[1].tobytes()
 
 
 def _panel(picture: DrawnPicture, regions: Sequence[Region]) -> ByteArray:
@@ -242,27 +265,60 @@ def _panel(picture: DrawnPicture, regions: Sequence[Region]) -> ByteArray:
     rows, columns = picture.values.shape
     scale = min(_WIDEST / columns, _HIGHEST / rows)
     width, height = max(1, round(columns * scale)), max(1, round(rows * scale))
-    bar_height = max(height, _LEAST_BAR, _length(picture.label, _TEXT))
-    at, texts = _ticks(picture.low, picture.high, bar_height // _TICKS_APART_Y)
-    bar_left = _LEFT + width + _GAP
-    label_left = bar_left + _BAR + _TICK + 2 * _PAD + max((_length(text, _TEXT) for text in texts), default=0)
-    whole_width = max(label_left + round(2 * _TEXT * _POINT), _LEFT + _length(picture.title, _TITLE) + _PAD)
-    canvas = np.full((_ABOVE + bar_height + _BELOW, whole_width, 3), 255, np.uint8)
+    key = _wheel(picture) if picture.colours == "aolp" else _bar(picture, max(height, _LEAST_BAR))
+    key_left = _LEFT + width + _GAP
+    whole_width = max(key_left + key.width, _LEFT + _length(picture.title, _TITLE) + _PAD)
+    canvas = np.full((_ABOVE + max(height, key.height - _BELOW) + _BELOW, whole_width, 3), 255, np.uint8)
     coloured = _outlined(_coloured(picture, (width, height)), regions, (width / columns, height / rows))
     canvas[_ABOVE : _ABOVE + height, _LEFT : _LEFT + width] = coloured
-    steps = np.linspace(255.0, 0.0, bar_height).round().astype(np.intp)
-    canvas[_ABOVE : _ABOVE + bar_height, bar_left : bar_left + _BAR] = _table(picture.colours)[steps][:, None]
     image = Image.fromarray(canvas)
     draw = ImageDraw.Draw(image, "RGBA")
     _frame(image, draw, picture, (width, height))
-    draw.rectangle((bar_left, _ABOVE, bar_left + _BAR, _ABOVE + bar_height), outline=_BLACK)
-    for value, text in zip(at, texts, strict=True):
-        y = _ABOVE + bar_height * (picture.high - value) / (picture.high - picture.low)
-        draw.line((bar_left + _BAR, y, bar_left + _BAR + _TICK, y), fill=_BLACK)
-        draw.text((bar_left + _BAR + _TICK + _PAD, y), text, fill=_BLACK, font=_font(_TEXT), anchor="lm")
-    _write_upwards(image, (label_left, _ABOVE + bar_height // 2), picture.label)
+    image.paste(key, (key_left, _ABOVE - _PAD))
     _name(draw, regions, (width / columns, height / rows))
     return np.asarray(image)
+
+
+def _bar(picture: DrawnPicture, height: int) -> Image.Image:
+    """Return the key of a picture: a bar of its colours with values and a label."""
+    from PIL import Image, ImageDraw
+
+    height = max(height, _length(picture.label, _TEXT))
+    at, texts = _ticks(picture.low, picture.high, height // _TICKS_APART_Y)
+    label_left = _BAR + _TICK + 2 * _PAD + max((_length(text, _TEXT) for text in texts), default=0)
+    canvas = np.full((height + 4 * _PAD, label_left + round(2 * _TEXT * _POINT), 3), 255, np.uint8)
+    steps = np.linspace(255.0, 0.0, height).round().astype(np.intp)
+    canvas[_PAD : _PAD + height, :_BAR] = colour_table(picture.colours)[steps][:, None]
+    image = Image.fromarray(canvas)
+    draw = ImageDraw.Draw(image)
+    draw.rectangle((0, _PAD, _BAR, _PAD + height), outline=_BLACK)
+    for value, text in zip(at, texts, strict=True):
+        y = _PAD + height * (picture.high - value) / (picture.high - picture.low)
+        draw.line((_BAR, y, _BAR + _TICK, y), fill=_BLACK)
+        draw.text((_BAR + _TICK + _PAD, y), text, fill=_BLACK, font=_font(_TEXT), anchor="lm")
+    _write_upwards(image, (label_left, _PAD + height // 2), picture.label)
+    return image
+
+
+def _wheel(picture: DrawnPicture) -> Image.Image:
+    """Return the key of a picture of angles: each direction in its colour, 0 to the right, counter-clockwise."""
+    from PIL import Image, ImageDraw
+
+    half = _WHEEL + _ABOUT
+    y, x = np.mgrid[half:-half:-1, -half:half]
+    radius = np.hypot(x, y)
+    colours = colour_table(picture.colours)[(256.0 * np.mod(np.arctan2(y, x), np.pi) / np.pi).astype(np.intp) % 256]
+    ring = (radius <= _WHEEL) & (radius >= _HUB)
+    canvas = np.full((2 * half + round(2 * _TEXT * _POINT), 2 * half, 3), 255, np.uint8)
+    canvas[: 2 * half] = np.where(ring[..., None], colours, 255)
+    image = Image.fromarray(canvas)
+    draw = ImageDraw.Draw(image)
+    for angle_deg in (0, 45, 90, 135):
+        along, up = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+        place = half + (_WHEEL + 0.55 * _ABOUT) * along, half - (_WHEEL + 0.55 * _ABOUT) * up
+        draw.text(place, str(angle_deg), fill=_BLACK, font=_font(_NAME), anchor="mm")
+    draw.text((half, 2 * half), picture.label, fill=_BLACK, font=_font(_TEXT), anchor="ma")
+    return image
 
 
 def _frame(image: Image.Image, draw: ImageDraw.ImageDraw, picture: DrawnPicture, size: tuple[int, int]) -> None:
@@ -295,19 +351,19 @@ def _coloured(picture: DrawnPicture, size: tuple[int, int]) -> ByteArray:
     if picture.opacity is not None:
         seen *= np.nan_to_num(cv2.resize(picture.opacity, size, interpolation=cv2.INTER_NEAREST))
     share = np.nan_to_num(np.clip((small - picture.low) / (picture.high - picture.low), 0.0, 1.0))
-    colours = _table(picture.colours)[np.minimum(256.0 * share, 255.0).astype(np.intp)]
+    colours = colour_table(picture.colours)[np.minimum(256.0 * share, 255.0).astype(np.intp)]
     return np.asarray(np.round(picture.ground + seen[..., None] * (colours - float(picture.ground))), dtype=np.uint8)
 
 
 @cache
-def _table(colours: Colours) -> ByteArray:
-    """Return 256 colours, blue first."""
+def colour_table(colours: Colours) -> ByteArray:
+    """Return 256 colours, blue first, shape (256, 3)."""
     import cv2
 
     steps = np.arange(256, dtype=np.uint8)
     if colours in _OF_OPENCV:
         return np.asarray(cv2.applyColorMap(steps[:, None], getattr(cv2, _OF_OPENCV[colours]))[:, 0], dtype=np.uint8)
-    known = np.array(((0, 0, 0), (255, 255, 255)) if colours == "gray" else _RED_BLUE, dtype=float)
+    known = np.array(_STOPS[colours], dtype=float)
     places = np.linspace(0.0, 255.0, len(known))
     table = [np.interp(steps, places, known[:, k]).round() for k in (2, 1, 0)]
     return np.stack(table, axis=-1).astype(np.uint8)

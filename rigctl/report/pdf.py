@@ -1,8 +1,10 @@
-"""A report as PDF, by reportlab, the same bytes for the same report."""
+"""A report as PDF, by reportlab."""
 
 from __future__ import annotations
 
 import io
+import os
+import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
@@ -14,7 +16,7 @@ from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
 
 from rigctl.console.anonymity import told
-from rigctl.report.document import Bullets, Paragraph, Picture, Terms, Verbatim
+from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Terms, Verbatim
 from rigctl.report.table import Shown, Table
 
 if TYPE_CHECKING:
@@ -49,10 +51,7 @@ _CODE = ParagraphStyle("code", fontName="Courier", fontSize=6, leading=7.2)
 
 
 def pdf(report: Report) -> bytes:
-    """Return the report as the bytes of a PDF file.
-
-    Without a date and with fixed identifiers: the same report gives the same bytes.
-    """
+    """Return the report as the bytes of a PDF file with today's date, or that of SOURCE_DATE_EPOCH: the same bytes."""
     from reportlab.platypus import SimpleDocTemplate
 
     buffer = io.BytesIO()
@@ -65,7 +64,6 @@ def pdf(report: Report) -> bytes:
         bottomMargin=_MARGIN,
         title=_plain(report.title),
         author="rigctl",
-        invariant=1,
     )
     document.build(list(_flow(report)), onFirstPage=_page_number, onLaterPages=_page_number)
     return buffer.getvalue()
@@ -79,7 +77,7 @@ def _flow(report: Report) -> Iterable[Any]:
     yield Text(_safe(report.source), _CAPTION)
     yield Spacer(1, 4)
     if report.verdict is not None:
-        yield _verdict(report.verdict)
+        yield from (_verdict(report.verdict), Spacer(1, 6))
     for section in filter(lambda section: section.printed, report.sections):
         yield from _section(section)
 
@@ -106,6 +104,10 @@ def _section(section: Section) -> Iterable[Any]:
     from reportlab.platypus import KeepTogether
     from reportlab.platypus import Paragraph as Text
 
+    if not section.title:
+        for block in section.blocks:
+            yield from _DRAWN[type(block)](block)
+        return
     heading = Text(_safe(section.title), _HEADING)
     for place, block in enumerate(section.blocks):
         drawn = _DRAWN[type(block)](block)
@@ -144,6 +146,29 @@ def _picture(block: Picture) -> list[Any]:
     scale = min(_WIDTH / width, 0.8 * _HEIGHT / height, _POINTS_PER_PIXEL)
     image = Image(io.BytesIO(block.png), width=scale * width, height=scale * height)
     return [image, Text(_safe(block.caption), _CAPTION)] if block.caption else [image]
+
+
+def _pictures(block: Pictures) -> list[Any]:
+    from reportlab.lib.utils import ImageReader
+    from reportlab.platypus import Image
+    from reportlab.platypus import Table as Grid
+
+    sizes = [ImageReader(io.BytesIO(one.png)).getSize() for one in block.pictures]
+    scale = min(_WIDTH / sum(width for width, _ in sizes), _POINTS_PER_PIXEL)
+    images = [
+        Image(io.BytesIO(one.png), width=scale * width, height=scale * height)
+        for one, (width, height) in zip(block.pictures, sizes, strict=True)
+    ]
+    return [
+        Grid(
+            [images],
+            colWidths=[scale * width for width, _ in sizes],
+            style=[
+                ("VALIGN", (0, 0), (-1, -1), "TOP"),
+                *((f"{side}PADDING", (0, 0), (-1, -1), 0) for side in ("LEFT", "RIGHT")),
+            ],
+        )
+    ]
 
 
 def _verbatim(block: Verbatim) -> list[Any]:
@@ -249,6 +274,7 @@ _DRAWN: dict[type, Callable[[Any], list[Any]]] = {
     Bullets: _bullets,
     Terms: _terms,
     Picture: _picture,
+    Pictures: _pictures,
     Verbatim: _verbatim,
     Table: _table,
 }
@@ -257,6 +283,11 @@ _DRAWN: dict[type, Callable[[Any], list[Any]]] = {
 def _page_number(canvas: Any, document: Any) -> None:
     canvas.saveState()
     canvas.setFont("Helvetica", 7)
+    canvas.drawString(
+        _MARGIN,
+        10 * mm,
+        time.strftime("%Y-%m-%d", time.gmtime(float(os.environ.get("SOURCE_DATE_EPOCH") or time.time()))),
+    )
     canvas.drawRightString(A4[0] - _MARGIN, 10 * mm, f"page {document.page}")
     canvas.restoreState()
 

@@ -1,4 +1,4 @@
-"""A run in the formats of other programs: TIFF, HDF5 and Zarr."""
+"""A run in the formats of other programs: FITS, TIFF, HDF5 and Zarr."""
 
 import json
 from dataclasses import asdict, fields
@@ -47,6 +47,52 @@ def common_shape(run: Run) -> tuple[int, int]:
     return next(iter(shapes))
 
 
+def export_fits(run: Run, out: Path) -> None:
+    """Write a run into one FITS file: counts (N, H, W), and a table FRAMES with a column a field of their records.
+
+    Numbers that are not known are NaN, and texts empty; characters beyond ASCII are escaped. The column `record` has
+    each record as JSON: nothing is lost there.
+    """
+    from astropy.io import fits
+
+    height, width = common_shape(run)
+    header = fits.Header(
+        [
+            ("SIMPLE", True),
+            ("BITPIX", 16),
+            ("NAXIS", 3),
+            ("NAXIS1", width),
+            ("NAXIS2", height),
+            ("NAXIS3", len(run.frames), "frames"),
+            ("EXTEND", True),
+            ("BZERO", 32768, "samples are unsigned"),
+            ("BSCALE", 1),
+            ("BUNIT", "DN"),
+            ("ROWORDER", "TOP-DOWN", "the first row is the top of the picture"),
+            ("SWVER", run.created_by),
+        ]
+    )
+    stream = fits.StreamingHDU(str(out), header)
+    try:
+        for record in run.frames:
+            stream.write((run.counts(record).astype(np.int32) - 32768).astype(">i2"))
+    finally:
+        stream.close()
+    columns = [_fits_column(name, _dataset(column), unit_of(name)) for name, column in columns_of(run).items()]
+    columns.append(_fits_column("record", [json.dumps(asdict(record)) for record in run.frames], ""))
+    with fits.open(out, mode="append") as file:
+        file.append(fits.BinTableHDU.from_columns(columns, name="FRAMES"))
+
+
+def _fits_column(name: str, values: Any, unit: str) -> Any:
+    from astropy.io import fits
+
+    if isinstance(values, list):
+        texts = [value.encode("ascii", "backslashreplace") for value in values]
+        return fits.Column(name=name, format=f"{max(1, *map(len, texts))}A", array=np.array(texts))
+    return fits.Column(name=name, format="K" if values.dtype == np.int64 else "D", unit=unit or None, array=values)
+
+
 def export_tiff(run: Run, out: Path) -> None:
     """Write a run into a folder of 16 bit TIFF files with the record of each frame as JSON in its description."""
     try:
@@ -92,7 +138,7 @@ def export_hdf5(run: Run, out: Path) -> None:
         file.attrs["created_by"] = run.created_by
 
 
-def _dataset(column: Column) -> object:
+def _dataset(column: Column) -> Any:
     if any(isinstance(value, (str, tuple)) for value in column):
         return [_text(value) for value in column]
     if all(isinstance(value, int) for value in column):

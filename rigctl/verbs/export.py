@@ -2,16 +2,29 @@
 
 import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ExportFormat
-from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
+from rigctl.verbs.options import (
+    FilePath,
+    FrameOptions,
+    RegionsPath,
+    RunPath,
+    Writes,
+    calibrations_of,
+    regions_of,
+)
 from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.files.regions import Region
+    from rigctl.runs.folder import Run
 
 _MOST_NAME = 100  # characters of the name that the unfinished export bears
 
@@ -22,22 +35,30 @@ def export(
     *,
     to: ExportFormat,
     out: Annotated[FilePath, Writes(kind="absent")],
-    **frames: Unpack[RunOptions],
+    regions: RegionsPath | None = None,
+    **frames: Unpack[FrameOptions],
 ) -> "ExportedRun":
     """Write a run in a format that other programs read; each frame's checksum is verified on the way.
 
+    csv: the numbers of regions, a row for each cycle, region and quantity. fits: one file with all frames and a table
+    of what is known of each. tiff: a file a frame. hdf5 and zarr: one array.
+
     Example: rigctl export runs/2026-05-04 --to hdf5 --out panels.h5
+
+    Example: rigctl export runs/2026-05-04 --to csv --regions regions.toml --out panels.csv
 
     Parameters
     ----------
     run : path or Run
         Run folder.
-    to : {"tiff", "hdf5", "zarr"}
-        TIFF files, one HDF5 file, or a Zarr folder.
+    to : {"csv", "fits", "tiff", "hdf5", "zarr"}
+        Format; tiff, hdf5 and zarr need pip install 'rigctl[export]'.
     out : path
         File or folder to make; it is complete, or not there at all.
+    regions : path or sequence of Region
+        Regions file, for csv.
     **frames
-        Which frames are read, see `RunOptions`.
+        Calibrations and corrections, for csv, and which frames are read, see `FrameOptions`.
 
     Returns
     -------
@@ -47,27 +68,58 @@ def export(
     Raises
     ------
     ConfigError
-        The place is taken, or the library that writes the format is not installed.
-    RunFolderError
+        The place is taken, the library that writes the format is not installed, or csv has no regions.
+    DataError
         A frame is damaged, or frames differ in size where one array holds all.
     """
     from rigctl.base.durable import PART_SUFFIX
     from rigctl.files.rig_file import unset_polarizer
+    from rigctl.runs import export as formats
     from rigctl.runs.check import used_run
-    from rigctl.runs.export import export_hdf5, export_tiff, export_zarr
 
     path, place = Path(run), Path(out)
     if place.exists():
         raise ConfigError(f"--out: {place} is there already; name a file or folder that does not exist yet")
-    used = used_run(path, **frames)
-    write = {"tiff": export_tiff, "hdf5": export_hdf5, "zarr": export_zarr}[to]
+    if to == "csv" and regions is None:
+        raise ConfigError("--to csv: has the numbers of regions: give --regions FILE")
+    if to != "csv" and (regions is not None or set(frames) - {"ignore_exclusions"}):
+        raise ConfigError(f"--to {to}: frames are written as they are; --regions and calibrations are for --to csv")
+    used = used_run(path, ignore_exclusions=frames.get("ignore_exclusions", False))
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name[:_MOST_NAME]}-", suffix=PART_SUFFIX) as at:
         part = Path(at) / "part"
-        write(used, part)
+        if to == "csv":
+            part.write_bytes(_cycles_csv(used, regions_of(regions), frames))
+        else:
+            getattr(formats, f"export_{to}")(used, part)
         part.replace(place)
     for doubt in unset_polarizer(path, placeholder=used.session.polarizer.placeholder):
         warn(doubt)
     return ExportedRun(run=path, out=place, to=to, frames=len(used.frames))
+
+
+def _cycles_csv(run: "Run", regions: "list[Region]", frames: FrameOptions) -> bytes:
+    """Return the means of regions, cycle by cycle, each measured as a run of its own."""
+    from rigctl.measure.frames import arrange
+    from rigctl.report.data_files import csv_rows
+    from rigctl.report.table import Column, Table
+    from rigctl.verbs.stokes import stokes_of
+
+    paths, correct = calibrations_of(frames), tuple(frames.get("correct", ()))
+    names = ("cycle", "start_utc", "region", "quantity", "value", "std_error")
+    rows: list[tuple[Any, ...]] = []
+    for number, records in enumerate(arrange(run).records):
+        others = tuple(record for record in run.frames if record.kind != "scene")
+        found = stokes_of(replace(run, frames=(*others, *records)), regions, paths, correct=correct)
+        for region, measured in found.measurement.regions.items():
+            for quantity, statistics in measured.quantities.items():
+                mean = statistics["mean"]
+                rows.append((number, records[0].start_utc or "", region, quantity, mean.value, mean.std_error))
+    columns = tuple(Column[Any](key=name, value=partial(_item, place=place)) for place, name in enumerate(names))
+    return csv_rows(Table(columns=columns, rows=tuple(rows)))
+
+
+def _item(row: tuple[Any, ...], place: int) -> Any:
+    return row[place]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "regions mark": ("rigctl.verbs.regions:mark", "Write down where the markers of the picture are."),
         "regions find": ("rigctl.verbs.regions:find", "Find regions again by their markers."),
         "import": ("rigctl.verbs.import_images:import_images", "Make a run out of images that exist."),
-        "export": ("rigctl.verbs.export:export", "Write a run as TIFF, HDF5 or Zarr."),
+        "export": ("rigctl.verbs.export:export", "Write a run as CSV, FITS, TIFF, HDF5 or Zarr."),
         "bundle": ("rigctl.verbs.bundle:bundle", "Pack a run for a report of a fault, without secrets."),
     },
     "Calibrate": {

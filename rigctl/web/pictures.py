@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from model.processing.maps import PolarizationMaps, polarization_maps
 from model.processing.reconstruction import design
 from rigctl.errors import DataError
+from rigctl.report.drawing import colour_table
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord
 
@@ -126,9 +127,6 @@ def map_pictures(cycle: CyclePictures, *, dolp_top: float) -> dict[str, Picture]
     return {"s0": _s0(maps), "dolp": _dolp(maps, top=dolp_top), "aolp": _aolp(maps, noise_dn=noise_dn)}
 
 
-_COLOURS = {"dolp": cv2.COLORMAP_VIRIDIS, "aolp": cv2.COLORMAP_TWILIGHT_SHIFTED}
-
-
 def _s0(maps: PolarizationMaps) -> Picture:
     total = np.maximum(maps.stokes[0], np.float32(0.0))
     top = float(np.quantile(_sampled(total), _BRIGHTEST))
@@ -137,7 +135,7 @@ def _s0(maps: PolarizationMaps) -> Picture:
 
 def _dolp(maps: PolarizationMaps, *, top: float) -> Picture:
     share = cv2.convertScaleAbs(_numbers(maps.dolp, maps.valid), alpha=255.0 / top)
-    coloured = cv2.applyColorMap(share, _COLOURS["dolp"])
+    coloured = cv2.applyColorMap(share, cv2.COLORMAP_VIRIDIS)
     if not maps.valid.all():
         coloured[~maps.valid] = _GREY
     return Picture(jpeg=_jpeg(coloured))
@@ -149,7 +147,7 @@ def _aolp(maps: PolarizationMaps, *, noise_dn: float) -> Picture:
     Its deviation is half that of (S1, S2) across their direction over their length, at most `noise_dn` [DN].
     """
     turn = cv2.convertScaleAbs(_numbers(maps.aolp_rad, maps.valid), alpha=255.0 / np.pi)
-    coloured = cv2.applyColorMap(turn, _COLOURS["aolp"])
+    coloured = cv2.applyColorMap(turn, colour_table("aolp")[:, None])
     length = np.maximum(cv2.magnitude(maps.stokes[1], maps.stokes[2]), np.float32(_LEAST_NOISE_DN))
     # Of 255: all where it is known to half of the limit, nothing beyond the limit.
     known = np.clip(510.0 - np.float32(255.0 * noise_dn / _FAINT_RAD) / length, 0.0, 255.0).astype(np.uint8)

@@ -1,5 +1,6 @@
 """Exports hold what the run holds, bit for bit."""
 
+import csv
 import json
 from dataclasses import fields, replace
 
@@ -10,11 +11,13 @@ import pytest
 import tifffile
 import xarray as xr
 import zarr
+from astropy.io import fits
 
 from rigctl.cli import main
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
+from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 
 
@@ -103,7 +106,40 @@ def test_tiff_holds_every_frame_and_its_record(tmp_path):
     assert json.loads((out / "session.json").read_text()) == run.session_json
 
 
-@pytest.mark.parametrize("to", ["hdf5", "zarr"])
+def test_fits_holds_every_frame_and_its_record(tmp_path):
+    run, out = _export(tmp_path, "fits", "run.fits")
+    with fits.open(out) as file:
+        file.verify("exception")
+        for place, record in enumerate(run.frames):
+            np.testing.assert_array_equal(file[0].data[place], run.counts(record))
+            assert _record(json.loads(file["FRAMES"].data["record"][place])) == record
+        angles = file["FRAMES"].data["polarizer_angle_deg"]
+        np.testing.assert_array_equal(angles, [run.frames[0].polarizer_angle_deg, np.nan, 0])
+        assert file["FRAMES"].columns["exposure_s"].unit == "s"
+
+
+def test_csv_holds_each_region_in_each_cycle(tmp_path):
+    generator = np.random.default_rng(5)
+    frames = [
+        (at(angle, cycle=cycle, exposure_s=0.01), generator.poisson(400 + 80 * np.cos(np.radians(2 * angle)), (20, 24)))
+        for cycle in range(2)
+        for angle in (0.0, 45.0, 90.0, 135.0)
+    ]
+    make_run(tmp_path / "run", frames)
+    regions = tmp_path / "regions.toml"
+    regions.write_text('[[regions]]\nname = "panel"\nrectangle = { x = 2, y = 2, width = 16, height = 14 }\n')
+    words = ["export", str(tmp_path / "run"), "--out", str(tmp_path / "run.csv")]
+    assert main([*words, "--to", "csv"]) == 2
+    assert main([*words, "--to", "fits", "--regions", str(regions)]) == 2
+    assert main([*words, "--to", "csv", "--regions", str(regions)]) == 0
+    rows = list(csv.DictReader((tmp_path / "run.csv").read_text().splitlines()))
+    degrees = [row for row in rows if row["quantity"] == "dolp"]
+    assert [(row["cycle"], row["region"]) for row in degrees] == [("0", "panel"), ("1", "panel")]
+    assert all(abs(float(row["value"]) - 0.2) < 5.0 * float(row["std_error"]) for row in degrees)
+    assert degrees[0]["value"] != degrees[1]["value"]
+
+
+@pytest.mark.parametrize("to", ["fits", "hdf5", "zarr"])
 def test_frames_of_two_sizes_do_not_go_into_one_array(tmp_path, to, capsys):
     with RunWriter.create(tmp_path / "run", {}) as writer:
         writer.write_frame(make_record(0), noisy_counts(0))

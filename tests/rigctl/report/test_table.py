@@ -6,11 +6,13 @@ import math
 import re
 from dataclasses import dataclass
 
+import cv2
+import numpy as np
 import pytest
 from rich.console import Console
 
 from rigctl.report.data_files import csv_rows, finite, json_rows
-from rigctl.report.document import Bullets, Paragraph, Report, Section, Terms, Verbatim, Verdict
+from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Terms, Verbatim, Verdict
 from rigctl.report.output import html, report_file
 from rigctl.report.pdf import pdf
 from rigctl.report.table import Column, Shown, Table, terminal_table, text_columns
@@ -30,6 +32,9 @@ COLUMNS = (
     Column(title="its error", key="error", text=lambda row: "–" if row.error is None else f"{row.error:.1g}"),
 )
 TWICE = Column(title="twice", key="twice", value=lambda row: 2.0 * row.light, text=lambda row: f"{2 * row.light:.3f}")
+
+
+PIXEL = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
 
 
 def report(*blocks, verdict=None):
@@ -126,9 +131,11 @@ def test_headings_over_groups_span_their_columns():
         Table(columns=COLUMNS, rows=READINGS),
         Table(columns=text_columns("", ""), rows=(("a", "b"),)),
         Table(columns=COLUMNS, rows=()),
+        Pictures(pictures=(Picture(png=PIXEL), Picture(png=PIXEL, caption="S0"))),
     ],
 )
-def test_every_block_is_written_as_html_and_as_pdf(block):
+def test_every_block_is_written_as_html_and_as_pdf(block, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1790000000")
     assert "A title" in html(report(block))
     assert pdf(report(block)) == pdf(report(block))
 
@@ -154,7 +161,8 @@ def test_a_table_whose_numbers_would_break_is_turned():
     assert max(map(len, turned)) <= 20
 
 
-def test_raw_json_stands_on_the_page_and_on_no_paper():
+def test_raw_json_stands_on_the_page_and_on_no_paper(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1790000000")
     words = Section(title="Words", blocks=(Paragraph(text="a"),))
     raw = Section(title="Provenance in full", blocks=(Verbatim(text="{}"),), folded=True, printed=False)
     both, words_alone = (Report(title="A", source="", sections=sections) for sections in ([words, raw], [words]))

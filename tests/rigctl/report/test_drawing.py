@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rigctl.files.regions import Region
-from rigctl.report.drawing import DrawnPicture, pictures_png
+from rigctl.report.drawing import DrawnPicture, colour_table, pictures_png
 
 
 def drawn(values, *, regions=(), **changed):
@@ -61,3 +61,17 @@ def test_nothing_that_is_written_touches_the_edge(shape, low, high):
     assert set().union(*map(colours_of, edges)) == {(255, 255, 255)}
     # Below the title and right of the picture: the bar and what is written beside it.
     assert (pixels[60:, -150:] < 100).any()
+
+
+def test_angles_have_a_wheel_of_colours_that_come_round():
+    pixels = drawn([[0.0, 180.0], [90.0, 45.0]], colours="aolp", low=0.0, high=180.0, label="AoLP [deg]")
+    at_0, at_180, at_90 = (pixels[place] for place in ((100, 250), (100, 420), (350, 250)))
+    assert np.abs(at_0.astype(int) - at_180).max() <= 3
+    assert at_0.sum() > at_90.sum() + 50
+    table = colour_table("aolp").astype(int)
+    steps = np.abs(np.diff(table, axis=0, append=table[:1])).max(axis=1)
+    assert steps.max() <= 6  # no step that were a line in a picture
+    assert np.ptp(table, axis=1).min() > 40  # none is grey, to which pictures fade
+    # The wheel, right of the picture: 0 deg to its right and to its left, 90 deg above and below.
+    wheel = pixels[:, 82 + 385 + 13 :]
+    assert (np.abs(wheel.astype(int) - at_90).max(axis=-1) <= 3).sum() > 20
