@@ -1,5 +1,7 @@
 """What is installed is what is here: the five packages and all folders of theirs, tests and benchmarks left out."""
 
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -36,3 +38,18 @@ def test_every_direct_dependency_has_a_tested_version():
 def test_constraints_hold_names_and_versions_alone():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert all(line.count("==") == 1 and "/" not in line and "@" not in line for line in lines)
+
+
+def test_benchmarks_and_trials_use_names_that_exist():
+    names = [
+        ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        for file in (ROOT / "benchmarks").rglob("*.py")
+        if file.stem not in ("__init__", "__main__", "pbrdf_peer")
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", f"import importlib; [importlib.import_module(name) for name in {names}]"],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr

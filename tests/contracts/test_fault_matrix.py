@@ -1,9 +1,9 @@
-"""The fault matrix of stages, with few seeds, and some cells of cameras; `benchmarks.fault_matrix` runs all."""
+"""The fault matrix of stages, with few seeds, and some cells of cameras; `benchmarks.trials.fault_matrix` runs all."""
 
 import pytest
 
-from benchmarks.camera_faults import CAMERA_FAULTS, run_camera_cell
-from benchmarks.fault_matrix import FAMILIES, FAULTS, OPERATIONS, Fault, run_cell
+from benchmarks.trials.camera_faults import CAMERA_FAULTS, run_camera_cell
+from benchmarks.trials.fault_matrix import FAMILIES, FAULTS, OPERATIONS, Fault, run_cell
 from tests.sim_devices.cameras.gige_port import gige_port
 
 CELLS = [(family, fault) for family in FAMILIES for fault in FAULTS if family in fault.keys]

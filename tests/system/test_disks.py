@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.disk_faults import run_disk_cell
-from benchmarks.loop_disk import call, ext4_image, mounted, why_not
+from benchmarks.trials.disk_faults import run_disk_cell
+from benchmarks.trials.loop_disk import call, ext4_image, mounted, why_not
 from rigctl.base.durable import PART_SUFFIX
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.check import verify_run

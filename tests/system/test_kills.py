@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.trial_kills import (
+from benchmarks.trials.kills import (
     killed_session,
     mislabelled,
     problems_after_resume,

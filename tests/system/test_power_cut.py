@@ -2,8 +2,8 @@
 
 import pytest
 
-from benchmarks.loop_disk import why_not
-from benchmarks.trial_power_cut import one_cut
+from benchmarks.trials.loop_disk import why_not
+from benchmarks.trials.power_cut import one_cut
 
 
 def test_no_acknowledged_frame_is_lost_by_a_power_cut():

@@ -1,4 +1,4 @@
-"""A simulated roof, from rig file to comparison: a part of the trial `benchmarks.trial_roof`."""
+"""A simulated roof, from rig file to comparison: a part of the trial `benchmarks.trials.roof`."""
 
 import json
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.roof_runs import roof_comparison
-from benchmarks.trial_roof import one_run
+from benchmarks.trials.roof import one_run
+from benchmarks.trials.roof_runs import roof_comparison
 from rigctl.cli import main
 from rigctl.session import preparation
 

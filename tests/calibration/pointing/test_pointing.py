@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.trial_pointing import coverage, panel_corners, seen
+from benchmarks.trials.pointing import coverage, panel_corners, seen
 from calibration.pointing.pose import (
     Lens,
     SunSeen,

@@ -1,4 +1,4 @@
-"""Guaranteed tolerances are kept: few of the scenes of `benchmarks.trial_tolerance`."""
+"""Guaranteed tolerances are kept: few of the scenes of `benchmarks.trials.tolerance`."""
 
 import pytest
 

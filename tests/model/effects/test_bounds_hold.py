@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.trial_effects import Score, score_scene
+from benchmarks.trials.effects import Score, score_scene
 from model.effects.bounds import Disturbance
 from model.effects.names import LIGHT
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.effect_scenes import SETTINGS, random_materials
+from benchmarks.trials.effect_scenes import SETTINGS, random_materials
 from model.accuracy.chain import evaluate
 from model.effects.bounds import light_limits
 from model.sensor import Imperfections

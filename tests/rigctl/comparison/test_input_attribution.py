@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
+from benchmarks.trials.uncertain_panels import STATED, drawn_truth, scene_text, take_run
 from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.explain import _remark
 from rigctl.files.scene_file import load_scene

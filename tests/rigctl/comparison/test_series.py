@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import benchmarks.uncertain_panels as panels
+import benchmarks.trials.uncertain_panels as panels
 from rigctl.cli import main
 from rigctl.comparison.series import ComparedSeries, require_one_instrument
 from rigctl.console.failures import EXIT_DATA

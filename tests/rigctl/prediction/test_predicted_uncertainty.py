@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.trial_pointing import POINTED, drawn, pointing_predictor, propagated
+from benchmarks.trials.pointing import POINTED, drawn, pointing_predictor, propagated
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene

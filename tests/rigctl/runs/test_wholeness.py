@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from benchmarks.trial_damaged_runs import faults, make_run
+from benchmarks.trials.damaged_runs import faults, make_run
 from rigctl import cli
 from rigctl.errors import RunFolderError
 from rigctl.runs.check import used_run

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.trial_kills import mislabelled
+from benchmarks.trials.kills import mislabelled
 from rigctl.errors import ConfigError
 from rigctl.rig.simulated_parts import split_truth
 from rigctl.runs.folder import read_run

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.trial_pointing import POINTED, pointing_predictor
+from benchmarks.trials.pointing import POINTED, pointing_predictor
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.study_file import CasesSection

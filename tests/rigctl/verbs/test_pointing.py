@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from pvlib import solarposition
 
-from benchmarks.trial_pointing import panel_corners, seen
+from benchmarks.trials.pointing import panel_corners, seen
 from calibration.pointing.pose import Lens, camera_axes, direction
 from rigctl import cli
 from rigctl.errors import ConfigError, DataError

@@ -1,8 +1,8 @@
 """A disk that freezes in every phase of a session: it ends with that message, in time, and its frames are whole.
 
 The disk is ext4 on a loop device, frozen for real by the kernel, which then holds whoever writes to it. Needs the right
-to mount. Phases are counted in flushes: the disk freezes before the n-th. `python -m benchmarks.fault_matrix` prints
-the table.
+to mount. Phases are counted in flushes: the disk freezes before the n-th. The table is printed by
+`python -m benchmarks.trials.fault_matrix`.
 """
 
 import ctypes
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeVar
 from unittest import mock
 
-from benchmarks.loop_disk import ext4_image, mounted, why_not
+from benchmarks.trials.loop_disk import ext4_image, mounted, why_not
 from drivers.caller import Caller
 from rigctl.base import durable as disk_calls
 from rigctl.errors import RunFolderError
@@ -35,7 +35,7 @@ GRACE_S = 0.5
 ALLOWED_S, _THAW_S = 0.5, 5.0
 _FREEZE, _THAW = 0xC0045877, 0xC0045878
 _THREADS = ("frame writer", "calls to the disk")
-_RIG = Path(__file__).parents[1] / "examples" / "rig-sim.toml"
+_RIG = Path(__file__).parents[2] / "examples" / "rig-sim.toml"
 _DISK_BYTES = 24 * 1024 * 1024
 _SESSION = SessionFile.model_validate(
     {

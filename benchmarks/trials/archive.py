@@ -1,6 +1,6 @@
 """Trial: an archive of thousands of small simulated runs, some damaged: indexed, asked, verified, compared, changed.
 
-python -m benchmarks.trial_archive [--runs 2000] [--damaged 20] [--compared 2000]
+python -m benchmarks.trials.archive [--runs 2000] [--damaged 20] [--compared 2000]
 
 The runs are one simulated session, taken again and again with a start of its own (its frames are copied, its times are
 not). Wanted: every damaged run is a row with its reason and no whole one is; rows are what single runs give; an update
@@ -25,14 +25,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.trial_damaged_runs import damaged_copy
+from benchmarks.trials.damaged_runs import damaged_copy
 from rigctl.archive.index import update_index
 from rigctl.archive.rows import RunRow, Verb
 from rigctl.mapped import Engine
 from rigctl.runs.folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
-from rigctl.verbs.archive import ArchiveRows, find
+from rigctl.verbs.archive import find
+from rigctl.verbs.over_runs import ArchiveRows
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.over_runs import ArchiveJob, run_over_archive

@@ -6,7 +6,7 @@ address), counts with those of a session that nobody disturbed.
 With `--lost-terminals` each session runs on a terminal of its own, which is closed at a random moment; half of these
 sessions are killed later on, the others have to come to their end without it.
 
-Usage: python -m benchmarks.trial_kills [--kills 200] [--lost-terminals 50] [--seed 1]
+Usage: python -m benchmarks.trials.kills [--kills 200] [--lost-terminals 50] [--seed 1]
 """
 
 import argparse
@@ -35,7 +35,7 @@ from rigctl.runs.folder import FRAMES_FOLDER, MANIFEST_FILE, Run, read_run
 from rigctl.runs.records import EVENTS_FILE, SESSION_FILE, FrameRecord, read_events
 from sim_devices.truth_log import TrueFrame, read_truth
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 _START_TIMEOUT_S = 120.0
 # A terminal may be gone before the devices are open: so long after the program begins.
 _BEFORE_S = 1.0

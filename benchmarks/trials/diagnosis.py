@@ -1,6 +1,6 @@
 """Trial of a run's diagnosis over worldlike runs of other kinds: false findings, one fault, two faults, odd pictures.
 
-Usage: python -m benchmarks.trial_diagnosis [--seeds 400] [--first-seed 0] [--processes 2] [--parts null two ...]
+Usage: python -m benchmarks.trials.diagnosis [--seeds 400] [--first-seed 0] [--processes 2] [--parts null two ...]
 
 Faults are ten of their own errors, as a run of the same scene without a fault states them (two: of their joint errors);
 scenes are the same with the fault and without, noise is not. A fault counts as named where it is named, or where the
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from benchmarks.drawn_faults import SIGMAS, DrawnFaults, Which, drawn, family, told_from_all
+from benchmarks.trials.drawn_faults import SIGMAS, DrawnFaults, Which, drawn, family, told_from_all
 from model.processing.diagnosis import Diagnosis, diagnose
 from model.processing.fault_fit import FALSE_FINDING_RATE, JointFit, fit_faults, known_causes
 from model.processing.reconstruction import design

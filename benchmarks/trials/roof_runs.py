@@ -24,7 +24,7 @@ TIMES: dict[Hour, datetime] = {
     "noon": datetime.fromisoformat("2010-05-25T17:07:40Z"),
     "morning": datetime.fromisoformat("2010-05-25T14:09:40Z"),
 }
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 ALPHA = 1e-3
 _WIDTH, _HEIGHT, _SIDE = 150, 50, 40
 _PANELS = {"black_panel": ("black-paint", 0.012), "white_panel": ("white-paint", 0.008), "asphalt": ("asphalt", 0.02)}

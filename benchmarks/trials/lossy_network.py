@@ -4,7 +4,7 @@ Each picture holds its own number, and is noise that follows from it, so that ev
 what was sent, bit for bit. The stage is there at once; the camera is the simulated one, behind its driver and UDP
 packets.
 
-Usage: python -m benchmarks.trial_lossy_network [--frames 100] [--lost 0 0.0001 0.001 0.01] [--resend]
+Usage: python -m benchmarks.trials.lossy_network [--frames 100] [--lost 0 0.0001 0.001 0.01] [--resend]
 """
 
 import argparse

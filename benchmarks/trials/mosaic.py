@@ -3,7 +3,7 @@
 Sessions of the simulated camera, with the samples as they are and interpolated, each seed with its own texture,
 pattern and noise.
 
-Usage: python -m benchmarks.trial_mosaic [--seeds 30] [--first-seed 1]
+Usage: python -m benchmarks.trials.mosaic [--seeds 30] [--first-seed 1]
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Pointing: simulated cameras and panels of known direction; how often the stated intervals hold the truth.
 
-``python -m benchmarks.trial_pointing --seeds 200``; with ``--draws 300`` also a scene whose angles are drawn from the
+``python -m benchmarks.trials.pointing --seeds 200``; with ``--draws 300`` also a scene whose angles are drawn from the
 joint law of their errors, beside what the propagation of ``[pointing]`` says.
 """
 

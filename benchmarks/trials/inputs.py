@@ -1,6 +1,6 @@
 """Uncertain inputs over many seeds: is z against both errors standard normal, is an input that is off named first?
 
-Usage: python -m benchmarks.trial_inputs [--seeds 200] [--moved-seeds 60] [--processes 2]
+Usage: python -m benchmarks.trials.inputs [--seeds 200] [--moved-seeds 60] [--processes 2]
 """
 
 import argparse
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import bdtr
 
-from benchmarks.uncertain_panels import STATED, drawn_truth, scene_text, take_run
+from benchmarks.trials.uncertain_panels import STATED, drawn_truth, scene_text, take_run
 from rigctl.comparison.compare import compare_with_scene
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.scene_file import load_scene

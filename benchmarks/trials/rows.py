@@ -1,6 +1,6 @@
 """Trial of the numbers of a region: is each standard error what it says where texture, lens, mosaic or resampling are?
 
-Usage: python -m benchmarks.trial_rows [--seeds 200] [--first-seed 0] [--processes 2]
+Usage: python -m benchmarks.trials.rows [--seeds 200] [--first-seed 0] [--processes 2]
 
 Regions of even polarization and of texture that is drawn anew with each seed, beside what the light was made of.
 """

@@ -1,6 +1,6 @@
 """Every fault of the simulated stages and cameras, at every operation, in every family: what the drivers make of it.
 
-    python -m benchmarks.fault_matrix
+    python -m benchmarks.trials.fault_matrix
 
 A cell is right when its operation ends in the right angle, or in an error of the right type, within its deadline. All
 time of stages is simulated; for cameras see `camera_faults`. `tests/contracts/test_fault_matrix.py` runs the same cells
@@ -12,8 +12,8 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from benchmarks.camera_faults import GRACE_S, camera_table
-from benchmarks.disk_faults import ALLOWED_S, disk_table
+from benchmarks.trials.camera_faults import GRACE_S, camera_table
+from benchmarks.trials.disk_faults import ALLOWED_S, disk_table
 from drivers.errors import (
     DeviceError,
     DeviceFaultError,
@@ -309,7 +309,7 @@ def _table(family: str) -> tuple[list[str], int, int]:
 
 _HEAD = f"""# Fault matrix of rotation stages and cameras
 
-Printed by `python -m benchmarks.fault_matrix`. Every fault that the simulated stages can have, at every
+Printed by `python -m benchmarks.trials.fault_matrix`. Every fault that the simulated stages can have, at every
 operation, in every family. A cell says how the operation ended and how long that took at most, in simulated time.
 "right" means that the true angle of the simulated ring is where the driver says, within the tolerance of
 {TOLERANCE_DEG:g} deg. Else the driver raised an error of the type that belongs to the fault, with the device's own

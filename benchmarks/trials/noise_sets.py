@@ -1,6 +1,6 @@
 """Trial of the noise calibration over simulated sets with known truth: intervals, wrong levels, false names.
 
-Usage: python -m benchmarks.trial_noise_sets [--seeds 200] [--first-seed 0] [--processes 2] [--sets NAME ...]
+Usage: python -m benchmarks.trials.noise_sets [--seeds 200] [--first-seed 0] [--processes 2] [--sets NAME ...]
 """
 
 import argparse

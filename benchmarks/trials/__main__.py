@@ -9,29 +9,29 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.loop_disk import why_not
-from benchmarks.trial_archive import run_archive
-from benchmarks.trial_damaged_runs import run_damaged
-from benchmarks.trial_day import run_day
-from benchmarks.trial_diagnosis import run_diagnoses
-from benchmarks.trial_effects import run_effects
-from benchmarks.trial_golden import run_golden
-from benchmarks.trial_hard_times import run_hard_times
-from benchmarks.trial_honesty import run_honesty
-from benchmarks.trial_inputs import run_inputs
-from benchmarks.trial_kills import run_kills, run_lost_terminals
-from benchmarks.trial_lossy_network import run_losses
-from benchmarks.trial_mosaic import run_mosaic
-from benchmarks.trial_noise_sets import run_noise_sets
-from benchmarks.trial_odd_runs import run_odd
-from benchmarks.trial_pointing import run_pointing
-from benchmarks.trial_power_cut import run_cuts
-from benchmarks.trial_roof import run_roof
-from benchmarks.trial_rows import run_rows
-from benchmarks.trial_stale_frames import run_turns
-from benchmarks.trial_study import run_study
-from benchmarks.trial_sweeps import run_sweeps
-from benchmarks.trial_tolerance import run_tolerance
+from benchmarks.trials.archive import run_archive
+from benchmarks.trials.damaged_runs import run_damaged
+from benchmarks.trials.day import run_day
+from benchmarks.trials.diagnosis import run_diagnoses
+from benchmarks.trials.effects import run_effects
+from benchmarks.trials.golden import run_golden
+from benchmarks.trials.hard_times import run_hard_times
+from benchmarks.trials.honesty import run_honesty
+from benchmarks.trials.inputs import run_inputs
+from benchmarks.trials.kills import run_kills, run_lost_terminals
+from benchmarks.trials.loop_disk import why_not
+from benchmarks.trials.lossy_network import run_losses
+from benchmarks.trials.mosaic import run_mosaic
+from benchmarks.trials.noise_sets import run_noise_sets
+from benchmarks.trials.odd_runs import run_odd
+from benchmarks.trials.pointing import run_pointing
+from benchmarks.trials.power_cut import run_cuts
+from benchmarks.trials.roof import run_roof
+from benchmarks.trials.rows import run_rows
+from benchmarks.trials.stale_frames import run_turns
+from benchmarks.trials.study import run_study
+from benchmarks.trials.sweeps import run_sweeps
+from benchmarks.trials.tolerance import run_tolerance
 from drivers.cameras.aravis import load_aravis
 from drivers.errors import NotConnectedError
 from tests.monkey.__main__ import run_monkey

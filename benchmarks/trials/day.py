@@ -3,7 +3,7 @@
 Wanted: memory within 10 MB of what it was after the first hour, no handle and no thread more, and frames that do not
 take longer at the end than in the first hour.
 
-Usage: python -m benchmarks.trial_day [--cycles 18] [--folder DIR]
+Usage: python -m benchmarks.trials.day [--cycles 18] [--folder DIR]
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Troubles of sessions beside kills: two who go on at once, a stopped process, a clock set, devices and disks gone.
 
-Usage (root, for the disks): python -m benchmarks.trial_hard_times [--times 5] [--seed 1]
+Usage (root, for the disks): python -m benchmarks.trials.hard_times [--times 5] [--seed 1]
 
 Each trouble comes at a random moment. Wanted: an exit code that the manual knows, no fault of our own, no frame lost,
 torn or mislabelled, and a run that is whole once it has been gone on with.
@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from benchmarks.loop_disk import ext4_image, mounted, why_not
-from benchmarks.trial_kills import killed_session, mislabelled, write_files
+from benchmarks.trials.kills import killed_session, mislabelled, write_files
+from benchmarks.trials.loop_disk import ext4_image, mounted, why_not
 from drivers.cameras.aravis import load_aravis
 from drivers.errors import NotConnectedError
 from rigctl.base.numbers import NS_PER_S

@@ -1,6 +1,6 @@
 """Trial of the commands on random worldlike runs with random regions: exit codes that are stated, JSON without NaN.
 
-Usage: python -m benchmarks.trial_odd_runs [--seeds 300] [--first-seed 0] [--processes 2]
+Usage: python -m benchmarks.trials.odd_runs [--seeds 300] [--first-seed 0] [--processes 2]
 
 Pictures are small; regions are of one pixel, in the border, clipped, off the objects, or anywhere. Numbers, FITS and
 JSON files are made for every run; pages and pictures, which take most of the time, are drawn for every sixteenth.

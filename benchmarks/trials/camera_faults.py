@@ -1,8 +1,8 @@
 """Every fault of a simulated GigE camera and its network, at every call: what the driver makes of it, and when.
 
 A cell is right when its call ends in a picture that is bit for bit one that was sent, or in an error of the right type,
-within its deadline and half a second. `python -m benchmarks.fault_matrix` prints the table; `python -m
-benchmarks.camera_faults --serve` is the camera's own process.
+within its deadline and half a second. `python -m benchmarks.trials.fault_matrix` prints the table; `python -m
+benchmarks.trials.camera_faults --serve` is the camera's own process.
 """
 
 import signal
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.trial_lossy_network import NumberedPictures, picture
+from benchmarks.trials.lossy_network import NumberedPictures, picture
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, ProtocolError
@@ -60,7 +60,7 @@ class CameraProcess:
 
     def start(self) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.camera_faults", "--serve"], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-m", "benchmarks.trials.camera_faults", "--serve"], stdout=subprocess.PIPE, text=True
         )
         if self._process.stdout is None or self._process.stdout.readline() != "ready\n":
             raise RuntimeError("the camera's process did not start")

@@ -1,6 +1,6 @@
 """Trial of the tolerance in sweeps and grids: random scenes through random ranges, some cases beside finer settings.
 
-Usage: python -m benchmarks.trial_sweeps [--sweeps 100] [--first 0] [--looked-at 3] [--hostile] [--minutes 30]
+Usage: python -m benchmarks.trials.sweeps [--sweeps 100] [--first 0] [--looked-at 3] [--hostile] [--minutes 30]
 
 Each scene is taken through a range of one number (two thirds) or a grid of two: zenith or azimuth of the camera, zenith
 of the sun, optical depth, slopes. Of the cases that were not judged themselves some are drawn and set beside settings
@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.trial_tolerance import seeds_in_time, true_errors
+from benchmarks.trials.tolerance import seeds_in_time, true_errors
 from model.accuracy.predict import predict
 from model.scene.scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene

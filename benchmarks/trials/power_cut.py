@@ -1,6 +1,6 @@
 """A power cut, simulated: the image under a file system is copied in the middle of a session, as a disk would hold it.
 
-Usage (root, for mount and a loop device): python -m benchmarks.trial_power_cut [--cuts 50] [--seed 1]
+Usage (root, for mount and a loop device): python -m benchmarks.trials.power_cut [--cuts 50] [--seed 1]
 
 A session on the simulated rig writes into ext4 on a loop device and tells of each frame once it is durable. At a random
 moment it is stopped and the image is copied; the copy is mounted (the journal is replayed), and every frame that was
@@ -24,8 +24,8 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.loop_disk import ext4_image, mounted, why_not
-from benchmarks.trial_kills import write_files
+from benchmarks.trials.kills import write_files
+from benchmarks.trials.loop_disk import ext4_image, mounted, why_not
 from rigctl.files.rig_file import load_rig
 from rigctl.files.session_file import load_session
 from rigctl.runs.check import frame_problems, verify_run
@@ -70,7 +70,7 @@ def _session_cut_short(
     files: tuple[Path, Path], run: Path, delay_s: float, cut: Callable[[], object], *, after_frames: int
 ) -> dict[int, str]:
     told: dict[int, str] = {}
-    command: list[str | Path] = [sys.executable, "-m", "benchmarks.trial_power_cut", "--session", *files, run]
+    command: list[str | Path] = [sys.executable, "-m", "benchmarks.trials.power_cut", "--session", *files, run]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         reader = threading.Thread(target=_listen, args=(process, told))
         reader.start()

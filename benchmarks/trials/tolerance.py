@@ -1,6 +1,6 @@
 """Trial of the tolerance: random scenes, predicted to a tolerance, beside the finest settings.
 
-Usage: python -m benchmarks.trial_tolerance [--scenes 1000] [--first 0] [--tolerances 0.1 0.03 0.01 0.003]
+Usage: python -m benchmarks.trials.tolerance [--scenes 1000] [--first 0] [--tolerances 0.1 0.03 0.01 0.003]
     [--hostile] [--minutes 30] [--out FILE.csv]
 
 Each scene is predicted to one of the tolerances in turn. Of every reading that is promised the true error must be no

@@ -1,6 +1,6 @@
 """Simulated roofs, noon and morning: is z standard normal row by row, are changes of the roof found and named?
 
-Usage: python -m benchmarks.trial_roof [--seeds 40] [--changed-seeds 4] [--first-seed 1] [--changes NAME ...]
+Usage: python -m benchmarks.trials.roof [--seeds 40] [--changed-seeds 4] [--first-seed 1] [--changes NAME ...]
     [--hours noon morning] [--processes 2]
 """
 
@@ -18,7 +18,7 @@ from typing import get_args
 
 import numpy as np
 
-from benchmarks.roof_runs import Hour, roof_comparison
+from benchmarks.trials.roof_runs import Hour, roof_comparison
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.choices import ROOF_CHANGES, RoofChange
 

@@ -1,6 +1,6 @@
 """Every effect that is left out of a random scene changes it by no more than its bound, alone and together.
 
-Usage: nice python -m benchmarks.trial_effects [--scenes 1000] [--first 0] [--hostile | --thin]
+Usage: nice python -m benchmarks.trials.effects [--scenes 1000] [--first 0] [--hostile | --thin]
 
 For each scene, every effect that is there and has a bound below 1 (whether the planner left it out or not) is left out
 alone; then all that are not there, and all that the planner leaves out at a random tolerance, together. Each number of
@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene, thin_scene
+from benchmarks.trials.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene, thin_scene
 from model.accuracy.chain import LightStore, Readings, Settings, evaluate
 from model.accuracy.effect_check import change, readings_of, skylight_bound
 from model.effects.names import ALL, Bound, Effect, EffectPlan

@@ -5,7 +5,7 @@ the network. Each picture holds, in every pixel, where the polarizer truly stood
 turn the host computes and reads no pictures, so that old ones wait; other processes keep its cores busy. A reader who
 takes the picture that comes first, as many programs do, is tried beside the driver.
 
-Usage: python -m benchmarks.trial_stale_frames [--turns 100] [--busy-s 1.0] [--burners 2]
+Usage: python -m benchmarks.trials.stale_frames [--turns 100] [--busy-s 1.0] [--burners 2]
 """
 
 import argparse

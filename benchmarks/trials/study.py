@@ -1,6 +1,6 @@
 """Trial: a study of thousands of cases beside two plain loops, and with its workers, scheduler and client killed.
 
-python -m benchmarks.trial_study [--cases 10000] [--kills 10]
+python -m benchmarks.trials.study [--cases 10000] [--kills 10]
 
 Says what the study reaches of two independent loops on the same cases, its overhead a case, the memory of its workers,
 whether all numbers are those of the loops bit for bit, and what was computed twice after kills.
@@ -29,7 +29,7 @@ from rigctl.mapped import PARTS_FOLDER
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.study import read_parts
 
-SCENE = Path(__file__).parents[1] / "examples" / "scene-panels.toml"
+SCENE = Path(__file__).parents[2] / "examples" / "scene-panels.toml"
 EXPOSURE, EFFICIENCY = "acquisition.exposure_ms", "sensor.quantum_efficiency"
 WORKERS = 2
 

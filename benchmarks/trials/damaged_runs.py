@@ -3,7 +3,7 @@
 Wanted: `verify` calls none of them whole, and no reader gives numbers from one without saying so. A damage that changes
 nothing of a frame, a label or the set of frames, such as an empty line behind a session file, may go by.
 
-    python -m benchmarks.trial_damaged_runs --cases 500 --seed 1
+    python -m benchmarks.trials.damaged_runs --cases 500 --seed 1
 """
 
 import argparse
