@@ -33,10 +33,9 @@ from rigctl.runs.folder import INPUTS_FOLDER, Run, read_run
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
 from rigctl.verbs.archive import find
-from rigctl.verbs.over_runs import ArchiveRows
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
-from rigctl.verbs.over_runs import ArchiveJob, run_over_archive
+from rigctl.verbs.over_runs import ArchiveJob, ArchiveRows, run_over_archive
 from rigctl.verbs.verify import verification_of
 from tests.monkey.mutations import damage_run
 from tests.rigctl.example_files import small_rig, small_session

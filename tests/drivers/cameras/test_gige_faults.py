@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from benchmarks.trial_stale_frames import driver_score, first_come_score, running_rig
+from benchmarks.trials.stale_frames import driver_score, first_come_score, running_rig
 from drivers.cameras.bounded_camera import BoundedCamera
 from drivers.cameras.gige import open_gige
 from drivers.errors import DeviceError, LimitError, NotConnectedError, ProtocolError

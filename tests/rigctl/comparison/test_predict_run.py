@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.uncertain_panels import drawn_truth, scene_text, take_run
+from benchmarks.trials.uncertain_panels import drawn_truth, scene_text, take_run
 from rigctl.comparison.predict_run import differences, run_predictor, scene_of_run
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
