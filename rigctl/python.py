@@ -235,7 +235,7 @@ class Run:
     @property
     def wholeness(self) -> str:
         """What `rigctl verify` says of it without looking into its frames: "whole", "unfinished" or "damaged"."""
-        return wholeness(self.path, read_contents(self.path)).state
+        return wholeness(self.path, read_contents(self.path))[0]
 
     @property
     def calibrations(self) -> Mapping[str, Any]:

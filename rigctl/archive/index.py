@@ -199,11 +199,11 @@ def facts_of(run: Path) -> dict[str, Fact]:
         contents = read_contents(run)
     except DataError as error:
         return {"state": "damaged", "problem": str(error)}
-    judged = wholeness(run, contents)
-    problems = [f"{file}: {text}" for file, text in judged.problems]
+    state, damage = wholeness(run, contents)
+    problems = [f"{file}: {text}" for file, text in damage]
     problems += [f"{record.file}: missing" for record in contents.frames if not (run / record.file).is_file()][:1]
     facts: dict[str, Fact] = {
-        "state": "damaged" if problems else judged.state,
+        "state": "damaged" if problems else state,
         "problem": problems[0] if problems else "",
         **_of_frames(contents.frames),
         **_of_annotations(run),

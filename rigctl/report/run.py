@@ -34,11 +34,12 @@ from rigctl.session.history import light_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from rigctl.measure.diagnose import RunDiagnosis
     from rigctl.runs.folder import Run
     from rigctl.runs.records import FrameRecord, MonitorTrace, RunEvent, SessionRecord
-    from rigctl.session.history import CycleHistory, CycleLook, Means, SessionHistory, Thumbnail
+    from rigctl.session.history import CycleHistory, CycleLook, Means, SessionHistory
     from rigctl.session.status import Estimate
 
 
@@ -46,16 +47,16 @@ if TYPE_CHECKING:
 _LONG_S, _SHORT_S = 5400.0, 120.0
 
 
-def contact_sheet(thumbnails: Sequence[Thumbnail]) -> bytes:
+def contact_sheet(thumbnails: Sequence[tuple[FrameRecord, NDArray[np.uint16]]]) -> bytes:
     """Return some frames of a run, small."""
     columns = min(6, len(thumbnails))
     rows = -(-len(thumbnails) // columns)
     figure, axes = subplots(rows, columns, size=(1.9 * columns, 1.9 * rows))
     for ax in axes:
         ax.set_axis_off()
-    for ax, thumbnail in zip(axes, thumbnails, strict=False):
-        ax.imshow(thumbnail.counts, cmap="gray", vmin=0.0, vmax=thumbnail.record.saturation_dn)
-        ax.set_title(_label(thumbnail.record), fontsize=7)
+    for ax, (record, counts) in zip(axes, thumbnails, strict=False):
+        ax.imshow(counts, cmap="gray", vmin=0.0, vmax=record.saturation_dn)
+        ax.set_title(_label(record), fontsize=7)
     return png(figure)
 
 

@@ -55,16 +55,97 @@ from rigctl.runs.records import (
 )
 from rigctl.runs.writer import json_line
 
-State = Literal["whole", "unfinished", "damaged"]
+DAMAGED_FOLDER = "damaged"
+_WHOLE = "a whole frame that the manifest does not name: not acknowledged"
 _LOG = logging.getLogger(__name__)
+State = Literal["whole", "unfinished", "damaged"]
+Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wholeness:
-    """Wholeness of a run, its frames apart."""
+class Finding:
+    """Something about one file of a run folder."""
 
-    state: State  #: Whole is: every check holds, and the session has noted its end over these very frames.
-    problems: tuple[tuple[str, str], ...]  #: What is damaged.
+    file: str  #: Path relative to the run folder.
+    problem: str  #: What there is to say of it.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Findings of a verification."""
+
+    ok: bool  #: Nothing is bad.
+    frames: int  #: How many frames the manifest names.
+    bad: tuple[Finding, ...]  #: Damaged, missing, or contradicting files.
+    leftovers: tuple[Finding, ...]  #: What a killed writer leaves: never acknowledged, so no data are lost by it.
+    state: State = "whole"  #: Whole: nothing is bad, and the session has noted its end over these very frames.
+    gaps: tuple[str, ...] = ()  #: Steps of the session's plan that have no frame.
+    unchecked: tuple[str, ...] = ()  #: What this program cannot check.
+
+
+def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
+    """Return what is wrong with a run folder; what its session planned is not looked at."""
+    contents = read_contents(path)
+    state, problems = wholeness(path, contents)
+    bad = [Finding(file=file, problem=problem) for file, problem in problems]
+    for record in watch(contents.frames):
+        bad += [Finding(file=record.file, problem=text) for text in frame_problems(path, record)]
+    unnamed = _unnamed_files(path, contents.frames)
+    damaged = {file: problem for file in unnamed if (problem := _unnamed_problem(path, file))}
+    bad += [Finding(file=file, problem=problem) for file, problem in damaged.items()]
+    leftovers = [_leftover(file) for file in unnamed if file not in damaged]
+    if contents.torn_manifest_line:
+        leftovers.append(Finding(file=MANIFEST_FILE, problem="its last line has no end: not acknowledged"))
+    bad += _too_many(contents, state, [finding for finding in leftovers if finding.problem == _WHOLE])
+    return Verification(
+        ok=not bad,
+        frames=len(contents.frames),
+        bad=tuple(bad),
+        leftovers=tuple(leftovers),
+        state="damaged" if bad else state,
+    )
+
+
+def frame_problems(path: Path, record: FrameRecord) -> list[str]:
+    """Return what is wrong with the file of one frame that the manifest names."""
+    if not (path / record.file).is_file():
+        return ["missing"]
+    try:
+        read_frame(path, record)
+    except DataError as error:
+        return [str(error)]
+    return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repair:
+    """Changes that a repair made to a run folder."""
+
+    adopted: tuple[Finding, ...]  #: Whole frames that the manifest did not name, and now does.
+    set_aside: tuple[Finding, ...]  #: Files that are no whole frames of this run; they lie in ``damaged`` now.
+    frames: tuple[FrameRecord, ...]  #: What the manifest names now; every checksum holds.
+
+
+def repair_run(path: Path) -> Repair:
+    """Return what had to be done until each frame of the manifest is whole, and each whole frame is in the manifest.
+
+    A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
+    Nothing is deleted: what is damaged is moved, so that a person can look at it.
+    """
+    contents = read_contents(path)
+    if contents.description is None:
+        problem = dict(contents.problems).get(SESSION_FILE, "is missing")
+        raise RunFolderError(f"{path / SESSION_FILE}: {problem}: what was to be taken is not known")
+    if contents.begins_elsewhere and _is_of_other_session(path):
+        raise RunFolderError(f"{path / SESSION_FILE}: is not the one of this run: manifest and events begin elsewhere")
+    try:
+        lock = RunLock(path)
+        try:
+            return _Repairer(path, first_link(contents.description)).repair(read_contents(path))
+        finally:
+            lock.release()
+    except OSError as error:
+        raise RunFolderError(f"{path}: cannot be repaired: {error.strerror}") from error
 
 
 def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
@@ -83,17 +164,20 @@ def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
 
 def wholeness_remark(run: Run) -> str | None:
     """Return in words what is not whole about a run; None where nothing is. Its frames are not looked into."""
-    found = wholeness(run.path, read_contents(run.path))
-    if found.state == "unfinished":
+    state, problems = wholeness(run.path, read_contents(run.path))
+    if state == "unfinished":
         return f"{run.path} is unfinished: {len(run.frames)} frames so far; `rigctl resume` goes on"
-    if found.state == "damaged":
-        text = "; ".join(f"{file}: {problem}" for file, problem in found.problems)
+    if state == "damaged":
+        text = "; ".join(f"{file}: {problem}" for file, problem in problems)
         return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
     return None
 
 
-def wholeness(path: Path, contents: Contents) -> Wholeness:
-    """Return how whole a run is, its frames apart: session file, manifest, events and inputs."""
+def wholeness(path: Path, contents: Contents) -> tuple[State, list[tuple[str, str]]]:
+    """Return how whole a run is, its frames apart, and what is damaged: session file, manifest, events and inputs.
+
+    Whole is: every check holds, and the session has noted its end over these very frames.
+    """
     problems = list(contents.problems)
     events: list[RunEvent] = []
     try:
@@ -107,15 +191,15 @@ def wholeness(path: Path, contents: Contents) -> Wholeness:
     problems += [(ANNOTATIONS_FILE, text) for text in annotation_problems(read_annotation_lines(path))]
     description = contents.description
     if description is None:
-        return Wholeness(state="damaged", problems=tuple(problems))
+        return "damaged", problems
     problems += _input_problems(path, description, any_frames=bool(contents.frames))
     is_closed, contradictions = _closing(events, contents)
     problems += contradictions
     if is_closed and (contents.torn_manifest_line or is_torn):
         problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "goes on after the session had finished"))
     if problems:
-        return Wholeness(state="damaged", problems=tuple(problems))
-    return Wholeness(state="whole" if is_closed else "unfinished", problems=())
+        return "damaged", problems
+    return "whole" if is_closed else "unfinished", []
 
 
 def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
@@ -164,55 +248,6 @@ def _stated_inputs(description: RunDescription) -> dict[str, str]:
     return {what: value for what, value in found.items() if isinstance(value, str)}
 
 
-_WHOLE = "a whole frame that the manifest does not name: not acknowledged"
-
-Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """Something about one file of a run folder."""
-
-    file: str  #: Path relative to the run folder.
-    problem: str  #: What there is to say of it.
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verification:
-    """Findings of a verification."""
-
-    ok: bool  #: Nothing is bad.
-    frames: int  #: How many frames the manifest names.
-    bad: tuple[Finding, ...]  #: Damaged, missing, or contradicting files.
-    leftovers: tuple[Finding, ...]  #: What a killed writer leaves: never acknowledged, so no data are lost by it.
-    state: State = "whole"  #: Whole: nothing is bad, and the session has noted its end over these very frames.
-    gaps: tuple[str, ...] = ()  #: Steps of the session's plan that have no frame.
-    unchecked: tuple[str, ...] = ()  #: What this program cannot check.
-
-
-def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
-    """Return what is wrong with a run folder; what its session planned is not looked at."""
-    contents = read_contents(path)
-    found = wholeness(path, contents)
-    bad = [Finding(file=file, problem=problem) for file, problem in found.problems]
-    for record in watch(contents.frames):
-        bad += [Finding(file=record.file, problem=text) for text in frame_problems(path, record)]
-    unnamed = _unnamed_files(path, contents.frames)
-    damaged = {file: problem for file in unnamed if (problem := _unnamed_problem(path, file))}
-    bad += [Finding(file=file, problem=problem) for file, problem in damaged.items()]
-    leftovers = [_leftover(file) for file in unnamed if file not in damaged]
-    if contents.torn_manifest_line:
-        leftovers.append(Finding(file=MANIFEST_FILE, problem="its last line has no end: not acknowledged"))
-    bad += _too_many(contents, found.state, [finding for finding in leftovers if finding.problem == _WHOLE])
-    return Verification(
-        ok=not bad,
-        frames=len(contents.frames),
-        bad=tuple(bad),
-        leftovers=tuple(leftovers),
-        state="damaged" if bad else found.state,
-    )
-
-
 def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Finding]:
     """Return what a kill cannot have left: whole frames without a line beyond the one that was in hand."""
     description = contents.description
@@ -224,17 +259,6 @@ def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Fi
     if len(whole) > may_be_left and description.record.is_of_session:
         text = f"{len(whole)} whole frames have no line, and a kill leaves {may_be_left} at most: lines were taken out"
         return [Finding(file=MANIFEST_FILE, problem=text)]
-    return []
-
-
-def frame_problems(path: Path, record: FrameRecord) -> list[str]:
-    """Return what is wrong with the file of one frame that the manifest names."""
-    if not (path / record.file).is_file():
-        return ["missing"]
-    try:
-        read_frame(path, record)
-    except DataError as error:
-        return [str(error)]
     return []
 
 
@@ -261,40 +285,6 @@ def _leftover(file: str) -> Finding:
     if file.endswith(PART_SUFFIX):
         return Finding(file=file, problem="begun and not finished")
     return Finding(file=file, problem=_WHOLE)
-
-
-DAMAGED_FOLDER = "damaged"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Repair:
-    """Changes that a repair made to a run folder."""
-
-    adopted: tuple[Finding, ...]  #: Whole frames that the manifest did not name, and now does.
-    set_aside: tuple[Finding, ...]  #: Files that are no whole frames of this run; they lie in ``damaged`` now.
-    frames: tuple[FrameRecord, ...]  #: What the manifest names now; every checksum holds.
-
-
-def repair_run(path: Path) -> Repair:
-    """Return what had to be done until each frame of the manifest is whole, and each whole frame is in the manifest.
-
-    A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
-    Nothing is deleted: what is damaged is moved, so that a person can look at it.
-    """
-    contents = read_contents(path)
-    if contents.description is None:
-        problem = dict(contents.problems).get(SESSION_FILE, "is missing")
-        raise RunFolderError(f"{path / SESSION_FILE}: {problem}: what was to be taken is not known")
-    if contents.begins_elsewhere and _is_of_other_session(path):
-        raise RunFolderError(f"{path / SESSION_FILE}: is not the one of this run: manifest and events begin elsewhere")
-    try:
-        lock = RunLock(path)
-        try:
-            return _Repairer(path, first_link(contents.description)).repair(read_contents(path))
-        finally:
-            lock.release()
-    except OSError as error:
-        raise RunFolderError(f"{path}: cannot be repaired: {error.strerror}") from error
 
 
 def _is_of_other_session(path: Path) -> bool:

@@ -62,12 +62,16 @@ from rigctl.runs.records import (
     session_record,
 )
 
-# A card has 80 bytes; a header of thousands of cards is none of ours.
-_SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
 MANIFEST_FILE = "manifest.jsonl"
 FRAMES_FOLDER = "frames"
 INPUTS_FOLDER = "inputs"
 ANNOTATIONS_FILE = "annotations.jsonl"
+LOCK_FILE = "writer.lock"
+_LOOKS, _LOOK_S = 10, 0.01
+# A card has 80 bytes; a header of thousands of cards is none of ours.
+_SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
+_MOST_BYTES_A_LOOK = 64_000_000
+_ANNOTATION = TypeAdapter(Annotation)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,51 +96,6 @@ class Run:
         return read_frame(self.path, record).counts
 
 
-def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
-    """Return a frame, once its checksum and its header agree with its line in the manifest."""
-    frame = decode_frame(_checked(path, record))
-    stated = record_from_header(frame, file=record.file, checksum=record.checksum)
-    if stated != record:
-        other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
-        raise RunFolderError(f"{path / record.file}: manifest and header contradict each other: {', '.join(other)}")
-    return frame
-
-
-def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:
-    try:
-        data = read_for_now(path / record.file, _largest_bytes(record))
-    except OSError as error:
-        raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
-    found = file_checksum(data)
-    if found != record.checksum:
-        raise RunFolderError(
-            f"{path / record.file}: damaged or replaced: the manifest says {record.checksum}, the file has {found}"
-        )
-    return data
-
-
-def _largest_bytes(record: FrameRecord) -> int:
-    """Return what the file of a frame can have, by the size of the picture that its line in the manifest states."""
-    return min(_SAMPLE_BYTES * record.height * record.width + _MOST_HEADER_BYTES, MOST_OWN_FRAME_BYTES)
-
-
-def file_checksum(data: bytes | memoryview) -> str:
-    """Return the checksum that the manifest keeps for a file of this content."""
-    return "sha256:" + hashlib.sha256(data).hexdigest()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contents:
-    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest."""
-
-    description: RunDescription | None  #: What the session file says; ``None`` where it cannot be read.
-    frames: tuple[FrameRecord, ...]  #: Every record of the manifest that could be read, by sequence number.
-    problems: tuple[tuple[str, str], ...]  #: What is wrong with the session file and the manifest.
-    torn_manifest_line: bool  #: The last line of the manifest has no end: the writer was killed in the middle of it.
-    links: tuple[str, ...] = ()  #: The chain of the manifest after 0, 1, 2, ... lines.
-    begins_elsewhere: bool = False  #: The manifest does not follow on the session file: either is of another run.
-
-
 def read_run(path: Path) -> Run:
     """Return the table of contents of a run folder; the frames themselves are not opened.
 
@@ -157,6 +116,49 @@ def read_run(path: Path) -> Run:
         created_by=description.created_by,
         created_utc=description.created_utc,
     )
+
+
+def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
+    """Return a frame, once its checksum and its header agree with its line in the manifest."""
+    frame = decode_frame(_checked(path, record))
+    stated = record_from_header(frame, file=record.file, checksum=record.checksum)
+    if stated != record:
+        other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
+        raise RunFolderError(f"{path / record.file}: manifest and header contradict each other: {', '.join(other)}")
+    return frame
+
+
+def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
+    """Return a run with what is noted of it, and without the frames that are excluded."""
+    if not (run.path / ANNOTATIONS_FILE).exists():
+        return run
+    journal = read_annotation_lines(run.path)
+    problems = annotation_problems(journal)
+    if problems and not ignore_exclusions:
+        raise RunFolderError(
+            f"{run.path / ANNOTATIONS_FILE}: {'; '.join(problems)}: which frames are excluded is not known; "
+            "--ignore-exclusions reads the run with all of them"
+        )
+    annotations = sound_annotations(journal)
+    excluded = {} if ignore_exclusions else excluded_frames(annotations)
+    return replace(
+        run,
+        frames=tuple(record for record in run.frames if record.sequence not in excluded),
+        excluded=tuple(record for record in run.frames if record.sequence in excluded),
+        annotations=annotations,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest."""
+
+    description: RunDescription | None  #: What the session file says; ``None`` where it cannot be read.
+    frames: tuple[FrameRecord, ...]  #: Every record of the manifest that could be read, by sequence number.
+    problems: tuple[tuple[str, str], ...]  #: What is wrong with the session file and the manifest.
+    torn_manifest_line: bool  #: The last line of the manifest has no end: the writer was killed in the middle of it.
+    links: tuple[str, ...] = ()  #: The chain of the manifest after 0, 1, 2, ... lines.
+    begins_elsewhere: bool = False  #: The manifest does not follow on the session file: either is of another run.
 
 
 def read_contents(path: Path) -> Contents:
@@ -184,29 +186,6 @@ def read_contents(path: Path) -> Contents:
     )
 
 
-def _read_manifest(file: Path, description: RunDescription | None, problems: list[tuple[str, str]]) -> Lines:
-    try:
-        data = read_bounded(file, MOST_RECORD_BYTES)
-    except OSError as error:
-        problems.append((file.name, f"cannot be read: {error.strerror}"))
-        data = b""
-    return read_lines(data, UNKNOWN_LINK if description is None else first_link(description))
-
-
-def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord, ...]:
-    frames: list[FrameRecord] = []
-    for number, line in enumerate(lines.lines, start=1):
-        if line.problem is not None and not (number == 1 and lines.begins_elsewhere and not lines.links[0]):
-            problems.append((MANIFEST_FILE, f"line {number}: {line.problem}"))
-        if line.content:
-            try:
-                frames.append(parse_record(line.content))
-            except DataError as error:
-                problems.append((MANIFEST_FILE, f"line {number}: {error}"))
-    problems += [(MANIFEST_FILE, text) for text in _duplicates(frames)]
-    return tuple(sorted(frames, key=lambda record: record.sequence))
-
-
 def parse_record(line: bytes) -> FrameRecord:
     """Return the record that one line of a manifest stands for."""
     try:
@@ -219,228 +198,26 @@ def parse_record(line: bytes) -> FrameRecord:
     return record
 
 
-def _duplicates(frames: list[FrameRecord]) -> list[str]:
-    sequences = Counter(record.sequence for record in frames)
-    files = Counter(record.file for record in frames)
-    return [f"sequence {value} stands {n} times" for value, n in sequences.items() if n > 1] + [
-        f"file {value} stands {n} times" for value, n in files.items() if n > 1
-    ]
+def file_checksum(data: bytes | memoryview) -> str:
+    """Return the checksum that the manifest keeps for a file of this content."""
+    return "sha256:" + hashlib.sha256(data).hexdigest()
 
 
-class Journal:
-    """A file of lines, opened for adding to it."""
-
-    def __init__(self, path: Path, *, first_link: str) -> None:
-        present = read_bounded(path, MOST_RECORD_BYTES) if path.exists() else b""
-        whole = present[: present.rfind(b"\n") + 1]
-        self.lines = whole.count(b"\n")
-        self.link = read_lines(whole, first_link).links[-1]
-        self._length = len(whole)
-        self._file = path.open("ab", buffering=0)
-        self._file.truncate(self._length)
-
-    def append(self, contents: Sequence[bytes]) -> None:
-        """Return once the lines are on the disk."""
-        written, link = [], self.link
-        for content in contents:
-            line = content + b"\n"
-            if link is not None:
-                line, link = sealed(content, link)
-            written.append(line)
-        lines = b"".join(written)
-        try:
-            self._write_all(lines)
-            os.fsync(self._file.fileno())
-        except OSError:
-            self._file.truncate(self._length)
-            raise
-        self.link = link
-        self._length += len(lines)
-        self.lines += len(contents)
-
-    def _write_all(self, data: bytes) -> None:
-        # A file without a buffer may take less than it is given.
-        view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
-
-    def close(self) -> None:
-        """Close the file. May be called twice."""
-        self._file.close()
-
-
-LOCK_FILE = "writer.lock"
-_LOOKS, _LOOK_S = 10, 0.01
-
-
-class RunLock:
-    """The right to write into a run folder, held until it is released or its process is gone."""
-
-    def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
-        try:
-            _take(self._descriptor)
-        except BlockingIOError as error:
-            holder = _process_in(self._descriptor)
-            os.close(self._descriptor)
-            raise RunFolderError(
-                f"{path}: process {holder} is writing into this run; wait for it, or `rigctl stop` it"
-            ) from error
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
-
-    def release(self) -> None:
-        """Let others write. May be called twice."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
-
-def _take(descriptor: int) -> None:
-    """Take the lock; whoever only asks for the writer holds it for a moment, which is waited for."""
-    for _ in range(_LOOKS):
-        with suppress(BlockingIOError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-        time.sleep(_LOOK_S)
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-@contextmanager
-def released_on_error(lock: RunLock) -> Iterator[None]:
-    """Release the lock where the block fails; else it stays held."""
+def files_of(run: Run) -> tuple[RigFile, SessionFile]:
+    """Return rig and session file as a run holds them."""
+    if not run.session.is_of_session:
+        raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: there is nothing to go on with")
     try:
-        yield
-    except BaseException:
-        lock.release()
-        raise
-
-
-@contextmanager
-def locked_file(file: Path) -> Iterator[None]:
-    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others."""
-    descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def writing_process(path: Path) -> int | None:
-    """Return the number of the process that writes into a run folder, or None where there is none."""
-    try:
-        descriptor = os.open(path / LOCK_FILE, os.O_RDONLY | os.O_NONBLOCK)
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise RunFolderError(f"{path / LOCK_FILE}: cannot be read: {error.strerror}") from error
-    try:
-        # A shared lock, so that two who ask do not take each other for the writer.
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return _process_in(descriptor)
-    else:
-        return None
-    finally:
-        os.close(descriptor)
-
-
-def _process_in(descriptor: int) -> int:
-    text = os.pread(descriptor, 32, 0).decode("ascii", errors="replace").strip()
-    return int(text) if text.isdecimal() else 0
-
-
-_ANNOTATION = TypeAdapter(Annotation)
-
-
-def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
-    """Return a run with what is noted of it, and without the frames that are excluded."""
-    if not (run.path / ANNOTATIONS_FILE).exists():
-        return run
-    journal = read_annotation_lines(run.path)
-    problems = annotation_problems(journal)
-    if problems and not ignore_exclusions:
-        raise RunFolderError(
-            f"{run.path / ANNOTATIONS_FILE}: {'; '.join(problems)}: which frames are excluded is not known; "
-            "--ignore-exclusions reads the run with all of them"
-        )
-    annotations = sound_annotations(journal)
-    excluded = {} if ignore_exclusions else excluded_frames(annotations)
-    return replace(
-        run,
-        frames=tuple(record for record in run.frames if record.sequence not in excluded),
-        excluded=tuple(record for record in run.frames if record.sequence in excluded),
-        annotations=annotations,
-    )
-
-
-def exclusion_remark(run: Run) -> str | None:
-    """Return which frames of an annotated run people have excluded, and whether they are left out; None where none."""
-    stated = exclusions_text(excluded_frames(run.annotations))
-    said = "are left out" if run.excluded else "are taken all the same"
-    return f"{run.path}: excluded frames {said}: {stated}" if stated else None
-
-
-def read_annotations(path: Path) -> tuple[Annotation, ...]:
-    """Return what is noted of a run; empty where nothing is."""
-    journal = read_annotation_lines(path)
-    problems = annotation_problems(journal)
-    if problems:
-        raise RunFolderError(f"{path / ANNOTATIONS_FILE}: {'; '.join(problems)}")
-    return sound_annotations(journal)
-
-
-def read_annotation_lines(path: Path) -> Lines:
-    """Return the lines of a run's annotations, each held against its seal; none where there is no such file."""
-    return read_lines(journal_bytes(path / ANNOTATIONS_FILE), _link(path))
-
-
-def annotation_problems(journal: Lines) -> list[str]:
-    """Return what is wrong with annotations, line by line."""
-    found = []
-    for number, line in enumerate(journal.lines, start=1):
-        if line.problem:
-            found.append(f"line {number}: {line.problem}")
-        elif isinstance(read := _read_line(line.content), str):
-            found.append(f"line {number} is no annotation: {read}")
-    return found
-
-
-def sound_annotations(journal: Lines) -> tuple[Annotation, ...]:
-    """Return what the sound lines say."""
-    read = (_read_line(line.content) for line in journal.lines if line.content)
-    return tuple(one for one in read if isinstance(one, Annotation))
-
-
-def _read_line(content: bytes) -> Annotation | str:
-    """Return what a line says, or what is wrong with it."""
-    try:
-        return _ANNOTATION.validate_json(content)
+        rig_file = RigFile.model_validate(run.session_json["rig"])
+        session = SessionFile.model_validate(run.session_json["session"])
     except ValidationError as error:
-        return explain_invalid(error)
-
-
-def annotate(path: Path, annotation: Annotation) -> None:
-    """Return once an annotation is on the disk, at the end of the run's annotations."""
-    is_new = not (path / ANNOTATIONS_FILE).exists()
-    with locked_file(path / ANNOTATIONS_FILE):
-        read_annotations(path)
-        journal = Journal(path / ANNOTATIONS_FILE, first_link=_link(path))
-        try:
-            journal.append([json.dumps(asdict(annotation), allow_nan=False).encode("ascii")])
-        finally:
-            journal.close()
-    if is_new:
-        flush_folder(path)
-
-
-def _link(path: Path) -> str:
-    """Return what the chain of a run's annotations begins with."""
-    try:
-        return first_link(read_description(path / SESSION_FILE))
-    except DataError:
-        return UNKNOWN_LINK
+        raise ConfigError(describe(run.path / SESSION_FILE, error)) from error
+    kept = run.path / INPUTS_FOLDER / "scene.toml"
+    if rig_file.simulation is None or rig_file.simulation.scene.exists() or not kept.exists():
+        return rig_file, session
+    return rig_file.model_copy(
+        update={"simulation": rig_file.simulation.model_copy(update={"scene": kept.resolve()})}
+    ), session
 
 
 def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
@@ -464,26 +241,6 @@ def keep_inputs(inputs: Mapping[str, bytes], out: Path) -> None:
         flush_folder(out)
     except OSError as error:
         raise RunFolderError(f"{folder}: cannot be written: {error.strerror}") from error
-
-
-def files_of(run: Run) -> tuple[RigFile, SessionFile]:
-    """Return rig and session file as a run holds them."""
-    if not run.session.is_of_session:
-        raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: there is nothing to go on with")
-    try:
-        rig_file = RigFile.model_validate(run.session_json["rig"])
-        session = SessionFile.model_validate(run.session_json["session"])
-    except ValidationError as error:
-        raise ConfigError(describe(run.path / SESSION_FILE, error)) from error
-    kept = run.path / INPUTS_FOLDER / "scene.toml"
-    if rig_file.simulation is None or rig_file.simulation.scene.exists() or not kept.exists():
-        return rig_file, session
-    return rig_file.model_copy(
-        update={"simulation": rig_file.simulation.model_copy(update={"scene": kept.resolve()})}
-    ), session
-
-
-_MOST_BYTES_A_LOOK = 64_000_000
 
 
 class RunTail:
@@ -547,8 +304,8 @@ class RunTail:
         lines = read_lines(data, self._link)
         self._end += len(data)
         self._link = lines.links[-1]
-        for line in lines.lines:
-            self._take_line(line.content, line.problem)
+        for content, problem in lines.lines:
+            self._take_line(content, problem)
 
     def _take_line(self, content: bytes, problem: str | None) -> None:
         if problem is not None:
@@ -559,3 +316,240 @@ class RunTail:
             self._frames.append(parse_record(content))
         except DataError as error:
             self.problems.append(f"{MANIFEST_FILE}: {error}")
+
+
+def annotate(path: Path, annotation: Annotation) -> None:
+    """Return once an annotation is on the disk, at the end of the run's annotations."""
+    is_new = not (path / ANNOTATIONS_FILE).exists()
+    with locked_file(path / ANNOTATIONS_FILE):
+        read_annotations(path)
+        journal = Journal(path / ANNOTATIONS_FILE, first_link=_link(path))
+        try:
+            journal.append([json.dumps(asdict(annotation), allow_nan=False).encode("ascii")])
+        finally:
+            journal.close()
+    if is_new:
+        flush_folder(path)
+
+
+def exclusion_remark(run: Run) -> str | None:
+    """Return which frames of an annotated run people have excluded, and whether they are left out; None where none."""
+    stated = exclusions_text(excluded_frames(run.annotations))
+    said = "are left out" if run.excluded else "are taken all the same"
+    return f"{run.path}: excluded frames {said}: {stated}" if stated else None
+
+
+def read_annotations(path: Path) -> tuple[Annotation, ...]:
+    """Return what is noted of a run; empty where nothing is."""
+    journal = read_annotation_lines(path)
+    problems = annotation_problems(journal)
+    if problems:
+        raise RunFolderError(f"{path / ANNOTATIONS_FILE}: {'; '.join(problems)}")
+    return sound_annotations(journal)
+
+
+def read_annotation_lines(path: Path) -> Lines:
+    """Return the lines of a run's annotations, each held against its seal; none where there is no such file."""
+    return read_lines(journal_bytes(path / ANNOTATIONS_FILE), _link(path))
+
+
+def annotation_problems(journal: Lines) -> list[str]:
+    """Return what is wrong with annotations, line by line."""
+    found = []
+    for number, (content, problem) in enumerate(journal.lines, start=1):
+        if problem:
+            found.append(f"line {number}: {problem}")
+        elif isinstance(read := _read_line(content), str):
+            found.append(f"line {number} is no annotation: {read}")
+    return found
+
+
+def sound_annotations(journal: Lines) -> tuple[Annotation, ...]:
+    """Return what the sound lines say."""
+    read = (_read_line(content) for content, _ in journal.lines if content)
+    return tuple(one for one in read if isinstance(one, Annotation))
+
+
+class Journal:
+    """A file of lines, opened for adding to it."""
+
+    def __init__(self, path: Path, *, first_link: str) -> None:
+        present = read_bounded(path, MOST_RECORD_BYTES) if path.exists() else b""
+        whole = present[: present.rfind(b"\n") + 1]
+        self.lines = whole.count(b"\n")
+        self.link = read_lines(whole, first_link).links[-1]
+        self._length = len(whole)
+        self._file = path.open("ab", buffering=0)
+        self._file.truncate(self._length)
+
+    def append(self, contents: Sequence[bytes]) -> None:
+        """Return once the lines are on the disk."""
+        written, link = [], self.link
+        for content in contents:
+            line = content + b"\n"
+            if link is not None:
+                line, link = sealed(content, link)
+            written.append(line)
+        lines = b"".join(written)
+        try:
+            self._write_all(lines)
+            os.fsync(self._file.fileno())
+        except OSError:
+            self._file.truncate(self._length)
+            raise
+        self.link = link
+        self._length += len(lines)
+        self.lines += len(contents)
+
+    def _write_all(self, data: bytes) -> None:
+        # A file without a buffer may take less than it is given.
+        view = memoryview(data)
+        while view:
+            view = view[self._file.write(view) :]
+
+    def close(self) -> None:
+        """Close the file. May be called twice."""
+        self._file.close()
+
+
+class RunLock:
+    """The right to write into a run folder, held until it is released or its process is gone."""
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
+        try:
+            _take(self._descriptor)
+        except BlockingIOError as error:
+            holder = _process_in(self._descriptor)
+            os.close(self._descriptor)
+            raise RunFolderError(
+                f"{path}: process {holder} is writing into this run; wait for it, or `rigctl stop` it"
+            ) from error
+        os.ftruncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
+
+    def release(self) -> None:
+        """Let others write. May be called twice."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+@contextmanager
+def released_on_error(lock: RunLock) -> Iterator[None]:
+    """Release the lock where the block fails; else it stays held."""
+    try:
+        yield
+    except BaseException:
+        lock.release()
+        raise
+
+
+@contextmanager
+def locked_file(file: Path) -> Iterator[None]:
+    """Hold a file, made where it is not there, so that one process at a time adds to it; wait for the others."""
+    descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def writing_process(path: Path) -> int | None:
+    """Return the number of the process that writes into a run folder, or None where there is none."""
+    try:
+        descriptor = os.open(path / LOCK_FILE, os.O_RDONLY | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise RunFolderError(f"{path / LOCK_FILE}: cannot be read: {error.strerror}") from error
+    try:
+        # A shared lock, so that two who ask do not take each other for the writer.
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return _process_in(descriptor)
+    else:
+        return None
+    finally:
+        os.close(descriptor)
+
+
+def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:
+    try:
+        data = read_for_now(path / record.file, _largest_bytes(record))
+    except OSError as error:
+        raise RunFolderError(f"{path / record.file}: cannot be read: {error.strerror}") from error
+    found = file_checksum(data)
+    if found != record.checksum:
+        raise RunFolderError(
+            f"{path / record.file}: damaged or replaced: the manifest says {record.checksum}, the file has {found}"
+        )
+    return data
+
+
+def _largest_bytes(record: FrameRecord) -> int:
+    """Return what the file of a frame can have, by the size of the picture that its line in the manifest states."""
+    return min(_SAMPLE_BYTES * record.height * record.width + _MOST_HEADER_BYTES, MOST_OWN_FRAME_BYTES)
+
+
+def _read_manifest(file: Path, description: RunDescription | None, problems: list[tuple[str, str]]) -> Lines:
+    try:
+        data = read_bounded(file, MOST_RECORD_BYTES)
+    except OSError as error:
+        problems.append((file.name, f"cannot be read: {error.strerror}"))
+        data = b""
+    return read_lines(data, UNKNOWN_LINK if description is None else first_link(description))
+
+
+def _records(lines: Lines, problems: list[tuple[str, str]]) -> tuple[FrameRecord, ...]:
+    frames: list[FrameRecord] = []
+    for number, (content, problem) in enumerate(lines.lines, start=1):
+        if problem is not None and not (number == 1 and lines.begins_elsewhere and not lines.links[0]):
+            problems.append((MANIFEST_FILE, f"line {number}: {problem}"))
+        if content:
+            try:
+                frames.append(parse_record(content))
+            except DataError as error:
+                problems.append((MANIFEST_FILE, f"line {number}: {error}"))
+    problems += [(MANIFEST_FILE, text) for text in _duplicates(frames)]
+    return tuple(sorted(frames, key=lambda record: record.sequence))
+
+
+def _duplicates(frames: list[FrameRecord]) -> list[str]:
+    sequences = Counter(record.sequence for record in frames)
+    files = Counter(record.file for record in frames)
+    return [f"sequence {value} stands {n} times" for value, n in sequences.items() if n > 1] + [
+        f"file {value} stands {n} times" for value, n in files.items() if n > 1
+    ]
+
+
+def _take(descriptor: int) -> None:
+    """Take the lock; whoever only asks for the writer holds it for a moment, which is waited for."""
+    for _ in range(_LOOKS):
+        with suppress(BlockingIOError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        time.sleep(_LOOK_S)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _process_in(descriptor: int) -> int:
+    text = os.pread(descriptor, 32, 0).decode("ascii", errors="replace").strip()
+    return int(text) if text.isdecimal() else 0
+
+
+def _read_line(content: bytes) -> Annotation | str:
+    """Return what a line says, or what is wrong with it."""
+    try:
+        return _ANNOTATION.validate_json(content)
+    except ValidationError as error:
+        return explain_invalid(error)
+
+
+def _link(path: Path) -> str:
+    """Return what the chain of a run's annotations begins with."""
+    try:
+        return first_link(read_description(path / SESSION_FILE))
+    except DataError:
+        return UNKNOWN_LINK

@@ -24,331 +24,44 @@ from rigctl.files.place import GeometrySection, SiteSection
 from rigctl.files.rig_file import polarizer_axes_deg
 from rigctl.files.toml import other_schema
 
-_SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a-f]{64})"\}$')
-
-
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """One line of a journal."""
-
-    content: bytes  #: What was written, without its seal; empty where the line is damaged.
-    problem: str | None = None  #: What is wrong with it or with its place.
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lines:
-    """Lines of a journal, as they are read."""
-
-    lines: tuple[Line, ...]  #: In the order of the file.
-    links: tuple[str, ...]  #: The chain after 0, 1, 2, ... lines.
-    is_torn: bool  #: What follows the last line has no end: the writer was killed in the middle of it.
-
-    @property
-    def begins_elsewhere(self) -> bool:
-        """True where the first line does not follow on what the chain begins with."""
-        return bool(self.lines and self.links) and self.lines[0].problem == _NOT_FOLLOWING
-
-
-_NOT_FOLLOWING = "does not follow on what stands before it: lines were taken out, put in or moved"
-
-
-def sealed(content: bytes, link: str) -> tuple[bytes, str]:
-    """Return a line with its seal, and the chain after it."""
-    own = hashlib.sha256(content).hexdigest()
-    after = _link(link, own)
-    return content[:-1] + f', "line_sha256": "{own}", "chain_sha256": "{after}"}}\n'.encode("ascii"), after
-
-
-def sealed_all(contents: Iterable[bytes], link: str) -> bytes:
-    """Return the whole of a journal whose chain begins with a link."""
-    lines = []
-    for content in contents:
-        line, link = sealed(content, link)
-        lines.append(line)
-    return b"".join(lines)
-
-
-def journal_bytes(file: Path) -> bytes:
-    """Return the bytes of a journal; none where there is no such file."""
-    try:
-        return read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
-    except OSError as error:
-        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
-
-
-def read_lines(data: bytes, first_link: str) -> Lines:
-    """Return the lines of a journal, each held against its seal; `first_link` is what the chain begins with."""
-    whole, end, rest = data.rpartition(b"\n")
-    raw = whole.split(b"\n") if end else []
-    links = [first_link]
-    lines = []
-    for text in raw:
-        line, link = _read_line(text, links[-1])
-        lines.append(line)
-        links.append(link)
-    return Lines(lines=tuple(lines), links=tuple(links), is_torn=bool(rest))
-
-
-def _read_line(text: bytes, link: str) -> tuple[Line, str]:
-    seal = _SEAL.search(text)
-    if seal is None:
-        return Line(content=b"", problem="has no seal, or a damaged one"), link
-    content = text[: seal.start()] + b"}"
-    own, after = seal[1].decode("ascii"), seal[2].decode("ascii")
-    if hashlib.sha256(content).hexdigest() != own:
-        return Line(content=b"", problem="damaged: its checksum is another"), after
-    return Line(content=content, problem=None if _link(link, own) == after else _NOT_FOLLOWING), after
-
-
-def _link(before: str, own: str) -> str:
-    return hashlib.sha256(f"{before} {own}".encode("ascii")).hexdigest()
-
-
+SESSION_FILE = "session.json"
+EVENTS_FILE = "events.jsonl"
+SCHEMA_VERSION = 2
+"""Version of the layout."""
+UNKNOWN_LINK = ""
+"""Beginning of a chain whose session file cannot be read."""
+# Frames of one exposure of a camera with polarizers on its pixels, a cell of 2 x 2.
+EXPOSURE_PARTS = 4
+MOST_TEXT = 2000
+METERED_EVENT = "metered"
+HOST_CLOCK_EVENT = "host clock"
+TALLY_EVENT = "camera tally"
+"""Counts of a camera's pictures, at the end of each part of a session."""
+MONITOR_EVENT = "monitor"
+READINGS_EVENT = "monitor readings"
+# How people are told what a start was found by.
+START_SOURCES = {
+    "ptp": "by the camera's clock, which follows a PTP master",
+    "camera clock": "by the camera's clock, held against this machine's",
+    "trigger": "between the trigger and the first packet",
+    "arrival": "before the first packet came in",
+    "driver": "by the time stamp of the video driver",
+    "file": "by the last change of the file",
+    "simulation": "as simulated",
+}
 PROVES = (
     "a simulated roof: the light of {scene} was computed by the same model that predicts it. What this run can show is "
     "that processing, sensor and the chain of the program are right: stage, angles, darks, calibration, Stokes "
     "parameters, statistics and verdict. It cannot show that the scene model (surfaces, sky, sun, air) is right of "
     "nature: that needs real frames"
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulatedLight:
-    """The light of a simulated roof."""
-
-    scene: str  #: Name of the scene that it was computed from.
-    #: The sun was that of the run's simulated clock at its site; otherwise that which the scene file states.
-    is_clocked: bool
-    #: That stated sun [deg]; None where the clock moves it, or the file states no azimuth.
-    sun_zenith_deg: float | None = None
-    sun_azimuth_deg: float | None = None
-    distance_factor: float | None = None  #: Its irradiance over that at the mean distance.
-    perturbed: str | None = None  #: What was changed against the scene file, in words.
-    remarks: tuple[str, ...] = ()  #: Where place and time of the scene file are not those of the run.
-
-    @property
-    def caution(self) -> tuple[str, ...]:
-        """What a report of such a run has to say, in words."""
-        proves = PROVES.format(scene=self.scene)
-        if self.perturbed is None:
-            return (proves,)
-        return (proves, f"the simulated roof was changed on purpose: {self.perturbed}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolarizerAsTaken:
-    """The polarizer by the rig file of a run; None is not stated."""
-
-    sense: Literal[1, -1] | None = None
-    offset_deg: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    offset_std_deg: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    extinction_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] | None = None
-    placeholder: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraAsTaken:
-    """The camera by the rig file of a run."""
-
-    address: str = ""
-    mosaic_deg: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
-    interpolation: Interpolation = "none"
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulationAsTaken:
-    """The simulation by the rig file of a run: the scene file that it showed."""
-
-    scene: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RigAsTaken:
-    """The rig file of a run, as far as runs of older programs have it too."""
-
-    name: str | None = None
-    polarizer: PolarizerAsTaken | None = None
-    camera: CameraAsTaken | None = None
-    simulation: SimulationAsTaken | None = None
-    site: SiteSection | None = None
-    geometry: GeometrySection | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class SessionAsTaken:
-    """The session file of a run, likewise."""
-
-    name: str | None = None
-    site: SiteSection | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class DeviceAsTaken:
-    """A device by its own word."""
-
-    model: str | None = None
-    serial_number: str | None = None
-
-
+_UTC_DIGITS = 19
+_FRAMES_FACT = "frames_in_run"
+_CHAIN_FACT = "manifest_chain_sha256"
+_S_PER_H, _NEAR_S = 3600.0, 300.0
+_SEAL = re.compile(rb', "line_sha256": "([0-9a-f]{64})", "chain_sha256": "([0-9a-f]{64})"\}$')
+_NOT_FOLLOWING = "does not follow on what stands before it: lines were taken out, put in or moved"
 _Number = Annotated[float, Field(allow_inf_nan=False)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SessionNoise:
-    """The numbers of a noise calibration that a session was watched with, in the order in which a run holds them."""
-
-    gain_dn_per_e: _Number
-    read_noise_e: _Number
-    black_level_dn: _Number
-    dark_current_e_per_s: _Number
-
-
-@dataclass(frozen=True, kw_only=True)
-class SessionRecord:
-    """Origin of a run."""
-
-    origin: str | None = None  #: "simulated", "device" or "import"; None where the run does not say.
-    rig: RigAsTaken | None = None  #: By its files; None of imported images.
-    session: SessionAsTaken | None = None
-    stage: DeviceAsTaken = DeviceAsTaken()  #: Which devices these were.
-    camera: DeviceAsTaken = DeviceAsTaken()
-    noise: SessionNoise | None = None  #: What it was watched with.
-    rounds_ns: tuple[int | None, ...] = (None,)  #: When each round was to begin [ns since 1970 UTC]; None is at once.
-    until_ns: int | None = None  #: From when on no frame was to be taken [ns since 1970 UTC].
-    simulated_light: SimulatedLight | None = None  #: The light of a simulated roof.
-
-    @property
-    def polarizer(self) -> PolarizerAsTaken:
-        """The polarizer as the rig file has it; nothing is stated of imported images."""
-        return PolarizerAsTaken() if self.rig is None or self.rig.polarizer is None else self.rig.polarizer
-
-    @property
-    def camera_address(self) -> str:
-        """Address of the camera; empty where nobody says it."""
-        return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
-
-    @property
-    def cell_deg(self) -> tuple[float, ...] | None:
-        """Axes of the polarizers on the camera's pixels; None where it has none, or nobody says it."""
-        polarizer = self.polarizer
-        if self.rig is None or self.rig.camera is None or polarizer.sense is None or polarizer.offset_deg is None:
-            return None
-        return polarizer_axes_deg(self.rig.camera.mosaic_deg, sense=polarizer.sense, offset_deg=polarizer.offset_deg)
-
-    @property
-    def interpolation(self) -> Interpolation:
-        """What its frames were made of a mosaic by; "none" too where there is no mosaic."""
-        return "none" if self.rig is None or self.rig.camera is None else self.rig.camera.interpolation
-
-    @property
-    def simulated_scene(self) -> Path | None:
-        """The scene file of a simulated run, where it stood."""
-        simulation = None if self.rig is None else self.rig.simulation
-        return None if simulation is None or simulation.scene is None else Path(simulation.scene)
-
-    @property
-    def site(self) -> SiteSection | None:
-        """Site of the rig, by its rig file or by its session file."""
-        places = (place.site for place in (self.rig, self.session) if place is not None)
-        return next((site for site in places if site is not None), None)
-
-    @property
-    def is_of_session(self) -> bool:
-        """The run was taken by a session, and not imported."""
-        return self.rig is not None and self.session is not None
-
-
-_SESSION = TypeAdapter(SessionRecord)
-
-
-def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
-    """Return what a session file says under ``session``."""
-    return _SESSION.validate_python(content)
-
-
-SCHEMA_VERSION = 2
-"""Version of the layout."""
-UNKNOWN_LINK = ""
-"""Beginning of a chain whose session file cannot be read."""
-SESSION_FILE = "session.json"
-
-
-@with_config(ConfigDict(extra="forbid", strict=True))
-@dataclass(frozen=True, kw_only=True)
-class RunDescription:
-    """A run folder by its own word."""
-
-    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]  #: Which layout the folder has.
-    created_by: str  #: Program and version that made it.
-    created_utc: str  #: When it was made.
-    session: dict[str, JsonValue]  #: The resolved session; ``origin`` is "simulated", "device" or "import".
-    #: ``sha256:`` and 64 hexadecimal digits over the rest of the file; None until it is written.
-    checksum: str | None = None
-
-    @property
-    def record(self) -> SessionRecord:
-        """The session as far as the program asks."""
-        return session_record(self.session)
-
-
-_DESCRIPTION = TypeAdapter(RunDescription)
-
-
-def encode_description(description: RunDescription) -> bytes:
-    """Return the content of the file."""
-    content = asdict(description) | {"checksum": _checksum(description)}
-    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii")
-
-
-def first_link(description: RunDescription) -> str:
-    """Return what the chains of a run begin with."""
-    return description.checksum or _checksum(description)
-
-
-def read_description(file: Path) -> RunDescription:
-    """Return what a run folder says of itself."""
-    try:
-        text = read_bounded(file, MOST_RECORD_BYTES)
-    except OSError as error:
-        raise DataError(f"cannot be read: {error.strerror}") from error
-    try:
-        description = _DESCRIPTION.validate_json(text)
-    except ValidationError as error:
-        other = _other_layout(text)
-        raise DataError(other if other is not None else explain_invalid(error)) from error
-    if description.checksum != _checksum(description):
-        raise DataError("damaged or edited: its checksum is another")
-    try:
-        _ = description.record
-    except ValidationError as error:
-        raise DataError(explain_invalid(error, within="session")) from error
-    return description
-
-
-def _other_layout(text: bytes) -> str | None:
-    """Return in words that a session file is of a layout that this program does not read; None if it is not."""
-    try:
-        return other_schema(json.loads(text), RunDescription)
-    except (ValueError, RecursionError):
-        return None
-
-
-def _checksum(description: RunDescription) -> str:
-    content = asdict(description)
-    del content["checksum"]
-    return "sha256:" + hashlib.sha256(json.dumps(content, allow_nan=False).encode("ascii")).hexdigest()
-
-
-def explain_invalid(error: ValidationError, *, within: str = "") -> str:
-    """Return in one line what is wrong with a record: each field, inside the part that was read, and why."""
-    outer = (within,) if within else ()
-    return "; ".join(
-        f"{'.'.join(map(str, (*outer, *item['loc'])))}: {item['msg']}".removeprefix(": ") for item in error.errors()
-    )
-
-
-# Frames of one exposure of a camera with polarizers on its pixels, a cell of 2 x 2.
-EXPOSURE_PARTS = 4
 
 
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
@@ -413,17 +126,6 @@ class FrameRecord:
 
 FRAME_RECORD = TypeAdapter(FrameRecord)
 
-# How people are told what a start was found by.
-START_SOURCES = {
-    "ptp": "by the camera's clock, which follows a PTP master",
-    "camera clock": "by the camera's clock, held against this machine's",
-    "trigger": "between the trigger and the first packet",
-    "arrival": "before the first packet came in",
-    "driver": "by the time stamp of the video driver",
-    "file": "by the last change of the file",
-    "simulation": "as simulated",
-}
-
 
 def start_time_texts(frames: Iterable[FrameRecord]) -> tuple[str, ...]:
     """Return how well the starts of exposures are known, one text a source; nothing of frames that do not tell."""
@@ -446,20 +148,200 @@ def start_error_text(error_s: float | None) -> str:
     return f"off by {error_s * 1e6:.3g} us at most"
 
 
-def _largest_text(errors_s: list[float | None]) -> str:
-    known = [error_s for error_s in errors_s if error_s is not None]
-    missing = len(errors_s) - len(known)
-    return start_error_text(max(known, default=None)) + (f" (not known of {missing})" if known and missing else "")
+@dataclass(frozen=True, kw_only=True)
+class SimulatedLight:
+    """The light of a simulated roof."""
+
+    scene: str  #: Name of the scene that it was computed from.
+    #: The sun was that of the run's simulated clock at its site; otherwise that which the scene file states.
+    is_clocked: bool
+    #: That stated sun [deg]; None where the clock moves it, or the file states no azimuth.
+    sun_zenith_deg: float | None = None
+    sun_azimuth_deg: float | None = None
+    distance_factor: float | None = None  #: Its irradiance over that at the mean distance.
+    perturbed: str | None = None  #: What was changed against the scene file, in words.
+    remarks: tuple[str, ...] = ()  #: Where place and time of the scene file are not those of the run.
+
+    @property
+    def caution(self) -> tuple[str, ...]:
+        """What a report of such a run has to say, in words."""
+        proves = PROVES.format(scene=self.scene)
+        if self.perturbed is None:
+            return (proves,)
+        return (proves, f"the simulated roof was changed on purpose: {self.perturbed}")
 
 
-EVENTS_FILE = "events.jsonl"
-METERED_EVENT = "metered"
-HOST_CLOCK_EVENT = "host clock"
-TALLY_EVENT = "camera tally"
-"""Counts of a camera's pictures, at the end of each part of a session."""
-_UTC_DIGITS = 19
-_FRAMES_FACT = "frames_in_run"
-_CHAIN_FACT = "manifest_chain_sha256"
+@dataclass(frozen=True, kw_only=True)
+class PolarizerAsTaken:
+    """The polarizer by the rig file of a run; None is not stated."""
+
+    sense: Literal[1, -1] | None = None
+    offset_deg: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    offset_std_deg: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    extinction_ratio: Annotated[float, Field(gt=1, allow_inf_nan=False)] | None = None
+    placeholder: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraAsTaken:
+    """The camera by the rig file of a run."""
+
+    address: str = ""
+    mosaic_deg: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
+    interpolation: Interpolation = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigAsTaken:
+    """The rig file of a run, as far as runs of older programs have it too."""
+
+    name: str | None = None
+    polarizer: PolarizerAsTaken | None = None
+    camera: CameraAsTaken | None = None
+    simulation: dict[str, JsonValue] | None = None
+    site: SiteSection | None = None
+    geometry: GeometrySection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionAsTaken:
+    """The session file of a run, likewise."""
+
+    name: str | None = None
+    site: SiteSection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceAsTaken:
+    """A device by its own word."""
+
+    model: str | None = None
+    serial_number: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionNoise:
+    """The numbers of a noise calibration that a session was watched with, in the order in which a run holds them."""
+
+    gain_dn_per_e: _Number
+    read_noise_e: _Number
+    black_level_dn: _Number
+    dark_current_e_per_s: _Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionRecord:
+    """Origin of a run."""
+
+    origin: str | None = None  #: "simulated", "device" or "import"; None where the run does not say.
+    rig: RigAsTaken | None = None  #: By its files; None of imported images.
+    session: SessionAsTaken | None = None
+    stage: DeviceAsTaken = DeviceAsTaken()  #: Which devices these were.
+    camera: DeviceAsTaken = DeviceAsTaken()
+    noise: SessionNoise | None = None  #: What it was watched with.
+    rounds_ns: tuple[int | None, ...] = (None,)  #: When each round was to begin [ns since 1970 UTC]; None is at once.
+    until_ns: int | None = None  #: From when on no frame was to be taken [ns since 1970 UTC].
+    simulated_light: SimulatedLight | None = None  #: The light of a simulated roof.
+
+    @property
+    def polarizer(self) -> PolarizerAsTaken:
+        """The polarizer as the rig file has it; nothing is stated of imported images."""
+        return PolarizerAsTaken() if self.rig is None or self.rig.polarizer is None else self.rig.polarizer
+
+    @property
+    def camera_address(self) -> str:
+        """Address of the camera; empty where nobody says it."""
+        return "" if self.rig is None or self.rig.camera is None else self.rig.camera.address
+
+    @property
+    def cell_deg(self) -> tuple[float, ...] | None:
+        """Axes of the polarizers on the camera's pixels; None where it has none, or nobody says it."""
+        polarizer = self.polarizer
+        if self.rig is None or self.rig.camera is None or polarizer.sense is None or polarizer.offset_deg is None:
+            return None
+        return polarizer_axes_deg(self.rig.camera.mosaic_deg, sense=polarizer.sense, offset_deg=polarizer.offset_deg)
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """What its frames were made of a mosaic by; "none" too where there is no mosaic."""
+        return "none" if self.rig is None or self.rig.camera is None else self.rig.camera.interpolation
+
+    @property
+    def simulated_scene(self) -> Path | None:
+        """The scene file of a simulated run, where it stood."""
+        scene = None if self.rig is None or self.rig.simulation is None else self.rig.simulation.get("scene")
+        return Path(scene) if isinstance(scene, str) else None
+
+    @property
+    def site(self) -> SiteSection | None:
+        """Site of the rig, by its rig file or by its session file."""
+        places = (place.site for place in (self.rig, self.session) if place is not None)
+        return next((site for site in places if site is not None), None)
+
+    @property
+    def is_of_session(self) -> bool:
+        """The run was taken by a session, and not imported."""
+        return self.rig is not None and self.session is not None
+
+
+_SESSION = TypeAdapter(SessionRecord)
+
+
+def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
+    """Return what a session file says under ``session``."""
+    return _SESSION.validate_python(content)
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, kw_only=True)
+class RunDescription:
+    """A run folder by its own word."""
+
+    schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]  #: Which layout the folder has.
+    created_by: str  #: Program and version that made it.
+    created_utc: str  #: When it was made.
+    session: dict[str, JsonValue]  #: The resolved session; ``origin`` is "simulated", "device" or "import".
+    #: ``sha256:`` and 64 hexadecimal digits over the rest of the file; None until it is written.
+    checksum: str | None = None
+
+    @property
+    def record(self) -> SessionRecord:
+        """The session as far as the program asks."""
+        return session_record(self.session)
+
+
+_DESCRIPTION = TypeAdapter(RunDescription)
+
+
+def encode_description(description: RunDescription) -> bytes:
+    """Return the content of the file."""
+    content = asdict(description) | {"checksum": _checksum(description)}
+    return (json.dumps(content, indent=2, allow_nan=False) + "\n").encode("ascii")
+
+
+def first_link(description: RunDescription) -> str:
+    """Return what the chains of a run begin with."""
+    return description.checksum or _checksum(description)
+
+
+def read_description(file: Path) -> RunDescription:
+    """Return what a run folder says of itself."""
+    try:
+        text = read_bounded(file, MOST_RECORD_BYTES)
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}") from error
+    try:
+        description = _DESCRIPTION.validate_json(text)
+    except ValidationError as error:
+        other = _other_layout(text)
+        raise DataError(other if other is not None else explain_invalid(error)) from error
+    if description.checksum != _checksum(description):
+        raise DataError("damaged or edited: its checksum is another")
+    try:
+        _ = description.record
+    except ValidationError as error:
+        raise DataError(explain_invalid(error, within="session")) from error
+    return description
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -474,6 +356,27 @@ class RunEvent:
 
 
 _EVENT = TypeAdapter(RunEvent)
+
+
+def read_events(path: Path) -> list[RunEvent]:
+    """Return the events of a run folder, without a last line that was never finished."""
+    file = path / EVENTS_FILE
+    journal = read_journal(path)
+    problems = journal_problems(journal)
+    if problems:
+        raise RunFolderError(f"{file}: " + "; ".join(problems))
+    return [_EVENT.validate_json(content) for content, _ in journal.lines]
+
+
+def event_line(event: RunEvent) -> str:
+    """Return an event as a line that a person reads: when, what, and what is known of it."""
+    return f"{event.utc[:_UTC_DIGITS]}Z  {event.event:<14}  {event_facts(event)}".rstrip()
+
+
+def event_facts(event: RunEvent) -> str:
+    """Return what is known of an event in words."""
+    told = {name: value for name, value in event.facts.items() if name not in (_FRAMES_FACT, _CHAIN_FACT)}
+    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in told.items())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -530,50 +433,6 @@ def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
     return (pictures, packets)
 
 
-def read_events(path: Path) -> list[RunEvent]:
-    """Return the events of a run folder, without a last line that was never finished."""
-    file = path / EVENTS_FILE
-    journal = read_journal(path)
-    problems = journal_problems(journal)
-    if problems:
-        raise RunFolderError(f"{file}: " + "; ".join(problems))
-    return [_EVENT.validate_json(line.content) for line in journal.lines]
-
-
-def read_journal(path: Path) -> Lines:
-    """Return the lines of a run folder's events, each held against its seal; none where there is no such file."""
-    data = journal_bytes(path / EVENTS_FILE)
-    try:
-        first = first_link(read_description(path / SESSION_FILE))
-    except DataError:
-        first = UNKNOWN_LINK
-    return read_lines(data, first)
-
-
-def journal_problems(journal: Lines) -> list[str]:
-    """Return what is wrong with the events of a run, line by line."""
-    problems = [f"line {number}: {line.problem}" for number, line in enumerate(journal.lines, start=1) if line.problem]
-    for number, line in enumerate(journal.lines, start=1):
-        try:
-            if line.content:
-                _EVENT.validate_json(line.content)
-        except ValidationError as error:
-            problems.append(f"line {number} is no event: {explain_invalid(error)}")
-    return problems
-
-
-def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
-    """Return those lines that are sound by themselves, and what they say."""
-    found = []
-    for line in journal.lines:
-        try:
-            if line.content:
-                found.append((line.content, _EVENT.validate_json(line.content)))
-        except ValidationError:
-            continue
-    return found
-
-
 def closing_facts(*, frames: int, link: str | None) -> dict[str, JsonValue]:
     """Return what the event that closes a run says of its manifest: number of frames and chain."""
     return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
@@ -583,33 +442,6 @@ def closed_with(event: RunEvent) -> tuple[int, str] | None:
     """Return how many frames an event has closed a run with, and their chain; None where it is no such event."""
     frames, link = event.facts.get(_FRAMES_FACT), event.facts.get(_CHAIN_FACT)
     return (frames, link) if isinstance(frames, int) and isinstance(link, str) else None
-
-
-def event_line(event: RunEvent) -> str:
-    """Return an event as a line that a person reads: when, what, and what is known of it."""
-    return f"{event.utc[:_UTC_DIGITS]}Z  {event.event:<14}  {event_facts(event)}".rstrip()
-
-
-def event_facts(event: RunEvent) -> str:
-    """Return what is known of an event in words."""
-    told = {name: value for name, value in event.facts.items() if name not in (_FRAMES_FACT, _CHAIN_FACT)}
-    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in told.items())
-
-
-def _said(value: object) -> str:
-    if value is None:
-        return "not known"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_said(one)}" for name, one in value.items()) or "none"
-    if isinstance(value, list):
-        return ", ".join(map(_said, value)) or "none"
-    return str(value)
-
-
-MONITOR_EVENT = "monitor"
-READINGS_EVENT = "monitor readings"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -666,7 +498,6 @@ class MonitorTrace:
         return self.values[nearest]
 
 
-_S_PER_H, _NEAR_S = 3600.0, 300.0
 _FACTS, _READINGS = TypeAdapter(MonitorFacts), TypeAdapter(MonitorReadings)
 
 
@@ -687,20 +518,6 @@ def monitor_traces(events: Iterable[RunEvent]) -> tuple[MonitorTrace, ...]:
     return tuple(_trace(facts.get(name, MonitorFacts(monitor=name, device="", unit="")), readings) for name in names)
 
 
-def _trace(facts: MonitorFacts, readings: Iterable[MonitorReadings]) -> MonitorTrace:
-    mine = [reading for reading in readings if facts.monitor in reading.readings]
-    found = [(datetime.fromisoformat(one.read_utc).timestamp(), one.readings[facts.monitor]) for one in mine]
-    known = [(time_s, value) for time_s, value in found if value is not None]
-    problems = dict.fromkeys(one.problems[facts.monitor] for one in mine if facts.monitor in one.problems)
-    return MonitorTrace(
-        facts=facts,
-        times_s=tuple(time_s for time_s, _ in known),
-        values=tuple(value for _, value in known),
-        missing=len(found) - len(known),
-        problems=tuple(problems),
-    )
-
-
 def monitor_line(trace: MonitorTrace) -> str:
     """Return the readings of a sensor in a line: range, mean, slope, and how many are missing."""
     facts, count = trace.facts, len(trace.values)
@@ -714,9 +531,6 @@ def monitor_line(trace: MonitorTrace) -> str:
         f"{min(trace.values):.6g} to {max(trace.values):.6g} {facts.unit}, mean {sum(trace.values) / count:.6g}{steep}"
     )
     return f"{facts.monitor} ({facts.device}): {text}{missing}{why}"
-
-
-MOST_TEXT = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -787,3 +601,159 @@ def frames_text(frames: Sequence[int]) -> str:
         else:
             spans.append([frame, frame])
     return ", ".join(f"{first}" if first == last else f"{first}-{last}" for first, last in spans)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lines:
+    """Lines of a journal, as they are read."""
+
+    #: In the order of the file: what was written, without its seal (empty where the line is damaged), and what is wrong
+    #: with it or with its place.
+    lines: tuple[tuple[bytes, str | None], ...]
+    links: tuple[str, ...]  #: The chain after 0, 1, 2, ... lines.
+    is_torn: bool  #: What follows the last line has no end: the writer was killed in the middle of it.
+
+    @property
+    def begins_elsewhere(self) -> bool:
+        """True where the first line does not follow on what the chain begins with."""
+        return bool(self.lines and self.links) and self.lines[0][1] == _NOT_FOLLOWING
+
+
+def read_lines(data: bytes, first_link: str) -> Lines:
+    """Return the lines of a journal, each held against its seal; `first_link` is what the chain begins with."""
+    whole, end, rest = data.rpartition(b"\n")
+    raw = whole.split(b"\n") if end else []
+    links = [first_link]
+    lines = []
+    for text in raw:
+        line, link = _read_line(text, links[-1])
+        lines.append(line)
+        links.append(link)
+    return Lines(lines=tuple(lines), links=tuple(links), is_torn=bool(rest))
+
+
+def sealed(content: bytes, link: str) -> tuple[bytes, str]:
+    """Return a line with its seal, and the chain after it."""
+    own = hashlib.sha256(content).hexdigest()
+    after = _link(link, own)
+    return content[:-1] + f', "line_sha256": "{own}", "chain_sha256": "{after}"}}\n'.encode("ascii"), after
+
+
+def sealed_all(contents: Iterable[bytes], link: str) -> bytes:
+    """Return the whole of a journal whose chain begins with a link."""
+    lines = []
+    for content in contents:
+        line, link = sealed(content, link)
+        lines.append(line)
+    return b"".join(lines)
+
+
+def journal_bytes(file: Path) -> bytes:
+    """Return the bytes of a journal; none where there is no such file."""
+    try:
+        return read_bounded(file, MOST_RECORD_BYTES) if file.exists() else b""
+    except OSError as error:
+        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
+
+
+def read_journal(path: Path) -> Lines:
+    """Return the lines of a run folder's events, each held against its seal; none where there is no such file."""
+    data = journal_bytes(path / EVENTS_FILE)
+    try:
+        first = first_link(read_description(path / SESSION_FILE))
+    except DataError:
+        first = UNKNOWN_LINK
+    return read_lines(data, first)
+
+
+def journal_problems(journal: Lines) -> list[str]:
+    """Return what is wrong with the events of a run, line by line."""
+    problems = [f"line {number}: {text}" for number, (_, text) in enumerate(journal.lines, start=1) if text]
+    for number, (content, _) in enumerate(journal.lines, start=1):
+        try:
+            if content:
+                _EVENT.validate_json(content)
+        except ValidationError as error:
+            problems.append(f"line {number} is no event: {explain_invalid(error)}")
+    return problems
+
+
+def sound_events(journal: Lines) -> list[tuple[bytes, RunEvent]]:
+    """Return those lines that are sound by themselves, and what they say."""
+    found = []
+    for content, _ in journal.lines:
+        try:
+            if content:
+                found.append((content, _EVENT.validate_json(content)))
+        except ValidationError:
+            continue
+    return found
+
+
+def explain_invalid(error: ValidationError, *, within: str = "") -> str:
+    """Return in one line what is wrong with a record: each field, inside the part that was read, and why."""
+    outer = (within,) if within else ()
+    return "; ".join(
+        f"{'.'.join(map(str, (*outer, *item['loc'])))}: {item['msg']}".removeprefix(": ") for item in error.errors()
+    )
+
+
+def _largest_text(errors_s: list[float | None]) -> str:
+    known = [error_s for error_s in errors_s if error_s is not None]
+    missing = len(errors_s) - len(known)
+    return start_error_text(max(known, default=None)) + (f" (not known of {missing})" if known and missing else "")
+
+
+def _other_layout(text: bytes) -> str | None:
+    """Return in words that a session file is of a layout that this program does not read; None if it is not."""
+    try:
+        return other_schema(json.loads(text), RunDescription)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _checksum(description: RunDescription) -> str:
+    content = asdict(description)
+    del content["checksum"]
+    return "sha256:" + hashlib.sha256(json.dumps(content, allow_nan=False).encode("ascii")).hexdigest()
+
+
+def _said(value: object) -> str:
+    if value is None:
+        return "not known"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_said(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    return str(value)
+
+
+def _trace(facts: MonitorFacts, readings: Iterable[MonitorReadings]) -> MonitorTrace:
+    mine = [reading for reading in readings if facts.monitor in reading.readings]
+    found = [(datetime.fromisoformat(one.read_utc).timestamp(), one.readings[facts.monitor]) for one in mine]
+    known = [(time_s, value) for time_s, value in found if value is not None]
+    problems = dict.fromkeys(one.problems[facts.monitor] for one in mine if facts.monitor in one.problems)
+    return MonitorTrace(
+        facts=facts,
+        times_s=tuple(time_s for time_s, _ in known),
+        values=tuple(value for _, value in known),
+        missing=len(found) - len(known),
+        problems=tuple(problems),
+    )
+
+
+def _read_line(text: bytes, link: str) -> tuple[tuple[bytes, str | None], str]:
+    seal = _SEAL.search(text)
+    if seal is None:
+        return (b"", "has no seal, or a damaged one"), link
+    content = text[: seal.start()] + b"}"
+    own, after = seal[1].decode("ascii"), seal[2].decode("ascii")
+    if hashlib.sha256(content).hexdigest() != own:
+        return (b"", "damaged: its checksum is another"), after
+    return (content, None if _link(link, own) == after else _NOT_FOLLOWING), after
+
+
+def _link(before: str, own: str) -> str:
+    return hashlib.sha256(f"{before} {own}".encode("ascii")).hexdigest()

@@ -45,71 +45,11 @@ from rigctl.runs.records import (
 )
 from rigctl.version import VERSION
 
-Clock = Callable[[], int]
-
 # Errors of a disk that has no room.
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 _FILE = ".room-for-events"
 _BYTES = 65536
-
-
-class EventLog:
-    """Notes events, each a line with the time by two clocks."""
-
-    def __init__(self, path: Path, *, first_link: str, utc_ns: Clock, monotonic_ns: Clock) -> None:
-        self._utc_ns = utc_ns
-        self._monotonic_ns = monotonic_ns
-        self._journal = Journal(path / EVENTS_FILE, first_link=first_link)
-        self._reserve = DiskReserve(path)
-        self._lock = threading.Lock()
-
-    def note(self, name: str, facts: dict[str, JsonValue]) -> None:
-        """Return once an event is on the disk; on a full one the room that is kept for events is used."""
-        with self._lock:  # the writer's thread notes events too
-            line = json_line(
-                RunEvent(
-                    id=self._journal.lines,
-                    utc=utc_text(self._utc_ns()),
-                    monotonic_ns=self._monotonic_ns(),
-                    event=name,
-                    facts=facts,
-                )
-            )
-            try:
-                self._journal.append([line])
-            except OSError as error:
-                if error.errno not in _DISK_FULL:
-                    raise
-                self._reserve.give_up()
-                self._journal.append([line])
-
-    def close(self) -> None:
-        """Close the file, and give the room back. May be called twice."""
-        self._journal.close()
-        self._reserve.give_up()
-
-
-class DiskReserve:
-    """A file that takes room, until the room is needed."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path / _FILE
-        with suppress(OSError):
-            descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            try:
-                os.posix_fallocate(descriptor, 0, _BYTES)
-            finally:
-                os.close(descriptor)
-
-    def give_up(self) -> None:
-        """Give the room back. May be called twice."""
-        with suppress(OSError):
-            self._file.unlink(missing_ok=True)
-
-
-def json_line(record: FrameRecord | RunEvent) -> bytes:
-    """Return the content of one line of a manifest or of the events."""
-    return json.dumps(asdict(record), allow_nan=False).encode("ascii")
+Clock = Callable[[], int]
 
 
 class RunWriter:
@@ -278,15 +218,74 @@ class RunWriter:
         self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
 
 
-def _close_all(writers: Iterable[RunWriter]) -> None:
-    for writer in writers:
-        writer.close()
-
-
 def require_new_folder(path: Path) -> None:
     """Raise RunFolderError where a run cannot be made, since something is there already."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise RunFolderError(f"{path}: not empty; a run needs a folder of its own. Name one that is not there yet")
+
+
+class EventLog:
+    """Notes events, each a line with the time by two clocks."""
+
+    def __init__(self, path: Path, *, first_link: str, utc_ns: Clock, monotonic_ns: Clock) -> None:
+        self._utc_ns = utc_ns
+        self._monotonic_ns = monotonic_ns
+        self._journal = Journal(path / EVENTS_FILE, first_link=first_link)
+        self._reserve = DiskReserve(path)
+        self._lock = threading.Lock()
+
+    def note(self, name: str, facts: dict[str, JsonValue]) -> None:
+        """Return once an event is on the disk; on a full one the room that is kept for events is used."""
+        with self._lock:  # the writer's thread notes events too
+            line = json_line(
+                RunEvent(
+                    id=self._journal.lines,
+                    utc=utc_text(self._utc_ns()),
+                    monotonic_ns=self._monotonic_ns(),
+                    event=name,
+                    facts=facts,
+                )
+            )
+            try:
+                self._journal.append([line])
+            except OSError as error:
+                if error.errno not in _DISK_FULL:
+                    raise
+                self._reserve.give_up()
+                self._journal.append([line])
+
+    def close(self) -> None:
+        """Close the file, and give the room back. May be called twice."""
+        self._journal.close()
+        self._reserve.give_up()
+
+
+class DiskReserve:
+    """A file that takes room, until the room is needed."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path / _FILE
+        with suppress(OSError):
+            descriptor = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                os.posix_fallocate(descriptor, 0, _BYTES)
+            finally:
+                os.close(descriptor)
+
+    def give_up(self) -> None:
+        """Give the room back. May be called twice."""
+        with suppress(OSError):
+            self._file.unlink(missing_ok=True)
+
+
+def json_line(record: FrameRecord | RunEvent) -> bytes:
+    """Return the content of one line of a manifest or of the events."""
+    return json.dumps(asdict(record), allow_nan=False).encode("ascii")
+
+
+def _close_all(writers: Iterable[RunWriter]) -> None:
+    for writer in writers:
+        writer.close()
 
 
 def _make_folder(path: Path) -> None:

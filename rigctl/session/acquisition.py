@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from types import TracebackType
 
 import numpy as np
@@ -27,7 +27,7 @@ from rigctl.files.rig_file import RigFile
 from rigctl.rig.rig import REQUESTS, Rig
 from rigctl.runs.records import TALLY_EVENT, FrameRecord
 from rigctl.runs.writer import RunWriter
-from rigctl.session.interlocks import FrameAsTaken, Interlocks, InterlockViolation, Thermometer
+from rigctl.session.interlocks import Interlocks, Thermometer, Violation
 from rigctl.session.monitors import Monitors
 from rigctl.session.numbers import coarse_picture, frame_summary
 from rigctl.session.plan import BYTES_BESIDE_PIXELS, Step, exposures_of
@@ -39,18 +39,45 @@ _LOOK_S = 0.2
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 # Frames that may wait for the disk: enough to ride over one slow flush, few enough to lose little in a power cut.
 QUEUE_FRAMES = 4
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StoredFrame:
-    """A frame and its record, on its way to the disk."""
-
-    record: FrameRecord
-    counts: NDArray[np.uint16]
-
-
-Frames = tuple[StoredFrame, ...]
+# Frames of one exposure with their records, on their way to the disk.
+Frames = tuple[tuple[FrameRecord, NDArray[np.uint16]], ...]
 Store = Callable[[Frames], None]
+Progress = Callable[[Step], None]
+
+
+def acquire(
+    rig: Rig,
+    rig_file: RigFile,
+    steps: tuple[Step, ...],
+    writer: RunWriter,
+    *,
+    progress: Progress,
+    context: SessionContext | None = None,
+) -> bool:
+    """Take the frames of a session, one after the other; return whether it went to its end.
+
+    False is returned where somebody asked to stop. All frames that were taken are on the disk when this returns
+    or raises, unless the disk failed.
+    """
+    context = SessionContext() if context is None else context
+    by_sequence = {step.sequence: step for step in steps}
+    store = FrameStore(writer, context, lambda record: progress(by_sequence[record.sequence]))
+    with WriterThread(store.store, disk=writer.disk, last_sign_s=store.last_sign_s) as thread:
+        session = _Acquisition(rig, rig_file, steps, writer, context, thread)
+        try:
+            missed = session.run()
+            thread.flush()
+        except StopAskedError:
+            dropped = thread.flush_or_drop()
+            not_stored = {"not_stored": list(dropped)} if dropped else {}
+            writer.event("stopped", reason="somebody asked for it", **not_stored)
+            return False
+        finally:
+            if not (thread.is_stalled or writer.disk.is_hung):
+                _note_tally(rig.camera, writer)
+    # The last word of a run: whatever is noted later says that it goes on.
+    writer.closing_event("finished", frames=store.frames, rounds_missed=missed)
+    return True
 
 
 class WriterThread:
@@ -110,7 +137,7 @@ class WriterThread:
         """Frames that wait for the disk."""
         return self._queue.qsize()
 
-    def put(self, *frames: StoredFrame) -> None:
+    def put(self, *frames: tuple[FrameRecord, NDArray[np.uint16]]) -> None:
         """Return once there is room for the frames of an exposure; they are durable later, all or none."""
         self._raise_failure()
         self._put(frames)
@@ -187,10 +214,6 @@ class WriterThread:
                 return
 
 
-def _sequences(frames: Frames | None) -> list[int]:
-    return [frame.record.sequence for frame in frames or ()]
-
-
 class FrameStore:
     """Writes frames, and tells of each."""
 
@@ -205,11 +228,11 @@ class FrameStore:
 
     def store(self, frames: Frames) -> None:
         """Return once the frames of an exposure are durable."""
-        first = frames[0].record
+        first, _ = frames[0]
         waited = 0
         while True:
             try:
-                written = self._writer.write_frames((frame.record, frame.counts) for frame in frames)
+                written = self._writer.write_frames(frames)
                 break
             except RunFolderError as error:
                 if not self._waits(error):
@@ -238,50 +261,6 @@ class FrameStore:
         cause = error.__cause__
         is_full = isinstance(cause, OSError) and cause.errno in _FULL
         return is_full and self._context.interlocks.disk == "hold"
-
-
-Progress = Callable[[Step], None]
-
-
-def acquire(
-    rig: Rig,
-    rig_file: RigFile,
-    steps: tuple[Step, ...],
-    writer: RunWriter,
-    *,
-    progress: Progress,
-    context: SessionContext | None = None,
-) -> bool:
-    """Take the frames of a session, one after the other; return whether it went to its end.
-
-    False is returned where somebody asked to stop. All frames that were taken are on the disk when this returns
-    or raises, unless the disk failed.
-    """
-    context = SessionContext() if context is None else context
-    by_sequence = {step.sequence: step for step in steps}
-    store = FrameStore(writer, context, lambda record: progress(by_sequence[record.sequence]))
-    with WriterThread(store.store, disk=writer.disk, last_sign_s=store.last_sign_s) as thread:
-        session = _Acquisition(rig, rig_file, steps, writer, context, thread)
-        try:
-            missed = session.run()
-            thread.flush()
-        except StopAskedError:
-            dropped = thread.flush_or_drop()
-            not_stored = {"not_stored": list(dropped)} if dropped else {}
-            writer.event("stopped", reason="somebody asked for it", **not_stored)
-            return False
-        finally:
-            if not (thread.is_stalled or writer.disk.is_hung):
-                _note_tally(rig.camera, writer)
-    # The last word of a run: whatever is noted later says that it goes on.
-    writer.closing_event("finished", frames=store.frames, rounds_missed=missed)
-    return True
-
-
-def _note_tally(camera: Camera, writer: RunWriter) -> None:
-    """Note as an event what became of the pictures since the camera was opened, where it counts them."""
-    if isinstance(camera, ReportingCamera):
-        writer.event(TALLY_EVENT, **asdict(camera.tally()))
 
 
 class _Acquisition:
@@ -343,18 +322,18 @@ class _Acquisition:
         exposure_s = self._exposures.of(step)
         self._work.present(step.kind)
         parts, remarks = self._satisfying_parts(step, exposure_s)
-        frames: list[StoredFrame] = []
-        violations: list[InterlockViolation] = []
+        frames: list[tuple[FrameRecord, NDArray[np.uint16]]] = []
+        violations: list[Violation] = []
         for part_step, captured in zip(exposure, parts, strict=True):
             record = self._record(part_step, captured, remarks)
             found = self._cycle_violations(part_step, record, captured)
-            record = replace(record, remarks=(*record.remarks, *(violation.message for violation in found)))
-            frames.append(StoredFrame(record=record, counts=captured.frame.counts))
+            record = replace(record, remarks=(*record.remarks, *(message for _, message in found)))
+            frames.append((record, captured.frame.counts))
             violations += found
         if self._last_counts is None:
-            frame_bytes = frames[0].counts.nbytes + BYTES_BESIDE_PIXELS
+            frame_bytes = frames[0][1].nbytes + BYTES_BESIDE_PIXELS
             self._locks.look_ahead(len(self._steps), frame_bytes=frame_bytes)
-        self._last_counts = tuple(frame.counts for frame in frames)
+        self._last_counts = tuple(counts for _, counts in frames)
         self._note_full_queue()
         self._thread.put(*frames)
         # Only now: the frame is as good as its cycle, and is not lost by a stop.
@@ -373,9 +352,7 @@ class _Acquisition:
             remarks=(*self._locks.remarks, *remarks),
         )
 
-    def _cycle_violations(
-        self, step: Step, record: FrameRecord, captured: CapturedFrame
-    ) -> tuple[InterlockViolation, ...]:
+    def _cycle_violations(self, step: Step, record: FrameRecord, captured: CapturedFrame) -> tuple[Violation, ...]:
         """Tell whoever watches of a frame; return what is wrong with its cycle where it ends one."""
         seen = frame_summary(
             record,
@@ -395,11 +372,15 @@ class _Acquisition:
                 if step.kind == "scene" and not self._is_cell_looked_at:
                     self._is_cell_looked_at = True
                     self._locks.look_at_cell(captured, self._rig_file.camera.mosaic_deg)
-                parts = captured.parts(self._rig_file.camera)
-                violations = self._locks.of_frames(self._as_taken(step, parts))
+                before = self._last_counts
+                parts = tuple(
+                    replace(part, last_counts=None if before is None else before[place])
+                    for place, part in enumerate(captured.parts(self._rig_file.camera))
+                )
+                violations = self._locks.of_frames(parts)
                 again = [self._locks.wants_again(violation, step, tries_left=tries_left) for violation in violations]
                 if not any(again):
-                    return parts, tuple(violation.message for violation in violations)
+                    return parts, tuple(message for _, message in violations)
                 self._work.distrust()
             tries_left -= 1
 
@@ -408,11 +389,11 @@ class _Acquisition:
         try:
             return self._work.capture(exposure_s=exposure_s, polarizer_angle_deg=step.polarizer_angle_deg)
         except DeviceTimeoutError as error:
-            self._locks.note(InterlockViolation(name="gone", message=str(error)), sequence=step.sequence)
+            self._locks.note(("gone", str(error)), sequence=step.sequence)
             if locks.gone == "stop" or tries_left <= 0:
                 raise
         except DeviceFaultError as error:
-            self._locks.note(InterlockViolation(name="fault", message=str(error)), sequence=step.sequence)
+            self._locks.note(("fault", str(error)), sequence=step.sequence)
             if locks.fault == "stop" or (locks.fault == "retry" and tries_left <= 0):
                 raise
             if locks.fault == "hold":
@@ -421,18 +402,6 @@ class _Acquisition:
             self._locks.look_at_home(self._work.home)
         return None
 
-    def _as_taken(self, step: Step, parts: tuple[CapturedFrame, ...]) -> tuple[FrameAsTaken, ...]:
-        stage, before = self._rig_file.stage, self._last_counts
-        return tuple(
-            FrameAsTaken(
-                kind=step.kind,
-                captured=captured,
-                tolerance_deg=0.0 if stage is None else stage.tolerance_deg,
-                last_counts=None if before is None else before[place],
-            )
-            for place, captured in enumerate(parts)
-        )
-
     def _note_full_queue(self) -> None:
         is_full = self._thread.is_full
         if is_full and not self._was_queue_full:
@@ -440,3 +409,13 @@ class _Acquisition:
             for violation in self._locks.found("queue", text):
                 self._locks.note(violation)
         self._was_queue_full = is_full
+
+
+def _note_tally(camera: Camera, writer: RunWriter) -> None:
+    """Note as an event what became of the pictures since the camera was opened, where it counts them."""
+    if isinstance(camera, ReportingCamera):
+        writer.event(TALLY_EVENT, **asdict(camera.tally()))
+
+
+def _sequences(frames: Frames | None) -> list[int]:
+    return [record.sequence for record, _ in frames or ()]

@@ -13,21 +13,21 @@ from rigctl.files.session_file import PICTURE
 from rigctl.runs.folder import Run, files_of
 from rigctl.runs.records import FrameRecord, MonitorTrace, RunEvent, monitor_traces, read_events
 from rigctl.session.numbers import (
-    Drift,
     FrameSummary,
     LightLevels,
     PixelMean,
     RegionMeans,
     drift_of,
     frame_summary,
-    mean_noise,
     of_one_exposure,
-    polarization,
+    polarizations,
     sum_rule,
 )
-from rigctl.session.status import Estimate, RegionPolarization
+from rigctl.session.status import Estimate, RegionDrift, RegionPolarization
 
 Means = Mapping[int, Mapping[str, PixelMean]]
+_MOST_FRAMES, _MOST_DARKS, _TOGETHER = 24, 4, 4
+_THUMBNAIL_PIXELS = 160
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +39,8 @@ class CycleLook:
     time_s: float  #: When its first exposure began, in seconds since 1970 (UTC).
     sum_rule: Estimate | None  #: (I0 + I90) / (I45 + I135) of the whole picture.
     regions: Mapping[str, RegionPolarization]  #: Polarization by region; "picture" is the whole.
-    drift: Drift | None  #: Of the reference region, within the cycle or since the one before it in the same round.
+    #: Of the reference region, within the cycle or since the one before it in the same round.
+    drift: RegionDrift | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +51,31 @@ class CycleHistory:
     looks: tuple[CycleLook, ...]  #: In the order in which they were taken.
 
 
-def is_session(run: Run) -> bool:
-    """Return whether a run was taken by a session, and not imported."""
-    return run.session.is_of_session
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionHistory:
+    """History of a session."""
+
+    run: Run  #: Its folder's content.
+    events: Sequence[RunEvent]  #: What happened, in its order.
+    means: Means  #: Mean counts of picture and regions by sequence number.
+    cycles: CycleHistory | None  #: None for a run that was imported.
+    #: Frames spread over the run, 24 at most, thinned out to some 160 pixels a row.
+    thumbnails: tuple[tuple[FrameRecord, NDArray[np.uint16]], ...]
+    monitors: tuple[MonitorTrace, ...] = ()  #: What sensors beside the frames said.
 
 
-def region_means_of(run: Run) -> Means:
-    """Return the mean counts of the picture and of the session's regions in every frame, by sequence number."""
-    regions = RegionMeans(files_of(run)[1].regions if is_session(run) else ())
-    return {record.sequence: regions.of(run.counts(record)) for record in run.frames}
+def session_history(run: Run) -> SessionHistory:
+    """Return how a session went; every frame is read once, for its means."""
+    events = read_events(run.path)
+    means = region_means_of(run)
+    return SessionHistory(
+        run=run,
+        events=events,
+        means=means,
+        cycles=cycle_history(run, means) if is_session(run) else None,
+        monitors=monitor_traces(events),
+        thumbnails=tuple((record, _thinned(run.counts(record))) for record in _spread(run.frames)),
+    )
 
 
 def cycle_history(run: Run, means: Means) -> CycleHistory:
@@ -68,8 +85,7 @@ def cycle_history(run: Run, means: Means) -> CycleHistory:
     cycle that lacks an angle since a frame of it is excluded is left out, as measuring leaves it out.
     """
     rig_file, session = files_of(run)
-    noise = run.session.noise
-    levels = LightLevels(noise=None if noise is None else mean_noise(noise))
+    levels = LightLevels(run.session.noise)
     torn = _torn_by_exclusions(run)
     dated = (record for record in run.frames if record.start_utc is not None)
     used = [record for record in dated if record.kind != "scene" or (record.round, record.cycle) not in torn]
@@ -81,6 +97,38 @@ def cycle_history(run: Run, means: Means) -> CycleHistory:
     extinction_ratio = rig_file.polarizer.extinction_ratio
     looks = _looks(seen, levels, reference=reference, extinction_ratio=extinction_ratio)
     return CycleHistory(reference=reference, looks=tuple(looks))
+
+
+def region_means_of(run: Run) -> Means:
+    """Return the mean counts of the picture and of the session's regions in every frame, by sequence number."""
+    regions = RegionMeans(files_of(run)[1].regions if is_session(run) else ())
+    return {record.sequence: regions.of(run.counts(record)) for record in run.frames}
+
+
+def is_session(run: Run) -> bool:
+    """Return whether a run was taken by a session, and not imported."""
+    return run.session.is_of_session
+
+
+def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iterator[str]:
+    """Give in words how the light changed, and how much of that sensors that follow the light explain."""
+    for trace in monitors:
+        found = []
+        for look in history.looks if trace.facts.follows_light else ():
+            region, reading = look.regions.get(history.reference), trace.at(look.time_s)
+            if region is not None and reading is not None and reading > 0.0 and region.light_dn_per_s > 0.0:
+                found.append((region.light_dn_per_s, reading))
+        if len(found) < 2:
+            continue
+        first_light, first_reading = found[0]
+        light = [one / first_light - 1.0 for one, _ in found]
+        left = [one / first_light * first_reading / reading - 1.0 for one, reading in found]
+        reading = found[-1][1] / first_reading - 1.0
+        yield (
+            f"Light of {history.reference} changed by {percent(light[-1], sign=True)} over the run and by "
+            f"{percent(max(map(abs, light)))} at most, {trace.facts.monitor} by {percent(reading, sign=True)}; divided "
+            f"by it {percent(left[-1], sign=True)} is left, {percent(max(map(abs, left)))} at most"
+        )
 
 
 def _torn_by_exclusions(run: Run) -> set[tuple[int | None, int | None]]:
@@ -102,16 +150,12 @@ def _looks(
     before: tuple[FrameSummary, ...] = ()
     for frames in map(of_one_exposure, _cycles(seen)):
         earlier = before if before and before[-1].round == frames[-1].round else ()
-        found = {
-            name: polarization(frames, region=name, levels=levels, extinction_ratio=extinction_ratio)
-            for name in frames[-1].means
-        }
         yield CycleLook(
             round=frames[0].round,
             cycle=frames[0].cycle,
             time_s=frames[0].time_s,
             sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
-            regions={name: shown for name, shown in found.items() if shown is not None},
+            regions=polarizations(frames, levels=levels, extinction_ratio=extinction_ratio),
             drift=drift_of(frames, earlier, region=reference, levels=levels),
         )
         before = frames
@@ -130,90 +174,6 @@ def _seen(record: FrameRecord, means: Mapping[str, PixelMean]) -> FrameSummary:
     return frame_summary(record, means, time_s=time_s, saturated_fraction=record.saturated_fraction)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FollowedLight:
-    """Relative changes from the first cycle to the last, and the largest from the first to any."""
-
-    monitor: str  #: The sensor's name in the rig file.
-    light: float  #: Change of the reference region's light, of the reading, and of the light divided by it.
-    reading: float
-    left: float
-    most_light: float  #: Largest change of light, and of light divided by the reading, either way.
-    most_left: float
-
-
-def followed_light(history: CycleHistory, trace: MonitorTrace) -> FollowedLight | None:
-    """Return how the light changed beside a sensor; None with fewer than two cycles that have both."""
-    found = []
-    for look in history.looks:
-        region, reading = look.regions.get(history.reference), trace.at(look.time_s)
-        if region is not None and reading is not None and reading > 0.0 and region.light_dn_per_s > 0.0:
-            found.append((region.light_dn_per_s, reading))
-    if len(found) < 2:
-        return None
-    first_light, first_reading = found[0]
-    light = [one / first_light - 1.0 for one, _ in found]
-    left = [one / first_light * first_reading / reading - 1.0 for one, reading in found]
-    return FollowedLight(
-        monitor=trace.facts.monitor,
-        light=light[-1],
-        reading=found[-1][1] / first_reading - 1.0,
-        left=left[-1],
-        most_light=max(map(abs, light)),
-        most_left=max(map(abs, left)),
-    )
-
-
-def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iterator[str]:
-    """Give in words what sensors that follow the light explain of its change."""
-    for trace in monitors:
-        found = followed_light(history, trace) if trace.facts.follows_light else None
-        if found is not None:
-            yield (
-                f"Light of {history.reference} changed by {percent(found.light, sign=True)} over the run and by "
-                f"{percent(found.most_light)} at most, {found.monitor} by {percent(found.reading, sign=True)}; divided "
-                f"by it {percent(found.left, sign=True)} is left, {percent(found.most_left)} at most"
-            )
-
-
-_MOST_FRAMES, _MOST_DARKS, _TOGETHER = 24, 4, 4
-_THUMBNAIL_PIXELS = 160
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Thumbnail:
-    """A frame, thinned out to some 160 pixels a row."""
-
-    record: FrameRecord
-    counts: NDArray[np.uint16]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SessionHistory:
-    """History of a session."""
-
-    run: Run  #: Its folder's content.
-    events: Sequence[RunEvent]  #: What happened, in its order.
-    means: Means  #: Mean counts of picture and regions by sequence number.
-    cycles: CycleHistory | None  #: None for a run that was imported.
-    thumbnails: tuple[Thumbnail, ...]  #: Frames spread over the run, 24 at most.
-    monitors: tuple[MonitorTrace, ...] = ()  #: What sensors beside the frames said.
-
-
-def session_history(run: Run) -> SessionHistory:
-    """Return how a session went; every frame is read once, for its means."""
-    events = read_events(run.path)
-    means = region_means_of(run)
-    return SessionHistory(
-        run=run,
-        events=events,
-        means=means,
-        cycles=cycle_history(run, means) if is_session(run) else None,
-        monitors=monitor_traces(events),
-        thumbnails=tuple(_thumbnail(run, record) for record in _spread(run.frames)),
-    )
-
-
 def _spread(frames: Sequence[FrameRecord]) -> list[FrameRecord]:
     if not frames:
         return []
@@ -227,7 +187,6 @@ def _spread(frames: Sequence[FrameRecord]) -> list[FrameRecord]:
     return [*darks, *(lit[place] for place in places[:most])]
 
 
-def _thumbnail(run: Run, record: FrameRecord) -> Thumbnail:
-    counts = run.counts(record)
+def _thinned(counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
     step = max(1, counts.shape[1] // _THUMBNAIL_PIXELS)
-    return Thumbnail(record=record, counts=counts[::step, ::step])
+    return counts[::step, ::step]

@@ -7,13 +7,10 @@ stands under the same name in the table [interlocks] of the session file. A new 
 import math
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.interfaces import Camera, StageStatus
@@ -22,11 +19,12 @@ from rigctl.console.terminal import warn
 from rigctl.errors import DataError, RunFolderError
 from rigctl.files.session_file import PICTURE, Action, InterlockSection
 from rigctl.rig.rig import cell_problem
-from rigctl.runs.records import HOST_CLOCK_EVENT
+from rigctl.runs.records import HOST_CLOCK_EVENT, SessionNoise
 from rigctl.runs.writer import RunWriter
-from rigctl.session.numbers import Drift, FrameSummary, MeanNoise
+from rigctl.session.numbers import FrameSummary, mean_variance_dn2
 from rigctl.session.plan import Step
 from rigctl.session.rig_work import CapturedFrame
+from rigctl.session.status import RegionDrift
 from rigctl.session.timing import Pause, SessionClock, SteadyUtc
 
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
@@ -42,7 +40,6 @@ _LASTING = ("low_signal", "saturated")
 # question over the network.
 _TEMPERATURES = ("SensorTemperature", "DeviceTemperature")
 _TEMPERATURE_EACH_S = 10.0
-
 Name = Literal[
     "angle",
     "black",
@@ -64,60 +61,201 @@ Name = Literal[
     "synchronised",
     "temperature",
 ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class InterlockViolation:
-    """An interlock that is not satisfied: its name, and what was found and what to try."""
-
-    name: Name
-    message: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrameAsTaken:
-    """One frame as it came, with what was asked for: kind, readback tolerance, cell [deg], and the frame before."""
-
-    kind: str
-    captured: CapturedFrame
-    tolerance_deg: float = 0.0
-    last_counts: NDArray[np.uint16] | None = None
-
-    @cached_property
-    def is_flat(self) -> bool:
-        """Whether all pixels have one value."""
-        counts = self.captured.frame.counts
-        return bool(counts.min() == counts.max())
-
-    @cached_property
-    def is_blank(self) -> bool:
-        """Whether no picture came: one value, neither saturated nor the 0 of a dark."""
-        counts = self.captured.frame.counts
-        if self.kind != "scene":
-            return not counts.any()
-        return self.is_flat and bool(counts.flat[0] < 2**self.captured.settings.bit_depth - 1)
-
-
+# An interlock that is not satisfied: its name, and what was found and what to try.
+Violation = tuple[Name, str]
 Messages = Iterator[str]
 
 
-def _angle(taken: FrameAsTaken, _: InterlockSection) -> Messages:
-    move = taken.captured.move
-    if move is None or not taken.captured.is_new_move:
+@runtime_checkable
+class TellsFeatures(Protocol):
+    """A camera that tells more of itself than every camera has to."""
+
+    def features(self) -> Mapping[str, str]:
+        """Return what it is set to and what it measures, under its own names."""
+
+
+class Thermometer:
+    """Asks a camera for its temperature, every ten seconds at most."""
+
+    def __init__(self, camera: Camera, clock: SessionClock) -> None:
+        self._camera, self._clock = camera, clock
+        self._read_ns: int | None = None
+        self._temperature_c: float | None = None
+
+    def temperature_c(self) -> float | None:
+        """Return the temperature by the last reading [deg C]; None if the camera tells none."""
+        now_ns = self._clock.monotonic_ns()
+        if self._read_ns is None or now_ns - self._read_ns >= _TEMPERATURE_EACH_S * NS_PER_S:
+            told = self._camera.features() if isinstance(self._camera, TellsFeatures) else {}
+            self._read_ns = now_ns
+            self._temperature_c = next((float(told[name]) for name in _TEMPERATURES if name in told), None)
+        return self._temperature_c
+
+
+class Interlocks:
+    """Holds a session against the table, and retries, holds, stops or notes as its file says.
+
+    What `react` and the `look`s raise: DeviceError or DataError where an interlock stops the session, StopAskedError
+    where somebody asks to stop while one holds it.
+    """
+
+    def __init__(
+        self,
+        section: InterlockSection,
+        pause: Pause,
+        writer: RunWriter,
+        utc: SteadyUtc,
+        thermometer: Thermometer,
+        noise: SessionNoise | None,
+    ) -> None:
+        self.section = section
+        self._pause, self._writer, self._utc = pause, writer, utc
+        self._thermometer, self._noise = thermometer, noise
+        self._told_in: set[tuple[str, int]] = set()
+        self._is_temperature_off = False
+        self._means: dict[float, dict[float, tuple[float, float]]] = {}
+        self.remarks: tuple[str, ...] = ()
+        """For every frame from here on."""
+
+    def found(self, name: Name, facts: object) -> tuple[Violation, ...]:
+        """Return what violates one interlock, unless it is switched off."""
+        if self._action(name) == "off":
+            return ()
+        messages = TABLE[name].check(facts, self.section)
+        return tuple((name, message) for message in messages)
+
+    def of_frames(self, frames: tuple[CapturedFrame, ...]) -> tuple[Violation, ...]:
+        """Return what is wrong with an exposure; of the parts of a cell the first that violates an interlock."""
+        names = [row.name for row in TABLE.values() if row.when == "frame"]
+        if len(frames) == 1:
+            return tuple(violation for name in names for violation in self.found(name, frames[0]))
+        each = (violation for captured in frames for name in names for violation in self.found(name, captured))
+        first: dict[str, Violation] = {}
+        for violation in each:
+            first.setdefault(violation[0], violation)
+        return tuple(first.values())
+
+    def of_cycle(self, seen: FrameSummary, drift: RegionDrift | None, *, ends_cycle: bool) -> tuple[Violation, ...]:
+        """Take in a frame; return what is wrong with its cycle where it ends one."""
+        sums: tuple[Violation, ...] = ()
+        if seen.kind == "scene" and seen.angle_deg is not None:
+            mean = seen.means[PICTURE]
+            dn2 = 0.0 if self._noise is None else mean_variance_dn2(self._noise, mean, seen.exposure_s)
+            self._means.setdefault(seen.exposure_s, {}).setdefault(seen.angle_deg, (mean.mean_dn, dn2))
+            if ends_cycle:
+                cycles, self._means = self._means, {}
+                sums = tuple(found for cycle in cycles.values() for found in self.found("sum_rule", cycle))[:1]
+        return sums + self.found("drift", drift)
+
+    def look_at_clock(self, clock: SessionClock) -> None:
+        """Look at what does not change in the middle of a session."""
+        self._writer.event(HOST_CLOCK_EVENT, utc_error_s=clock.utc_error_s())
+        self._react_while("synchronised", clock.problem)
+
+    def look_at_home(self, home: Callable[[], StageStatus | None]) -> None:
+        """Home the stage, again where a hold asks for that."""
+
+        def found() -> tuple[Violation, ...]:
+            status = home()
+            return () if status is None else self.found("homed", status)
+
+        for violation in found():
+            self.react(violation, cleared=lambda: not found())
+
+    def look_at_cell(self, captured: CapturedFrame, cell_deg: Sequence[float] | None) -> None:
+        """Hold the cell of polarizers against the light of a picture of a scene."""
+        if cell_deg is not None:
+            problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
+            self.react_all(self.found("cell", problem))
+
+    def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
+        """Tell of a disk that will be full before so many frames are on it; they are taken as long as there is room."""
+        run = self._writer.path
+        room = int((_free_bytes(run) - self.section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
+        if room < frames:
+            need_mb = frames * frame_bytes / _BYTES_PER_MB
+            short = (
+                f"{run}: {frames} frames are to come, {need_mb:.0f} MB; the disk has room for {max(room, 0)} of them"
+            )
+            warn(short)
+            self._writer.event("disk is short", found=short)
+
+    def look_around(self) -> None:
+        """Look at clock, disk and temperature between two frames."""
+        for violation in self.found("clock", self._utc.jump_s()):
+            self.remarks = (*self.remarks, violation[1])[-_MOST_REMARKS:]
+            self.react(violation)
+        self._react_while("disk", lambda: self._writer.path)
+        temperature_c = self._thermometer.temperature_c
+        was_off = self._is_temperature_off
+        self._is_temperature_off = any(_temperature(temperature_c(), self.section))
+        if self._is_temperature_off and not was_off:
+            self._react_while("temperature", temperature_c)
+
+    def note(self, violation: Violation, **facts: int) -> None:
+        """Write down a violation and what is done about it."""
+        action = self._action(violation[0])
+        self._writer.event("interlock", interlock=violation[0], action=action, message=violation[1], **facts)
+
+    def react(self, violation: Violation, *, cleared: Callable[[], bool] = lambda: False) -> None:
+        """Note a violation, and hold until it is cleared, or stop, where that is asked for."""
+        self.note(violation)
+        if self._action(violation[0]) == "stop":
+            raise _failure_of(violation)
+        if self._action(violation[0]) == "hold":
+            self._pause.hold(violation[1], cleared=cleared)
+
+    def react_all(self, violations: tuple[Violation, ...]) -> None:
+        """React to each of several."""
+        for violation in violations:
+            self.react(violation)
+
+    def wants_again(self, violation: Violation, step: Step, *, tries_left: int) -> bool:
+        """Note a violation of a frame; return whether to take the frame again, or stop where that has not helped."""
+        action = self._action(violation[0])
+        if action != "note" or violation[0] not in _LASTING or (violation[0], step.round) not in self._told_in:
+            self.note(violation, sequence=step.sequence)
+        self._told_in.add((violation[0], step.round))
+        if action == "stop" or (action == "retry" and tries_left <= 0):
+            raise _failure_of(violation)
+        if action == "hold":
+            self._pause.hold(violation[1], cleared=lambda: False)
+        return action in ("retry", "hold")
+
+    def _action(self, name: Name) -> Action:
+        action: Action = getattr(self.section, name)
+        return action
+
+    def _react_while(self, name: Name, facts: Callable[[], object]) -> None:
+        for violation in self.found(name, facts()):
+            self.react(violation, cleared=lambda: not self.found(name, facts()))
+
+
+class Interlock(NamedTuple):
+    """One row: its name, when it is checked, the error that ends a session for it, and the check."""
+
+    name: Name
+    when: Literal["start", "between frames", "frame", "cycle", "as it happens"]
+    error: type[DeviceError] | type[DataError]
+    check: Callable[..., Messages]
+
+
+def _angle(captured: CapturedFrame, _: InterlockSection) -> Messages:
+    move = captured.move
+    if move is None or not captured.is_new_move:
         return
-    if abs(wrapped(move.position.angle_deg - move.target_deg, turn=360.0)) > taken.tolerance_deg:
+    if abs(wrapped(move.position.angle_deg - move.target_deg, turn=360.0)) > captured.tolerance_deg:
         text = f"stage: asked for {move.target_deg:g} deg it stands at {move.position.angle_deg:g} deg"
-        yield f"{text}, allowed are {taken.tolerance_deg:g} deg"
+        yield f"{text}, allowed are {captured.tolerance_deg:g} deg"
 
 
-def _button(taken: FrameAsTaken, _: InterlockSection) -> Messages:
-    move = taken.captured.move
-    if move is not None and taken.captured.is_new_move and move.remarks:
+def _button(captured: CapturedFrame, _: InterlockSection) -> Messages:
+    move = captured.move
+    if move is not None and captured.is_new_move and move.remarks:
         yield f"stage: {'; '.join(move.remarks)}: was it touched?"
 
 
-def _settings(taken: FrameAsTaken, _: InterlockSection) -> Messages:
-    captured = taken.captured
+def _settings(captured: CapturedFrame, _: InterlockSection) -> Messages:
     (exposure_s, gain_db), read_back = captured.asked, captured.settings
     if abs(read_back.exposure_s - exposure_s) > _EXPOSURE_TOLERANCE * exposure_s:
         yield f"camera: asked for an exposure of {exposure_s:g} s it says that it took {read_back.exposure_s:g} s"
@@ -128,43 +266,43 @@ def _settings(taken: FrameAsTaken, _: InterlockSection) -> Messages:
         yield f"{text}: switch its automatic exposure and gain off"
 
 
-def _counter(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+def _counter(captured: CapturedFrame, _: InterlockSection) -> Messages:
     """Give an old picture (number stands still) or lost ones (gap); a free-running camera counts others, too."""
-    number, last = taken.captured.frame.sequence, taken.captured.number_before
+    number, last = captured.frame.sequence, captured.number_before
     if last is None:
         return
     said, missing = f"camera: its frame counter says {number} after {last}", number - last - 1
     if missing < 0:
         yield f"{said}: it sent an old picture, or was restarted"
-    elif missing and taken.captured.is_triggered:
+    elif missing and captured.is_triggered:
         yield f"{said}: {missing} pictures were lost on their way"
 
 
-def _identical(taken: FrameAsTaken, _: InterlockSection) -> Messages:
+def _identical(captured: CapturedFrame, _: InterlockSection) -> Messages:
     """Give a picture with the very noise of the one before; one of a single value has none."""
-    counts = taken.captured.frame.counts
-    if taken.last_counts is not None and not taken.is_flat and np.array_equal(counts, taken.last_counts):
-        text = f"camera: frame {taken.captured.frame.sequence} is identical to the one before, down to the noise"
+    counts = captured.frame.counts
+    if captured.last_counts is not None and not captured.is_flat and np.array_equal(counts, captured.last_counts):
+        text = f"camera: frame {captured.frame.sequence} is identical to the one before, down to the noise"
         yield f"{text}: it sent an old picture again. Restart the camera"
 
 
-def _black(taken: FrameAsTaken, _: InterlockSection) -> Messages:
-    frame = taken.captured.frame
-    if taken.is_blank:
+def _black(captured: CapturedFrame, _: InterlockSection) -> Messages:
+    frame = captured.frame
+    if captured.is_blank:
         text = f"camera: frame {frame.sequence} has the value {frame.counts.flat[0]} everywhere"
         yield f"{text}: no picture came. Check cable, bandwidth and lens cap"
 
 
-def _saturated(taken: FrameAsTaken, section: InterlockSection) -> Messages:
-    share = taken.captured.saturated_fraction
-    if taken.kind == "scene" and not taken.is_blank and share > section.saturated_fraction:
+def _saturated(captured: CapturedFrame, section: InterlockSection) -> Messages:
+    share = captured.saturated_fraction
+    if captured.kind == "scene" and not captured.is_blank and share > section.saturated_fraction:
         yield f"{100 * share:.2f} % of the pixels are saturated, allowed are {100 * section.saturated_fraction:g} %"
 
 
-def _low_signal(taken: FrameAsTaken, section: InterlockSection) -> Messages:
-    if taken.kind != "scene" or taken.is_blank:
+def _low_signal(captured: CapturedFrame, section: InterlockSection) -> Messages:
+    if captured.kind != "scene" or captured.is_blank:
         return
-    frame = taken.captured.frame
+    frame = captured.frame
     level_dn = section.low_signal_level * (2**frame.settings.bit_depth - 1)
     low = float(np.count_nonzero(frame.counts < level_dn) / frame.counts.size)
     if low > section.low_signal_fraction:
@@ -213,7 +351,7 @@ def _sum_rule(cycle: Mapping[float, tuple[float, float]], section: InterlockSect
         yield f"{sums}, allowed are {allowed:.1f} DN apart: light, exposure or an angle changed within the cycle"
 
 
-def _drift(drift: Drift | None, section: InterlockSection) -> Messages:
+def _drift(drift: RegionDrift | None, section: InterlockSection) -> Messages:
     if drift is None or abs(drift.change) <= section.drift_tolerance + _SIGMAS * (drift.sigma or 0.0):
         return
     text = f"the light changed by {100 * drift.change:+.2f} % in {drift.over_s:.1f} s"
@@ -225,15 +363,6 @@ def _told(problem: str | None, _: InterlockSection) -> Messages:
     """Found where it happens: a driver's error, a full queue, a cell that contradicts the light."""
     if problem is not None:
         yield problem
-
-
-class Interlock(NamedTuple):
-    """One row: its name, when it is checked, the error that ends a session for it, and the check."""
-
-    name: Name
-    when: Literal["start", "between frames", "frame", "cycle", "as it happens"]
-    error: type[DeviceError] | type[DataError]
-    check: Callable[..., Messages]
 
 
 TABLE: Mapping[str, Interlock] = {
@@ -262,176 +391,11 @@ TABLE: Mapping[str, Interlock] = {
 }
 
 
-@runtime_checkable
-class TellsFeatures(Protocol):
-    """A camera that tells more of itself than every camera has to."""
-
-    def features(self) -> Mapping[str, str]:
-        """Return what it is set to and what it measures, under its own names."""
-
-
-class Thermometer:
-    """Asks a camera for its temperature, every ten seconds at most."""
-
-    def __init__(self, camera: Camera, clock: SessionClock) -> None:
-        self._camera, self._clock = camera, clock
-        self._read_ns: int | None = None
-        self._temperature_c: float | None = None
-
-    def temperature_c(self) -> float | None:
-        """Return the temperature by the last reading [deg C]; None if the camera tells none."""
-        now_ns = self._clock.monotonic_ns()
-        if self._read_ns is None or now_ns - self._read_ns >= _TEMPERATURE_EACH_S * NS_PER_S:
-            told = self._camera.features() if isinstance(self._camera, TellsFeatures) else {}
-            self._read_ns = now_ns
-            self._temperature_c = next((float(told[name]) for name in _TEMPERATURES if name in told), None)
-        return self._temperature_c
-
-
-class Interlocks:
-    """Holds a session against the table, and retries, holds, stops or notes as its file says.
-
-    What `react` and the `look`s raise: DeviceError or DataError where an interlock stops the session, StopAskedError
-    where somebody asks to stop while one holds it.
-    """
-
-    def __init__(
-        self,
-        section: InterlockSection,
-        pause: Pause,
-        writer: RunWriter,
-        utc: SteadyUtc,
-        thermometer: Thermometer,
-        noise: MeanNoise | None,
-    ) -> None:
-        self.section = section
-        self._pause, self._writer, self._utc = pause, writer, utc
-        self._thermometer, self._noise = thermometer, noise
-        self._told_in: set[tuple[str, int]] = set()
-        self._is_temperature_off = False
-        self._means: dict[float, dict[float, tuple[float, float]]] = {}
-        self.remarks: tuple[str, ...] = ()
-        """For every frame from here on."""
-
-    def found(self, name: Name, facts: object) -> tuple[InterlockViolation, ...]:
-        """Return what violates one interlock, unless it is switched off."""
-        if self._action(name) == "off":
-            return ()
-        messages = TABLE[name].check(facts, self.section)
-        return tuple(InterlockViolation(name=name, message=message) for message in messages)
-
-    def of_frames(self, frames: tuple[FrameAsTaken, ...]) -> tuple[InterlockViolation, ...]:
-        """Return what is wrong with an exposure; of the parts of a cell the first that violates an interlock."""
-        names = [row.name for row in TABLE.values() if row.when == "frame"]
-        if len(frames) == 1:
-            return tuple(violation for name in names for violation in self.found(name, frames[0]))
-        each = (violation for taken in frames for name in names for violation in self.found(name, taken))
-        first: dict[str, InterlockViolation] = {}
-        for violation in each:
-            first.setdefault(violation.name, violation)
-        return tuple(first.values())
-
-    def of_cycle(self, seen: FrameSummary, drift: Drift | None, *, ends_cycle: bool) -> tuple[InterlockViolation, ...]:
-        """Take in a frame; return what is wrong with its cycle where it ends one."""
-        sums: tuple[InterlockViolation, ...] = ()
-        if seen.kind == "scene" and seen.angle_deg is not None:
-            mean, exposure_s, noise = seen.means[PICTURE], seen.exposure_s, self._noise
-            dn2 = 0.0 if noise is None else noise.variance_dn2(mean.mean_dn, exposure_s=exposure_s, pixels=mean.pixels)
-            self._means.setdefault(exposure_s, {}).setdefault(seen.angle_deg, (mean.mean_dn, dn2))
-            if ends_cycle:
-                cycles, self._means = self._means, {}
-                sums = tuple(found for cycle in cycles.values() for found in self.found("sum_rule", cycle))[:1]
-        return sums + self.found("drift", drift)
-
-    def look_at_clock(self, clock: SessionClock) -> None:
-        """Look at what does not change in the middle of a session."""
-        self._writer.event(HOST_CLOCK_EVENT, utc_error_s=clock.utc_error_s())
-        self._react_while("synchronised", clock.problem)
-
-    def look_at_home(self, home: Callable[[], StageStatus | None]) -> None:
-        """Home the stage, again where a hold asks for that."""
-
-        def found() -> tuple[InterlockViolation, ...]:
-            status = home()
-            return () if status is None else self.found("homed", status)
-
-        for violation in found():
-            self.react(violation, cleared=lambda: not found())
-
-    def look_at_cell(self, captured: CapturedFrame, cell_deg: Sequence[float] | None) -> None:
-        """Hold the cell of polarizers against the light of a picture of a scene."""
-        if cell_deg is not None:
-            problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
-            self.react_all(self.found("cell", problem))
-
-    def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
-        """Tell of a disk that will be full before so many frames are on it; they are taken as long as there is room."""
-        run = self._writer.path
-        room = int((_free_bytes(run) - self.section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
-        if room < frames:
-            need_mb = frames * frame_bytes / _BYTES_PER_MB
-            short = (
-                f"{run}: {frames} frames are to come, {need_mb:.0f} MB; the disk has room for {max(room, 0)} of them"
-            )
-            warn(short)
-            self._writer.event("disk is short", found=short)
-
-    def look_around(self) -> None:
-        """Look at clock, disk and temperature between two frames."""
-        for violation in self.found("clock", self._utc.jump_s()):
-            self.remarks = (*self.remarks, violation.message)[-_MOST_REMARKS:]
-            self.react(violation)
-        self._react_while("disk", lambda: self._writer.path)
-        temperature_c = self._thermometer.temperature_c
-        was_off = self._is_temperature_off
-        self._is_temperature_off = any(_temperature(temperature_c(), self.section))
-        if self._is_temperature_off and not was_off:
-            self._react_while("temperature", temperature_c)
-
-    def note(self, violation: InterlockViolation, **facts: int) -> None:
-        """Write down a violation and what is done about it."""
-        action = self._action(violation.name)
-        self._writer.event("interlock", interlock=violation.name, action=action, message=violation.message, **facts)
-
-    def react(self, violation: InterlockViolation, *, cleared: Callable[[], bool] = lambda: False) -> None:
-        """Note a violation, and hold until it is cleared, or stop, where that is asked for."""
-        self.note(violation)
-        if self._action(violation.name) == "stop":
-            raise _failure_of(violation)
-        if self._action(violation.name) == "hold":
-            self._pause.hold(violation.message, cleared=cleared)
-
-    def react_all(self, violations: tuple[InterlockViolation, ...]) -> None:
-        """React to each of several."""
-        for violation in violations:
-            self.react(violation)
-
-    def wants_again(self, violation: InterlockViolation, step: Step, *, tries_left: int) -> bool:
-        """Note a violation of a frame; return whether to take the frame again, or stop where that has not helped."""
-        action = self._action(violation.name)
-        if action != "note" or violation.name not in _LASTING or (violation.name, step.round) not in self._told_in:
-            self.note(violation, sequence=step.sequence)
-        self._told_in.add((violation.name, step.round))
-        if action == "stop" or (action == "retry" and tries_left <= 0):
-            raise _failure_of(violation)
-        if action == "hold":
-            self._pause.hold(violation.message, cleared=lambda: False)
-        return action in ("retry", "hold")
-
-    def _action(self, name: Name) -> Action:
-        action: Action = getattr(self.section, name)
-        return action
-
-    def _react_while(self, name: Name, facts: Callable[[], object]) -> None:
-        for violation in self.found(name, facts()):
-            self.react(violation, cleared=lambda: not self.found(name, facts()))
-
-
-def _failure_of(violation: InterlockViolation) -> DeviceError | DataError:
-    error = TABLE[violation.name].error
+def _failure_of(violation: Violation) -> DeviceError | DataError:
+    error = TABLE[violation[0]].error
     if error is DataError:
-        return DataError(f"{violation.message} (interlock {violation.name!r}); `rigctl resume` goes on")
-    return error(violation.message)
+        return DataError(f"{violation[1]} (interlock {violation[0]!r}); `rigctl resume` goes on")
+    return error(violation[1])
 
 
 def _free_bytes(run: Path) -> int:

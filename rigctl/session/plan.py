@@ -7,11 +7,10 @@ nothing.
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypedDict
 
 import numpy as np
 
@@ -27,23 +26,35 @@ from rigctl.scene.sun import sun_position
 
 # A FITS header of one frame and its line in the manifest [bytes].
 BYTES_BESIDE_PIXELS = 5760 + 1024
+SUN_ANGLES = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
 # What a move of the stage and the disk take, for the estimate only: an ELL14 turns 45 deg in 0.2 s and answers in
 # 0.1 s; a frame of 1 MB is on the disk in 0.02 s [s].
-_MOVE_S = 0.4
-_STORE_S = 0.02
-_HOME_S = 2.0
-# What a metered exposure is taken for, before it is metered [s].
+_MOVE_S, _STORE_S, _HOME_S = 0.4, 0.02, 2.0
+# The exposure that is assumed for a metered one before it is metered [s].
 _METERED_S = 0.01
-# Places of a cell; how far a calibrated axis may be from the one that it is meant to be.
+# Places of a cell of polarizers; how far a calibrated axis may be from the nominal one.
 _PLACES = 4
 _HALF_TURN_DEG, _EIGHTH_DEG, _MEANT_DEG, _AXIS_DECIMALS = 180.0, 45.0, 5.0, 3
+# Between two exact positions the sun is interpolated along the chord: over a minute it moves by at most 0.0044 rad,
+# the chord leaves the arc by 0.0044^2 / 8 = 2.4e-6 rad at most (0.14 millidegrees).
+_NODE_NS, _NODES_KEPT = 60 * NS_PER_S, 4096
+# The crossing of an elevation is sought within such steps: the sun does not turn back twice within one.
+_SCAN_NS, _CROSSING_TOLERANCE_NS = 600 * NS_PER_S, NS_PER_S // 10
+_NS_PER_MIN, _NS_PER_H = 60 * NS_PER_S, 3600 * NS_PER_S
+_MOST_ROUNDS = 100_000
+_LEAST_ANGLES = 3
+_DRIFT_PER_S = 0.01 / 60.0
+# Four frames may wait for the disk: a faster stretch that is shorter than twice this does no harm.
+_STRETCH = 8
+# The fastest stage turns between two angles in so long; reading out and sending a picture, at 1 Gbit/s and 782 x 582.
+_SHORTEST_MOVE_S, _FAST_CAMERA_S = 0.2, 0.007
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
     """One frame that is to be taken."""
 
-    sequence: int  #: Its place in the session, from 0.
+    sequence: int = 0  #: Its place in the session, from 0.
     kind: FrameKind  #: What stands before the camera.
     cycle: int  #: Which time its take goes through the angles, from 0; counted on through the rounds of a schedule.
     polarizer_angle_deg: float | None  #: Where the polarizer's axis is to point; None leaves it where it is.
@@ -63,22 +74,172 @@ class Step:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Need:
-    """Time and disk of a session, estimated."""
+class SunAngles:
+    """Direction of the sun: azimuth clockwise from north in [0, 360), elevation without refraction [deg]."""
 
-    duration_s: float  #: Exposures, moves and storing; not what a person at the rig takes [s].
-    disk_bytes: int | None  #: None where the size of a frame is not known before the camera is opened.
+    azimuth_deg: float
+    elevation_deg: float
+
+    @property
+    def zenith_deg(self) -> float:
+        """Angle from the vertical [deg]."""
+        return 90.0 - self.elevation_deg
 
 
-@dataclass(frozen=True, kw_only=True)
-class _PlannedFrame:
-    kind: FrameKind
-    cycle: int
-    polarizer_angle_deg: float | None
-    exposure_s: float | None
-    exposure_factor: float
-    ends_cycle: bool = False
-    part: int | None = None
+class SunTrack:
+    """The sun above one site."""
+
+    def __init__(self, site: SiteSection) -> None:
+        self.site = site
+        self._node: Callable[[int], tuple[float, float, float]] = lru_cache(maxsize=_NODES_KEPT)(self._exact)
+
+    def at(self, utc_ns: int) -> SunAngles:
+        """Return where the sun stands at a time since 1970 (UTC) [ns]."""
+        number, rest_ns = divmod(utc_ns, _NODE_NS)
+        before, after = self._node(number), self._node(number + 1)
+        share = rest_ns / _NODE_NS
+        east, north, up = (a + share * (b - a) for a, b in zip(before, after, strict=True))
+        return SunAngles(
+            azimuth_deg=math.degrees(math.atan2(east, north)) % 360.0,
+            elevation_deg=math.degrees(math.atan2(up, math.hypot(east, north))),
+        )
+
+    def crossings_ns(self, zenith_deg: float, *, start_ns: int, end_ns: int) -> Iterator[int]:
+        """Give each time between two others at which the sun's zenith angle passes a value, either way."""
+        for left in range(start_ns, end_ns, _SCAN_NS):
+            right = min(left + _SCAN_NS, end_ns)
+            if self._is_below(zenith_deg, left) != self._is_below(zenith_deg, right):
+                yield self._bisect(zenith_deg, left, right)
+
+    def _bisect(self, zenith_deg: float, left: int, right: int) -> int:
+        state = self._is_below(zenith_deg, left)
+        while right - left > _CROSSING_TOLERANCE_NS:
+            middle = (left + right) // 2
+            left, right = (middle, right) if self._is_below(zenith_deg, middle) == state else (left, middle)
+        return right
+
+    def _is_below(self, zenith_deg: float, utc_ns: int) -> bool:
+        return self.at(utc_ns).zenith_deg < zenith_deg
+
+    def _exact(self, number: int) -> tuple[float, float, float]:
+        found = sun_position(datetime.fromtimestamp(number * _NODE_NS // NS_PER_S, tz=UTC), self.site.place)
+        level = math.sin(found.zenith_rad)
+        return level * math.sin(found.azimuth_rad), level * math.cos(found.azimuth_rad), math.cos(found.zenith_rad)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionPlan:
+    """A session laid out in time."""
+
+    steps: tuple[Step, ...]  #: What is taken.
+    times_ns: tuple[int, ...]  #: About when [ns since 1970 UTC].
+    start_ns: int  #: When it begins.
+    sun: SunTrack | None  #: The sun above the site, where the rig file has one.
+    camera_azimuth_deg: float | None  #: Where the camera stands as seen from the target.
+    disk_bytes: int | None  #: What the frames take; None where their size is not known.
+    remarks: tuple[str, ...]  #: What one should know before climbing the roof.
+
+    def rounds(self) -> dict[int, int]:
+        """Return when the first step of each round is taken [ns since 1970 UTC]."""
+        begin: dict[int, int] = {}
+        for step, time_ns in zip(self.steps, self.times_ns, strict=True):
+            begin.setdefault(step.round, time_ns)
+        return begin
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the beginning until the last frame is taken [s]."""
+        return (self.times_ns[-1] - self.start_ns) / NS_PER_S
+
+    @property
+    def false_dolp(self) -> float | None:
+        """DoLP that unpolarized light shows in a round if it grows by 1 % a minute."""
+        return false_dolp([step for step in self.steps if step.round == self.steps[0].round])
+
+    def planned_rounds(self) -> list[dict[str, Json]]:
+        """Return when each round begins, and the sun then."""
+        return [{"round": number, **self._moment(time_ns)} for number, time_ns in self.rounds().items()]
+
+    def planned_steps(self) -> list[dict[str, Json]]:
+        """Return about when each frame is taken, and the sun then; an exposure of None is metered."""
+        return [
+            {
+                "sequence": step.sequence,
+                "round": step.round,
+                **self._moment(time_ns),
+                "kind": step.kind,
+                "cycle": step.cycle,
+                "angle_deg": step.polarizer_angle_deg,
+                "exposure_ms": None if step.exposure_s is None else step.exposure_s * 1000.0,
+            }
+            for step, time_ns in zip(self.steps, self.times_ns, strict=True)
+        ]
+
+    def content(self) -> dict[str, Json]:
+        """Return the plan as JSON holds it."""
+        return {
+            "start_utc": utc_text(self.start_ns),
+            "end_utc": utc_text(self.times_ns[-1]),
+            "duration_s": self.duration_s,
+            "disk_bytes": self.disk_bytes,
+            "false_dolp_per_percent_a_minute": self.false_dolp,
+            "rounds": self.planned_rounds(),
+            "steps": self.planned_steps(),
+            "remarks": list(self.remarks),
+        }
+
+    def _moment(self, time_ns: int) -> dict[str, Json]:
+        """Return a time and the angles of the sun, as far as they are known; phi is its azimuth less the camera's."""
+        if self.sun is None:
+            return {"utc": utc_text(time_ns)}
+        sun, camera_deg = self.sun.at(time_ns), self.camera_azimuth_deg
+        angles: dict[str, Json] = {"sun_zenith_deg": sun.zenith_deg, "sun_azimuth_deg": sun.azimuth_deg}
+        if camera_deg is not None:
+            # In (-180, 180]: 180 is where the camera looks toward the sun's side.
+            angles["phi_deg"] = 180.0 - (180.0 - (sun.azimuth_deg - camera_deg)) % 360.0
+        return {"utc": utc_text(time_ns), **angles}
+
+
+def plan_session(
+    rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: int | None = None, pixels: int | None = None
+) -> SessionPlan:
+    """Return a session laid out in time."""
+    rounds = round_times_ns(session, rig.site, now_ns=now_ns, until_ns=until_ns)
+    steps = plan_steps(session, rounds, cell_deg=rig.cell_deg)
+    times = step_times_ns(steps, start_ns=now_ns)
+    if until_ns is not None:
+        steps = tuple(step for step, time in zip(steps, times, strict=True) if time < until_ns) or steps[:1]
+        times = times[: len(steps)]
+    geometry = rig.geometry
+    azimuth = None if geometry is None or geometry.camera_azimuth_deg is None else geometry.camera_azimuth_deg.value
+    return SessionPlan(
+        steps=steps,
+        times_ns=times,
+        start_ns=now_ns,
+        sun=None if rig.site is None else SunTrack(rig.site),
+        camera_azimuth_deg=azimuth,
+        disk_bytes=estimate(steps, rig, pixels=pixels)[1],
+        remarks=tuple(_remarks(rig, session, steps, times)),
+    )
+
+
+def round_times_ns(
+    session: SessionFile, site: SiteSection | None, *, now_ns: int, until_ns: int | None = None
+) -> tuple[int | None, ...]:
+    """Return when each round is due, in ascending order [ns since 1970 UTC]; one None where there is no schedule."""
+    schedule = session.schedule
+    if schedule is None:
+        return (None,)
+    if schedule.needs_sun and site is None:
+        raise ConfigError("the schedule asks for the sun: the rig file needs [site] with latitude_deg, longitude_deg")
+    start_ns = now_ns if schedule.start is None else unix_ns(schedule.start)
+    end_ns = start_ns + round(schedule.duration_h * _NS_PER_H) if schedule.end is None else unix_ns(schedule.end)
+    end_ns = end_ns if until_ns is None else min(end_ns, until_ns)
+    sun = None if site is None else SunTrack(site)
+    times = sorted({time for time in _candidates(schedule, sun, start_ns, end_ns) if _wanted(schedule, sun, time)})
+    if not times:
+        raise ConfigError("schedule: there is no round between its start and its end; look at `rigctl plan`")
+    return tuple(times)
 
 
 def plan_steps(
@@ -100,7 +261,7 @@ def plan_steps(
         targets_deg = tuple(map(nominal_deg, cell_deg))
         frames = [(number, due_ns, part) for number, due_ns, frame in frames for part in _parts(frame, targets_deg)]
     return tuple(
-        Step(sequence=sequence, round=number, due_ns=due_ns, **vars(frame))
+        replace(frame, sequence=sequence, round=number, due_ns=due_ns)
         for sequence, (number, due_ns, frame) in enumerate(frames)
     )
 
@@ -118,118 +279,24 @@ def nominal_deg(axis_deg: float) -> float:
     return nominal % _HALF_TURN_DEG if abs(axis_deg - nominal) <= _MEANT_DEG else axis_deg
 
 
-def _take_of_cell(take: Take, cell_deg: tuple[float, ...]) -> Take:
-    """Return a take as exposures: the angles are those of the cell, whatever their order."""
-    axes = {round(nominal_deg(axis), _AXIS_DECIMALS) for axis in cell_deg}
-    asked = {round(nominal_deg(angle % _HALF_TURN_DEG), _AXIS_DECIMALS) for angle in take.angles_deg or ()}
-    if take.angles_deg is not None and asked != axes:
-        known = ", ".join(f"{axis:g}" for axis in cell_deg)
-        raise ConfigError(
-            f"angles_deg of a take: the camera's pixels stand behind {known} deg, all of them in each exposure; leave "
-            "angles_deg out"
-        )
-    if take.closing_repeat:
-        raise ConfigError("closing_repeat: all angles are of one exposure here, so that no drift comes between them")
-    # One exposure a cycle, at whatever angle: the cell puts its own in.
-    return take.model_copy(update={"angles_deg": [0.0], "order": "cycles"})
+def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None) -> tuple[float, int | None]:
+    """Return what steps need of time [s] and of the disk [bytes]; None where the size of a frame is not known.
 
-
-def _parts(frame: _PlannedFrame, targets_deg: tuple[float, ...]) -> Iterator[_PlannedFrame]:
-    """Give the frames of an exposure behind each place of a cell."""
-    last = len(targets_deg) - 1
-    for part, target_deg in enumerate(targets_deg):
-        yield replace(frame, polarizer_angle_deg=target_deg, part=part, ends_cycle=frame.ends_cycle and part == last)
-
-
-def _darks_of(session: SessionFile, number: int) -> DarkSection | None:
-    darks = session.darks
-    return None if darks is None or number % darks.every_rounds else darks
-
-
-def _frames_of(take: Take, darks: DarkSection | None, *, first_cycle: int) -> Iterator[_PlannedFrame]:
-    for exposure_s in take.exposures_s:
-        if take.order == "grouped":
-            yield from _dark_frames(take, darks, exposure_s, 0)
-            yield from _grouped_frames(take, exposure_s, first_cycle)
-        else:
-            for cycle in range(take.cycles):
-                yield from _dark_frames(take, darks, exposure_s, cycle)
-                yield from _cycle_frames(take, exposure_s, first_cycle + cycle)
-        yield from _dark_frames(take, darks, exposure_s, 0)
-
-
-def _dark_frames(
-    take: Take, darks: DarkSection | None, exposure_s: float | None, cycle: int
-) -> Iterator[_PlannedFrame]:
-    if darks is None or take.kind != "scene" or cycle % darks.every_cycles:
-        return
-    for factor in take.exposure_factors:
-        for frame in range(darks.frames):
-            yield _PlannedFrame(
-                kind="dark",
-                cycle=frame,
-                polarizer_angle_deg=None,
-                exposure_s=_times(exposure_s, factor),
-                exposure_factor=factor,
-            )
-
-
-def _cycle_frames(take: Take, exposure_s: float | None, cycle: int) -> Iterator[_PlannedFrame]:
-    angles = take.polarizer_angles_deg
-    if take.order == "palindrome" and cycle % 2:
-        angles = angles[::-1]
-    if take.closing_repeat:
-        angles = (*angles, angles[0])
-    last = (len(angles) - 1, len(take.exposure_factors) - 1)
-    for place, angle in enumerate(angles):
-        for k, factor in enumerate(take.exposure_factors):
-            yield _planned(take, cycle, angle, exposure_s, factor, ends_cycle=(place, k) == last)
-
-
-def _grouped_frames(take: Take, exposure_s: float | None, first_cycle: int) -> Iterator[_PlannedFrame]:
-    for angle in take.polarizer_angles_deg:
-        for cycle in range(take.cycles):
-            for factor in take.exposure_factors:
-                yield _planned(take, first_cycle + cycle, angle, exposure_s, factor, ends_cycle=False)
-
-
-def _planned(
-    take: Take, cycle: int, angle: float | None, exposure_s: float | None, factor: float, *, ends_cycle: bool
-) -> _PlannedFrame:
-    return _PlannedFrame(
-        kind=take.kind,
-        cycle=cycle,
-        polarizer_angle_deg=angle,
-        exposure_s=_times(exposure_s, factor),
-        exposure_factor=factor,
-        ends_cycle=ends_cycle and take.kind == "scene",
-    )
-
-
-def _times(exposure_s: float | None, factor: float) -> float | None:
-    return None if exposure_s is None else exposure_s * factor
-
-
-def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None) -> Need:
-    """Return what steps need of time and disk."""
+    Time is that of exposures, moves and storing, without what a person at the rig takes.
+    """
     moves = sum(
         1
         for before, step in zip((None, *steps), steps, strict=False)
         if _turns(step, None if before is None else before.polarizer_angle_deg)
     )
     exposed_s = sum(planned_exposure_s(step) for step in steps if step.begins_exposure)
-    duration = (0.0 if rig.stage is None else _HOME_S) + moves * _MOVE_S + exposed_s + len(steps) * _STORE_S
+    duration_s = (0.0 if rig.stage is None else _HOME_S) + moves * _MOVE_S + exposed_s + len(steps) * _STORE_S
     if pixels is None and rig.simulation is not None:
         pixels = rig.simulation.camera.width * rig.simulation.camera.height
     if pixels is None:
-        return Need(duration_s=duration, disk_bytes=None)
+        return duration_s, None
     of_frame = pixels // _PLACES if rig.camera.mosaic_deg is not None and rig.camera.interpolation == "none" else pixels
-    return Need(duration_s=duration, disk_bytes=len(steps) * (2 * of_frame + BYTES_BESIDE_PIXELS))
-
-
-def _turns(step: Step, angle_deg: float | None) -> bool:
-    """Return whether the stage turns for a step; a cell of polarizers needs none."""
-    return step.part is None and step.polarizer_angle_deg not in (None, angle_deg)
+    return duration_s, len(steps) * (2 * of_frame + BYTES_BESIDE_PIXELS)
 
 
 def planned_exposure_s(step: Step) -> float:
@@ -256,126 +323,17 @@ def step_times_ns(steps: Sequence[Step], *, start_ns: int) -> tuple[int, ...]:
     return tuple(times)
 
 
-Vector = tuple[float, float, float]
-# Between two exact positions the direction is interpolated along the chord: over a minute the sun moves by at most
-# 0.0044 rad, the chord leaves the arc by 0.0044^2 / 8 = 2.4e-6 rad at most (0.14 millidegrees).
-_NODE_NS = 60 * NS_PER_S
-_NODES_KEPT = 4096
-# The crossing of an elevation is sought within such steps: the sun does not turn back twice within one [s].
-_SCAN_S = 600
-_CROSSING_TOLERANCE_NS = NS_PER_S // 10
+def demand_of(
+    rig: RigFile, session: SessionFile, *, pixels: int, now_ns: int, camera_s: float | None = None
+) -> tuple[int, float, int]:
+    """Return what a session asks of the disk if it begins now.
 
-
-@dataclass(frozen=True, kw_only=True)
-class SunAngles:
-    """Direction of the sun: azimuth clockwise from north in [0, 360), elevation without refraction [deg]."""
-
-    azimuth_deg: float
-    elevation_deg: float
-
-    @property
-    def zenith_deg(self) -> float:
-        """Angle from the vertical [deg]."""
-        return 90.0 - self.elevation_deg
-
-
-class SunTrack:
-    """The sun above one site."""
-
-    def __init__(self, site: SiteSection) -> None:
-        self.site = site
-        self._node: Callable[[int], Vector] = lru_cache(maxsize=_NODES_KEPT)(self._exact)
-
-    def at(self, utc_ns: int) -> SunAngles:
-        """Return where the sun stands at a time since 1970 (UTC) [ns]."""
-        number, rest_ns = divmod(utc_ns, _NODE_NS)
-        before, after = self._node(number), self._node(number + 1)
-        share = rest_ns / _NODE_NS
-        east, north, up = (a + share * (b - a) for a, b in zip(before, after, strict=True))
-        return SunAngles(
-            azimuth_deg=math.degrees(math.atan2(east, north)) % 360.0,
-            elevation_deg=math.degrees(math.atan2(up, math.hypot(east, north))),
-        )
-
-    def crossings_ns(self, zenith_deg: float, *, start_ns: int, end_ns: int) -> Iterator[int]:
-        """Give each time between two others at which the sun's zenith angle passes a value, either way."""
-        left = start_ns
-        while left < end_ns:
-            right = min(left + _SCAN_S * NS_PER_S, end_ns)
-            if self._is_below(zenith_deg, left) != self._is_below(zenith_deg, right):
-                yield self._bisect(zenith_deg, left, right)
-            left = right
-
-    def _bisect(self, zenith_deg: float, left: int, right: int) -> int:
-        state = self._is_below(zenith_deg, left)
-        while right - left > _CROSSING_TOLERANCE_NS:
-            middle = (left + right) // 2
-            left, right = (middle, right) if self._is_below(zenith_deg, middle) == state else (left, middle)
-        return right
-
-    def _is_below(self, zenith_deg: float, utc_ns: int) -> bool:
-        return self.at(utc_ns).zenith_deg < zenith_deg
-
-    def _exact(self, number: int) -> Vector:
-        time = datetime.fromtimestamp(number * _NODE_NS // NS_PER_S, tz=UTC)
-        found = sun_position(time, self.site.place)
-        level = math.sin(found.zenith_rad)
-        return (
-            level * math.sin(found.azimuth_rad),
-            level * math.cos(found.azimuth_rad),
-            math.cos(found.zenith_rad),
-        )
-
-
-_NS_PER_MIN = 60 * NS_PER_S
-_NS_PER_H = 3600 * NS_PER_S
-_MOST_ROUNDS = 100_000
-
-
-def round_times_ns(
-    session: SessionFile, site: SiteSection | None, *, now_ns: int, until_ns: int | None = None
-) -> tuple[int | None, ...]:
-    """Return when each round is due, in ascending order [ns since 1970 UTC]; one None where there is no schedule."""
-    schedule = session.schedule
-    if schedule is None:
-        return (None,)
-    if schedule.needs_sun and site is None:
-        raise ConfigError("the schedule asks for the sun: the rig file needs [site] with latitude_deg, longitude_deg")
-    start_ns = now_ns if schedule.start is None else unix_ns(schedule.start)
-    end_ns = start_ns + round(schedule.duration_h * _NS_PER_H) if schedule.end is None else unix_ns(schedule.end)
-    end_ns = end_ns if until_ns is None else min(end_ns, until_ns)
-    sun = None if site is None else SunTrack(site)
-    times = sorted({time for time in _candidates(schedule, sun, start_ns, end_ns) if _wanted(schedule, sun, time)})
-    if not times:
-        raise ConfigError("schedule: there is no round between its start and its end; look at `rigctl plan`")
-    return tuple(times)
-
-
-def _candidates(schedule: ScheduleSection, sun: SunTrack | None, start_ns: int, end_ns: int) -> Iterator[int]:
-    for time in schedule.times or ():
-        if start_ns <= unix_ns(time) < end_ns:
-            yield unix_ns(time)
-    if schedule.every_min is not None:
-        step_ns = round(schedule.every_min * _NS_PER_MIN)
-        if (end_ns - start_ns) / step_ns > _MOST_ROUNDS:
-            raise ConfigError(f"schedule.every_min: makes more than {_MOST_ROUNDS} rounds")
-        yield from range(start_ns, end_ns, step_ns)
-    for zenith_deg in schedule.zenith_passes_deg or ():
-        if sun is not None:
-            yield from sun.crossings_ns(zenith_deg, start_ns=start_ns, end_ns=end_ns)
-
-
-def _wanted(schedule: ScheduleSection, sun: SunTrack | None, time_ns: int) -> bool:
-    below, above = schedule.while_zenith_below_deg, schedule.while_zenith_above_deg
-    if sun is None or (below is None and above is None):
-        return True
-    zenith_deg = sun.at(time_ns).zenith_deg
-    return (below is None or zenith_deg < below) and (above is None or zenith_deg > above)
-
-
-_LEAST_ANGLES = 3
-_ANGLE_DECIMALS = 3
-_DRIFT_PER_S = 0.01 / 60.0
+    Bytes of one frame, mean time from frame to frame in the fastest stretch of eight frames [s], and bytes of all.
+    """
+    plan = plan_session(rig, session, now_ns=now_ns, pixels=pixels)
+    total = plan.disk_bytes or 0
+    beside_s = _FAST_CAMERA_S if camera_s is None else camera_s
+    return total // len(plan.steps), _fastest_period_s(plan.steps, beside_s), total
 
 
 def false_dolp(steps: Sequence[Step]) -> float | None:
@@ -416,7 +374,7 @@ def grouping_cost(session: SessionFile) -> str | None:
 def missing_axes(steps: Sequence[Step]) -> str | None:
     """Return in words that a session cannot give a DoLP, or None where it can or takes no scene."""
     targets = [step.polarizer_angle_deg for step in steps if step.kind == "scene"]
-    axes = {round(target % 180.0, _ANGLE_DECIMALS) % 180.0 for target in targets if target is not None}
+    axes = {round(target % 180.0, _AXIS_DECIMALS) % 180.0 for target in targets if target is not None}
     if not axes or len(axes) >= _LEAST_ANGLES:
         return None
     return (
@@ -425,143 +383,118 @@ def missing_axes(steps: Sequence[Step]) -> str | None:
     )
 
 
-SUN_ANGLES = ("sun_zenith_deg", "sun_azimuth_deg", "phi_deg")
-
-
-class _Moment(TypedDict):
-    utc: str
-    sun_zenith_deg: float | None
-    sun_azimuth_deg: float | None
-    phi_deg: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlannedRound:
-    """Beginning of a round, and the sun then; phi is the sun's azimuth less the camera's, in (-180, 180]."""
-
-    round: int
-    utc: str
-    sun_zenith_deg: float | None
-    sun_azimuth_deg: float | None
-    phi_deg: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlannedStep:
-    """A frame, about when it is taken, and the sun then; an exposure of None is metered."""
-
-    sequence: int
-    round: int
-    utc: str
-    sun_zenith_deg: float | None
-    sun_azimuth_deg: float | None
-    phi_deg: float | None
-    kind: str
-    cycle: int
-    angle_deg: float | None
-    exposure_ms: float | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SessionPlan:
-    """A session laid out in time."""
-
-    steps: tuple[Step, ...]  #: What is taken.
-    times_ns: tuple[int, ...]  #: About when [ns since 1970 UTC].
-    start_ns: int  #: When it begins.
-    sun: SunTrack | None  #: The sun above the site, where the rig file has one.
-    camera_azimuth_deg: float | None  #: Where the camera stands as seen from the target.
-    disk_bytes: int | None  #: What the frames take; None where their size is not known.
-    remarks: tuple[str, ...]  #: What one should know before climbing the roof.
-
-    def rounds(self) -> dict[int, int]:
-        """Return when the first step of each round is taken [ns since 1970 UTC]."""
-        begin: dict[int, int] = {}
-        for step, time_ns in zip(self.steps, self.times_ns, strict=True):
-            begin.setdefault(step.round, time_ns)
-        return begin
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the beginning until the last frame is taken [s]."""
-        return (self.times_ns[-1] - self.start_ns) / NS_PER_S
-
-    @property
-    def false_dolp(self) -> float | None:
-        """DoLP that unpolarized light shows in a round if it grows by 1 % a minute."""
-        return false_dolp([step for step in self.steps if step.round == self.steps[0].round])
-
-    def planned_rounds(self) -> tuple[PlannedRound, ...]:
-        """Return the rounds with their times and the sun."""
-        return tuple(PlannedRound(round=number, **self._moment(time_ns)) for number, time_ns in self.rounds().items())
-
-    def planned_steps(self) -> tuple[PlannedStep, ...]:
-        """Return the steps with their times and the sun."""
-        return tuple(self._step(step, time_ns) for step, time_ns in zip(self.steps, self.times_ns, strict=True))
-
-    def content(self) -> dict[str, Json]:
-        """Return the plan as JSON holds it."""
-        return {
-            "start_utc": utc_text(self.start_ns),
-            "end_utc": utc_text(self.times_ns[-1]),
-            "duration_s": self.duration_s,
-            "disk_bytes": self.disk_bytes,
-            "false_dolp_per_percent_a_minute": self.false_dolp,
-            "rounds": [_as_json(one) for one in self.planned_rounds()],
-            "steps": [_as_json(one) for one in self.planned_steps()],
-            "remarks": list(self.remarks),
-        }
-
-    def _step(self, step: Step, time_ns: int) -> PlannedStep:
-        return PlannedStep(
-            sequence=step.sequence,
-            round=step.round,
-            **self._moment(time_ns),
-            kind=step.kind,
-            cycle=step.cycle,
-            angle_deg=step.polarizer_angle_deg,
-            exposure_ms=None if step.exposure_s is None else step.exposure_s * 1000.0,
+def _take_of_cell(take: Take, cell_deg: tuple[float, ...]) -> Take:
+    """Return a take as exposures: the angles are those of the cell, whatever their order."""
+    axes = {round(nominal_deg(axis), _AXIS_DECIMALS) for axis in cell_deg}
+    asked = {round(nominal_deg(angle % _HALF_TURN_DEG), _AXIS_DECIMALS) for angle in take.angles_deg or ()}
+    if take.angles_deg is not None and asked != axes:
+        known = ", ".join(f"{axis:g}" for axis in cell_deg)
+        raise ConfigError(
+            f"angles_deg of a take: the camera's pixels stand behind {known} deg, all of them in each exposure; leave "
+            "angles_deg out"
         )
-
-    def _moment(self, time_ns: int) -> _Moment:
-        if self.sun is None:
-            return _Moment(utc=utc_text(time_ns), sun_zenith_deg=None, sun_azimuth_deg=None, phi_deg=None)
-        sun, camera_deg = self.sun.at(time_ns), self.camera_azimuth_deg
-        return _Moment(
-            utc=utc_text(time_ns),
-            sun_zenith_deg=sun.zenith_deg,
-            sun_azimuth_deg=sun.azimuth_deg,
-            # In (-180, 180]: 180 is where the camera looks toward the sun's side.
-            phi_deg=None if camera_deg is None else 180.0 - (180.0 - (sun.azimuth_deg - camera_deg)) % 360.0,
-        )
+    if take.closing_repeat:
+        raise ConfigError("closing_repeat: all angles are of one exposure here, so that no drift comes between them")
+    # One exposure a cycle, at whatever angle: the cell puts its own in.
+    return take.model_copy(update={"angles_deg": [0.0], "order": "cycles"})
 
 
-def _as_json(row: PlannedRound | PlannedStep) -> dict[str, Json]:
-    """Return a row without the angles of a sun that is not known."""
-    return {name: value for name, value in asdict(row).items() if value is not None or name not in SUN_ANGLES}
+def _parts(frame: Step, targets_deg: tuple[float, ...]) -> Iterator[Step]:
+    """Give the frames of an exposure behind each place of a cell."""
+    last = len(targets_deg) - 1
+    for part, target_deg in enumerate(targets_deg):
+        yield replace(frame, polarizer_angle_deg=target_deg, part=part, ends_cycle=frame.ends_cycle and part == last)
 
 
-def plan_session(
-    rig: RigFile, session: SessionFile, *, now_ns: int, until_ns: int | None = None, pixels: int | None = None
-) -> SessionPlan:
-    """Return a session laid out in time."""
-    rounds = round_times_ns(session, rig.site, now_ns=now_ns, until_ns=until_ns)
-    steps = plan_steps(session, rounds, cell_deg=rig.cell_deg)
-    times = step_times_ns(steps, start_ns=now_ns)
-    if until_ns is not None:
-        steps = tuple(step for step, time in zip(steps, times, strict=True) if time < until_ns) or steps[:1]
-        times = times[: len(steps)]
-    geometry = rig.geometry
-    azimuth = None if geometry is None or geometry.camera_azimuth_deg is None else geometry.camera_azimuth_deg.value
-    return SessionPlan(
-        steps=steps,
-        times_ns=times,
-        start_ns=now_ns,
-        sun=None if rig.site is None else SunTrack(rig.site),
-        camera_azimuth_deg=azimuth,
-        disk_bytes=estimate(steps, rig, pixels=pixels).disk_bytes,
-        remarks=tuple(_remarks(rig, session, steps, times)),
+def _darks_of(session: SessionFile, number: int) -> DarkSection | None:
+    darks = session.darks
+    return None if darks is None or number % darks.every_rounds else darks
+
+
+def _frames_of(take: Take, darks: DarkSection | None, *, first_cycle: int) -> Iterator[Step]:
+    for exposure_s in take.exposures_s:
+        if take.order == "grouped":
+            yield from _dark_frames(take, darks, exposure_s, 0)
+            yield from _grouped_frames(take, exposure_s, first_cycle)
+        else:
+            for cycle in range(take.cycles):
+                yield from _dark_frames(take, darks, exposure_s, cycle)
+                yield from _cycle_frames(take, exposure_s, first_cycle + cycle)
+        yield from _dark_frames(take, darks, exposure_s, 0)
+
+
+def _dark_frames(take: Take, darks: DarkSection | None, exposure_s: float | None, cycle: int) -> Iterator[Step]:
+    if darks is None or take.kind != "scene" or cycle % darks.every_cycles:
+        return
+    for factor in take.exposure_factors:
+        for frame in range(darks.frames):
+            yield _planned("dark", frame, None, exposure_s, factor)
+
+
+def _cycle_frames(take: Take, exposure_s: float | None, cycle: int) -> Iterator[Step]:
+    angles = take.polarizer_angles_deg
+    if take.order == "palindrome" and cycle % 2:
+        angles = angles[::-1]
+    if take.closing_repeat:
+        angles = (*angles, angles[0])
+    last = (len(angles) - 1, len(take.exposure_factors) - 1)
+    for place, angle in enumerate(angles):
+        for k, factor in enumerate(take.exposure_factors):
+            ends_cycle = (place, k) == last and take.kind == "scene"
+            yield _planned(take.kind, cycle, angle, exposure_s, factor, ends_cycle=ends_cycle)
+
+
+def _grouped_frames(take: Take, exposure_s: float | None, first_cycle: int) -> Iterator[Step]:
+    for angle in take.polarizer_angles_deg:
+        for cycle in range(take.cycles):
+            for factor in take.exposure_factors:
+                yield _planned(take.kind, first_cycle + cycle, angle, exposure_s, factor)
+
+
+def _planned(
+    kind: FrameKind,
+    cycle: int,
+    angle: float | None,
+    exposure_s: float | None,
+    factor: float,
+    *,
+    ends_cycle: bool = False,
+) -> Step:
+    return Step(
+        kind=kind,
+        cycle=cycle,
+        polarizer_angle_deg=angle,
+        exposure_s=None if exposure_s is None else exposure_s * factor,
+        exposure_factor=factor,
+        ends_cycle=ends_cycle,
     )
+
+
+def _turns(step: Step, angle_deg: float | None) -> bool:
+    """Return whether the stage turns for a step; a cell of polarizers needs none."""
+    return step.part is None and step.polarizer_angle_deg not in (None, angle_deg)
+
+
+def _candidates(schedule: ScheduleSection, sun: SunTrack | None, start_ns: int, end_ns: int) -> Iterator[int]:
+    for time in schedule.times or ():
+        if start_ns <= unix_ns(time) < end_ns:
+            yield unix_ns(time)
+    if schedule.every_min is not None:
+        step_ns = round(schedule.every_min * _NS_PER_MIN)
+        if (end_ns - start_ns) / step_ns > _MOST_ROUNDS:
+            raise ConfigError(f"schedule.every_min: makes more than {_MOST_ROUNDS} rounds")
+        yield from range(start_ns, end_ns, step_ns)
+    for zenith_deg in schedule.zenith_passes_deg or ():
+        if sun is not None:
+            yield from sun.crossings_ns(zenith_deg, start_ns=start_ns, end_ns=end_ns)
+
+
+def _wanted(schedule: ScheduleSection, sun: SunTrack | None, time_ns: int) -> bool:
+    below, above = schedule.while_zenith_below_deg, schedule.while_zenith_above_deg
+    if sun is None or (below is None and above is None):
+        return True
+    zenith_deg = sun.at(time_ns).zenith_deg
+    return (below is None or zenith_deg < below) and (above is None or zenith_deg > above)
 
 
 def _remarks(rig: RigFile, session: SessionFile, steps: tuple[Step, ...], times: tuple[int, ...]) -> list[str]:
@@ -574,53 +507,12 @@ def _remarks(rig: RigFile, session: SessionFile, steps: tuple[Step, ...], times:
     found += [doubt for doubt in (grouping, missing_axes(steps)) if doubt is not None]
     if any(step.exposure_s is None for step in steps):
         found.append("metered exposures are taken for 10 ms here")
-    late = [
-        s.round
-        for s, t in zip(steps, times, strict=True)
-        if s.due_ns is not None and _late_s(s, t) > _late_limit_s(session)
-    ]
+    limit_ns = math.inf if session.schedule is None else session.schedule.late_min * _NS_PER_MIN
+    late = {s.round for s, t in zip(steps, times, strict=True) if s.due_ns is not None and t - s.due_ns > limit_ns}
     if late:
-        rounds = ", ".join(map(str, sorted(set(late))))
+        rounds = ", ".join(map(str, sorted(late)))
         found.append(f"rounds {rounds}: a round before takes so long that these begin too late and may be left out")
     return found
-
-
-def _late_s(step: Step, time_ns: int) -> float:
-    return (time_ns - (step.due_ns or time_ns)) / NS_PER_S
-
-
-def _late_limit_s(session: SessionFile) -> float:
-    return float("inf") if session.schedule is None else session.schedule.late_min * 60.0
-
-
-# So many frames may wait for the disk: a faster stretch that is shorter than twice this does no harm.
-_QUEUE = 4
-_STRETCH = 2 * _QUEUE
-# The fastest stage here turns between two angles in so long [s].
-_SHORTEST_MOVE_S = 0.2
-# Reading out and sending a picture, at 1 Gbit/s and 782 x 582 [s].
-_FAST_CAMERA_S = 0.007
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiskDemand:
-    """Demand on the disk."""
-
-    frame_bytes: int  #: Of one frame's file.
-    period_s: float  #: Mean time from frame to frame in the fastest stretch of eight frames [s].
-    total_bytes: int | None = None  #: Of all frames; None where no session is known.
-
-
-def demand_of(
-    rig: RigFile, session: SessionFile, *, pixels: int, now_ns: int, camera_s: float | None = None
-) -> DiskDemand:
-    """Return what a session asks of the disk if it begins now."""
-    plan = plan_session(rig, session, now_ns=now_ns, pixels=pixels)
-    total = plan.disk_bytes or 0
-    beside_s = _FAST_CAMERA_S if camera_s is None else camera_s
-    return DiskDemand(
-        frame_bytes=total // len(plan.steps), period_s=_fastest_period_s(plan.steps, beside_s), total_bytes=total
-    )
 
 
 def _fastest_period_s(steps: Sequence[Step], camera_s: float) -> float:
@@ -636,5 +528,4 @@ def _fastest_period_s(steps: Sequence[Step], camera_s: float) -> float:
 
 
 def _is_turned(before: Step | None, step: Step) -> bool:
-    is_other = before is not None and step.polarizer_angle_deg not in (None, before.polarizer_angle_deg)
-    return is_other and step.part is None
+    return before is not None and _turns(step, before.polarizer_angle_deg)

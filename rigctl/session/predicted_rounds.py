@@ -1,13 +1,13 @@
 """Predictions of the rounds of a planned session: what each region gives at each exposure, by the sun of the round."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from model.prediction import RegionPrediction
 from model.quantities import is_counts
 from rigctl.base.numbers import NS_PER_S
 from rigctl.calibrations.noise import NoiseParameters
+from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile, SunSection
@@ -20,40 +20,15 @@ from rigctl.session.plan import SessionPlan
 _MS_PER_S = 1000.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class RoundPrediction:
-    """Prediction of a region in a round at an exposure."""
-
-    round: int
-    exposure_ms: float
-    region: str
-    mean_dn: dict[str, float]  #: counts above black level by channel [DN]
-    saturated_fraction: float  #: largest share of saturated pixels of a channel
-    dolp: float | None
-    dolp_snr: float | None  #: ratio of DoLP to its deviation
-    warnings: tuple[str, ...]  #: of the model
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnpredictedRound:
-    """A round that cannot be predicted, such as one with the sun at the horizon, and why."""
-
-    round: int
-    exposure_ms: float = 0.0
-    region: str = "all regions"
-    problem: str
-
-
-Prediction = RoundPrediction | UnpredictedRound
-
-
 def predict_rounds(
     scene: SceneFile, noise: NoiseParameters | None, planned: SessionPlan, rig: RigFile, metering: MeteringSection
-) -> Iterator[Prediction]:
+) -> Iterator[dict[str, Json]]:
     """Give what each region gives in each round and at each exposure.
 
     A scene of stated radiances does not know the sun: its numbers are those of every round, and stand once. A metered
-    exposure is that at which the brightest region's mean reaches the metering's target.
+    exposure is that at which the brightest region's mean reaches the metering's target. Counts are those above black
+    level by channel [DN]; `saturated_fraction` is the largest of a channel. A round that cannot be predicted, such as
+    one with the sun at the horizon, has its `problem` instead.
     """
     light = SceneLight()
     for number, time_ns in planned.rounds().items():
@@ -64,7 +39,7 @@ def predict_rounds(
                 for name, prediction in found.items():
                     yield _row(number, exposure_s * _MS_PER_S, name, prediction)
         except ConfigError as error:
-            yield UnpredictedRound(round=number, problem=str(error))
+            yield {"round": number, "exposure_ms": 0.0, "region": "all regions", "problem": str(error)}
         if not scene.has_materials:
             break
 
@@ -98,15 +73,15 @@ def _metered_s(predictor: ScenePredictor, scene: SceneFile, metering: MeteringSe
     return float(min(max(wanted_s, metering.shortest_ms / _MS_PER_S), metering.longest_ms / _MS_PER_S))
 
 
-def _row(number: int, exposure_ms: float, region: str, prediction: RegionPrediction) -> RoundPrediction:
+def _row(number: int, exposure_ms: float, region: str, prediction: RegionPrediction) -> dict[str, Json]:
     quantities = prediction.quantities
-    return RoundPrediction(
-        round=number,
-        exposure_ms=exposure_ms,
-        region=region,
-        mean_dn={name: values["mean"] for name, values in quantities.items() if is_counts(name)},
-        saturated_fraction=float(prediction.channels.saturation_probability.max()),
-        dolp=quantities.get("dolp", {}).get("mean"),
-        dolp_snr=quantities.get("dolp_snr", {}).get("mean"),
-        warnings=tuple(prediction.warnings),
-    )
+    return {
+        "round": number,
+        "exposure_ms": exposure_ms,
+        "region": region,
+        "mean_dn": {name: values["mean"] for name, values in quantities.items() if is_counts(name)},
+        "saturated_fraction": float(prediction.channels.saturation_probability.max()),
+        "dolp": quantities.get("dolp", {}).get("mean"),
+        "dolp_snr": quantities.get("dolp_snr", {}).get("mean"),
+        "warnings": list(prediction.warnings),
+    }

@@ -21,7 +21,7 @@ from rigctl.rig.rig import Rig, open_rig, require_drivers
 from rigctl.rig.simulation import rehearse, with_simulation
 from rigctl.runs.writer import require_new_folder
 from rigctl.session.numbers import noise_numbers
-from rigctl.session.plan import Need, Step, estimate, grouping_cost, missing_axes, plan_steps, round_times_ns
+from rigctl.session.plan import Step, grouping_cost, missing_axes, plan_steps, round_times_ns
 from rigctl.session.take import Outcome, require_hands, take_session
 from rigctl.session.timing import SessionClock, clock_of
 from rigctl.session.trace import Trace
@@ -44,11 +44,6 @@ class PreparedSession:
     def steps(self) -> tuple[Step, ...]:
         """The frames of one round, in their order."""
         return plan_steps(self.session_file, cell_deg=self.rig_file.cell_deg)
-
-    @property
-    def need(self) -> Need:
-        """Time and disk that they need."""
-        return estimate(self.steps, self.rig_file)
 
     def report(self) -> None:
         """Report calibrations and cycles that were chosen, and doubts."""

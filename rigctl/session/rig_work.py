@@ -21,6 +21,17 @@ from rigctl.runs.writer import RunWriter
 from rigctl.session.plan import Step, SunAngles, nominal_deg
 from rigctl.session.trace import fields_text
 
+# A share above this may be clipped: it says only that the exposure is too long.
+_CLIPPED = 0.98
+_SHORTEN = 0.25
+_LENGTHEN_AT_MOST = 30.0
+_NEAR = 0.1
+_MOST_ROUNDS = 12
+_MS_PER_S = 1000.0
+# By polarizer angle [deg]: share of the largest count that the bright pixels reach.
+Shares = Mapping[float | None, float]
+Probe = Callable[[float], Shares]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CapturedFrame:
@@ -31,7 +42,10 @@ class CapturedFrame:
     move: Move | None  #: The last move of the stage.
     is_new_move: bool  #: It was made for this frame.
     asked: tuple[float, float]  #: Exposure [s] and gain [dB] that it was told.
+    kind: FrameKind  #: What stands before the camera.
+    tolerance_deg: float  #: How far the readback of the stage may be off.
     number_before: int | None = None  #: The camera's number of the frame before, where it is known.
+    last_counts: NDArray[np.uint16] | None = None  #: The frame before.
     is_triggered: bool = True  #: The camera's numbers follow each other.
 
     @cached_property
@@ -39,6 +53,19 @@ class CapturedFrame:
         """Share of saturated pixels."""
         counts, full_dn = self.frame.counts, 2**self.frame.settings.bit_depth - 1
         return np.count_nonzero(counts >= full_dn) / counts.size
+
+    @cached_property
+    def is_flat(self) -> bool:
+        """All pixels have one value."""
+        return bool(self.frame.counts.min() == self.frame.counts.max())
+
+    @cached_property
+    def is_blank(self) -> bool:
+        """No picture came: one value, neither saturated nor the 0 of a dark."""
+        counts = self.frame.counts
+        if self.kind != "scene":
+            return not counts.any()
+        return self.is_flat and bool(counts.flat[0] < 2**self.settings.bit_depth - 1)
 
     def parts(self, camera: CameraSection) -> tuple["CapturedFrame", ...]:
         """Return the frame behind each place of the cell of a camera with polarizers on its pixels; else the frame."""
@@ -58,66 +85,6 @@ class CapturedFrame:
             frame=replace(self.frame, counts=counts, settings=settings),
             settings=replace(self.settings, width=width, height=height),
         )
-
-
-def record_of(
-    step: Step,
-    captured: CapturedFrame,
-    *,
-    rig: Rig,
-    rig_file: RigFile,
-    sun: SunAngles | None,
-    site: SiteSection | None,
-    camera_temperature_c: float | None,
-    remarks: tuple[str, ...],
-) -> FrameRecord:
-    """Return all that is known of a frame before it is stored."""
-    frame, move, stage = captured.frame, captured.move, rig.stage_identity
-    return FrameRecord(
-        kind=step.kind,
-        sequence=step.sequence,
-        cycle=step.cycle,
-        round=None if step.due_ns is None else step.round,
-        polarizer_angle_target_deg=step.polarizer_angle_deg,
-        polarizer_angle_deg=_polarizer_angle_deg(step, move, rig_file),
-        stage_angle_target_deg=None if move is None else move.target_deg,
-        stage_angle_deg=None if move is None else move.position.angle_deg,
-        stage_counts=None if move is None else move.position.counts,
-        stage_tries=None if move is None else move.tries,
-        settle_s=None if move is None else move.duration_s,
-        exposure_s=frame.settings.exposure_s,
-        gain_db=frame.settings.gain_db,
-        bit_depth=frame.settings.bit_depth,
-        saturation_dn=float(2**frame.settings.bit_depth - 1),
-        start_utc=utc_text(frame.start_utc_ns),
-        end_utc=utc_text(frame.end_utc_ns),
-        start_monotonic_ns=frame.start_monotonic_ns,
-        start_uncertainty_s=frame.start_uncertainty_s,
-        start_source=frame.start_source,
-        camera_frame=frame.sequence,
-        exposure_id=None if step.part is None else step.sequence - step.part,
-        camera_temperature_c=camera_temperature_c,
-        camera_model=rig.camera_identity.model,
-        camera_serial=rig.camera_identity.serial_number,
-        stage_model=None if stage is None else stage.model,
-        stage_serial=None if stage is None else stage.serial_number,
-        sun_azimuth_deg=None if sun is None else sun.azimuth_deg,
-        sun_elevation_deg=None if sun is None else sun.elevation_deg,
-        site_latitude_deg=None if site is None else site.latitude_deg,
-        site_longitude_deg=None if site is None else site.longitude_deg,
-        site_elevation_m=None if site is None else site.elevation_m,
-        remarks=(*(() if move is None else move.remarks), *remarks),
-    )
-
-
-def _polarizer_angle_deg(step: Step, move: Move | None, rig_file: RigFile) -> float | None:
-    """Return the axis that a frame was taken behind: that of its place in the cell, or by the stage's readback."""
-    if step.part is not None and rig_file.cell_deg is not None:
-        return rig_file.cell_deg[step.part]
-    if move is None:
-        return None
-    polarizer = rig_file.polarizer
-    return (polarizer.sense * move.position.angle_deg + polarizer.offset_deg) % 180.0
 
 
 class RigWork:
@@ -181,6 +148,8 @@ class RigWork:
             move=self._move,
             is_new_move=is_new_move,
             asked=(exposure_s, self._rig_file.camera.gain_db),
+            kind=self._presented or "scene",
+            tolerance_deg=0.0 if self._rig_file.stage is None else self._rig_file.stage.tolerance_deg,
             number_before=before,
             is_triggered=self._is_triggered,
         )
@@ -216,64 +185,6 @@ class RigWork:
         return True
 
 
-# A share above this may be clipped: it says only that the exposure is too long.
-_CLIPPED = 0.98
-_SHORTEN = 0.25
-_LENGTHEN_AT_MOST = 30.0
-_NEAR = 0.1
-_MOST_ROUNDS = 12
-_MS_PER_S = 1000.0
-
-Shares = Mapping[float | None, float]
-Probe = Callable[[float], Shares]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Metered:
-    """An exposure, and what it gives."""
-
-    exposure_s: float  #: Integration time [s].
-    shares: Shares  #: By polarizer angle [deg]: share of the largest count that the bright pixels reach.
-    remark: str | None  #: What one exposure cannot do here.
-
-
-def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float) -> float:
-    """Return which share of the largest count a quantile of the pixels reaches."""
-    return float(np.quantile(counts, quantile, method="lower")) / full_dn
-
-
-def meter(probe: Probe, section: MeteringSection) -> Metered:
-    """Return the exposure that serves all angles, as far as one can.
-
-    The brightest angle decides. Counts need not be proportional to the exposure (black level): it goes on until the
-    share is within a tenth of its target, or the exposure is at a limit.
-    """
-    exposure_s = section.first_exposure_ms / _MS_PER_S
-    for _ in range(_MOST_ROUNDS):
-        shares = probe(exposure_s)
-        wanted_s = _next_exposure_s(exposure_s, max(shares.values()), section)
-        if abs(wanted_s - exposure_s) <= _NEAR * exposure_s:
-            break
-        exposure_s = wanted_s
-    return Metered(exposure_s=exposure_s, shares=shares, remark=_remark(shares, section))
-
-
-def _next_exposure_s(exposure_s: float, brightest: float, section: MeteringSection) -> float:
-    factor = _SHORTEN if brightest > _CLIPPED else min(_LENGTHEN_AT_MOST, section.target / max(brightest, 1e-9))
-    wanted_s = min(max(exposure_s * factor, section.shortest_ms / _MS_PER_S), section.longest_ms / _MS_PER_S)
-    # Cameras count whole microseconds.
-    return round(wanted_s, 6)
-
-
-def _remark(shares: Shares, section: MeteringSection) -> str | None:
-    if max(shares.values()) > _CLIPPED:
-        return f"the brightest angle saturates at the shortest exposure, {section.shortest_ms:g} ms: stop down"
-    if min(shares.values()) < section.least:
-        text = f"the darkest angle reaches {min(shares.values()):.3f} of the range, wanted are {section.least:g}"
-        return f"{text}: one exposure cannot serve all angles, give a bracket such as [1, 4]"
-    return None
-
-
 class RoundExposures:
     """Meters each round once."""
 
@@ -303,16 +214,16 @@ class RoundExposures:
         angles = {s.polarizer_angle_deg for s in self._steps if s.round == number and s.kind == "scene"}
         ordered = sorted(angles, key=lambda angle: angle or 0.0)
         self._work.present("scene")
-        found = meter(lambda exposure_s: self._bright_shares(exposure_s, ordered), self._metering)
+        exposure_s, shares, remark = meter(lambda tried_s: self._bright_shares(tried_s, ordered), self._metering)
         self._writer.event(
             METERED_EVENT,
             round=number,
-            exposure_s=found.exposure_s,
-            shares={str(angle): share for angle, share in found.shares.items()},
-            remark=found.remark,
+            exposure_s=exposure_s,
+            shares={str(angle): share for angle, share in shares.items()},
+            remark=remark,
             next_camera_frame=self._next_camera_frame,
         )
-        return found.exposure_s
+        return exposure_s
 
     def _bright_shares(self, exposure_s: float, angles_deg: Sequence[float | None]) -> Shares:
         """Return the share of each angle; those of a cell of polarizers are of one exposure."""
@@ -329,3 +240,100 @@ class RoundExposures:
         self._next_camera_frame = frame.sequence + 1
         full_dn = float(2**frame.settings.bit_depth - 1)
         return bright_share(frame.counts, quantile=self._metering.quantile, full_dn=full_dn)
+
+
+def meter(probe: Probe, section: MeteringSection) -> tuple[float, Shares, str | None]:
+    """Return the exposure that serves all angles [s], what it gives, and what one exposure cannot do here.
+
+    The brightest angle decides. Counts need not be proportional to the exposure (black level): it goes on until the
+    share is within a tenth of its target, or the exposure is at a limit.
+    """
+    exposure_s = section.first_exposure_ms / _MS_PER_S
+    for _ in range(_MOST_ROUNDS):
+        shares = probe(exposure_s)
+        wanted_s = _next_exposure_s(exposure_s, max(shares.values()), section)
+        if abs(wanted_s - exposure_s) <= _NEAR * exposure_s:
+            break
+        exposure_s = wanted_s
+    return exposure_s, shares, _remark(shares, section)
+
+
+def record_of(
+    step: Step,
+    captured: CapturedFrame,
+    *,
+    rig: Rig,
+    rig_file: RigFile,
+    sun: SunAngles | None,
+    site: SiteSection | None,
+    camera_temperature_c: float | None,
+    remarks: tuple[str, ...],
+) -> FrameRecord:
+    """Return all that is known of a frame before it is stored."""
+    frame, move, stage = captured.frame, captured.move, rig.stage_identity
+    return FrameRecord(
+        kind=step.kind,
+        sequence=step.sequence,
+        cycle=step.cycle,
+        round=None if step.due_ns is None else step.round,
+        polarizer_angle_target_deg=step.polarizer_angle_deg,
+        polarizer_angle_deg=_polarizer_angle_deg(step, move, rig_file),
+        stage_angle_target_deg=None if move is None else move.target_deg,
+        stage_angle_deg=None if move is None else move.position.angle_deg,
+        stage_counts=None if move is None else move.position.counts,
+        stage_tries=None if move is None else move.tries,
+        settle_s=None if move is None else move.duration_s,
+        exposure_s=frame.settings.exposure_s,
+        gain_db=frame.settings.gain_db,
+        bit_depth=frame.settings.bit_depth,
+        saturation_dn=float(2**frame.settings.bit_depth - 1),
+        start_utc=utc_text(frame.start_utc_ns),
+        end_utc=utc_text(frame.end_utc_ns),
+        start_monotonic_ns=frame.start_monotonic_ns,
+        start_uncertainty_s=frame.start_uncertainty_s,
+        start_source=frame.start_source,
+        camera_frame=frame.sequence,
+        exposure_id=None if step.part is None else step.sequence - step.part,
+        camera_temperature_c=camera_temperature_c,
+        camera_model=rig.camera_identity.model,
+        camera_serial=rig.camera_identity.serial_number,
+        stage_model=None if stage is None else stage.model,
+        stage_serial=None if stage is None else stage.serial_number,
+        sun_azimuth_deg=None if sun is None else sun.azimuth_deg,
+        sun_elevation_deg=None if sun is None else sun.elevation_deg,
+        site_latitude_deg=None if site is None else site.latitude_deg,
+        site_longitude_deg=None if site is None else site.longitude_deg,
+        site_elevation_m=None if site is None else site.elevation_m,
+        remarks=(*(() if move is None else move.remarks), *remarks),
+    )
+
+
+def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float) -> float:
+    """Return which share of the largest count a quantile of the pixels reaches."""
+    return float(np.quantile(counts, quantile, method="lower")) / full_dn
+
+
+def _next_exposure_s(exposure_s: float, brightest: float, section: MeteringSection) -> float:
+    factor = _SHORTEN if brightest > _CLIPPED else min(_LENGTHEN_AT_MOST, section.target / max(brightest, 1e-9))
+    wanted_s = min(max(exposure_s * factor, section.shortest_ms / _MS_PER_S), section.longest_ms / _MS_PER_S)
+    # Cameras count whole microseconds.
+    return round(wanted_s, 6)
+
+
+def _remark(shares: Shares, section: MeteringSection) -> str | None:
+    if max(shares.values()) > _CLIPPED:
+        return f"the brightest angle saturates at the shortest exposure, {section.shortest_ms:g} ms: stop down"
+    if min(shares.values()) < section.least:
+        text = f"the darkest angle reaches {min(shares.values()):.3f} of the range, wanted are {section.least:g}"
+        return f"{text}: one exposure cannot serve all angles, give a bracket such as [1, 4]"
+    return None
+
+
+def _polarizer_angle_deg(step: Step, move: Move | None, rig_file: RigFile) -> float | None:
+    """Return the axis that a frame was taken behind: that of its place in the cell, or by the stage's readback."""
+    if step.part is not None and rig_file.cell_deg is not None:
+        return rig_file.cell_deg[step.part]
+    if move is None:
+        return None
+    polarizer = rig_file.polarizer
+    return (polarizer.sense * move.position.angle_deg + polarizer.offset_deg) % 180.0

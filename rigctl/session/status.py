@@ -19,6 +19,14 @@ from rigctl.runs.folder import read_contents, writing_process
 from rigctl.runs.records import TALLY_EVENT, RunEvent, explain_invalid, read_events
 
 STATUS_FILE = "status.json"
+State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
+_STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
+# Remarks on the side: they tell nothing of how a session stands.
+_ASIDE = ("interlock", TALLY_EVENT, "disk is short")
+_LAST_EVENTS = 5
+_BYTES_PER_MB = 1e6
+_S_PER_MIN = 60.0
+_SIGNS = "+/-"
 
 
 class DarkSource(StrEnum):
@@ -85,6 +93,11 @@ class RegionDrift:
     change: float
     over_s: float
 
+    @property
+    def sigma(self) -> float | None:
+        """Standard deviation of `change`."""
+        return None if self.sigma_per_min is None else self.sigma_per_min * self.over_s / _S_PER_MIN
+
 
 @dataclass(frozen=True, kw_only=True)
 class LiveDiagnosis:
@@ -144,47 +157,6 @@ class LiveStatus:
 _STATUS, _PROGRESS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(StepProgress), TypeAdapter(LiveContent)
 
 
-def status_json(status: LiveStatus) -> dict[str, JsonValue]:
-    """Return a status as the file has it: the parts that are there, side by side."""
-    content = asdict(status)
-    parts = (content.pop("progress"), content.pop("numbers"))
-    return content | {key: value for part in parts if part is not None for key, value in part.items()}
-
-
-def write_status(run: Path, status: LiveStatus) -> None:
-    """Replace the status, in one step and without waiting for the disk: it is of no worth after a power cut."""
-    beside = run / f".{STATUS_FILE}"
-    beside.write_text(json.dumps(status_json(status), allow_nan=False) + "\n", encoding="ascii")
-    beside.replace(run / STATUS_FILE)
-
-
-def read_status(run: Path) -> LiveStatus | None:
-    """Return the status, or None where the session never wrote one."""
-    file = run / STATUS_FILE
-    if not file.exists():
-        return None
-    try:
-        content = read_bounded(file, MOST_TEXT_BYTES)
-        head, keys = _STATUS.validate_json(content), set(json.loads(content))
-        return replace(
-            head,
-            progress=_PROGRESS.validate_json(content) if "last" in keys else None,
-            numbers=_NUMBERS.validate_json(content) if "angles" in keys else None,
-        )
-    except OSError as error:
-        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
-    except ValidationError as error:
-        raise RunFolderError(f"{file}: is no status: {explain_invalid(error)}") from error
-
-
-State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
-_LAST_EVENTS = 5
-_BYTES_PER_MB = 1e6
-# Remarks on the side: they tell nothing of how a session stands.
-_ASIDE = ("interlock", TALLY_EVENT, "disk is short")
-_STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
-
-
 @dataclass(frozen=True, kw_only=True)
 class RunState:
     """State of a session."""
@@ -227,7 +199,37 @@ def session_state(process: int | None, events: list[str]) -> State:
     return "stopped" if last == "stopped" else "interrupted"
 
 
-_SIGNS = "+/-"
+def status_json(status: LiveStatus) -> dict[str, JsonValue]:
+    """Return a status as the file has it: the parts that are there, side by side."""
+    content = asdict(status)
+    parts = (content.pop("progress"), content.pop("numbers"))
+    return content | {key: value for part in parts if part is not None for key, value in part.items()}
+
+
+def write_status(run: Path, status: LiveStatus) -> None:
+    """Replace the status, in one step and without waiting for the disk: it is of no worth after a power cut."""
+    beside = run / f".{STATUS_FILE}"
+    beside.write_text(json.dumps(status_json(status), allow_nan=False) + "\n", encoding="ascii")
+    beside.replace(run / STATUS_FILE)
+
+
+def read_status(run: Path) -> LiveStatus | None:
+    """Return the status, or None where the session never wrote one."""
+    file = run / STATUS_FILE
+    if not file.exists():
+        return None
+    try:
+        content = read_bounded(file, MOST_TEXT_BYTES)
+        head, keys = _STATUS.validate_json(content), set(json.loads(content))
+        return replace(
+            head,
+            progress=_PROGRESS.validate_json(content) if "last" in keys else None,
+            numbers=_NUMBERS.validate_json(content) if "angles" in keys else None,
+        )
+    except OSError as error:
+        raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
+    except ValidationError as error:
+        raise RunFolderError(f"{file}: is no status: {explain_invalid(error)}") from error
 
 
 def live_lines(live: LiveContent) -> Iterator[str]:

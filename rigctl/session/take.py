@@ -1,14 +1,11 @@
 """A session from open devices to its run folder, through devices that go away, and on after an interruption."""
 
 import hashlib
-import json
-import queue
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -29,197 +26,138 @@ from rigctl.console.console_streams import visible
 from rigctl.console.terminal import progress as progress_console
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.files.rig_file import NotifySection, RigFile
+from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.rig.rig import Rig, open_rig
 from rigctl.runs.check import Repair, repair_run, wholeness
 from rigctl.runs.folder import Run, files_of, read_contents, read_inputs, read_run
-from rigctl.runs.records import FrameRecord, RunEvent, SessionNoise, event_facts, metered_exposures, read_events
+from rigctl.runs.records import FrameRecord, SessionNoise, metered_exposures, read_events
 from rigctl.runs.writer import RunWriter
 from rigctl.session.acquisition import acquire
 from rigctl.session.control import Control
+from rigctl.session.notices import notices
 from rigctl.session.numbers import LiveNumbers
 from rigctl.session.plan import Step, plan_steps, round_times_ns, step_times_ns
 from rigctl.session.status import LastStep, LiveContent, LiveStatus, StepProgress, live_lines, write_status
 from rigctl.session.timing import SessionClock, SessionContext, clock_of, session_context
 
-_MOST_WAITING = 100
-
-
-@dataclass(frozen=True, kw_only=True)
-class Notice:
-    """What somebody is told."""
-
-    run: str  #: Name of the run folder.
-    event: str  #: What happened, as in the run's events; "failed" where the session ended with an error.
-    text: str  #: What is known of it, in words.
-    utc: str  #: When, by this machine's clock.
-
-
-def send(section: NotifySection, notice: Notice) -> tuple[str, ...]:
-    """Send one notice each way that there is; return what went wrong, nothing where all went well."""
-    content = json.dumps(asdict(notice)).encode("ascii")
-    problems = []
-    if section.webhook is not None:
-        problems.append(_posted(section.webhook, content, timeout_s=section.timeout_s))
-    if section.command is not None:
-        problems.append(_told(section.command, content, timeout_s=section.timeout_s))
-    return tuple(filter(None, problems))
-
-
-class Notifier:
-    """Takes events as they come and sends those that are wanted; a full queue drops, a slow receiver delays nobody."""
-
-    def __init__(self, section: NotifySection, run: str) -> None:
-        self._section, self._run = section, run
-        self._waiting: queue.Queue[Notice | None] = queue.Queue(maxsize=_MOST_WAITING)
-        self._thread = threading.Thread(target=self._work, name="notices", daemon=True)
-        self._thread.start()
-
-    def tell(self, event: str, facts: Mapping[str, JsonValue]) -> None:
-        """Have somebody told of an event, if they want to be; returns at once."""
-        if event not in self._section.events:
-            return
-        text = event_facts(RunEvent(event=event, facts=dict(facts)))
-        with suppress(queue.Full):
-            self._waiting.put_nowait(Notice(run=self._run, event=event, text=text, utc=utc_text(time.time_ns())))
-
-    def close(self) -> None:
-        """Wait for what is still to be sent, as long as one notice may take."""
-        with suppress(queue.Full):
-            self._waiting.put_nowait(None)
-        self._thread.join(timeout=2.0 * self._section.timeout_s)
-
-    def _work(self) -> None:
-        while (notice := self._waiting.get()) is not None:
-            send(self._section, notice)
-
-
-@contextmanager
-def notices(section: NotifySection | None, run: Path) -> Iterator[Notifier | None]:
-    """Give what is to be told of events, or None where nobody wants any; an error that ends the block is told too."""
-    if section is None:
-        yield None
-        return
-    notifier = Notifier(section, run.resolve().name)
-    try:
-        yield notifier
-    except Exception as error:
-        notifier.tell("failed", {"error": str(error)})
-        raise
-    finally:
-        notifier.close()
-
-
-def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
-    from urllib.request import Request, urlopen
-
-    request = Request(address, data=content, headers={"Content-Type": "application/json"})
-    try:
-        with urlopen(request, timeout=timeout_s):
-            return ""
-    except (OSError, ValueError) as error:  # URLError and HTTPError are OSErrors
-        return f"webhook {address}: {error}"
-
-
-def _told(command: list[str], content: bytes, *, timeout_s: float) -> str:
-    try:
-        subprocess.run(command, input=content, capture_output=True, timeout=timeout_s, check=True)
-    except (OSError, subprocess.SubprocessError, ValueError) as error:
-        return f"command {command[0]}: {error}"
-    return ""
-
-
 # What decides the numbers in a run; their versions go into it.
 _PACKAGES = ("rigctl", "numpy", "pyserial")
-
-
-def describe_session(
-    rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
-) -> dict[str, JsonValue]:
-    """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
-    scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
-    names = {what: path.name for what, path in (files | scene).items()}
-    stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
-    # Where the rig file stands, its store of calibrations beside it; the key says that it is no business of others.
-    place = {"host_folder": str(files["rig"].absolute().parent)} if "rig" in files else {}
-    light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
-    return {
-        "origin": rig.origin,
-        "rig": rig_file.model_dump(mode="json"),
-        "session": session.model_dump(mode="json"),
-        "files": {
-            what: {"name": names[what], "sha256": hashlib.sha256(content).hexdigest()}
-            for what, content in inputs.items()
-        },
-        **stage,
-        "camera": vars(rig.camera_identity),
-        "camera_facts": _facts_of(rig.camera),
-        "versions": {package: version(package) for package in _PACKAGES},
-        **light,
-        **place,
-    }
-
-
-def _facts_of(camera: Camera) -> dict[str, JsonValue] | None:
-    """Return how a camera's counts come about, and its features by its own names; None for one that does not tell."""
-    if not isinstance(camera, ReportingCamera):
-        return None
-    facts = camera.facts()
-    return {
-        "sample_format": facts.sample_format,
-        "justified": facts.justified,
-        "linear": facts.linear,
-        "features": dict(camera.features()),
-    }
-
-
 _ANGLE_TOLERANCE_DEG = 1e-6
+# File systems flush a file that replaces another: that costs as much as a frame, and nobody looks more often.
+_TELL_EACH_S = 1.0
+_RECONNECT_PAUSE_S = 2.0
+
+Opener = Callable[[], AbstractContextManager[Rig]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Continuation:
-    """Rest of a session."""
+class Outcome:
+    """End of a session."""
 
-    steps: tuple[Step, ...]  #: Those that have no frame.
-    metered_s: dict[int, float]  #: Exposures that were metered, by round [s].
-    is_finished: bool  #: The session has noted its end.
-
-
-def continuation(run: Run, steps: tuple[Step, ...]) -> Continuation:
-    """Return the rest of a session."""
-    planned = {step.sequence: step for step in steps}
-    for record in run.frames:
-        _require_planned(record, planned.get(record.sequence))
-    taken = {record.sequence for record in run.frames}
-    left = tuple(step for step in steps if step.sequence not in taken)
-    events = read_events(run.path)
-    return Continuation(
-        steps=left,
-        metered_s={one.round: one.exposure_s for one in metered_exposures(events)},
-        is_finished=any(event.event == "finished" for event in events),
-    )
+    frames: int  #: How many frames the run has now, and how many the session asks for.
+    planned: int
+    is_finished: bool  #: It went to its end; False where somebody asked it to stop.
+    repair: Repair | None = None  #: What was done to the run before it was gone on with.
+    was_finished: bool = False  #: There was nothing left to take.
 
 
-def _require_planned(record: FrameRecord, step: Step | None) -> None:
-    if step is not None and record.kind == step.kind and _is_same_angle(record, step):
-        return
-    wanted = "no such step" if step is None else f"{step.kind} at {step.polarizer_angle_deg} deg"
-    raise RunFolderError(
-        f"{record.file}: is {record.kind} at {record.polarizer_angle_target_deg} deg, and the plan has {wanted} in its "
-        "place: this run was not made by this session"
-    )
+def take_session(
+    rig_file: RigFile,
+    session: SessionFile,
+    out: Path,
+    *,
+    files: dict[str, Path],
+    at_ns: int | None = None,
+    until_ns: int | None = None,
+    noise: SessionNoise | None = None,
+    clock: SessionClock | None = None,
+    opener: Opener | None = None,
+    asks_by_hold: bool = False,
+    calibrations: Mapping[str, JsonValue] | None = None,
+) -> Outcome:
+    """Take a session into a new run folder; return how it went."""
+    clock = clock_of(rig_file) if clock is None else clock
+    now_ns = clock.utc_ns() if at_ns is None else at_ns
+    rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
+    rounds = (at_ns,) if rounds == (None,) else rounds
+    steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
+    with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
+        rig = devices.enter_context(opener())
+        require_hands(steps, are_asked=rig.origin != "device" or asks_by_hold)
+        inputs = read_inputs(rig_file, files)
+        description = _description(rig, rig_file, session, files, inputs) | {
+            "rounds_ns": list(rounds),
+            "until_ns": until_ns,
+            "noise": None if noise is None else asdict(noise),
+            **(calibrations or {}),
+        }
+        with RunWriter.create(
+            out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns
+        ) as writer:
+            writer.listener = None if notifier is None else notifier.tell
+            context = session_context(
+                session,
+                rig_file,
+                clock=clock,
+                control=Control(out),
+                until_ns=until_ns,
+                noise=noise,
+                asks_by_hold=asks_by_hold,
+            )
+            loop = _ReconnectLoop(rig_file, steps, writer, context, opener)
+            return loop.take(rig, devices, title=session.name)
 
 
-def _is_same_angle(record: FrameRecord, step: Step) -> bool:
-    target = record.polarizer_angle_target_deg
-    if target is None or step.polarizer_angle_deg is None:
-        return target is step.polarizer_angle_deg
-    return abs(target - step.polarizer_angle_deg) <= _ANGLE_TOLERANCE_DEG
+def resume_session(
+    path: Path, *, clock: SessionClock | None = None, opener: Opener | None = None, asks_by_hold: bool = False
+) -> Outcome:
+    """Go on with a session that was interrupted; return how it went.
+
+    Whole frames that were not acknowledged are adopted, damaged ones are set aside and taken again.
+    """
+    repair = repair_run(path)
+    run = read_run(path)
+    rig_file, session = files_of(run)
+    clock = clock_of(rig_file, after_ns=_last_ns(run)) if clock is None else clock
+    until_ns = run.session.until_ns
+    steps = plan_steps(session, run.session.rounds_ns, cell_deg=rig_file.cell_deg)
+    left = _left_of(run, steps)
+    if not left and any(event.event == "finished" for event in read_events(path)):
+        _close_again(path, clock)
+        return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
+    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
+    with notices(rig_file.notify, path) as notifier, ExitStack() as devices:
+        rig = devices.enter_context(opener())
+        require_hands(left, are_asked=rig.origin != "device" or asks_by_hold)
+        _require_same_devices(rig, run)
+        with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
+            writer.listener = None if notifier is None else notifier.tell
+            _note_resumed(writer, repair, left)
+            control = Control(path)
+            control.forget()
+            context = session_context(
+                session,
+                rig_file,
+                clock=clock,
+                control=control,
+                until_ns=until_ns,
+                noise=run.session.noise,
+                asks_by_hold=asks_by_hold,
+            )
+            loop = _ReconnectLoop(rig_file, steps, writer, context, opener)
+            return replace(loop.take(rig, devices, title=session.name), repair=repair)
 
 
-# File systems flush a file that replaces another: that costs as much as a frame, and nobody looks more often.
-_TELL_EACH_S = 1.0
+def require_hands(steps: Sequence[Step], *, are_asked: bool) -> None:
+    """Refuse a session that needs hands at the rig where there are none, before it has begun."""
+    kinds = sorted({step.kind for step in steps})
+    if not are_asked and len(kinds) > 1 and not sys.stdin.isatty():
+        raise ConfigError(
+            f"the session takes {', '.join(kinds)} frames, and nobody is at a terminal to cover the lens in between: "
+            "take darks and flats by hand, and the scene alone unattended"
+        )
 
 
 class Watch:
@@ -307,23 +245,7 @@ class Watch:
                 self._disk.call(lambda: write_status(self._run, status))
 
 
-_RECONNECT_PAUSE_S = 2.0
-
-Opener = Callable[[], AbstractContextManager[Rig]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """End of a session."""
-
-    frames: int  #: How many frames the run has now, and how many the session asks for.
-    planned: int
-    is_finished: bool  #: It went to its end; False where somebody asked it to stop.
-    repair: Repair | None = None  #: What was done to the run before it was gone on with.
-    was_finished: bool = False  #: There was nothing left to take.
-
-
-class ReconnectLoop:
+class _ReconnectLoop:
     """Takes what is left of a session, and opens the devices again where one goes away meanwhile."""
 
     def __init__(
@@ -359,14 +281,16 @@ class ReconnectLoop:
                     self._wait_or_give_up(error)
 
     def _take_rest(self, rig: Rig, watch: Watch) -> bool:
-        rest = continuation(read_run(self._writer.path), self._steps)
-        watch.begin(left=len(rest.steps))
-        context = replace(self._context, metered_s=rest.metered_s)
-        return acquire(rig, self._rig_file, rest.steps, self._writer, progress=watch.stored, context=context)
+        run = read_run(self._writer.path)
+        left = _left_of(run, self._steps)
+        watch.begin(left=len(left))
+        metered = metered_exposures(read_events(run.path))
+        context = replace(self._context, metered_s={one.round: one.exposure_s for one in metered})
+        return acquire(rig, self._rig_file, left, self._writer, progress=watch.stored, context=context)
 
     def _opened_again(self, devices: ExitStack) -> Rig:
         rig = devices.enter_context(self._opener())
-        require_same_devices(rig, read_run(self._writer.path))
+        _require_same_devices(rig, read_run(self._writer.path))
         self._writer.event("devices opened again")
         return rig
 
@@ -388,7 +312,79 @@ class ReconnectLoop:
         clock.sleep(_RECONNECT_PAUSE_S)
 
 
-def require_same_devices(rig: Rig, run: Run) -> None:
+def _description(
+    rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
+) -> dict[str, JsonValue]:
+    """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
+    scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
+    names = {what: path.name for what, path in (files | scene).items()}
+    stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
+    # Where the rig file stands, its store of calibrations beside it; the key says that it is no business of others.
+    place = {"host_folder": str(files["rig"].absolute().parent)} if "rig" in files else {}
+    light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
+    return {
+        "origin": rig.origin,
+        "rig": rig_file.model_dump(mode="json"),
+        "session": session.model_dump(mode="json"),
+        "files": {
+            what: {"name": names[what], "sha256": hashlib.sha256(content).hexdigest()}
+            for what, content in inputs.items()
+        },
+        **stage,
+        "camera": vars(rig.camera_identity),
+        "camera_facts": _facts_of(rig.camera),
+        "versions": {package: version(package) for package in _PACKAGES},
+        **light,
+        **place,
+    }
+
+
+def _facts_of(camera: Camera) -> dict[str, JsonValue] | None:
+    """Return how a camera's counts come about, and its features by its own names; None for one that does not tell."""
+    if not isinstance(camera, ReportingCamera):
+        return None
+    facts = camera.facts()
+    return {
+        "sample_format": facts.sample_format,
+        "justified": facts.justified,
+        "linear": facts.linear,
+        "features": dict(camera.features()),
+    }
+
+
+def _left_of(run: Run, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """Return the steps of a session that have no frame."""
+    planned = {step.sequence: step for step in steps}
+    for record in run.frames:
+        _require_planned(record, planned.get(record.sequence))
+    taken = {record.sequence for record in run.frames}
+    return tuple(step for step in steps if step.sequence not in taken)
+
+
+def _require_planned(record: FrameRecord, step: Step | None) -> None:
+    if step is not None and record.kind == step.kind and _is_same_angle(record, step):
+        return
+    wanted = "no such step" if step is None else f"{step.kind} at {step.polarizer_angle_deg} deg"
+    raise RunFolderError(
+        f"{record.file}: is {record.kind} at {record.polarizer_angle_target_deg} deg, and the plan has {wanted} in its "
+        "place: this run was not made by this session"
+    )
+
+
+def _is_same_angle(record: FrameRecord, step: Step) -> bool:
+    target = record.polarizer_angle_target_deg
+    if target is None or step.polarizer_angle_deg is None:
+        return target is step.polarizer_angle_deg
+    return abs(target - step.polarizer_angle_deg) <= _ANGLE_TOLERANCE_DEG
+
+
+def _last_ns(run: Run) -> int | None:
+    """Return when the last frame of a run ended; None where it has none [ns since 1970 UTC]."""
+    ends = [frame.end_utc for frame in run.frames if frame.end_utc is not None]
+    return unix_ns(utc_moment(max(ends))) + NS_PER_S if ends else None
+
+
+def _require_same_devices(rig: Rig, run: Run) -> None:
     """Raise NotConnectedError unless the devices are those with which a run began."""
     found: dict[str, DeviceIdentity | None] = {"stage": rig.stage_identity, "camera": rig.camera_identity}
     for what, identity in found.items():
@@ -402,113 +398,9 @@ def require_same_devices(rig: Rig, run: Run) -> None:
             )
 
 
-def take_session(
-    rig_file: RigFile,
-    session: SessionFile,
-    out: Path,
-    *,
-    files: dict[str, Path],
-    at_ns: int | None = None,
-    until_ns: int | None = None,
-    noise: SessionNoise | None = None,
-    clock: SessionClock | None = None,
-    opener: Opener | None = None,
-    asks_by_hold: bool = False,
-    calibrations: Mapping[str, JsonValue] | None = None,
-) -> Outcome:
-    """Take a session into a new run folder; return how it went."""
-    clock = clock_of(rig_file) if clock is None else clock
-    now_ns = clock.utc_ns() if at_ns is None else at_ns
-    rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
-    rounds = (at_ns,) if rounds == (None,) else rounds
-    steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
-    with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
-        rig = devices.enter_context(opener())
-        require_hands(steps, are_asked=rig.origin != "device" or asks_by_hold)
-        inputs = read_inputs(rig_file, files)
-        description = describe_session(rig, rig_file, session, files, inputs) | {
-            "rounds_ns": list(rounds),
-            "until_ns": until_ns,
-            "noise": None if noise is None else asdict(noise),
-            **(calibrations or {}),
-        }
-        with RunWriter.create(
-            out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns
-        ) as writer:
-            writer.listener = None if notifier is None else notifier.tell
-            context = session_context(
-                session,
-                rig_file,
-                clock=clock,
-                control=Control(out),
-                until_ns=until_ns,
-                noise=noise,
-                asks_by_hold=asks_by_hold,
-            )
-            loop = ReconnectLoop(rig_file, steps, writer, context, opener)
-            return loop.take(rig, devices, title=session.name)
-
-
-def resume_session(
-    path: Path, *, clock: SessionClock | None = None, opener: Opener | None = None, asks_by_hold: bool = False
-) -> Outcome:
-    """Go on with a session that was interrupted; return how it went.
-
-    Whole frames that were not acknowledged are adopted, damaged ones are set aside and taken again.
-    """
-    repair = repair_run(path)
-    run = read_run(path)
-    rig_file, session = files_of(run)
-    clock = clock_of(rig_file, after_ns=_last_ns(run)) if clock is None else clock
-    until_ns = run.session.until_ns
-    steps = plan_steps(session, run.session.rounds_ns, cell_deg=rig_file.cell_deg)
-    rest = continuation(run, steps)
-    if not rest.steps and rest.is_finished:
-        _close_again(path, clock)
-        return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
-    with notices(rig_file.notify, path) as notifier, ExitStack() as devices:
-        rig = devices.enter_context(opener())
-        require_hands(rest.steps, are_asked=rig.origin != "device" or asks_by_hold)
-        require_same_devices(rig, run)
-        with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
-            writer.listener = None if notifier is None else notifier.tell
-            _note_resumed(writer, repair, rest.steps)
-            control = Control(path)
-            control.forget()
-            context = session_context(
-                session,
-                rig_file,
-                clock=clock,
-                control=control,
-                until_ns=until_ns,
-                noise=run.session.noise,
-                asks_by_hold=asks_by_hold,
-            )
-            loop = ReconnectLoop(rig_file, steps, writer, context, opener)
-            return replace(loop.take(rig, devices, title=session.name), repair=repair)
-
-
-def _last_ns(run: Run) -> int | None:
-    """Return when the last frame of a run ended; None where it has none [ns since 1970 UTC]."""
-    ends = [frame.end_utc for frame in run.frames if frame.end_utc is not None]
-    return unix_ns(utc_moment(max(ends))) + NS_PER_S if ends else None
-
-
-def require_hands(steps: Sequence[Step], *, are_asked: bool) -> None:
-    """Refuse a session that needs hands at the rig where there are none, before it has begun."""
-    kinds = sorted({step.kind for step in steps})
-    if not are_asked and len(kinds) > 1 and not sys.stdin.isatty():
-        raise ConfigError(
-            f"the session takes {', '.join(kinds)} frames, and nobody is at a terminal to cover the lens in between: "
-            "take darks and flats by hand, and the scene alone unattended"
-        )
-
-
 def _close_again(path: Path, clock: SessionClock) -> None:
     """Close a run that had finished over the frames as they are now, where a repair has made its manifest again."""
-    if wholeness(path, read_contents(path)).state == "whole":
+    if wholeness(path, read_contents(path))[0] == "whole":
         return
     with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
         writer.closing_event("finished", frames=0, rounds_missed=0)

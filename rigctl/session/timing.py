@@ -13,11 +13,14 @@ from rigctl.rig.simulated_parts import SimulatedClock
 from rigctl.runs.records import SessionNoise
 from rigctl.runs.writer import RunWriter
 from rigctl.session.control import Control
-from rigctl.session.numbers import LiveNumbers, MeanNoise, RegionMeans, mean_noise
+from rigctl.session.numbers import LiveNumbers, RegionMeans
 from rigctl.session.plan import Step, SunTrack
 
 # Waiting costs nothing in simulated time, looking for requests does.
 _SIMULATED_POLL_S = 60.0
+_POLL_S = 0.5
+_S_PER_MIN = 60.0
+Note = Callable[..., None]
 
 
 def _clock_problem() -> str | None:
@@ -87,9 +90,6 @@ class SteadyUtc:
         return jump_ns / NS_PER_S
 
 
-_S_PER_MIN = 60.0
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionContext:
     """Context of a session beside its steps."""
@@ -102,7 +102,7 @@ class SessionContext:
     clock: SessionClock = field(default_factory=SessionClock)  #: The host's clocks.
     utc: SteadyUtc | None = None  #: The time by which the session began; None begins now.
     control: Control = field(default_factory=Control)  #: What somebody asks for.
-    noise: MeanNoise | None = None  #: What noise does to means, from a calibration.
+    noise: SessionNoise | None = None  #: From a calibration.
     regions: RegionMeans = field(default_factory=RegionMeans)  #: What is looked at in each frame.
     live: LiveNumbers = field(default_factory=LiveNumbers)  #: Told of each frame, for whoever watches.
     #: Exposures that earlier parts of this session have metered, by round [s].
@@ -122,7 +122,6 @@ def session_context(
     asks_by_hold: bool = False,
 ) -> SessionContext:
     """Return how a session file wants its session to be conducted, on a rig."""
-    of_means = None if noise is None else mean_noise(noise)
     late_min = 5.0 if session.schedule is None else session.schedule.late_min
     return SessionContext(
         interlocks=session.interlocks,
@@ -133,19 +132,15 @@ def session_context(
         clock=clock,
         utc=SteadyUtc(clock),
         control=control,
-        noise=of_means,
+        noise=noise,
         regions=RegionMeans(session.regions),
         live=LiveNumbers(
-            noise=of_means,
+            noise=noise,
             extinction_ratio=rig_file.polarizer.extinction_ratio,
             reference=session.reference_region or PICTURE,
         ),
         asks_by_hold=asks_by_hold,
     )
-
-
-_POLL_S = 0.5
-Note = Callable[..., None]
 
 
 class StopAskedError(Exception):

@@ -128,7 +128,7 @@ def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: in
     from rigctl.files.rig_file import load_rig, placeholder_doubt
     from rigctl.files.session_file import load_session
     from rigctl.rig.checkup import Finding, RigCheckup, clock, disk, receive_buffer, room
-    from rigctl.session.plan import DiskDemand, demand_of
+    from rigctl.session.plan import demand_of
 
     rig_file = None if rig is None else load_rig(rig)
     session_file = None if session is None else load_session(session)
@@ -146,13 +146,15 @@ def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: in
             yield Finding(what="devices", found=str(error), advice="mend this, and call the doctor again")
         pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
         yield from monitor_findings(rig_file.monitors)
-    demand = DiskDemand(frame_bytes=_SAMPLE_BYTES * pixels, period_s=_USUAL_PERIOD_S)
-    if rig_file is not None and session_file is not None:
-        demand = demand_of(rig_file, session_file, pixels=pixels, now_ns=time.time_ns(), camera_s=camera_s)
     yield receive_buffer(frame_bytes=_SAMPLE_BYTES * pixels)
-    yield disk(folder, frame_bytes=demand.frame_bytes, period_s=demand.period_s)
-    if demand.total_bytes is not None:
-        yield room(folder, total_bytes=demand.total_bytes)
+    if rig_file is None or session_file is None:
+        yield disk(folder, frame_bytes=_SAMPLE_BYTES * pixels, period_s=_USUAL_PERIOD_S)
+    else:
+        frame_bytes, period_s, total_bytes = demand_of(
+            rig_file, session_file, pixels=pixels, now_ns=time.time_ns(), camera_s=camera_s
+        )
+        yield disk(folder, frame_bytes=frame_bytes, period_s=period_s)
+        yield room(folder, total_bytes=total_bytes)
     yield clock()
 
 
@@ -181,11 +183,10 @@ def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]
 
 def _notice_finding(section: "NotifySection") -> "Finding":
     """Send a notice; return whether it went."""
-    from rigctl.base.numbers import utc_text
     from rigctl.rig.checkup import Finding
-    from rigctl.session.take import Notice, send
+    from rigctl.session.notices import notice_of, send
 
-    problems = send(section, Notice(run="none", event="test", text="rigctl doctor", utc=utc_text(time.time_ns())))
+    problems = send(section, notice_of("none", "test", "rigctl doctor"))
     if not problems:
         return Finding(what="notices", found="a notice was sent")
     return Finding(what="notices", found="; ".join(problems), advice="mend [notify] in the rig file")

@@ -77,7 +77,7 @@ def preview(
     doubt = placeholder_doubt(load_rig(Path(camera))) if camera.endswith(_RIG_FILE) else None
     if doubt is not None:
         warn(doubt)
-    task = Task(kind="preview", exposure_s=exposure_ms / 1e3, gain_db=gain_db, zoom=zoom)
+    task = Task(kind="preview", exposure_ms=exposure_ms, gain_db=gain_db, zoom=zoom)
     if picture is None:
         lines = preview_on_page(camera, task, place_of(listen), opened=_report)
     else:
@@ -102,14 +102,15 @@ def _report(where: str) -> None:
 def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callable[[str], None]) -> Lines:
     """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
     from rigctl.rig.focus import Focus
+    from rigctl.web.page import Hands, camera_acts, page_app
     from rigctl.web.rig import NO_STAGE, LiveRig, open_camera
-    from rigctl.web.server import Hands, NoRuns, PageServer, camera_acts, page_app
-    from rigctl.web.what import OpenDevices, Task
+    from rigctl.web.server import PageServer
+    from rigctl.web.what import REST, NoRuns, OpenDevices
 
     @contextmanager
     def camera_alone() -> Iterator[OpenDevices]:
         with open_camera(camera) as one:
-            yield OpenDevices(camera=one, stage=None)
+            yield OpenDevices(camera=one)
 
     rig, seen = LiveRig(camera_alone, NO_STAGE), 0
     name = Path(camera).name if camera.endswith(_RIG_FILE) else camera
@@ -125,7 +126,7 @@ def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callab
                     focus = Focus(sharpness=look.sharpness, brightest=look.brightest, saturated=look.clipped)
                     yield focus.text(look.best_sharpness)
         finally:
-            rig.begin(Task())
+            rig.begin(REST)
 
 
 def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:

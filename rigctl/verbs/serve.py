@@ -20,7 +20,8 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.session.preparation import PreparedSession
-    from rigctl.web.server import Addresses, PageServer, Place, Question
+    from rigctl.web.page import Question
+    from rigctl.web.server import Addresses, PageServer, Place
 
 _RIG_FILE = ".toml"
 _REGIONS_FILE = "regions.toml"
@@ -77,7 +78,9 @@ def serve(
     ConfigError
         A file is wrong, a folder is missing, or nothing can listen at that address.
     """
-    from rigctl.web.server import PageServer, page_app, place_of, source_at
+    from rigctl.web.page import page_app
+    from rigctl.web.server import PageServer, place_of
+    from rigctl.web.what import source_at
 
     what = str(what)
     place = place_of(listen, None if certificate is None else Path(certificate), None if key is None else Path(key))
@@ -132,18 +135,11 @@ class ServedPage(Result):
 
 def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place") -> "PageServer":
     """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
+    from rigctl.web.page import Hands, camera_acts, page_app, region_acts, session_acts, stage_acts
     from rigctl.web.regions_page import write_regions
     from rigctl.web.rig import LiveRig, open_devices, polarizer_of
-    from rigctl.web.server import (
-        Hands,
-        PageServer,
-        RunsOfFolder,
-        camera_acts,
-        page_app,
-        region_acts,
-        session_acts,
-        stage_acts,
-    )
+    from rigctl.web.server import PageServer
+    from rigctl.web.what import RunsOfFolder
 
     for name, folder in (("--sessions", sessions), ("--runs", runs)):
         if not folder.is_dir():
@@ -226,8 +222,11 @@ class _Sessions:
 
 
 def _need_text(name: str, prepared: "PreparedSession") -> str:
-    need, steps = prepared.need, prepared.steps
-    minutes, seconds = divmod(round(need.duration_s), 60)
-    disk = "" if need.disk_bytes is None else f", {need.disk_bytes / 1e6:.0f} MB"
+    from rigctl.session.plan import estimate
+
+    steps = prepared.steps
+    duration_s, disk_bytes = estimate(steps, prepared.rig_file)
+    minutes, seconds = divmod(round(duration_s), 60)
+    disk = "" if disk_bytes is None else f", {disk_bytes / 1e6:.0f} MB"
     kinds = ", ".join(f"{sum(step.kind == kind for step in steps)} {kind}" for kind in ("dark", "flat", "scene"))
     return f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}"

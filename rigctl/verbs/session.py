@@ -1,10 +1,10 @@
 """Sessions: plan one, take it, go on with it, hold it, stop it."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Parameter
 
@@ -20,11 +20,8 @@ from rigctl.verbs.result import Part, Result
 if TYPE_CHECKING:
     from rigctl.python import Run
     from rigctl.session.control import Request
-    from rigctl.session.plan import PlannedRound, PlannedStep, SessionPlan
-    from rigctl.session.predicted_rounds import Prediction
+    from rigctl.session.plan import SessionPlan
     from rigctl.session.take import Outcome
-
-    _Row = PlannedRound | PlannedStep
 
 #: Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
 Ask: TypeAlias = Literal["terminal", "hold"]
@@ -418,7 +415,7 @@ class PlannedSession(Result):
     """A session laid out in time; with a scene, what its rounds can give."""
 
     plan: "SessionPlan"
-    predictions: "tuple[Prediction, ...] | None" = None  #: None without a scene
+    predictions: tuple[Mapping[str, Json], ...] | None = None  #: None without a scene
     all_steps: bool = False  #: show every step, however many
 
     def content(self) -> Iterable[Part]:
@@ -430,11 +427,12 @@ class PlannedSession(Result):
         if plan.disk_bytes is not None:
             disk = f"{plan.disk_bytes / 1e6:.0f} MB"
         minutes, seconds = divmod(round(plan.duration_s), _SECONDS_A_MINUTE)
-        yield f"{len(steps)} frames from {steps[0].utc[:_UTC_DIGITS]}Z, about {minutes} min {seconds} s, disk {disk}"
+        first = _cell(steps[0], "utc")
+        yield f"{len(steps)} frames from {first}Z, about {minutes} min {seconds} s, disk {disk}"
         if plan.false_dolp is not None:
             shown_dolp = plan.false_dolp if plan.false_dolp > _ROUNDING else 0.0
             yield f"light that drifts by 1 % a minute shows a false DoLP of {shown_dolp:.2g} in a round"
-        sun = [name for name in SUN_ANGLES if getattr(steps[0], name) is not None]
+        sun = [name for name in SUN_ANGLES if name in steps[0]]
         yield "angles are in degrees, exposures in ms"
         if sun:
             yield "zenith and azimuth are those of the sun, phi is its azimuth less the camera's"
@@ -450,7 +448,7 @@ class PlannedSession(Result):
         """Return the plan, and with a scene the predictions."""
         if self.predictions is None:
             return self.plan.content()
-        return self.plan.content() | {"predictions": [asdict(row) for row in self.predictions]}
+        return self.plan.content() | {"predictions": list(self.predictions)}
 
 
 def _pixels(frame: str) -> int:
@@ -463,16 +461,16 @@ def _pixels(frame: str) -> int:
     return sizes[0] * sizes[1]
 
 
-def _table(rows: "Sequence[_Row]", names: tuple[str, ...]) -> "Table[_Row]":
+def _table(rows: Sequence[Mapping[str, Json]], names: tuple[str, ...]) -> Table[Mapping[str, Json]]:
     return Table(
         columns=tuple(Column(title=_TITLES[name], text=partial(_cell, name=name)) for name in names), rows=tuple(rows)
     )
 
 
-def _cell(row: "_Row", name: str) -> str:
+def _cell(row: Mapping[str, Json], name: str) -> str:
     if name == "time":
-        return row.utc[_DATE_DIGITS:_UTC_DIGITS]
-    value = getattr(row, name)
+        return str(row["utc"])[_DATE_DIGITS:_UTC_DIGITS]
+    value = row[name]
     if name == "exposure_ms":
         return "metered" if value is None else f"{value:.6g}"
     if value is None:
@@ -482,14 +480,13 @@ def _cell(row: "_Row", name: str) -> str:
     return str(value)[:_UTC_DIGITS]
 
 
-def _prediction_line(row: "Prediction") -> str:
+def _prediction_line(row: Mapping[str, Any]) -> str:
     from model.quantities import angle_of
-    from rigctl.session.predicted_rounds import UnpredictedRound
 
-    where = f"round {row.round}, {row.exposure_ms:.3g} ms, {row.region}"
-    if isinstance(row, UnpredictedRound):
-        return f"{where}: {row.problem}"
-    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row.mean_dn.items())
-    snr = "not known" if row.dolp_snr is None else f"{row.dolp_snr:.3g}"
-    snr = snr if row.saturated_fraction <= _MOST_SATURATED else "none, since it saturates"
-    return f"{where}: counts above black [DN] {counts}; saturated {100 * row.saturated_fraction:.1f} %; DoLP SNR {snr}"
+    where = f"round {row['round']}, {row['exposure_ms']:.3g} ms, {row['region']}"
+    if "problem" in row:
+        return f"{where}: {row['problem']}"
+    counts = ", ".join(f"{angle_of(name)} deg {mean:.0f}" for name, mean in row["mean_dn"].items())
+    saturated, snr = row["saturated_fraction"], "not known" if row["dolp_snr"] is None else f"{row['dolp_snr']:.3g}"
+    snr = snr if saturated <= _MOST_SATURATED else "none, since it saturates"
+    return f"{where}: counts above black [DN] {counts}; saturated {100 * saturated:.1f} %; DoLP SNR {snr}"

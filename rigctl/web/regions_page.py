@@ -12,8 +12,10 @@ from rigctl.errors import DataError
 from rigctl.files.regions import Markers, Region, RegionsFile, regions_text
 from rigctl.files.toml import describe
 from rigctl.outlines import search_markers, stretched
+from rigctl.web.page import Hands, page_app, region_acts
 from rigctl.web.rig import StillPicture
-from rigctl.web.server import Hands, NoRuns, PageServer, Place, page_app, region_acts
+from rigctl.web.server import PageServer, Place
+from rigctl.web.what import NoRuns
 
 
 class RegionsPage:

@@ -31,7 +31,7 @@ from rigctl.web.pictures import (
     picture_of,
     smaller,
 )
-from rigctl.web.what import Cell, LiveLook, OpenDevices, Task
+from rigctl.web.what import REST, LiveLook, OpenDevices, Task
 
 VIEW = "view"
 # Counts that a metered exposure aims at, as a share of the range.
@@ -41,6 +41,11 @@ _KEPT = 8
 _TURN_DEG = 180.0
 _TIMEOUT_S = 10.0
 _MS_PER_S = 1e3
+_QUALITY = 90
+_RIG_FILE = ".toml"
+_EXAMPLE = "rig-sim.toml"
+# A camera alone has no stage, whose angles would have to be told.
+NO_STAGE = PolarizerSection(sense=1, offset_deg=0.0)
 
 
 class LiveRig:
@@ -49,7 +54,7 @@ class LiveRig:
     def __init__(self, opened: Callable[[], AbstractContextManager[OpenDevices]], polarizer: PolarizerSection) -> None:
         self._opened, self._polarizer = opened, polarizer
         self._changed = threading.Condition()
-        self._task = Task()
+        self._task = REST
         self._turn_to_deg: float | None = None
         self._thread: threading.Thread | None = None
         self._look = LiveLook()
@@ -85,7 +90,7 @@ class LiveRig:
             last_exposure_s, self._task, self._failure = self._task.exposure_s, task, None
             self._look = LiveLook(
                 task=task.kind,
-                exposure_ms=task.exposure_s * _MS_PER_S,
+                exposure_ms=task.exposure_ms,
                 gain_db=task.gain_db,
                 zoom=task.zoom,
                 sequence=self._look.sequence,
@@ -147,7 +152,7 @@ class LiveRig:
         except (DeviceError, ConfigError, DataError) as error:
             with self._changed:
                 self._look = replace(self._look, task="rest", problem=str(error))
-                self._task, self._failure = Task(), error
+                self._task, self._failure = REST, error
                 self._changed.notify_all()
 
     def _wanted(self) -> Task:
@@ -157,9 +162,9 @@ class LiveRig:
     def _do(self, devices: OpenDevices, task: Task) -> None:
         """Do one task until another is wanted."""
         devices.camera.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
-        if devices.cell is not None:
+        if devices.cell_deg is not None:
             while self._wanted() is task:
-                self._look_through(devices.cell, devices.camera, task)
+                self._look_through(devices, devices.cell_deg, task)
             return
         if task.kind == "preview":
             while self._wanted() is task:
@@ -172,19 +177,19 @@ class LiveRig:
         while self._wanted() is task:
             self._go_round(devices.camera, devices.stage, task)
 
-    def _look_through(self, cell: Cell, camera: Camera, task: Task) -> None:
+    def _look_through(self, devices: OpenDevices, cell_deg: tuple[float, ...], task: Task) -> None:
         """Take a picture behind a cell of polarizers: all angles at once, so that each has its maps."""
         began_s = time.monotonic()
-        frame = self._frame(camera, task)
+        frame = self._frame(devices.camera, task)
         saturation_dn = 2.0**frame.settings.bit_depth - 1.0
-        parts = planes(frame.counts, interpolation=cell.interpolation, saturation_dn=saturation_dn)
+        parts = planes(frame.counts, interpolation=devices.interpolation, saturation_dn=saturation_dn)
         # What is drawn upon and focused by is the mean of all angles: the cell itself is no texture of the scene.
         stacked = np.stack(parts)
         full = (stacked >= saturation_dn).any(axis=0)
         mean = np.where(full, saturation_dn, stacked.mean(axis=0, dtype=np.float32)).astype(np.uint16)
         self._seen(replace(frame, counts=mean), None)
         small = [smaller(part, most_width=MOST_WIDTH) for part in parts]
-        self._went_round(small, cell.axes_deg, time.monotonic() - began_s)
+        self._went_round(small, cell_deg, time.monotonic() - began_s)
 
     def _go_round(self, camera: Camera, stage: RotationStage, task: Task) -> None:
         began_s = time.monotonic()
@@ -264,25 +269,22 @@ def _proposed_ms(exposure_ms: float, brightest: float) -> float | None:
     return exposure_ms * _AIM / brightest if brightest > 0.0 else None
 
 
-# A camera alone has no stage, whose angles would have to be told.
-NO_STAGE = PolarizerSection(sense=1, offset_deg=0.0)
-_RIG_FILE = ".toml"
-_EXAMPLE = "rig-sim.toml"
-
-
 @contextmanager
 def open_devices(what: str) -> Iterator[OpenDevices]:
     """Open the devices of a rig file, or the camera at an address alone, until the context is left."""
     if not what.endswith(_RIG_FILE):
         with open_camera(what) as camera:
-            yield OpenDevices(camera=camera, stage=None)
+            yield OpenDevices(camera=camera)
         return
     rig_file = load_rig(Path(what))
-    axes_deg = rig_file.cell_deg
-    cell = None if axes_deg is None else Cell(axes_deg=axes_deg, interpolation=rig_file.camera.interpolation)
     with open_rig(rig_file, session_name="live") as rig:
         rig.present("scene")
-        yield OpenDevices(camera=rig.camera, stage=rig.stage, cell=cell)
+        yield OpenDevices(
+            camera=rig.camera,
+            stage=rig.stage,
+            cell_deg=rig_file.cell_deg,
+            interpolation=rig_file.camera.interpolation,
+        )
 
 
 def polarizer_of(what: str) -> PolarizerSection:
@@ -310,9 +312,6 @@ def open_camera(what: str) -> Iterator[Camera]:
 
 def _with_address(rig: RigFile, address: str) -> RigFile:
     return rig.model_copy(update={"camera": rig.camera.model_copy(update={"address": address})})
-
-
-_QUALITY = 90
 
 
 class StillPicture:

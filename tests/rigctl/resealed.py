@@ -20,13 +20,13 @@ def with_session(run: Path, change: Callable[[dict[str, Any]], object]) -> None:
     for name in ("manifest.jsonl", "events.jsonl"):
         if (run / name).exists():
             lines = read_lines((run / name).read_bytes(), first_link(before)).lines
-            (run / name).write_bytes(sealed_all([line.content for line in lines], first_link(after)))
+            (run / name).write_bytes(sealed_all([content for content, _ in lines], first_link(after)))
 
 
 def with_line(run: Path, number: int, change: Callable[[dict[str, Any]], object]) -> None:
     """Change what a line of the manifest says, and seal the manifest anew."""
     first = first_link(read_description(run / "session.json"))
-    contents = [line.content for line in read_lines((run / "manifest.jsonl").read_bytes(), first).lines]
+    contents = [content for content, _ in read_lines((run / "manifest.jsonl").read_bytes(), first).lines]
     content = json.loads(contents[number])
     change(content)
     contents[number] = json.dumps(content).encode()

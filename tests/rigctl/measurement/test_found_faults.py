@@ -139,7 +139,7 @@ def test_a_session_shows_the_faults_of_its_last_cycle(tmp_path: Path) -> None:
     for place, record in enumerate(run.frames):
         counts = run.counts(record)
         coarse = coarse_picture(counts, record)
-        assert coarse.side_pixels == 2
+        assert coarse[1] == 2
         seen = frame_summary(
             record, RegionMeans().of(counts), time_s=float(place), saturated_fraction=0.0, coarse=coarse
         )

@@ -13,9 +13,8 @@ from rigctl.runs.folder import read_run
 from rigctl.runs.records import SimulatedLight
 from rigctl.session.history import session_history
 from rigctl.session.take import take_session
-from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled
+from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled, take_watched
 from tests.rigctl.session.planning.test_schedule import RIG_AT_SITE, _session
-from tests.rigctl.session.watched_sessions import take_watched
 
 
 def _run(tmp_path, rig, schedule):

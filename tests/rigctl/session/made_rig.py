@@ -1,5 +1,6 @@
-"""A rig of two stand-ins that live in simulated time and fail when told to."""
+"""A rig of two stand-ins that live in simulated time and fail when told to, and sessions on it."""
 
+import json
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -8,7 +9,11 @@ import numpy as np
 from drivers.errors import DeviceFaultError, DeviceTimeoutError, NotConnectedError
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, Move, StagePosition, StageStatus
 from rigctl.files.rig_file import RigFile
+from rigctl.files.session_file import SessionFile
 from rigctl.rig.rig import Rig
+from rigctl.runs.check import verify_run
+from rigctl.runs.folder import read_run
+from rigctl.session.take import take_session
 from rigctl.session.timing import SessionClock
 
 NS = 1_000_000_000
@@ -158,6 +163,29 @@ def stalled():
 
 
 def events_of(run: Path) -> list[dict]:
-    import json
-
     return [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
+
+
+def watched_session(*, take=None, **locks):
+    """Return a session of two cycles whose interlocks are quiet but for those that are given."""
+    # Simulated time costs nothing: the session outruns any disk.
+    quiet = {"disk_free_mb": 0, "queue": "off", "drift": "off", "low_signal": "off"}
+    steps = {"kind": "scene", "exposure_ms": 10, "cycles": 2} | (take or {})
+    return SessionFile.model_validate({"name": "watched", "take": [steps], "interlocks": quiet | locks})
+
+
+def take_watched(world, tmp_path, *, rig_file=RIG_FILE, take=None, noise=None, **locks):
+    session = watched_session(take=take, **locks)
+    return take_session(
+        rig_file, session, tmp_path / "run", files={}, noise=noise, clock=world.time.clock, opener=world.open
+    )
+
+
+def trips_of(tmp_path):
+    events = events_of(tmp_path / "run")
+    return [(e["facts"]["interlock"], e["facts"]["action"]) for e in events if e["event"] == "interlock"]
+
+
+def assert_whole(tmp_path, frames=8):
+    assert [record.sequence for record in read_run(tmp_path / "run").frames] == list(range(frames))
+    assert verify_run(tmp_path / "run").ok

@@ -28,7 +28,7 @@ from rigctl.scene.reading import scene_of_file
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.verify import verification_of
 from rigctl.web.rig import LiveRig, open_devices
-from rigctl.web.what import Task
+from rigctl.web.what import REST, Task
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.session.made_rig import events_of
 
@@ -240,11 +240,11 @@ def test_a_rig_that_cannot_be_is_refused(tmp_path: Path, before: str, after: str
 def test_each_picture_has_its_maps_in_the_browser(tmp_path: Path) -> None:
     mosaic_rig(tmp_path)
     rig = LiveRig(lambda: open_devices(str(tmp_path / "rig.toml")), load_rig(tmp_path / "rig.toml").polarizer)
-    rig.begin(Task(kind="polarimetry", exposure_s=3e-5))
+    rig.begin(Task(kind="polarimetry", exposure_ms=0.03))
     while rig.look().maps_sequence < 2 and not rig.look().problem:
         pass
     look = rig.look()
-    rig.begin(Task())
+    rig.begin(REST)
     assert look.problem == ""
     assert (look.width, look.height) == (96, 48)
     assert abs(look.maps_sequence - look.sequence) <= 1

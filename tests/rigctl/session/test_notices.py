@@ -12,7 +12,8 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.files.rig_file import NotifySection
-from rigctl.session.take import Notifier, notices, take_session
+from rigctl.session.notices import Notifier, notices
+from rigctl.session.take import take_session
 from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
 
 

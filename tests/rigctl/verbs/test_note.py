@@ -251,7 +251,7 @@ def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_pat
     assert json.loads(capsys.readouterr().out)["excluded"] == [8, 9, 10, 11]
     assert cli.main(["status", str(run), "--page", str(tmp_path / "s.html")]) == 0
     assert "a cloud passed" in (tmp_path / "s.html").read_text()
-    assert {"note", "exclude"} <= {one.event for one in RunReader(run).look().events}
+    assert {"note", "exclude"} <= {one["event"] for one in RunReader(run).look().events}
 
 
 def test_a_login_name_of_the_environment_is_made_to_fit_a_line(tmp_path, monkeypatch):

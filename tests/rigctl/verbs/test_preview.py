@@ -19,7 +19,7 @@ from rigctl.verbs.preview import preview_on_page
 from rigctl.web.server import Place
 from rigctl.web.what import Task
 
-TASK = Task(kind="preview", exposure_s=3e-5)
+TASK = Task(kind="preview", exposure_ms=0.03)
 
 # Squares of 8 pixels, half as bright again as what lies between.
 SCENE = np.kron(np.indices((12, 16)).sum(axis=0) % 2, np.ones((8, 8))) * 500.0 + 1000.0
@@ -94,7 +94,7 @@ def ask(address, path, content=None, *, token=None):
 
 def test_it_is_the_page_of_serve_with_a_camera_alone():
     addresses = []
-    task = Task(kind="preview", exposure_s=3e-5, zoom=4)
+    task = Task(kind="preview", exposure_ms=0.03, zoom=4)
     with closing(preview_on_page("sim:gc780", task, Place(), opened=addresses.append)) as lines:
         assert next(lines).startswith("sharpness ")
         (address,) = addresses

@@ -19,8 +19,7 @@ from rigctl.session.take import take_session
 from rigctl.verbs.session import hold, resume
 from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig, small_rig_text
 from tests.rigctl.scene_texts import SCENE, written
-from tests.rigctl.session.made_rig import START_NS, MadeWorld, unplugged
-from tests.rigctl.session.watched_sessions import take_watched
+from tests.rigctl.session.made_rig import START_NS, MadeWorld, take_watched, unplugged
 
 _NOISE = SessionNoise(gain_dn_per_e=0.5, read_noise_e=1.0, dark_current_e_per_s=0.0, black_level_dn=100.0)
 
@@ -147,12 +146,12 @@ def test_a_planned_scene_is_what_is_measured_then(tmp_path):
     take_session(rig_file, session, tmp_path / "run", files={})
     run = read_run(tmp_path / "run")
     places = {"left": np.s_[4:44, 4:44], "right": np.s_[4:44, 52:92]}
-    assert [row.region for row in rows] == list(places)
+    assert [row["region"] for row in rows] == list(places)
     for row in rows:
-        assert row.exposure_ms == pytest.approx(0.03)
+        assert row["exposure_ms"] == pytest.approx(0.03)
         for record in run.frames:
-            found = run.counts(record)[places[row.region]].mean() - 64.0
-            predicted = row.mean_dn[f"dn_{record.polarizer_angle_target_deg:g}"]
+            found = run.counts(record)[places[row["region"]]].mean() - 64.0
+            predicted = row["mean_dn"][f"dn_{record.polarizer_angle_target_deg:g}"]
             # 1600 pixels of 1000 to 2000 DN: shot noise of 22 DN, PRNU 0.5 % and texture 1 % of each: below 32 DN,
             # 0.8 DN in the mean; five of that; the readback is off by 0.05 deg at most, 1e-3 of the polarized part.
             assert found == pytest.approx(predicted, abs=4.0 + 1e-3 * predicted)
@@ -170,10 +169,10 @@ def test_a_planned_scene_is_lit_by_the_sun_of_each_round(tmp_path, monkeypatch):
     rig_file = load_rig(EXAMPLES / "rig-rooftop.toml")
     planned = plan_session(rig_file, session, now_ns=START_NS)
     rows = tuple(predict_rounds(load_scene(written(tmp_path, SCENE)), None, planned, rig_file, session.metering))
-    assert {row.round for row in rows} == {0, 1}
-    first, second = (next(row for row in rows if row.round == number) for number in (0, 1))
+    assert {row["round"] for row in rows} == {0, 1}
+    first, second = (next(row for row in rows if row["round"] == number) for number in (0, 1))
     # 13:07 and 15:07 UTC in Rochester: the sun rises from 33 deg to 53 deg, and a brighter scene is exposed shorter.
-    assert second.exposure_ms < first.exposure_ms
-    brightest = max(max(row.mean_dn.values()) for row in rows if row.round == 0)
+    assert second["exposure_ms"] < first["exposure_ms"]
+    brightest = max(max(row["mean_dn"].values()) for row in rows if row["round"] == 0)
     assert brightest == pytest.approx(0.8 * 4095, rel=1e-6)
     assert all(row.dolp_snr > 0 for row in rows)

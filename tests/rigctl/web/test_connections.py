@@ -11,7 +11,8 @@ from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from rigctl.web.server import Sockets, connection_class
+from rigctl.web.page import Sockets
+from rigctl.web.server import connection_class
 
 ASK = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 HEAD_S = 0.4

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 from rigctl.web.rig import LiveRig, open_devices, polarizer_of
-from rigctl.web.what import LiveLook, Task
+from rigctl.web.what import REST, LiveLook, Task
 
 CAMERA = "sim:gc780"
 
@@ -19,14 +19,14 @@ def until(rig: LiveRig, is_so: Callable[[LiveLook], bool]) -> LiveLook:
 
 def test_a_camera_alone_is_focused_by_and_has_no_polarization() -> None:
     rig = LiveRig(lambda: open_devices(CAMERA), polarizer_of(CAMERA))
-    rig.begin(Task(kind="preview", exposure_s=3e-5))
+    rig.begin(Task(kind="preview", exposure_ms=0.03))
     look = until(rig, lambda look: look.sharpness > 0.0)
     assert (look.width, look.height) == (782, 582)
     assert rig.newest_counts().shape == (582, 782)
     one, same = rig.picture("view"), rig.picture("view")
     assert one.jpeg.startswith(b"\xff\xd8")
     assert sum(one.histogram) == sum(same.histogram) == 782 * 582
-    rig.begin(Task(kind="polarimetry", exposure_s=3e-5))
+    rig.begin(Task(kind="polarimetry", exposure_ms=0.03))
     assert "needs a stage" in until(rig, lambda look: bool(look.problem)).problem
     assert rig.look().task == "rest"
 
@@ -35,5 +35,5 @@ def test_a_camera_that_cannot_be_opened_is_a_problem_in_words() -> None:
     rig = LiveRig(lambda: open_devices("gige:nowhere.invalid"), polarizer_of(CAMERA))
     rig.begin(Task(kind="preview"))
     assert until(rig, lambda look: bool(look.problem)).task == "rest"
-    rig.begin(Task())
+    rig.begin(REST)
     assert rig.picture("view") is None

@@ -16,8 +16,7 @@ from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
 from rigctl.verbs.note import note
 from rigctl.web.pictures import picture_of
-from rigctl.web.server import RunsOfFolder, source_at
-from rigctl.web.what import Curves, RunReader, last_cycle
+from rigctl.web.what import Curves, RunReader, RunsOfFolder, last_cycle, source_at
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
 
@@ -68,10 +67,10 @@ def test_frames_that_come_are_read_once_and_shown(tmp_path: Path) -> None:
     lines = manifest.read_bytes().splitlines(keepends=True)
     manifest.write_bytes(b"".join(lines[:2]) + lines[2][:40])
     reader = RunReader(tmp_path / "run")
-    assert [one.name for one in reader.look().newest] == ["0", "45"]
+    assert [one["name"] for one in reader.look().newest] == ["0", "45"]
     manifest.write_bytes(b"".join(lines))
     look = reader.look()
-    assert [one.name for one in look.newest] == ["0", "45", "90", "135"]
+    assert [one["name"] for one in look.newest] == ["0", "45", "90", "135"]
     assert look.problems == ()
 
 
@@ -120,9 +119,9 @@ def test_a_session_has_curves_of_its_cycles(tmp_path: Path) -> None:
     take_session(small_rig(tmp_path), small_session(cycles=2), tmp_path / "run", files={})
     reader = RunReader(tmp_path / "run")
     curves = _curves(reader)
-    assert [region.name for region in curves.regions] == ["picture"]
+    assert [region["name"] for region in curves.regions] == ["picture"]
     assert len(curves.time_s) == 2
-    assert all(0.0 < value < 1.0 for value in curves.regions[0].dolp)
+    assert all(0.0 < value < 1.0 for value in curves.regions[0]["dolp"])
     assert reader.look().is_simulated
 
 

@@ -1,6 +1,7 @@
-"""When rounds begin. The sun of these tests is astropy's, which shares no code with the sun of the program."""
+"""Steps in their order, rounds in time, what they need. The sun of these tests is astropy's, not the program's."""
 
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,13 +10,24 @@ from astropy.coordinates import AltAz, EarthLocation, get_sun
 from astropy.time import Time
 from astropy.utils import iers
 
+from rigctl.base.numbers import unix_ns
 from rigctl.errors import ConfigError
 from rigctl.files.place import SiteSection
-from rigctl.files.session_file import SessionFile
+from rigctl.files.rig_file import load_rig
+from rigctl.files.session_file import SessionFile, load_session
 from rigctl.runs.folder import read_run
 from rigctl.session.control import ask
-from rigctl.session.plan import SunTrack, round_times_ns, unix_ns
+from rigctl.session.plan import (
+    SunTrack,
+    estimate,
+    false_dolp,
+    grouping_cost,
+    plan_steps,
+    round_times_ns,
+    step_times_ns,
+)
 from rigctl.session.take import resume_session, take_session
+from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.session.made_rig import NS, RIG_FILE, MadeWorld, events_of
 
 SITE = SiteSection(latitude_deg=43.16, longitude_deg=-77.61, elevation_m=150)
@@ -40,14 +52,14 @@ def _sun_deg(times_ns):
         return found.az.deg, found.alt.deg
 
 
-def _session(schedule, **more):
+def scheduled(schedule, **more):
     take = [{"kind": "scene", "exposure_ms": 10}]
     locks = {"disk_free_mb": 0, "queue": "off"}
     return SessionFile.model_validate({"name": "day", "take": take, "schedule": schedule, "interlocks": locks} | more)
 
 
 def _times(schedule, **limits):
-    return round_times_ns(_session(schedule), SITE, **({"now_ns": MORNING_NS} | limits))
+    return round_times_ns(scheduled(schedule), SITE, **({"now_ns": MORNING_NS} | limits))
 
 
 def test_the_sun_is_where_astropy_has_it():
@@ -61,8 +73,9 @@ def test_the_sun_is_where_astropy_has_it():
 
 
 def test_every_so_many_minutes_from_now_on():
-    times = _times({"every_min": 10, "duration_h": 1})
-    assert times == tuple(MORNING_NS + k * 600 * NS for k in range(6))
+    times = tuple(MORNING_NS + k * 600 * NS for k in range(6))
+    assert _times({"every_min": 10, "duration_h": 1}) == times
+    assert _times({"every_min": 10}, until_ns=MORNING_NS + H) == times
 
 
 def test_given_times_are_put_in_order_and_those_outside_are_left_out():
@@ -86,22 +99,15 @@ def test_while_the_solar_zenith_is_below_60():
     assert times == tuple(int(time) for time in every[elevation_deg > 30.0])
 
 
-def test_until_leaves_out_the_rest():
-    assert len(_times({"every_min": 10}, until_ns=MORNING_NS + H)) == 6
-
-
-def test_a_schedule_without_a_round_says_so():
+def test_a_schedule_without_a_round_or_a_site_is_refused():
     with pytest.raises(ConfigError, match="rigctl plan"):
         _times({"zenith_passes_deg": [5]})
-
-
-def test_the_sun_without_a_site_is_refused():
     with pytest.raises(ConfigError, match=r"\[site\]"):
-        round_times_ns(_session({"zenith_passes_deg": [43]}), None, now_ns=MORNING_NS)
+        round_times_ns(scheduled({"zenith_passes_deg": [43]}), None, now_ns=MORNING_NS)
 
 
 def _run(tmp_path, schedule, world, **more):
-    session = _session(schedule, **more)
+    session = scheduled(schedule, **more)
     return take_session(RIG_AT_SITE, session, tmp_path / "run", files={}, clock=world.time.clock, opener=world.open)
 
 
@@ -195,3 +201,110 @@ def test_at_and_until(tmp_path):
     assert min(starts) >= MORNING_NS + H
     assert max(starts) < MORNING_NS + H + 61 * NS
     assert len(starts) == 6
+
+
+def _session(tmp_path, take, more="", *, kind="scene", exposure="1"):
+    path = tmp_path / "session.toml"
+    path.write_text(f'name = "test"\n{more}\n[[take]]\nkind = "{kind}"\nexposure_ms = {exposure}\n{take}\n')
+    return load_session(path)
+
+
+@pytest.mark.parametrize(
+    ("take", "angles", "cycles"),
+    [
+        # The order that halves what a drift looks like.
+        ("", [0, 90, 45, 135], [0] * 4),
+        ("angles_deg = [0, 60, 120]\ncycles = 2", [0, 60, 120] * 2, [0] * 3 + [1] * 3),
+        (
+            'order = "palindrome"\ncycles = 3',
+            [0, 90, 45, 135, 135, 45, 90, 0, 0, 90, 45, 135],
+            [0] * 4 + [1] * 4 + [2] * 4,
+        ),
+        ("closing_repeat = true\ncycles = 2", [0, 90, 45, 135, 0] * 2, [0] * 5 + [1] * 5),
+        ('order = "grouped"\ncycles = 2\nangles_deg = [0, 60, 120]', [0, 0, 60, 60, 120, 120], [0, 1] * 3),
+    ],
+    ids=["usual", "cycles", "palindrome", "closing repeat", "grouped"],
+)
+def test_orders_of_angles(tmp_path, take, angles, cycles):
+    steps = plan_steps(_session(tmp_path, take))
+    assert [step.polarizer_angle_deg for step in steps] == angles
+    assert [step.cycle for step in steps] == cycles
+    assert [step.sequence for step in steps] == list(range(len(angles)))
+    ends = [last.sequence for last, later in pairwise(steps) if later.cycle != last.cycle]
+    wanted = [] if "grouped" in take else [*ends, len(steps) - 1]
+    assert [step.sequence for step in steps if step.ends_cycle] == wanted
+
+
+def test_grouping_says_what_drift_costs_it(tmp_path):
+    grouped = _session(tmp_path, 'order = "grouped"\ncycles = 8')
+    assert grouping_cost(_session(tmp_path, "cycles = 8")) is None
+    cost, instead = (false_dolp(plan_steps(session)) for session in (grouped, _session(tmp_path, "cycles = 8")))
+    # Eight frames of an angle take eight times as long as one, and the angles are so much further apart; the moves
+    # of the stage are fewer.
+    assert cost > instead
+    assert f"a false DoLP of {cost:.2g}; in cycles it were {instead:.2g}" in grouping_cost(grouped)
+
+
+def test_a_bracket_takes_each_exposure_at_each_angle(tmp_path):
+    steps = plan_steps(_session(tmp_path, "bracket = [1, 4]\nangles_deg = [0, 60]"))
+    assert [(s.polarizer_angle_deg, s.exposure_s) for s in steps] == [(0, 0.001), (0, 0.004), (60, 0.001), (60, 0.004)]
+
+
+def test_darks_come_before_after_and_every_so_many_cycles_at_the_exposures_of_the_scene(tmp_path):
+    darks = "[darks]\nframes = 1\nevery_cycles = 2"
+    steps = plan_steps(_session(tmp_path, "cycles = 4\nangles_deg = [0, 60, 120]", darks))
+    assert "".join(step.kind[0] for step in steps) == "d" + "s" * 6 + "d" + "s" * 6 + "d"
+    assert {step.exposure_s for step in steps} == {0.001}
+
+
+def test_every_second_round_can_have_the_darks_or_a_take(tmp_path):
+    darks = "darks = { every_cycles = 1, frames = 2, every_rounds = 2 }"
+    steps = plan_steps(_session(tmp_path, "angles_deg = [0, 60, 120]", darks), (0, 1, 2))
+    assert [sum(step.kind == "dark" for step in steps if step.round == number) for number in range(3)] == [4, 0, 4]
+    text = 'every_rounds = 2\nangles_deg = [0]\n[[take]]\nkind = "scene"\nexposure_ms = 2\nangles_deg = [90]'
+    steps = plan_steps(_session(tmp_path, text), (1, 2, 3))
+    assert [(s.round, s.polarizer_angle_deg) for s in steps] == [(0, 0), (0, 90), (1, 90), (2, 0), (2, 90)]
+
+
+def test_rounds_count_their_cycles_on_and_none_is_planned_before_it_is_due(tmp_path):
+    steps = plan_steps(_session(tmp_path, "cycles = 2\nangles_deg = [0, 60, 120]"), (100 * NS, 200 * NS))
+    assert [step.cycle for step in steps if step.polarizer_angle_deg == 0] == [0, 1, 2, 3]
+    assert [step.due_ns for step in steps] == [100 * NS] * 6 + [200 * NS] * 6
+    assert [step.sequence for step in steps] == list(range(12))
+    times = step_times_ns(steps, start_ns=0)
+    assert times[0] >= 100 * NS
+    assert times[6] >= 200 * NS
+
+
+def test_exposures_are_in_seconds_and_numbers_run_on_over_takes(tmp_path):
+    more = '[[take]]\nkind = "flat"\nexposure_ms = 3\ncycles = 2\n'
+    steps = plan_steps(_session(tmp_path, more, kind="dark", exposure="[1, 20]"))
+    assert [(step.sequence, step.kind, step.exposure_s) for step in steps] == [
+        (0, "dark", 0.001), (1, "dark", 0.02), (2, "flat", 0.003), (3, "flat", 0.003),
+    ]  # fmt: skip
+    assert all(step.polarizer_angle_deg is None for step in steps)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ('order = "grouped"\nclosing_repeat = true', "no cycles"),
+        ('[[take]]\nkind = "dark"\nexposure_ms = "auto"', r"\[darks\]"),
+        ("bracket = [0]", "bracket"),
+        ('[[take]]\nkind = "flat"\nexposure_ms = [1, 2]\nangles_deg = [0, 90]', r"second \[\[take\]\].*one angle"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(tmp_path, text, match):
+    with pytest.raises(ConfigError, match=match):
+        _session(tmp_path, text)
+
+
+def test_time_and_disk_grow_with_the_frames():
+    rig, session = load_rig(EXAMPLES / "rig-sim.toml"), load_session(EXAMPLES / "session.toml")
+    steps = plan_steps(session)
+    (whole_s, whole_bytes), (half_s, half_bytes) = estimate(steps, rig), estimate(steps[: len(steps) // 2], rig)
+    assert whole_bytes == 2 * half_bytes
+    assert whole_bytes > len(steps) * 2 * 782 * 582
+    assert whole_s > half_s
+    # Without a camera the size of a frame is not known.
+    assert estimate(steps, rig.model_copy(update={"simulation": None}))[1] is None

@@ -1,0 +1,389 @@
+"""The page: its routes and its socket, and what it may do with a rig, with sessions and with regions.
+
+`rigctl.web.server.Guard` stands before it. Every name in a request is looked up among those that are known; none
+becomes a path.
+"""
+
+import asyncio
+import json
+import math
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from typing import Annotated, Any, Literal, Protocol
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from drivers.errors import DeviceError
+from rigctl.console.json_text import json_text
+from rigctl.errors import ConfigError, DataError
+from rigctl.files.regions import Region
+from rigctl.runs.records import explain_invalid
+from rigctl.version import VERSION
+from rigctl.web.pictures import Picture
+from rigctl.web.rig import LiveRig
+from rigctl.web.server import MOST_BODY_BYTES
+from rigctl.web.what import REST, Curves, LiveLook, Source, Task
+
+MOST_SOCKETS = 32
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".txt": "text/plain"}
+_FILES = {
+    "/": "index.html",
+    "/watch.js": "watch.js",
+    "/rig.js": "rig.js",
+    "/style.css": "style.css",
+    "/uPlot.iife.min.js": "uPlot.iife.min.js",
+    "/uPlot.min.css": "uPlot.min.css",
+}
+_MOST_QUESTION_BYTES = 1000
+_PATIENCE_S = 20.0
+_HEAD_BYTES = 4
+_NOT_UNDERSTOOD, _OTHERS_NEED_ITS_PLACE = 1008, 1013
+# A report may hold names from files of others: no script of it runs, and it reaches nothing.
+_DOCUMENT_POLICY = (
+    "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
+)
+_LEAST_DOLP_TOP = 1e-3
+Question = Literal["hold", "resume", "stop"]
+# Does something to the run that a request names, as its body says; returns what was done.
+Act = Callable[[str, bytes], dict[str, str]]
+
+
+class View(Protocol):
+    """What a page draws: the devices' picture, or one that was there before."""
+
+    def look(self) -> LiveLook:
+        """Return what is seen, in numbers."""
+
+    def newest_sequence(self, name: str) -> int | None:
+        """Return the number of the newest picture of a name; None where there is none."""
+
+    def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
+        """Return the newest picture of a name; None where there is none."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hands:
+    """What a page may do; it shows no more than belongs to its acts."""
+
+    view: View  #: What it draws.
+    #: What it may do, by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
+    acts: Mapping[str, Act]
+    title: str = ""  #: Heading of the page; empty where it heads the list of runs.
+    session_names: Callable[[], tuple[str, ...]] = tuple  #: Returns the names of the session files.
+    drawn: tuple[Region, ...] = ()  #: Regions that are there already.
+    regions_file: str = "regions.toml"  #: Name of the file that regions are written to.
+    is_once: bool = False  #: The page ends as soon as regions are written.
+
+
+def page_app(source: Source, hands: Hands | None = None) -> Starlette:
+    """Return the page."""
+    page = _Page(source, hands)
+    routes = [
+        *(Route(path, _file(name)) for path, name in _FILES.items()),
+        Route("/api/state", page.state),
+        Route("/api/frame/{name}", page.frame),
+        Route("/api/document/{run}/{name}", page.document),
+        WebSocketRoute("/ws", page.socket),
+        *(
+            Route(f"/api/{name}", _answering(act), methods=["POST"])
+            for name, act in ({} if hands is None else hands.acts).items()
+        ),
+    ]
+    return Starlette(routes=routes)
+
+
+class Sessions(Protocol):
+    """Session files, and the sessions that run."""
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the session files."""
+
+    def plan(self, name: str) -> str:
+        """Return what a session file will take, in words."""
+
+    def start(self, name: str) -> str:
+        """Start the session of a file in a process of its own; return the name of its run."""
+
+    def ask(self, name: str, what: Question) -> None:
+        """Ask something of the session of a run, by the run's name."""
+
+
+@with_config(ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, kw_only=True)
+class _Turn:
+    angle_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, kw_only=True)
+class _SessionName:
+    session: Annotated[str, Field(max_length=200)]
+
+
+_TASK, _TURN, _SESSION = TypeAdapter(Task), TypeAdapter(_Turn), TypeAdapter(_SessionName)
+
+
+def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
+    """Return what is done with a camera: begin a task."""
+
+    def begin(_: str, body: bytes) -> dict[str, str]:
+        task = _TASK.validate_json(body)
+        rig.begin(task)
+        return {"done": task.kind}
+
+    return {"task": begin}
+
+
+def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
+    """Return what is done with a polarizer that turns, and for its maps: turn it, take the dark level."""
+
+    def turn(_: str, body: bytes) -> dict[str, str]:
+        rig.turn(_TURN.validate_json(body).angle_deg)
+        return {"done": "turning"}
+
+    def take_dark(*_: object) -> dict[str, str]:
+        rig.take_dark()
+        return {"done": "dark level taken"}
+
+    return {"turn": turn, "dark": take_dark}
+
+
+def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
+    """Return what is done with sessions: ask them, show the plan of one, start one once the devices are closed."""
+
+    def asking(what: Question) -> Act:
+        def ask(run: str, _: bytes) -> dict[str, str]:
+            sessions.ask(run, what)
+            return {"done": f"asked to {what}"}
+
+        return ask
+
+    def plan(_: str, body: bytes) -> dict[str, str]:
+        return {"plan": sessions.plan(_SESSION.validate_json(body).session)}
+
+    def start(_: str, body: bytes) -> dict[str, str]:
+        name = _SESSION.validate_json(body).session
+        rig.begin(REST)
+        return {"run": sessions.start(name)}
+
+    return {"hold": asking("hold"), "resume": asking("resume"), "stop": asking("stop"), "plan": plan, "start": start}
+
+
+def region_acts(write: Callable[[bytes], str]) -> Mapping[str, Act]:
+    """Return what is done with regions: `write` them, given as JSON, which returns the name of the file."""
+    return {"regions": lambda _, body: {"file": write(body)}}
+
+
+def _answering(act: Act) -> Callable[[Request], Awaitable[Response]]:
+    """Return what does an act in a thread of its own and says what went wrong in words."""
+
+    async def answer(request: Request) -> Response:
+        body = await request.body()
+        if len(body) > MOST_BODY_BYTES:
+            return _problem(413, f"more than {MOST_BODY_BYTES} bytes")
+        try:
+            return JSONResponse(await asyncio.to_thread(act, request.query_params.get("run", ""), body))
+        except ValidationError as error:
+            return _problem(422, explain_invalid(error))
+        except ConfigError as error:
+            return _problem(422, str(error))
+        except (DataError, DeviceError, OSError) as error:
+            return _problem(409, str(error))
+
+    return answer
+
+
+def _problem(status: int, text: str) -> Response:
+    return JSONResponse({"error": text}, status_code=status)
+
+
+def _file(name: str) -> Callable[[Request], Response]:
+    kind = _TYPES[name[name.rindex(".") :]]
+    content = files("rigctl").joinpath("data", "web", name).read_bytes()
+    return lambda _: Response(content, media_type=kind)
+
+
+class _Page:
+    """Answers, each made in a thread of its own where it reads from the disk."""
+
+    def __init__(self, source: Source, hands: Hands | None) -> None:
+        self._source, self._hands, self._sockets = source, hands, Sockets()
+
+    async def state(self, request: Request) -> Response:
+        content = await asyncio.to_thread(self._state, request.query_params)
+        if content is None:
+            return _not_found()
+        told = json_text(content | {"right": _right(request)}, indent=None)
+        return Response(told, media_type="application/json")
+
+    async def frame(self, request: Request) -> Response:
+        found = await asyncio.to_thread(self._picture, {**request.query_params, "name": request.path_params["name"]})
+        if found is None:
+            return _not_found()
+        sequence, picture = found
+        return Response(picture.jpeg, media_type="image/jpeg", headers={"x-sequence": str(sequence)})
+
+    async def document(self, request: Request) -> Response:
+        wanted = request.path_params
+        content = await asyncio.to_thread(self._source.document, wanted["run"], wanted["name"])
+        headers = {"content-security-policy": _DOCUMENT_POLICY}
+        return _not_found() if content is None else Response(content, media_type="text/html", headers=headers)
+
+    async def socket(self, socket: WebSocket) -> None:
+        """Answer question by question: whoever is slow asks less often and holds up nobody."""
+        await socket.accept()
+        with suppress(WebSocketDisconnect, TimeoutError, RuntimeError):
+            try:
+                with self._sockets.place():
+                    await self._answers(socket)
+            except asyncio.CancelledError:
+                await socket.close(_OTHERS_NEED_ITS_PLACE)
+
+    async def _answers(self, socket: WebSocket) -> None:
+        while True:
+            question = _question(await asyncio.wait_for(socket.receive_text(), _PATIENCE_S * 3))
+            if question is None:
+                await socket.close(_NOT_UNDERSTOOD)
+                return
+            self._sockets.has_asked()
+            async with asyncio.timeout(_PATIENCE_S):
+                await self._answer(socket, question)
+
+    async def _answer(self, socket: WebSocket, question: Mapping[str, Any]) -> None:
+        if question.get("want") == "picture":
+            await socket.send_bytes(await self._newer_picture(question))
+            return
+        content = await asyncio.to_thread(self._state, question)
+        answer = {"want": "state", "right": _right(socket), **(content or {"error": "there is no such run"})}
+        await socket.send_text(json_text(answer, indent=None))
+
+    async def _newer_picture(self, question: Mapping[str, Any]) -> bytes:
+        """Return the newest picture behind a head of JSON; only the head where the one that is known is the newest."""
+        head: dict[str, Any] = {"name": str(question.get("name", ""))}
+        if question.get("of") == "rig" and self._hands is not None:
+            head["rig"] = asdict(self._hands.view.look())
+        try:
+            found = await asyncio.to_thread(self._picture, question)
+        except DataError as error:
+            return _message(head | {"error": str(error)}, b"")
+        if found is None:
+            return _message(head | {"missing": True}, b"")
+        sequence, picture = found
+        head |= {"sequence": sequence, "histogram": picture.histogram, "clipped": picture.clipped}
+        return _message(head, b"" if question.get("after") == sequence else picture.jpeg)
+
+    def _state(self, question: Mapping[str, Any]) -> dict[str, Any] | None:
+        name = str(question.get("run", ""))
+        content: dict[str, Any] = {"rigctl": VERSION, **self._of_hands()}
+        rows = self._source.rows()
+        if rows is not None and not name:
+            return content | {"runs": [asdict(row) for row in rows]}
+        reader = self._source.reader(name)
+        if reader is None:
+            return None
+        content |= asdict(reader.look()) | {"calibrations": [asdict(one) for one in reader.calibrations()]}
+        try:
+            curves = reader.curves()
+            key = f"{curves.frames_read}/{curves.frames_there}/{len(curves.time_s)}/{curves.left_out}"
+            is_known = question.get("curves") == key
+            return content | {"curves": None if is_known else asdict(curves), "curves_key": key}
+        except (DataError, ConfigError) as error:
+            problems = [*content["problems"], *({str(error)} - set(content["problems"]))]
+            return content | {"curves": asdict(Curves()), "curves_key": "none", "problems": problems}
+
+    def _of_hands(self) -> dict[str, Any]:
+        if self._hands is None:
+            return {"hands": False}
+        hands = self._hands
+        return {
+            "hands": True,
+            "title": hands.title,
+            "acts": list(hands.acts),
+            "rig": asdict(hands.view.look()),
+            "sessions": hands.session_names(),
+            "drawn": [region.model_dump(mode="json", exclude_none=True) for region in hands.drawn],
+            "regions_file": hands.regions_file,
+            "is_once": hands.is_once,
+        }
+
+    def _picture(self, question: Mapping[str, Any]) -> tuple[int, Picture] | None:
+        is_live = question.get("of") == "rig" and self._hands is not None
+        reader = self._hands.view if is_live and self._hands else self._source.reader(str(question.get("run", "")))
+        name = str(question.get("name", ""))
+        sequence = None if reader is None else reader.newest_sequence(name)
+        if reader is None or sequence is None:
+            return None
+        if question.get("after") == sequence:
+            return sequence, Picture(jpeg=b"")
+        picture = reader.picture(name, zebra=question.get("zebra") not in (False, "0"), dolp_top=_dolp_top(question))
+        return None if picture is None else (sequence, picture)
+
+
+class Sockets:
+    """The open sockets of a page. One too many, and the one that has asked nothing for longest is closed."""
+
+    def __init__(self, most: int = MOST_SOCKETS) -> None:
+        self._most = most
+        self._asked_s: dict[asyncio.Task[object], float] = {}
+
+    @contextmanager
+    def place(self) -> Iterator[None]:
+        """Have a place for as long as the context lasts; the task is cancelled when others need it."""
+        task = self._noted()
+        while len(self._asked_s) > self._most:
+            oldest = min(self._asked_s, key=lambda one: self._asked_s[one])
+            del self._asked_s[oldest]
+            oldest.cancel()
+        try:
+            yield
+        finally:
+            self._asked_s.pop(task, None)
+
+    def has_asked(self) -> None:
+        """Note that the socket of this task has asked something."""
+        self._noted()
+
+    def _noted(self) -> "asyncio.Task[object]":
+        task = asyncio.current_task()
+        if task is None:
+            raise RuntimeError("a socket is answered within a task")
+        self._asked_s[task] = asyncio.get_running_loop().time()
+        return task
+
+
+def _dolp_top(question: Mapping[str, Any]) -> float:
+    try:
+        top = float(question.get("dolp_top", 1.0))
+    except (TypeError, ValueError):
+        return 1.0
+    return top if math.isfinite(top) and _LEAST_DOLP_TOP <= top <= 1.0 else 1.0
+
+
+def _question(text: str) -> dict[str, Any] | None:
+    try:
+        found = json.loads(text) if len(text) <= _MOST_QUESTION_BYTES else None
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _message(head: Mapping[str, Any], picture: bytes) -> bytes:
+    """Return a picture behind its head: the head's length in 4 bytes, the head in JSON, the file."""
+    text = json.dumps(head, allow_nan=False).encode("utf-8")
+    return len(text).to_bytes(_HEAD_BYTES, "big") + text + picture
+
+
+def _right(connection: HTTPConnection) -> str:
+    right: str = connection.scope["state"]["right"]
+    return right
+
+
+def _not_found() -> Response:
+    return JSONResponse({"error": "there is no such thing"}, status_code=404)
