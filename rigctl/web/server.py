@@ -9,12 +9,12 @@ import os
 import secrets
 import socket
 import threading
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, ParamSpec, Self, TypeVar
 from urllib.parse import parse_qs, urlsplit
 
 import cv2
@@ -30,6 +30,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from rigctl.errors import ConfigError
 
 Right = Literal["look", "act"]
+P, T = ParamSpec("P"), TypeVar("T")
 MOST_BODY_BYTES = 1_000_000
 MOST_CONNECTIONS = 128
 # From the opening of a connection, or from an answer, to the end of the next request's head.
@@ -179,8 +180,7 @@ class Guard:
         if scope["type"] == "websocket":
             await self._app(scope, receive, send)
         else:
-            async with asyncio.timeout(_REQUEST_TIMEOUT_S):
-                await self._app(scope, receive, _with_safe_headers(send))
+            await self._app(scope, _in_time(receive), _with_safe_headers(_in_time(send)))
 
     def _judged(self, scope: Scope, headers: Headers) -> tuple[Right | None, tuple[int, str] | None]:
         host = headers.get("host", "")
@@ -377,6 +377,16 @@ def _seen_by_others() -> str:
         except OSError:
             return socket.gethostname()
         return str(asked.getsockname()[0])
+
+
+def _in_time(part: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
+    """Return a part of a conversation that ends in time: people may not dawdle, but an act takes its time."""
+
+    async def bounded(*arguments: P.args, **keywords: P.kwargs) -> T:
+        async with asyncio.timeout(_REQUEST_TIMEOUT_S):
+            return await part(*arguments, **keywords)
+
+    return bounded
 
 
 def _query_token(scope: Scope) -> str:

@@ -15,6 +15,8 @@ import pytest
 
 from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION
 
+_DEADLINE_S = 600.0  # ends a test that hangs; a busy machine needs minutes to start a session in a process of its own
+
 
 class Page:
     """The page as a program asks it."""
@@ -26,7 +28,7 @@ class Page:
         method = method or ("GET" if content is None else "POST")
         body = content if isinstance(content, bytes) else None if content is None else json.dumps(content).encode()
         headers = {"Authorization": "Bearer " + self._place.query.removeprefix("token=")}
-        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=60)) as connection:
+        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=_DEADLINE_S)) as connection:
             connection.request(method, path, body=body, headers=headers)
             with connection.getresponse() as response:
                 data = response.read()
@@ -35,7 +37,7 @@ class Page:
     def ask_raw(self, path: str, headers: dict[str, str], body: bytes) -> int:
         """Return the status of a post whose body does not come to its end."""
         token = self._place.query.removeprefix("token=")
-        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=60)) as connection:
+        with closing(HTTPConnection(self._place.hostname, self._place.port, timeout=_DEADLINE_S)) as connection:
             connection.putrequest("POST", path)
             for name, value in {"Authorization": f"Bearer {token}", **headers}.items():
                 connection.putheader(name, value)
@@ -44,7 +46,7 @@ class Page:
                 return response.status
 
     def until(self, path: str, is_so: Callable[[Any], bool]) -> Any:
-        deadline_s = time.monotonic() + 60.0
+        deadline_s = time.monotonic() + _DEADLINE_S
         while not is_so(answer := self.ask(path)[1]):
             assert time.monotonic() < deadline_s, answer
             time.sleep(0.05)

@@ -14,12 +14,12 @@ from rigctl.runs.records import SimulatedLight
 from rigctl.session.history import session_history
 from rigctl.session.take import take_session
 from tests.rigctl.session.made_rig import RIG_FILE, MadeWorld, stalled, take_watched
-from tests.rigctl.session.planning.test_schedule import RIG_AT_SITE, _session
+from tests.rigctl.session.test_plan import RIG_AT_SITE, scheduled
 
 
 def _run(tmp_path, rig, schedule):
     world = MadeWorld()
-    session = _session(schedule)
+    session = scheduled(schedule)
     take_session(rig, session, tmp_path / "run", files={}, clock=world.time.clock, opener=world.open)
     return tmp_path / "run"
 

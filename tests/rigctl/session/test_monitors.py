@@ -14,10 +14,8 @@ from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import MonitorSection, RigFile
 from rigctl.rig.rig import require_drivers
 from rigctl.runs.folder import read_run
-from rigctl.runs.records import MonitorFacts, MonitorTrace, RunEvent, monitor_line, monitor_traces, read_events
-from rigctl.session.history import CycleHistory, CycleLook, light_lines
+from rigctl.runs.records import MonitorFacts, RunEvent, monitor_traces, read_events
 from rigctl.session.monitors import Monitors
-from rigctl.session.status import Estimate, RegionPolarization
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.doctor import monitor_findings
 from rigctl.verbs.status import SessionPage, status
@@ -88,8 +86,12 @@ def test_each_exposure_has_its_readings(tmp_path: Path) -> None:
     assert list(told.values) == [801.0 + k for k in range(len(told.values))]
     assert set(by_name["air"].values) == {21.5}
     assert len(set(told.times_s)) == len(told.times_s)
-    assert [e.facts["sequence"] for e in events if e.event == "monitor readings"] == list(range(10))
     assert verification_of(tmp_path / "run").state == "whole"
+    # A part that is resumed is read beside too.
+    (tmp_path / "run" / read_run(tmp_path / "run").frames[-1].file).unlink()
+    resume_session(tmp_path / "run")
+    sequences = [e.facts["sequence"] for e in read_events(tmp_path / "run") if e.event == "monitor readings"]
+    assert sequences == [*range(10), 9]
 
 
 @pytest.mark.usefixtures("plug_in")
@@ -215,38 +217,6 @@ def test_a_line_over_a_serial_port_is_asked_for_and_read() -> None:
 def test_options_that_cannot_be_are_refused(options: dict, words: str) -> None:
     with pytest.raises(LimitError, match=words):
         open_file_monitor(options)
-
-
-def look(time_s: float, light: float) -> CycleLook:
-    region = RegionPolarization(dolp=Estimate(value=0.1, sigma=None), aolp_deg=1.0, light_dn_per_s=light)
-    return CycleLook(round=None, cycle=0, time_s=time_s, sum_rule=None, regions={"picture": region}, drift=None)
-
-
-def test_light_is_divided_by_what_follows_it() -> None:
-    history = CycleHistory(reference="picture", looks=(look(0.0, 100.0), look(60.0, 80.0), look(120.0, 99.0)))
-    facts = MonitorFacts(monitor="sun", device="s", unit="W m-2", follows_light=True)
-    trace = MonitorTrace(
-        facts=facts, times_s=(0.0, 60.0, 120.0), values=(500.0, 400.0, 500.0), missing=1, problems=("busy",)
-    )
-    (line,) = light_lines(history, [trace])
-    assert line.startswith(
-        "Light of picture changed by -1.0 % over the run and by 20 % at most, sun by 0 %; divided by it"
-    )
-    assert line.endswith("-1.0 % is left, 1.0 % at most")
-    assert monitor_line(trace) == (
-        "sun (s): 400 to 500 W m-2, mean 466.667, +0 an hour; 1 of 4 readings missing (busy)"
-    )
-
-
-@pytest.mark.usefixtures("plug_in")
-def test_a_session_that_is_gone_on_with_is_read_beside_too(tmp_path: Path) -> None:
-    rig = rig_with(tmp_path, sun())
-    take_session(rig, small_session(), tmp_path / "run", files={})
-    run = read_run(tmp_path / "run")
-    (tmp_path / "run" / run.frames[-1].file).unlink()
-    resume_session(tmp_path / "run")
-    sequences = [e.facts["sequence"] for e in read_events(tmp_path / "run") if e.event == "monitor readings"]
-    assert sequences == [*range(10), 9]
 
 
 def test_readings_without_a_time_are_refused_by_name() -> None:

@@ -175,4 +175,4 @@ def test_a_planned_scene_is_lit_by_the_sun_of_each_round(tmp_path, monkeypatch):
     assert second["exposure_ms"] < first["exposure_ms"]
     brightest = max(max(row["mean_dn"].values()) for row in rows if row["round"] == 0)
     assert brightest == pytest.approx(0.8 * 4095, rel=1e-6)
-    assert all(row.dolp_snr > 0 for row in rows)
+    assert all(row["dolp_snr"] > 0 for row in rows)

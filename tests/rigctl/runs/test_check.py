@@ -1,0 +1,191 @@
+"""Runs held against what they say of themselves: whole, unfinished or damaged; no damage passes."""
+
+import json
+import logging
+import os
+import shutil
+
+import pytest
+
+from benchmarks.trials.damaged_runs import faults, make_run
+from rigctl import cli
+from rigctl.errors import RunFolderError
+from rigctl.runs.check import used_run, verify_run
+from rigctl.runs.folder import read_run
+from rigctl.session.take import resume_session
+from rigctl.verbs.verify import verification_of
+from tests.rigctl.resealed import with_line
+from tests.rigctl.run_samples import write_run
+
+FIRST = "frames/000000_scene_a000.fits"
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Three frames that a writer has closed."""
+    return write_run(tmp_path / "written")
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("taken"))
+
+
+@pytest.fixture
+def run(taken, tmp_path):
+    """A session of ten frames."""
+    return shutil.copytree(taken, tmp_path / "run")
+
+
+def flip_a_bit(file, place):
+    data = bytearray(file.read_bytes())
+    data[place] ^= 1
+    file.write_bytes(data)
+
+
+def lines_of(file):
+    return file.read_bytes().splitlines(keepends=True)
+
+
+def findings(found):
+    return {finding.file: finding.problem for finding in found}
+
+
+@pytest.mark.parametrize("place", [700, -2880], ids=["header", "samples"])
+def test_a_flipped_bit_is_found(written, place):
+    flip_a_bit(written / FIRST, place)
+    assert "damaged" in findings(verify_run(written).bad)[FIRST]
+
+
+def test_a_missing_frame_is_found(written):
+    (written / FIRST).unlink()
+    assert findings(verify_run(written).bad) == {FIRST: "missing"}
+
+
+def test_a_manifest_that_contradicts_a_header_is_found_and_refused_by_readers(written):
+    with_line(written, 1, lambda line: line.update(polarizer_angle_deg=135.0))
+    problem = findings(verify_run(written).bad)["frames/000001_scene_a045.fits"]
+    assert problem.partition(": ")[2] == "manifest and header contradict each other: polarizer_angle_deg"
+    read = read_run(written)
+    with pytest.raises(RunFolderError, match="contradict each other: polarizer_angle_deg"):
+        read.counts(read.frames[1])
+
+
+def test_a_damaged_manifest_line_and_session_are_found(written):
+    (written / "session.json").write_text("{")
+    with (written / "manifest.jsonl").open("a") as manifest:
+        manifest.write("{}\n")
+    assert set(findings(verify_run(written).bad)) >= {"session.json", "manifest.jsonl"}
+
+
+def test_what_a_kill_leaves_is_left_over_and_not_bad(tmp_path):
+    run = write_run(tmp_path / "run", is_closed=False)
+    lines = lines_of(run / "manifest.jsonl")
+    (run / "manifest.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:50])
+    (run / "frames" / "000003_scene_a135.fits.part").write_bytes(b"SIMPLE")
+    found = verify_run(run)
+    assert (found.ok, found.frames) == (True, 2)
+    leftovers = findings(found.leftovers)
+    assert set(leftovers) == {
+        "frames/000002_scene_a090.fits",
+        "frames/000003_scene_a135.fits.part",
+        "manifest.jsonl",
+    }
+    assert leftovers["frames/000003_scene_a135.fits.part"] == "begun and not finished"
+
+
+def test_a_torn_frame_under_a_final_name_is_bad(written):
+    (written / "frames" / "000003_scene_a135.fits").write_bytes((written / FIRST).read_bytes()[:-100])
+    assert set(findings(verify_run(written).bad)) == {"frames/000003_scene_a135.fits"}
+
+
+def test_the_command_answers_for_people_and_programs(written, tmp_path, capsys):
+    assert cli.main(["verify", str(written), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "ok": True,
+        "frames": 3,
+        "bad": [],
+        "leftovers": [],
+        "state": "whole",
+        "gaps": [],
+        "unchecked": [],
+    }
+    flip_a_bit(written / FIRST, -2880)
+    assert cli.main(["verify", str(written), "--json"]) == 4
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["ok"], [finding["file"] for finding in answer["bad"]]) == (False, [FIRST])
+    cli.main(["verify", str(written)])
+    out = capsys.readouterr().out
+    assert "3 frames, DAMAGED" in out
+    assert f"bad: {FIRST}: " in out
+    assert cli.main(["verify", str(tmp_path / "none")]) == 4
+    assert "there is no such folder" in capsys.readouterr().err
+
+
+def test_a_session_that_has_finished_is_whole_and_without_its_last_word_unfinished(run, capsys, caplog):
+    assert cli.main(["verify", str(run)]) == 0
+    assert "10 frames, whole" in capsys.readouterr().out
+    (run / "events.jsonl").write_bytes(b"".join(lines_of(run / "events.jsonl")[:-1]))
+    assert cli.main(["verify", str(run)]) == 75
+    assert "UNFINISHED" in capsys.readouterr().out
+    # Readers work on it and say so.
+    with caplog.at_level(logging.WARNING, logger="rigctl"):
+        assert len(used_run(run).frames) == 10
+    assert "is unfinished" in caplog.text
+
+
+def test_what_an_earlier_kill_would_have_left_is_unfinished_and_its_steps_are_named(run):
+    (run / "events.jsonl").write_bytes(b"")
+    assert verification_of(run).state == "unfinished"
+    (run / "manifest.jsonl").write_bytes(b"".join(lines_of(run / "manifest.jsonl")[:-1]))
+    sorted((run / "frames").iterdir())[-1].unlink()
+    found = verification_of(run)
+    assert (found.state, found.frames) == ("unfinished", 9)
+    assert found.gaps == ("step 9 (scene, cycle 1, 135 deg) has no frame",)
+
+
+def test_a_frame_deleted_with_its_line_is_found_and_its_step_is_named(run):
+    lines = lines_of(run / "manifest.jsonl")
+    (run / "manifest.jsonl").write_bytes(b"".join(lines[:3] + lines[4:]))
+    sorted((run / "frames").iterdir())[3].unlink()
+    found = verification_of(run)
+    assert found.state == "damaged"
+    assert [gap.partition(" (")[0] for gap in found.gaps] == ["step 3"]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("session.json", b'"offset_deg": ', b'"offset_deg": 1'),
+        ("inputs/rig.toml", b"rig", b"rog"),
+        ("manifest.jsonl", b'"polarizer_angle_deg": ', b'"polarizer_angle_deg": 1'),
+        ("events.jsonl", b"homed", b"horned"),
+    ],
+)
+def test_an_edited_file_is_damage(run, file, old, new):
+    content = (run / file).read_bytes()
+    assert old in content
+    (run / file).write_bytes(content.replace(old, new, 1))
+    found = verification_of(run)
+    assert found.state == "damaged"
+    assert file in findings(found.bad)
+
+
+def test_a_repair_that_makes_the_manifest_again_leaves_a_whole_run(run):
+    manifest = run / "manifest.jsonl"
+    manifest.write_bytes(manifest.read_bytes().replace(b'"exposure_s": ', b'"exposure_s": 1', 1))
+    assert verification_of(run).state == "damaged"
+    assert resume_session(run).is_finished
+    assert verification_of(run).state == "whole"
+
+
+@pytest.mark.parametrize("name", ["session.json", "manifest.jsonl", "events.jsonl", "status.json", "writer.lock"])
+def test_a_pipe_in_the_place_of_a_file_hangs_nobody(written, name):
+    (written / name).unlink(missing_ok=True)
+    os.mkfifo(written / name)
+    assert cli.main(["status", str(written)]) in (0, 4)
+    assert cli.main(["verify", str(written)]) in (0, 4, 75)
+
+
+def test_damage_of_any_kind_is_found(tmp_path):
+    assert faults(25, seed=24, folder=tmp_path) == []
