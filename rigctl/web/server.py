@@ -30,7 +30,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from rigctl.errors import ConfigError
 
 Right = Literal["look", "act"]
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 MOST_BODY_BYTES = 1_000_000
 MOST_CONNECTIONS = 128
 # From the opening of a connection, or from an answer, to the end of the next request's head.
