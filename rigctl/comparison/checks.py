@@ -45,6 +45,7 @@ _CLIPPED_FLAGGED = 0.05
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
+_NOTHING_TESTED = "nothing tested"
 _PAIRS_DIFFER = "pairs of orthogonal angles, each of which holds all of the light, differ"
 _PAIRS_RULE = (
     f"flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above {_PAIRS_REFUSED:.0%}: light that "
@@ -97,7 +98,7 @@ def nothing_tested(rows: Sequence["Row"], why: Sequence[str]) -> tuple[Check, ..
     """Return the flag of a comparison in which no number was tested; none where one was, or where there are none."""
     if not rows or any(row.agrees is not None for row in rows):
         return ()
-    return (Check(name="nothing tested", verdict="flagged", text="; ".join(why)),)
+    return (Check(name=_NOTHING_TESTED, verdict="flagged", text="; ".join(why)),)
 
 
 def _pair_sums(measurement: Measurement) -> Iterable[Check]:
@@ -158,13 +159,21 @@ def _linear(found: RunDiagnosis) -> Check:
 
 def _usable(measurement: Measurement) -> Iterable[Check]:
     """Flag pictures of which clipping takes part."""
-    share = float(measurement.saturated.mean())
-    if share > _CLIPPED_FLAGGED:
+    high, low = measurement.clipped_shares
+    if high > _CLIPPED_FLAGGED:
         yield Check(
             name="clipped pixels",
             verdict="flagged",
-            text=f"{share:.1%} of the pixels are clipped in one frame or more, and left out; flagged above "
+            text=f"{high:.1%} of the pixels are clipped in one frame or more, and left out; flagged above "
             f"{_CLIPPED_FLAGGED:.0%}: expose for less",
+        )
+    if low > _CLIPPED_FLAGGED:
+        yield Check(
+            name="pixels at 0",
+            verdict="flagged",
+            text=f"{low:.1%} of the pixels are 0 in one frame or more: what lies below is cut off, so that means are "
+            f"too bright and DoLP too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
+            "level of the camera, or expose longer",
         )
 
 
@@ -316,7 +325,9 @@ def verdict_of(rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mappi
         return "cannot_be_judged"
     if any(row.agrees is False for row in rows):
         return "disagrees"
-    is_reserved = any(check.verdict in ("flagged", "refused") for check in checks) or bool(unjudged)
+    is_reserved = any(check.verdict in ("flagged", "refused") for check in checks) or any(
+        found.verdict == "cannot_be_judged" for found in regions.values()
+    )
     return "agrees_with_reservations" if is_reserved else "agrees"
 
 
@@ -344,7 +355,11 @@ def reservations(checks: Sequence["Check"], regions: Mapping[str, RegionVerdict]
 
 def not_judged(checks: Sequence["Check"]) -> str:
     """Return the verdict of a comparison that cannot be judged, in a sentence without its point."""
-    why = "the run is unsound" if any(check.verdict == "refused" for check in checks) else "no region gives its numbers"
+    if any(check.verdict == "refused" for check in checks):
+        why = "the run is unsound"
+    else:
+        is_untested = any(check.name == _NOTHING_TESTED for check in checks)
+        why = "no number was tested" if is_untested else "no region gives its numbers"
     return f"model and measurement cannot be judged: {why}"
 
 
@@ -408,11 +423,11 @@ def _of_region(
         return RegionVerdict(verdict="cannot_be_judged", reason="; ".join(f"{one.name}: {one.text}" for one in run))
     if any(row.agrees is False for row in rows if row.region == name):
         return RegionVerdict(verdict="disagrees", reason="")
+    if not any(row.agrees is not None for row in rows if row.region == name):
+        return RegionVerdict(verdict="cannot_be_judged", reason="no number of it was tested")
     flags = [check.name for check in checks if check.verdict == "flagged" and check.region in (None, name)]
     if flags:
         return RegionVerdict(verdict="agrees_with_reservations", reason="flagged: " + ", ".join(flags))
-    if not any(row.agrees is not None for row in rows if row.region == name):
-        return RegionVerdict(verdict="agrees_with_reservations", reason="nothing of it was tested")
     return RegionVerdict(verdict="agrees", reason="")
 
 

@@ -1,12 +1,9 @@
-"""Constant pixels along the edges of an image: what resampling, cropping or a mask left there.
+"""Images that other programs wrote, on their way to the frames of a run.
 
-A request to make a run of images: all that the user says of them, and what is still to be said.
-
-Scale of imported images: how many bits, where they stand, what is saturated, what is missing.
-
-A first look at every image that is to be imported: its size, its header's answers, its counts.
-
-The frames that surveyed images become: upright, cut into channels, with their bits in place.
+`ImportRequest` is what the user states. `survey_images` reads every file once: its size, what its header answers, its
+histogram, and a constant border that resampling or a mask left. `find_scale` decides from all of them what a count
+means: how many bits, at which end of a sample, from where on saturated, which pixels are missing. `frames_of` then
+gives the frames one by one: upright, cut into the channels of a mosaic, with their bits in place.
 """
 
 import re
@@ -31,8 +28,8 @@ from rigctl.images import FirstRow, HeaderValue, ImageFile, RawSettings, read_im
 from rigctl.imports.levels import LEVELS, common_zero_bits, histogram, largest, missing_pixels, saturation_plateau
 from rigctl.runs.records import FrameRecord
 
-# A border is at least so long, as a share of the shorter side, and at most so large a share of the image.
-_LEAST_LENGTH, _LARGEST_SHARE = 0.5, 0.3
+# A border takes so much of an edge, and at most so large a share of the image.
+_LEAST_OF_EDGE, _LARGEST_SHARE = 0.5, 0.3
 # A value that is as common within the image is no border's.
 _LARGEST_SHARE_INSIDE = 0.01
 
@@ -43,28 +40,33 @@ class Border:
 
     value_dn: int  #: Their count.
     fraction: float  #: Of all pixels.
+    is_elsewhere: bool  #: Other pixels have this count too: they are of the picture.
 
 
 def constant_border(counts: NDArray[np.uint16]) -> Border | None:
     """Return the constant border of an image, or None.
 
-    The most common value along the four edges, where pixels of it hang together from an edge inward, are at least
-    half a side long, and are rare in the rest of the image. An image that is dark all over has none.
+    The most common value along the four edges, where pixels of it hang together and take half of an edge or more, and
+    are rare in the rest of the image. An image that is dark all over has none.
     """
     edges = np.concatenate([counts[0], counts[-1], counts[:, 0], counts[:, -1]])
     values, numbers = np.unique(edges, return_counts=True)
     value = int(values[np.argmax(numbers)])
-    same = counts == value
-    pieces, _ = label(same)
-    touching = np.unique(np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]]))
-    sizes = np.bincount(pieces.ravel())
-    least = _LEAST_LENGTH * min(counts.shape)
-    border = [int(piece) for piece in touching if piece and sizes[piece] >= least]
-    pixels = int(sum(sizes[piece] for piece in border))
-    inside = int(same.sum()) - pixels
+    pixels = int(np.count_nonzero(border_pixels(counts, value)))
+    inside = int(np.count_nonzero(counts == value)) - pixels
     if not pixels or pixels > _LARGEST_SHARE * counts.size or inside > _LARGEST_SHARE_INSIDE * counts.size:
         return None
-    return Border(value_dn=value, fraction=pixels / counts.size)
+    return Border(value_dn=value, fraction=pixels / counts.size, is_elsewhere=inside > 0)
+
+
+def border_pixels(counts: NDArray[np.uint16], value_dn: int) -> NDArray[np.bool_]:
+    """Return which pixels are of a border of this count: pieces that take half of an edge or more."""
+    pieces, _ = label(counts == value_dn)
+    found: set[int] = set()
+    for edge in (pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]):
+        numbers, lengths = np.unique(edge[edge > 0], return_counts=True)
+        found |= set(numbers[lengths >= _LEAST_OF_EDGE * edge.size].tolist())
+    return np.isin(pieces, sorted(found))
 
 
 Justified = Literal["left", "right"]
@@ -181,6 +183,9 @@ class Scale:
     shift_bits: int  #: How far counts are shifted right on their way.
     saturation_dn: float  #: A pixel at or above this is saturated [DN of the run].
     missing_dn: float | None  #: The value that marks pixels that were not received [DN of the run].
+    #: Borders of counts below this are given that value, as other pixels have theirs too [DN of the files]; None: they
+    #: have it already.
+    marks_borders_below_dn: float | None
     remarks: tuple[str, ...]  #: What was recognised, for the user and for every frame.
 
 
@@ -199,14 +204,20 @@ def find_scale(
     full_scale_dn = (2**depth - 1) << shift
     saturation_dn, saturation_remarks = _saturation(request, levels, full_scale_dn)
     # A sky that is clipped up to the edge is no border.
-    dark = [border for border in borders if border.value_dn < min(saturation_dn, largest(levels))]
+    darkest_dn = min(saturation_dn, largest(levels))
+    dark = [border for border in borders if border.value_dn < darkest_dn]
     missing_dn, missing_remarks = _missing(request, levels, black_level_dn, dark)
+    is_asked = request.missing_dn is None and not request.none_missing
+    is_marked = is_asked and (len({border.value_dn for border in dark}) > 1 or any(b.is_elsewhere for b in dark))
+    if is_marked:
+        missing_dn = float(_unused(levels, shift, saturation_dn) << shift)
     unit = 2**shift
     return Scale(
         bit_depth=depth,
         shift_bits=shift,
         saturation_dn=saturation_dn / unit,
         missing_dn=None if missing_dn is None else missing_dn / unit,
+        marks_borders_below_dn=darkest_dn if is_marked else None,
         remarks=(*depth_remarks, *shift_remarks, *saturation_remarks, *missing_remarks),
     )
 
@@ -345,7 +356,7 @@ def _missing(
         widest = max(borders, key=lambda border: border.fraction)
         remark = (
             f"a constant border of {widest.value_dn} takes up to {widest.fraction:.2%} of a file, in {len(borders)} of "
-            "them: all pixels of that count are taken as missing (--no-border-search if they are not)"
+            "them: its pixels are taken as missing (--no-border-search if they are not)"
         )
         return float(widest.value_dn), (remark,)
     block = missing_pixels(levels, black_level_dn=black_level_dn)
@@ -355,6 +366,16 @@ def _missing(
     if block.certain:
         return float(block.value_dn), (f"{found}: taken as missing (--missing-dn none if they are not)",)
     return None, (f"{found}: if they were not received, say --missing-dn 0",)
+
+
+def _unused(levels: NDArray[np.int64], shift_bits: int, saturation_dn: float) -> int:
+    """Return a count that no pixel has once it is shifted: the largest below saturation, or else above."""
+    taken = _in_place(np.flatnonzero(levels).astype(np.uint16), shift_bits)
+    free = np.setdiff1d(np.arange(LEVELS >> shift_bits), taken)
+    if free.size == 0:
+        raise DataError("a border cannot be marked: every count occurs in the pictures; say --no-border-search")
+    below = free[free < saturation_dn / 2**shift_bits]
+    return int((below if below.size else free)[-1])
 
 
 _ANGLE = re.compile(r"([-+]?[0-9]*\.?[0-9]+)\s*(?:deg|degrees?|°)?", re.IGNORECASE)
@@ -515,9 +536,12 @@ def frames_of(
     sequence = first_sequence
     for image in images:
         record = _record(request, image, scale)
-        for angle_deg, counts in _pictures(request, image):
+        for angle_deg, counts, border in _pictures(request, image, scale):
             placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
-            yield placed, _in_place(counts, scale.shift_bits)
+            shifted = _in_place(counts, scale.shift_bits)
+            if border is not None and scale.missing_dn is not None:
+                shifted = np.where(border, np.uint16(scale.missing_dn), shifted)
+            yield placed, shifted
             sequence += 1
 
 
@@ -539,15 +563,21 @@ def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[floa
     return replace(record, cycle=cycle, polarizer_angle_target_deg=angle_deg, polarizer_angle_deg=angle_deg)
 
 
-def _pictures(request: ImportRequest, image: SurveyedImage) -> Iterator[tuple[float | None, NDArray[np.uint16]]]:
+def _pictures(
+    request: ImportRequest, image: SurveyedImage, scale: Scale
+) -> Iterator[tuple[float | None, NDArray[np.uint16], NDArray[np.bool_] | None]]:
+    """Yield angle, counts, and which pixels are of a border that has to be marked."""
     counts = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes).counts
     upright = counts if image.first_row == "top" else counts[::-1]
+    below_dn, border = scale.marks_borders_below_dn, None
+    if below_dn is not None and image.border is not None and image.border.value_dn < below_dn:
+        border = border_pixels(upright, image.border.value_dn)
     if request.mosaic_deg is None:
-        yield image.angle_deg, upright
+        yield image.angle_deg, upright, border
         return
     for index, angle_deg in enumerate(request.mosaic_deg):
-        row, column = divmod(index, 2)
-        yield angle_deg, upright[row::2, column::2]
+        cell = np.s_[index // 2 :: 2, index % 2 :: 2]
+        yield angle_deg, upright[cell], None if border is None else border[cell]
 
 
 def _record(request: ImportRequest, image: SurveyedImage, scale: Scale) -> FrameRecord:

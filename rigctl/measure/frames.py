@@ -529,6 +529,7 @@ class CorrectedFrames:
         self.light = np.zeros(grid.cycles)
         self.saturated = np.zeros(shape, dtype=np.bool_)
         self.missing = np.zeros(shape, dtype=np.bool_)
+        self.at_zero = np.zeros(shape, dtype=np.bool_)
 
     def anew(self) -> "CorrectedFrames":
         """Return a reader of the same frames that has seen none."""
@@ -565,8 +566,11 @@ class CorrectedFrames:
         return np.asarray(signal)
 
     def _note_unusable(self, record: FrameRecord, counts: NDArray[np.uint16]) -> None:
-        self.saturated |= self.corrections.touched(counts >= record.saturation_dn, record)
+        received = np.ones(counts.shape, dtype=np.bool_)
         if self.corrections.is_any:
             self.missing |= self.corrections.missing(record, self.missing.shape)
         if record.missing_dn is not None:
-            self.missing |= self.corrections.touched(counts == record.missing_dn, record)
+            received = counts != record.missing_dn
+            self.missing |= self.corrections.touched(~received, record)
+        self.saturated |= self.corrections.touched(received & (counts >= record.saturation_dn), record)
+        self.at_zero |= received & (counts == 0)

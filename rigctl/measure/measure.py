@@ -108,6 +108,8 @@ def temporal_variance(measurement: "Measurement", region: "MeasuredRegion", valu
 # quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
 MeasuredQuantities = dict[str, dict[str, Sample]]
 
+# Share of the terms of a sum, or of 1 for a ratio, that their rounding may leave of what is 0.
+_ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 # Fewer pixels than this give no fourth moment worth the name.
 LEAST_PIXELS = 16
 
@@ -234,25 +236,39 @@ def _of_vectors(
         temporal=pixels.temporal_stokes,
     )
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
-    found = _linear(channels, channels_mean, inflation, of_noise)
-    return found | _linear(stokes, stokes_mean, inflation, of_noise) | _of_mean_stokes(stokes_mean)
+    counts = np.abs(channels_mean.mean)
+    # A Stokes parameter is a sum of counts, which rounding leaves no smaller than this.
+    rounding = _ROUNDING * (np.abs(plan.inverse) @ counts)
+    stokes_mean = replace(stokes_mean, mean=np.where(np.abs(stokes_mean.mean) > rounding, stokes_mean.mean, 0.0))
+    found = _linear(channels, channels_mean, _ROUNDING * counts, inflation, of_noise)
+    return found | _linear(stokes, stokes_mean, rounding, inflation, of_noise) | _of_mean_stokes(stokes_mean)
 
 
-def _linear(vectors: _Vectors, mean: Moments, inflation: float, of_noise: float) -> MeasuredQuantities:
-    """Return mean and deviations of channels or Stokes parameters.
+def _linear(
+    vectors: _Vectors, mean: Moments, rounding: FloatArray, inflation: float, of_noise: float
+) -> MeasuredQuantities:
+    """Return mean and deviations of channels or Stokes parameters; what is no larger than its rounding is 0.
 
     `inflation` is of errors of what varies over the pixels, `of_noise` of what varies with time.
     """
     found: MeasuredQuantities = {}
     for k, name in enumerate(vectors.names):
-        found[name] = {
+        samples = {
             "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
             "std": _inflated(deviation(vectors.first[k]), inflation),
             "std_spatial_mean": _inflated(deviation(vectors.mean[k]), inflation),
         }
         if vectors.temporal:
-            found[name]["std_temporal"] = _inflated(vectors.temporal[k], of_noise)
+            samples["std_temporal"] = _inflated(vectors.temporal[k], of_noise)
+        found[name] = {statistic: _without_rounding(sample, rounding[k]) for statistic, sample in samples.items()}
     return found
+
+
+def _without_rounding(sample: Sample, rounding: float = _ROUNDING) -> Sample:
+    return Sample(
+        value=sample.value if abs(sample.value) > rounding else 0.0,
+        std_error=sample.std_error if sample.std_error > rounding else 0.0,
+    )
 
 
 def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
@@ -261,14 +277,15 @@ def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
     normalized = normalized_moments(stokes)
     errors = np.sqrt(np.diag(normalized.cov))
     found = {
-        name: {"mean": Sample(value=float(normalized.mean[k]), std_error=float(errors[k]))}
+        name: {"mean": _without_rounding(Sample(value=float(normalized.mean[k]), std_error=float(errors[k])))}
         for k, name in enumerate(("s1n", "s2n"))
     }
     if not np.any(stokes.mean[1:]):
         return found
     degree = dolp.first_order(stokes.mean, stokes.cov)
     angle = aolp_moments_rad(stokes)
-    found["dolp"] = {"mean": Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))}
+    strength = Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))
+    found["dolp"] = {"mean": _without_rounding(strength)}
     found["aolp_deg"] = {
         "mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=float(np.rad2deg(np.sqrt(angle.cov[0, 0]))))
     }
@@ -284,11 +301,11 @@ def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuant
     mean_error = float(np.sqrt(mean.cov[0, 0]))
     found: MeasuredQuantities = {
         "dolp_pixels": {
-            "mean": _inflated(Sample(value=float(mean.mean[0]), std_error=mean_error), inflation),
-            "std": _inflated(deviation(values), inflation),
+            "mean": _without_rounding(_inflated(Sample(value=float(mean.mean[0]), std_error=mean_error), inflation)),
+            "std": _without_rounding(_inflated(deviation(values), inflation)),
         }
     }
-    if np.ptp(values) > 0.0:
+    if found["dolp_pixels"]["std"].value > 0.0:
         found["dolp_snr"] = {"mean": _inflated(mean_over_deviation(values), inflation)}
     return found
 
@@ -375,6 +392,7 @@ class Measurement:
     channels: FloatArray  #: Mean of each angle over the cycles, dark level off [grid.unit].
     saturated: NDArray[np.bool_]  #: Pixels that are so in any frame.
     missing: NDArray[np.bool_]
+    at_zero: NDArray[np.bool_]  #: Pixels of no counts in any frame, the lower end of the camera's range.
     light: FloatArray  #: Mean of all pixels of all angles, cycle by cycle, dark level off [grid.unit].
     regions: dict[str, MeasuredRegion]  #: Name to what its pixels say.
     unmeasured: dict[str, str] = field(default_factory=dict)  #: Name of each region that gives no numbers to why.
@@ -384,6 +402,11 @@ class Measurement:
     def images(self) -> PolarizationImages:
         """Stokes parameters, DoLP and AoLP of every pixel; made when first asked for."""
         return polarization_images(self.plan, self.channels, unusable=self.saturated | self.missing)
+
+    @property
+    def clipped_shares(self) -> tuple[float, float]:
+        """Share of pixels that are clipped in one frame or more, at the upper end of the range and at 0."""
+        return float(self.saturated.mean()), float(self.at_zero.mean())
 
     @property
     def shifts(self) -> FrameShifts | None:
@@ -433,6 +456,7 @@ def measure(
         channels=frames.sums / grid.cycles,
         saturated=frames.saturated,
         missing=frames.missing,
+        at_zero=frames.at_zero,
         light=frames.light,
         regions=measured,
         unmeasured=unmeasured,

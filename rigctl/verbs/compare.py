@@ -295,8 +295,6 @@ def _verdict(found: "Comparison") -> str:
     reserved = f", with reservations ({reasons})" if reasons else ""
     if found.agrees is None:
         return not_judged(found.checks)
-    if tests == 0:
-        return f"nothing was tested{reserved}"
     if found.agrees:
         return f"model and measurement agree{reserved}: {tests} numbers tested at alpha = {found.alpha:g}{not_counted}"
     return (

@@ -156,14 +156,18 @@ class ImportedRun(Result):
     run: Path
     frames: "tuple[FrameRecord, ...]"  #: the new ones
     remarks: tuple[str, ...]  #: what was recognised in the files, and doubts
+    clipped_shares: tuple[float, float]  #: of all pixels, at the upper end of the range and at 0
     diagnosis: "RunDiagnosis"  #: faults that the frames show at a first look
 
     def content(self) -> Iterable[Part]:
         """Return the number and size of the frames, remarks, and the faults that they show."""
+        from rigctl.base.numbers import percent
         from rigctl.measure.faults import fault_lines
 
         first = self.frames[0]
         size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"
+        high, low = map(percent, self.clipped_shares)
+        yield f"clipped: {high} of the pixels at the upper end ({first.saturation_dn:g} DN), {low} at 0"
         yield f"{self.run}: {len(self.frames)} {first.kind} frames of {size}"
         yield from (f"  note: {remark}" for remark in self.remarks)
         if first.kind == "scene":
@@ -198,8 +202,20 @@ def imported(request: "ImportRequest") -> ImportedRun:
         run=request.run,
         frames=frames,
         remarks=(*scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey)),
+        clipped_shares=_clipped_shares(survey, scale),
         diagnosis=_first_look(request, survey),
     )
+
+
+def _clipped_shares(survey: "Survey", scale: "Scale") -> tuple[float, float]:
+    """Return which shares of all pixels are saturated, and at 0 without being missing."""
+    total = max(int(survey.levels.sum()), 1)
+    at_zero = 0 if scale.missing_dn == 0 else int(survey.levels[: 1 << max(scale.shift_bits - 1, 0)].sum())
+    return float(survey.levels[_saturated_from(scale) :].sum()) / total, at_zero / total
+
+
+def _saturated_from(scale: "Scale") -> int:
+    return math.ceil(scale.saturation_dn * 2**scale.shift_bits)
 
 
 def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":
@@ -300,7 +316,7 @@ def _file_remarks(survey: "Survey", scale: "Scale") -> Iterator[str]:
     from rigctl.imports.images import JPEG
     from rigctl.imports.levels import odd_pattern
 
-    saturated = math.ceil(scale.saturation_dn * 2**scale.shift_bits)
+    saturated = _saturated_from(scale)
     shares = {i.path.name: float(i.levels[saturated:].sum() / max(i.levels.sum(), 1)) for i in survey.images}
     clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SHARE]
     if clipped:

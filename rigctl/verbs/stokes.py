@@ -165,10 +165,10 @@ class StokesResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """4 where the run is unsound."""
+        """4 where the run is unsound, or none of its regions can be measured."""
         from rigctl.console.failures import EXIT_DATA
 
-        return EXIT_DATA if self.refused else 0
+        return EXIT_DATA if self.refused or (self.regions and not self.measurement.regions) else 0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -190,21 +190,22 @@ class StokesResult(Result):
         yield lambda: scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)
 
     def _faults(self) -> Iterable[str]:
+        from rigctl.base.numbers import percent
         from rigctl.comparison.checks import said_of
         from rigctl.measure.faults import term_text
 
+        high, low = (percent(share) for share in self.measurement.clipped_shares)
+        missing = float(self.measurement.missing.mean())
+        yield f"clipped in one frame or more: {high} of the pixels at the upper end, which are left out, {low} at 0" + (
+            f"; missing: {percent(missing)}" if missing else ""
+        )
         if self.refused:
             yield "UNSOUND: the numbers below are not those of the light"
+        if self.regions and not self.measurement.regions:
+            yield "no region can be measured"
         yield from (f"the run shows {term_text(term)}" for term in self.diagnosis.named)
         yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
-        clipped, missing = int(self.measurement.saturated.sum()), int(self.measurement.missing.sum())
-        if clipped or missing:
-            total = self.measurement.saturated.size
-            yield (
-                f"left out of {total} pixels: {clipped} clipped in one frame or more ({clipped / total:.1%}), "
-                f"{missing} missing ({missing / total:.1%})"
-            )
 
     def as_json(self) -> dict[str, Json]:
         """Return what stokes.json holds."""
