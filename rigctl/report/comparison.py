@@ -820,6 +820,12 @@ def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, uni
     return pictures_png(scene_maps(images, unit=unit), regions=regions)
 
 
+def uncalibrated_pictures(images: PolarizationImages) -> bytes:
+    """Return the maps of S0, DoLP and AoLP of images without any calibration, which each title says."""
+    maps = (*scene_maps(images, unit="DN"), aolp_map(images))
+    return pictures_png([replace(one, title=f"{one.title}, uncalibrated") for one in maps])
+
+
 def scene_maps(images: PolarizationImages, *, unit: str) -> tuple[DrawnPicture, DrawnPicture]:
     """Return the maps of S0 and DoLP."""
     s0 = images.stokes[0]

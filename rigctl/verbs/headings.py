@@ -54,6 +54,7 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "calibrate history": ("rigctl.verbs.store:history", "How the numbers of calibrations have moved."),
     },
     "Measure": {
+        "look": ("rigctl.verbs.look:look", "Show S0, DoLP and AoLP maps of a few images, uncalibrated."),
         "stokes": ("rigctl.verbs.stokes:stokes", "Measure Stokes parameters, DoLP and AoLP of a run and its regions."),
         "detect": ("rigctl.verbs.detect:detect", "Detect a target by its polarization: RX map and ROC of a run."),
         "compare": ("rigctl.verbs.compare:compare", "Compare a run with the model, with a verdict."),

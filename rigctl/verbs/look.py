@@ -1,0 +1,238 @@
+"""`rigctl look`: S0, DoLP and AoLP of a few images within one command, without any calibration."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from drivers.cameras.raw_planes import Plane
+from rigctl.base.durable import MOST_FRAME_MB
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note
+from rigctl.errors import ConfigError, DataError
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.images import HeaderValue, ImageFile
+    from rigctl.measure.measure import PolarizationImages
+
+_BYTES_PER_MB = 1_000_000
+_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".gz")
+# Keywords that programs write an angle under, ours first.
+_ANGLE_KEYS = ("POLANG", "POLMEAS", "POLANGLE", "POLAR", "ANGLE")
+_NUMBER = re.compile(r"((?<![A-Za-z0-9])[-+])?(\d+(?:\.\d+)?)([ _]?deg|°)?", re.IGNORECASE)
+_LEAST_ANGLES = 3
+_LABEL = "uncalibrated"
+
+
+def look(
+    files: Sequence[FilePath],
+    /,
+    *,
+    angles: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
+    mosaic: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
+    first_row: Literal["top", "bottom"] | None = None,
+    plane: Plane | None = None,
+    max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
+    out: Annotated[FilePath, Writes()] = Path("look.png"),
+) -> "LookResult":
+    """Show S0, DoLP and AoLP maps of a few images, without exposure or black level.
+
+    Angles come from the headers or the names of the files (panel_0.png, panel_45deg.png, ...), or are given. Images of
+    one angle are averaged. The maps are uncalibrated: a black level that stays in makes DoLP too small. For numbers,
+    make a run of the images (rigctl import) and measure it (rigctl stokes).
+
+    Example: rigctl look panel_0.png panel_45.png panel_90.png panel_135.png
+
+    Example: rigctl look fruits.png --mosaic 90,45,135,0
+
+    Parameters
+    ----------
+    files : sequence of path
+        FITS, PNG, TIFF or camera RAW images, or one folder of them.
+    angles : sequence of float
+        Polarizer angle of each file [deg], as in 0,45,90,135.
+    mosaic : sequence of float
+        Angles of the 2 x 2 cell at the top left, row by row [deg].
+    first_row : {"top", "bottom"}
+        First row in the files. FITS: bottom, unless ROWORDER says.
+    plane : {"red", "green-1", "green-2", "blue", "green", "sum", "all"}
+        Colour of RAW files; green-1 stands in the rows of red.
+    max_frame_mb : int
+        Refuse a picture of more MB of samples before memory is taken for it.
+    out : path
+        Picture of the three maps.
+
+    Returns
+    -------
+    LookResult
+        The maps as arrays.
+
+    Raises
+    ------
+    ConfigError
+        The angles are not known, or are fewer than three.
+    DataError
+        A file is no image, or images differ in size.
+    """
+    import numpy as np
+
+    from model.processing.reconstruction import design
+    from rigctl.base.durable import write_durably
+    from rigctl.imports.levels import histogram, saturation_plateau
+    from rigctl.measure.measure import polarization_images
+    from rigctl.report.comparison import uncalibrated_pictures
+
+    paths = _image_files([Path(file) for file in files])
+    if angles is not None and mosaic is not None:
+        raise ConfigError("--angles, --mosaic: give one of them")
+    if mosaic is not None and len(mosaic) != 4:
+        raise ConfigError(f"--mosaic: {len(mosaic)} angles; a cell of 2 x 2 pixels has 4, row by row")
+    if angles is not None and len(angles) != len(paths):
+        raise ConfigError(f"--angles: {len(angles)} angles for {len(paths)} files; give one for each file")
+    images = _read(paths, plane, max_frame_mb * _BYTES_PER_MB)
+    rows = [image.counts if (first_row or image.first_row) == "top" else image.counts[::-1] for image in images]
+    if mosaic is not None:
+        found, source = tuple(mosaic) * len(rows), "as given"
+        height, width = (side - side % 2 for side in rows[0].shape)
+        rows = [row[k // 2 : height : 2, k % 2 : width : 2] for row in rows for k in range(4)]
+    elif angles is not None:
+        found, source = tuple(angles), "as given"
+    else:
+        found, source = _angles_of(paths, [image.header for image in images])
+    at = np.round(np.mod(found, 180.0), 6) % 180.0
+    distinct = np.unique(at)
+    if distinct.size < _LEAST_ANGLES:
+        there = ", ".join(f"{angle:g}" for angle in distinct)
+        raise ConfigError(
+            f"Stokes parameters need three angles that differ modulo 180 deg; there are {there} deg, {source}: say "
+            "--angles 0,45,... or --mosaic A,B,C,D"
+        )
+    counts = np.stack(rows)
+    channels = np.stack([counts[at == angle].mean(axis=0, dtype=np.float64) for angle in distinct])
+    largest = 2 ** max(int(counts.max()).bit_length(), 8) - 1
+    plateau = saturation_plateau(histogram(counts), full_scale_dn=largest)
+    largest = plateau.value_dn if plateau is not None and plateau.certain else largest
+    clipped = np.any(counts >= largest, axis=0)
+    maps = polarization_images(design(np.radians(distinct)), channels, unusable=clipped)
+    result = LookResult(
+        maps=maps,
+        angles_deg={} if mosaic is not None else dict(zip(map(str, paths), found, strict=True)),
+        angle_source=source,
+        files=tuple(paths),
+        clipped_shares=(float(clipped.mean()), float(np.any(counts == 0, axis=0).mean())),
+        largest_dn=largest,
+    )
+    write_durably(Path(out), uncalibrated_pictures(maps))
+    note(f"{out}: S0, DoLP and AoLP, {_LABEL}: dark level, exposure and response are not taken into account")
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LookResult(Result):
+    """Uncalibrated maps of a few images."""
+
+    maps: "PolarizationImages"
+    angles_deg: dict[str, float]  #: of each file; empty of mosaics
+    angle_source: str  #: where the angles come from, in words
+    files: tuple[Path, ...]
+    clipped_shares: tuple[float, float]  #: of the pixels, at the upper end of the range and at 0, in one image or more
+    largest_dn: int  #: where the upper end is taken to be
+
+    @property
+    def _quartiles(self) -> dict[str, float]:
+        import numpy as np
+
+        good = self.maps.dolp[np.isfinite(self.maps.dolp)]
+        levels = (5, 50, 95)
+        values = np.percentile(good, levels) if good.size else np.full(len(levels), np.nan)
+        return {f"p{level}": float(value) for level, value in zip(levels, values, strict=True)}
+
+    def content(self) -> Iterable[Part]:
+        """Return the DoLP of the pixels, what is clipped, the angles, and that nothing is calibrated."""
+        from rigctl.base.numbers import percent
+        from rigctl.report.comparison import uncalibrated_pictures
+
+        low, middle, high = self._quartiles.values()
+        yield f"DoLP {middle:.3f} (median; 90 % of the pixels {low:.3f} to {high:.3f}), {_LABEL}"
+        top, bottom = map(percent, self.clipped_shares)
+        yield f"clipped in one image or more: {top} of the pixels at {self.largest_dn} DN, {bottom} at 0"
+        named = "; ".join(f"{Path(file).name} {angle:g}" for file, angle in self.angles_deg.items())
+        yield f"angles {self.angle_source}" + (f" [deg]: {named}" if named else "")
+        yield lambda: uncalibrated_pictures(self.maps)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return percentiles of DoLP, clipped shares and angles."""
+        from rigctl.report.numbers import finite
+
+        high, low = self.clipped_shares
+        return {
+            "calibrated": False,
+            "dolp": {name: finite(value) for name, value in self._quartiles.items()},
+            "clipped": {"high": high, "low": low, "largest_dn": self.largest_dn},
+            "angles_deg": dict(self.angles_deg),
+            "angle_source": self.angle_source,
+            "files": [str(file) for file in self.files],
+        }
+
+
+def _image_files(given: Sequence[Path]) -> list[Path]:
+    """Return the images: those that are named, or all of one folder."""
+    from drivers.cameras.raw_files import RAW_SUFFIXES
+
+    if len(given) != 1 or not given[0].is_dir():
+        return list(given)
+    (folder,) = given
+    if (folder / "manifest.jsonl").exists():
+        raise ConfigError(f"{folder}: is a run: rigctl stokes {folder} --out FOLDER measures it")
+    suffixes = (*_SUFFIXES, *RAW_SUFFIXES)
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file())
+    if not found:
+        raise ConfigError(f"{folder}: holds no image (known are {', '.join(suffixes)})")
+    return found
+
+
+def _read(paths: Sequence[Path], plane: Plane | None, most_bytes: int) -> "list[ImageFile]":
+    """Return the images, which have one size."""
+    from rigctl.images import read_image
+
+    images: list[ImageFile] = []
+    for path in paths:
+        try:
+            images.append(read_image(path, plane=plane, most_bytes=most_bytes))
+        except (ConfigError, DataError) as error:
+            raise type(error)(f"{path}: {error}") from error
+        if images[-1].counts.shape != images[0].counts.shape:
+            sizes = " and ".join(f"{one.counts.shape[1]} x {one.counts.shape[0]}" for one in (images[0], images[-1]))
+            raise DataError(f"{paths[0]} and {path} have {sizes} pixels; one size is needed")
+    return images
+
+
+def _angles_of(paths: Sequence[Path], headers: "Sequence[Mapping[str, HeaderValue]]") -> tuple[tuple[float, ...], str]:
+    """Return the angle of each file by its header or its name, and by which."""
+    for key in _ANGLE_KEYS:
+        values = [re.match(r"[-+]?\d*\.?\d+", str(header.get(key, "")).strip()) for header in headers]
+        if all(values):
+            return tuple(float(value[0]) for value in values if value), f"by the header keyword {key}"
+    numbers = [_NUMBER.findall(path.stem) for path in paths]
+    # Names of one set have the same numbers at the same places; places are counted from the end.
+    columns = [[found[-place] for found in numbers] for place in range(1, min(map(len, numbers), default=0) + 1)]
+    likely = sorted(filter(_is_of_angles, columns), key=lambda column: not all(deg for _, _, deg in column))
+    if not likely:
+        raise ConfigError(
+            f"neither headers nor names say the polarizer angles ({', '.join(path.name for path in paths[:4])}); say "
+            "--angles 0,45,... or --mosaic A,B,C,D"
+        )
+    return tuple(float(sign + size) for sign, size, _ in likely[0]), "by the names of the files"
+
+
+def _is_of_angles(column: Sequence[tuple[str, str, str]]) -> bool:
+    """Return whether numbers at one place of the names are angles, and no counter: they are, or they say so."""
+    values = [float(sign + size) for sign, size, _ in column]
+    distinct = sorted({value % 180.0 for value in values})
+    if len(distinct) < _LEAST_ANGLES or max(map(abs, values)) > 360.0:
+        return False
+    return all(deg for _, _, deg in column) or min(b - a for a, b in pairwise(distinct)) > 1.0
