@@ -1,7 +1,8 @@
-"""Broken sets of frames are refused or flagged by name."""
+"""Broken sets of frames are refused or flagged by name; disagreements point to their cause."""
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,19 @@ import pytest
 from numpy.typing import NDArray
 
 from rigctl.cli import main
-from rigctl.comparison.checks import Check, refusals, registration_of, run_checks
+from rigctl.comparison.checks import (
+    ADVICE,
+    Cause,
+    Check,
+    diagnose,
+    nothing_tested,
+    refusals,
+    region_verdicts,
+    registration_of,
+    run_checks,
+    verdict_of,
+)
+from rigctl.comparison.rows import Row
 from rigctl.console.failures import EXIT_DATA
 from rigctl.files.regions import Region
 from rigctl.measure.measure import measure
@@ -128,3 +141,46 @@ def test_frames_cut_off_below_the_stated_saturation_are_flagged(tmp_path: Path) 
     assert found["largest count"].verdict == "flagged"
     assert "20.0% of the frame at 45 deg" in found["largest count"].text
     assert "largest count" not in checked(tmp_path / "sound", scene())
+
+
+def row(quantity: str, agrees: bool | None, statistic: str = "mean", values: tuple[float, float] = (1.0, 1.0)) -> Row:
+    predicted, measured = values
+    return Row(
+        region="a",
+        quantity=quantity,
+        statistic=statistic,
+        predicted=predicted,
+        measured=measured,
+        std_error=0.01,
+        z=9.0,
+        agrees=agrees,
+    )
+
+
+def angles(*pairs: tuple[float, float]) -> list[Row]:
+    return [row("aolp_deg", False, values=pair) for pair in pairs]
+
+
+@pytest.mark.parametrize(
+    ("rows", "causes"),
+    [
+        ([row("s0", True), row("dolp", True)], ()),
+        ([row("s0", False), row("dn_0", False), row("s1", False), row("dolp", True)], ("scale",)),
+        ([row("dolp", False), row("s0", False), row("s1n", False)], ("polarization",)),
+        ([*angles((10, 12.0), (95, 97.1), (179, 1.0)), row("dolp", True)], ("axis-offset",)),
+        ([*angles((10, 53.4), (95, 148.4), (168, 75.5)), row("dolp", True)], ("axis-sense",)),
+        ([*angles((10, 12), (95, 97)), row("s0", False), row("dolp", True)], ("axis-offset", "scale")),
+        ([row("dn_0", False, "std_temporal"), row("dn_0", True), row("s0", True)], ("noise",)),
+    ],
+)
+def test_disagreements_point_to_their_cause(rows: list[Row], causes: tuple[Cause, ...]) -> None:
+    assert diagnose(rows) == causes
+    assert all(ADVICE[cause] for cause in causes)
+
+
+def test_a_comparison_in_which_nothing_was_tested_cannot_be_judged() -> None:
+    untested = [row("s0", None), row("dolp", None)]
+    assert verdict_of(untested, nothing_tested(untested, ["why"]), {}) == "cannot_be_judged"
+    other = replace(row("s0", True), region="b")
+    assert verdict_of([*untested, other], (), {}) == "agrees_with_reservations"
+    assert region_verdicts([*untested, other], (), {})["a"].reason == "no number of it was tested"

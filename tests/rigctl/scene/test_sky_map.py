@@ -8,6 +8,7 @@ from rigctl.errors import ConfigError
 from rigctl.report.light import kinds_json
 from rigctl.report.prediction import kinds_picture
 from rigctl.scene.sky_map import skies_of_kinds, sky_map
+from rigctl.verbs.sky import sky
 from tests.rigctl.scene_texts import SCENE, scene_of, written
 
 ONE_WAVELENGTH = SCENE.replace("wavelengths = 2", "wavelengths = 1")
@@ -85,3 +86,11 @@ def test_the_command_writes_picture_and_numbers(tmp_path, capsys):
     assert len(json.loads((tmp_path / "out" / "sky-aerosols.json").read_text())["kinds"]) == 7
     assert main(["sky", str(scene), "--compare-aerosols", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kinds"][0]["is_chosen"] is True
+
+
+def test_a_sky_comes_back_in_python_and_is_written_and_nothing_is_printed(tmp_path, capsys):
+    scene = written(tmp_path, ONE_WAVELENGTH.replace('tier = "fast"', 'tier = "single"'))
+    found = sky(scene, out=tmp_path / "sky")
+    assert found.dolp.shape == (len(found.zenith_deg), len(found.azimuth_deg))
+    assert {path.name for path in (tmp_path / "sky").iterdir()} == {"sky.png", "sky.json"}
+    assert capsys.readouterr() == ("", "")
