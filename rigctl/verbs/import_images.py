@@ -215,7 +215,7 @@ def _clipped_shares(survey: "Survey", scale: "Scale") -> tuple[float, float]:
 
 
 def _saturated_from(scale: "Scale") -> int:
-    return math.ceil(scale.saturation_dn * 2**scale.shift_bits)
+    return math.ceil(scale.saturation_dn * (1 << scale.shift_bits))
 
 
 def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":

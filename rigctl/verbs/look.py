@@ -166,7 +166,7 @@ class LookResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return percentiles of DoLP, clipped shares and angles."""
-        from rigctl.report.numbers import finite
+        from rigctl.report.data_files import finite
 
         high, low = self.clipped_shares
         return {
