@@ -1,10 +1,7 @@
-"""Size of a picture as its header declares it, found without taking memory for the picture.
+"""Images that other programs or cameras wrote (FITS, PNG, TIFF, camera RAW), read as whole numbers of counts.
 
-A still camera's RAW file as an image to import, and whether the files of a stack were taken alike.
-
-Grey PNG files whose rows are stored as they are, which many cameras' programs write: read at the speed of zlib.
-
-Images that other programs or cameras wrote (FITS, PNG, TIFF, RAW), read as whole numbers of counts.
+A header may declare more than a machine holds: the size is found before memory is taken. Grey PNG files whose rows are
+stored as they are, which many cameras' programs write, are read at the speed of zlib.
 """
 
 import errno

@@ -1,6 +1,6 @@
-"""ArUco markers in the picture of a run.
+"""Regions found again by ArUco markers on the panels, after the camera has moved.
 
-Regions found again by the markers on the panels, after the camera has moved.
+Each region moves by the affine map that fits the corners of its markers; `edge_px` grows by what that leaves uncertain.
 """
 
 from dataclasses import dataclass

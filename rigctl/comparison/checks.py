@@ -1,10 +1,9 @@
-"""Checks of a run by itself, before any model: pair sums, linear response, registration, drift, residual of the fit.
+"""Checks of a run by itself, the verdict of a comparison, and where disagreements point.
 
-The verdict of a comparison, by region and of all of it: no two parts of a report contradict one another.
-
-Where disagreements point: a scale, the polarizer's axis, the degree of polarization, or the noise.
-
-Trends: the order of numbers over angles, regions or runs by the model and by the frames, whatever their scale.
+`run_checks` looks at pair sums, response, registration, drift, clipped pixels and bits before any model is asked; a
+check that refuses the run or a region leaves nothing to judge. `verdict_of` is one verdict of regions and run, so that
+no two parts of a report contradict one another. `diagnose` points from disagreeing rows to a cause; `trends_of` asks
+whether numbers are in the predicted order, whatever their scale.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

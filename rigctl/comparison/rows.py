@@ -1,6 +1,7 @@
-"""The rows of a comparison: one number by the model and by the frames, how far apart, and whether that is too far.
+"""Rows of a comparison: a number by the model and by the frames, how far apart, and whether that is too far.
 
-The uncertainty budget of a comparison: how much each cause makes of the error of a region's polarization.
+Holm's rule over all rows decides, so that alpha is the chance that a sound run is called a disagreement. Below the
+rows stands the uncertainty budget: how much each cause makes of the error of a region's polarization.
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,6 +1,7 @@
-"""The numbers of a scene file that only say how many counts a radiance makes, and what takes their place.
+"""Scale of the counts of a prediction: by the scene file, by a radiometric calibration, or fitted to the run.
 
-Scale of the counts of a prediction: by the scene file, by a panel, or by the run itself.
+Some numbers of a scene only say how many counts a radiance makes. A measured scale takes their place: it stands under
+the quantum efficiency, with the transmittance at 1, and its errors go together with those of the inputs behind it.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
-"""The calibrations that a run is compared with: read, found to be of its devices, and what is doubtful about them.
+"""The calibrations of a run: named by options or picked from the store, read, and found to be of its devices.
 
-Calibrations that are picked from the store for a run: which, why, and why not the others.
+`picked_for_run` says which files, and why not others; `read_calibrations` reads them, with doubts in words.
 """
 
 from collections.abc import Callable, Mapping, Sequence

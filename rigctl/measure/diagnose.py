@@ -1,10 +1,9 @@
-"""What a run says of its own faults: the one diagnosis that stokes, compare and summary show.
+"""Faults that a run shows of itself, by the redundancy of its angles; and the run corrected by them.
 
-Faults that a run shows of itself, as corrections of its frames.
-
-A run measured and diagnosed, and corrected by its own diagnosis where that is asked for.
-
-A run as if it had been taken with other calibrations: those that are named, or that its store holds today.
+Four angles or more over-determine the Stokes parameters. `diagnose_run` tells faults apart that leave a residual:
+throughput, dark level, shift, response and others (`model.processing.diagnosis`). `diagnosed` is a run measured,
+diagnosed, and corrected by what was found where that is asked for. `recalibrated` is a run as if it had been taken
+with other calibrations.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -335,22 +334,22 @@ def _registered(measurement: Measurement, *, force: bool) -> tuple[str, ...]:
     """Return what a registration that was given does to the edges of a run; it has to make them better."""
     if measurement.shifts is None:
         return ()
-    edges = moved_edges(measurement.run, measurement.grid, measurement.shifts)
-    if not (edges.is_better or force):
+    text, is_better = moved_edges(measurement.run, measurement.grid, measurement.shifts)
+    if not (is_better or force):
         raise DataError(
-            f"--register: not a plain shift of this run: {edges.text}; not applied (--force-registration applies it)"
+            f"--register: not a plain shift of this run: {text}; not applied (--force-registration applies it)"
         )
-    return (edges.text,) if edges.text else ()
+    return (text,) if text else ()
 
 
 def _helpful(measurement: Measurement, found: FoundCorrections, *, force: bool) -> FoundCorrections:
     """Return corrections without shifts that make edges no better, unless they are forced."""
     if found.shifts is None:
         return found
-    edges = moved_edges(measurement.run, measurement.grid, found.shifts)
-    if edges.is_better or force:
-        return replace(found, remarks=(*found.remarks, edges.text))
-    said = f"shift: not applied, it is not a plain one: {edges.text} (--force-registration applies it)"
+    text, is_better = moved_edges(measurement.run, measurement.grid, found.shifts)
+    if is_better or force:
+        return replace(found, remarks=(*found.remarks, text))
+    said = f"shift: not applied, it is not a plain one: {text} (--force-registration applies it)"
     return replace(found, shifts=None, remarks=(*(text for text in found.remarks if ", shift:" not in text), said))
 
 

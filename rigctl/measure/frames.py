@@ -1,16 +1,8 @@
-"""The scene frames of a run by cycle and polarizer angle.
+"""Frames of a run by cycle and angle, and what is done to each before anything is measured.
 
-The dark level of a run, taken off its counts before anything is made of them, and its source.
-
-Frames divided by the flat field of their polarizer angle, and what that does to noise.
-
-Frames divided by the throughput of their polarizer angle, as a polarizer calibration has measured it.
-
-Frames moved back to where the first polarizer angle sees the scene, and what that does to noise.
-
-Corrections of a frame once its dark level is off: throughput, flat field, image registration, in this order.
-
-Frames of a run, corrected one by one as they are read, and what is told of all of them.
+`arrange` finds which frame is which; `find_dark_level` what is taken off. `Corrections` are, in this order: the
+throughput of the polarizer at an angle, flat fields, and a registration that moves frames to lie on one another; each
+says what it does to noise. `CorrectedFrames` reads frames one by one and keeps what is known of all of them.
 """
 
 from collections import Counter, defaultdict
@@ -401,25 +393,20 @@ def frame_shifts(run: Run, grid: FrameGrid, registration: ImageRegistration) -> 
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class MovedEdges:
-    """Edges of the pictures of a run before and after they were moved."""
+def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> tuple[str, bool]:
+    """Return what moving the frames of the first cycle does to their edges, and whether it is no harm.
 
-    text: str  #: In words, angle by angle; empty where nothing was moved.
-    is_better: bool  #: They lie better on one another, or tell nothing.
-
-
-def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> MovedEdges:
-    """Return what moving the frames of the first cycle does to their edges."""
+    The text goes angle by angle, and is empty where nothing was moved; edges that tell nothing are no harm.
+    """
     records = grid.records[0]
     moves = np.array([shifts.shifts_pixels[record.sequence] for record in records])
     off = np.flatnonzero(np.linalg.norm(moves, axis=1) > _SHIFTED_PIXELS)
     if not off.size:
-        return MovedEdges(text="", is_better=True)
+        return "", True
     pictures = np.array([run.counts(record).astype(np.float64) for record in records])
     usable = np.all([usable_pixels(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
     if not usable.any():
-        return MovedEdges(text="no pixel is usable in all frames", is_better=True)
+        return "no pixel is usable in all frames", True
     left = edges_left(pictures, moves, usable)
     text = "; ".join(
         f"at {records[index].polarizer_angle_deg or 0.0:g} deg {before:.2%} before, {after:.2%} moved back"
@@ -427,7 +414,7 @@ def moved_edges(run: Run, grid: FrameGrid, shifts: FrameShifts) -> MovedEdges:
     )
     before, after = left[off].sum(axis=0)
     is_better = bool(after < before or left[off, 0].min() > _MOSTLY_NOISE)
-    return MovedEdges(text=f"left of edges that do not lie on one another {text}", is_better=is_better)
+    return f"left of edges that do not lie on one another {text}", is_better
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

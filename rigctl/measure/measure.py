@@ -1,13 +1,12 @@
-"""Temporal variance of a run's frames by a noise calibration.
+"""From the frames of a run to pictures of its Stokes parameters and numbers of its regions.
 
-Numbers of one region by its pixels: every quantity of the report, with its standard error.
-
-Stokes parameters, DoLP and AoLP of every pixel.
-
-From the frames of a run to pictures of its Stokes parameters and numbers of its regions.
+`measure` reads every frame once, takes off the dark level, corrects, and averages over the cycles. Numbers of a region
+come from its pixels: means with their covariance, deviations over the pixels and over the cycles, DoLP and AoLP; their
+errors hold noise, texture that neighbours share, dark level, corrections, and what differs from cycle to cycle. A
+number that is no larger than the rounding of the terms it is made of is 0.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -59,6 +58,8 @@ from rigctl.measure.frames import (
 from rigctl.runs.folder import Run
 
 FloatArray = NDArray[np.float64]
+# Pixels of each region, by its name.
+Masks = Mapping[str, NDArray[np.bool_]]
 
 # What a temporal deviation rests on, in the order of the vector that is varied.
 INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
@@ -209,16 +210,6 @@ def _with_level_errors(
     return Moments(mean=moments.mean, cov=moments.cov + common)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Vectors:
-    """Channels or Stokes parameters of the pixels: of the first cycle and the mean of all, and their temporal noise."""
-
-    names: tuple[str, ...]
-    first: FloatArray
-    mean: FloatArray
-    temporal: tuple[Sample, ...]
-
-
 def _of_vectors(
     pixels: RepeatedPixels,
     channel_names: tuple[str, ...],
@@ -228,38 +219,53 @@ def _of_vectors(
     of_noise: float,
 ) -> MeasuredQuantities:
     """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
-    channels = _Vectors(names=channel_names, first=pixels.first, mean=pixels.mean, temporal=pixels.temporal)
-    stokes = _Vectors(
-        names=("s0", "s1", "s2"),
-        first=pixels.stokes_first,
-        mean=pixels.stokes_mean,
-        temporal=pixels.temporal_stokes,
-    )
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
     counts = np.abs(channels_mean.mean)
     # A Stokes parameter is a sum of counts, which rounding leaves no smaller than this.
     rounding = _ROUNDING * (np.abs(plan.inverse) @ counts)
     stokes_mean = replace(stokes_mean, mean=np.where(np.abs(stokes_mean.mean) > rounding, stokes_mean.mean, 0.0))
-    found = _linear(channels, channels_mean, _ROUNDING * counts, inflation, of_noise)
-    return found | _linear(stokes, stokes_mean, rounding, inflation, of_noise) | _of_mean_stokes(stokes_mean)
+    found = _linear(
+        channel_names,
+        channels_mean,
+        (pixels.first, pixels.mean, pixels.temporal),
+        _ROUNDING * counts,
+        inflation,
+        of_noise,
+    )
+    found |= _linear(
+        ("s0", "s1", "s2"),
+        stokes_mean,
+        (pixels.stokes_first, pixels.stokes_mean, pixels.temporal_stokes),
+        rounding,
+        inflation,
+        of_noise,
+    )
+    return found | _of_mean_stokes(stokes_mean)
 
 
 def _linear(
-    vectors: _Vectors, mean: Moments, rounding: FloatArray, inflation: float, of_noise: float
+    names: Sequence[str],
+    mean: Moments,
+    pixels: tuple[FloatArray, FloatArray, tuple[Sample, ...]],
+    rounding: FloatArray,
+    inflation: float,
+    of_noise: float,
 ) -> MeasuredQuantities:
     """Return mean and deviations of channels or Stokes parameters; what is no larger than its rounding is 0.
 
-    `inflation` is of errors of what varies over the pixels, `of_noise` of what varies with time.
+    `pixels` are those of the first cycle, the mean of all, and their temporal noise. `inflation` is of errors of what
+    varies over the pixels, `of_noise` of what varies with time.
     """
+    first, mean_pixels, temporal = pixels
     found: MeasuredQuantities = {}
-    for k, name in enumerate(vectors.names):
+    for k, name in enumerate(names):
         samples = {
             "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
-            "std": _inflated(deviation(vectors.first[k]), inflation),
-            "std_spatial_mean": _inflated(deviation(vectors.mean[k]), inflation),
+            "std": _inflated(deviation(first[k]), inflation),
+            "std_spatial_mean": _inflated(deviation(mean_pixels[k]), inflation),
         }
-        if vectors.temporal:
-            samples["std_temporal"] = _inflated(vectors.temporal[k], of_noise)
+        if temporal:
+            samples["std_temporal"] = _inflated(temporal[k], of_noise)
         found[name] = {statistic: _without_rounding(sample, rounding[k]) for statistic, sample in samples.items()}
     return found
 
@@ -442,9 +448,8 @@ def measure(
     dark_level = _with_found(find_dark_level(run, grid, noise), grid, found)
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
-    areas = [_Area(name=name, outer=outer[name], inside=mask) for name, mask in inside.items()]
     frames = CorrectedFrames(run, grid, dark_level, _corrections(run, grid, registration, flats, polarizer, found))
-    measured, unmeasured = _measured_regions(areas, frames, _repeats(areas, frames, plan), plan, found)
+    measured, unmeasured = _measured_regions(outer, inside, frames, _repeats(inside, frames, plan), plan, found)
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
     return Measurement(
@@ -485,72 +490,71 @@ def _corrections(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Area:
-    """A region's pixels: all of it, and without its border."""
-
-    name: str
-    outer: NDArray[np.bool_]
-    inside: NDArray[np.bool_]
+# Gives the usable pixels of a region over all cycles, by its name.
+_Repeats = Callable[[str], RepeatedPixels]
 
 
-# Gives the usable pixels of an area over all cycles.
-_Repeats = Callable[[_Area], RepeatedPixels]
-
-
-def _repeats(areas: Sequence[_Area], frames: CorrectedFrames, plan: Design) -> _Repeats:
+def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
     """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
 
     Only when all frames were read is it known which pixels are usable in all of them.
     """
     inflation = mean_inflation(frames.interpolation)
-    held_bytes = sum(int(area.inside.sum()) for area in areas) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
+    held_bytes = (
+        sum(int(mask.sum()) for mask in inside.values()) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
+    )
     if held_bytes <= MOST_HELD_BYTES:
-        pixels = frames.pixels({area.name: area.inside for area in areas})
+        pixels = frames.pixels(inside)
 
-        def of_held(area: _Area) -> RepeatedPixels:
-            usable = ~(frames.saturated | frames.missing)[area.inside]
-            return repeated(pixels[area.name][:, :, usable], plan.inverse, noise_inflation=inflation)
+        def of_held(name: str) -> RepeatedPixels:
+            usable = ~(frames.saturated | frames.missing)[inside[name]]
+            return repeated(pixels[name][:, :, usable], plan.inverse, noise_inflation=inflation)
 
         return of_held
     frames.pixels({})
     usable = ~(frames.saturated | frames.missing)
-    running = {area.name: RunningPixels(plan.inverse, noise_inflation=inflation) for area in areas}
+    running = {name: RunningPixels(plan.inverse, noise_inflation=inflation) for name in inside}
     again = frames.anew()
     for cycle in range(frames.grid.cycles):
-        of_cycle = again.cycle(cycle, {area.name: area.inside & usable for area in areas})
+        of_cycle = again.cycle(cycle, {name: mask & usable for name, mask in inside.items()})
         for name, found in of_cycle.items():
             running[name].add(found)
-    return lambda area: running[area.name].result()
+    return lambda name: running[name].result()
 
 
 def _measured_regions(
-    areas: Iterable[_Area], frames: CorrectedFrames, repeats: _Repeats, plan: Design, found: FoundCorrections | None
+    outer: Masks,
+    inside: Masks,
+    frames: CorrectedFrames,
+    repeats: _Repeats,
+    plan: Design,
+    found: FoundCorrections | None,
 ) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
     """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
     usable = ~(frames.saturated | frames.missing)
     channels = frames.sums / frames.grid.cycles
     measured: dict[str, MeasuredRegion] = {}
     unmeasured: dict[str, str] = {}
-    for area in areas:
-        excluded, edge = int(np.sum(area.inside & ~usable)), int(np.sum(area.outer & ~area.inside))
+    for name, mask in inside.items():
+        own = mask & usable
+        excluded, edge = int(np.sum(mask & ~usable)), int(np.sum(outer[name] & ~mask))
         try:
-            require_pixels(area.name, int(np.sum(area.inside & usable)), excluded=excluded, edge=edge)
-            measured[area.name] = measure_region(
-                name=area.name,
-                pixels=repeats(area),
-                inside=area.inside & usable,
+            require_pixels(name, int(own.sum()), excluded=excluded, edge=edge)
+            measured[name] = measure_region(
+                name=name,
+                pixels=repeats(name),
+                inside=own,
                 excluded=excluded,
                 edge=edge,
                 channel_names=frames.grid.channel_names,
                 plan=plan,
                 level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
                 relative_error=frames.corrections.relative_error(frames.grid.angles),
-                own_error=0.0 if found is None else found.level_error(channels, area.inside & usable),
+                own_error=0.0 if found is None else found.level_error(channels, own),
                 interpolation=frames.interpolation,
             )
         except (DataError, ValueError, ArithmeticError) as error:
-            unmeasured[area.name] = str(error)
+            unmeasured[name] = str(error)
     return measured, unmeasured
 
 

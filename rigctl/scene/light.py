@@ -1,18 +1,8 @@
-"""The program that solves the light of the air: our own, or an independent one.
+"""The light of a scene: from its record, in the units of the file, to the records of the model, and skies kept on disk.
 
-Records of numbers and arrays as bytes and back: for results that are kept, never for what people write.
-
-A user's own sky, as a numpy archive: what another code computed, or an all-sky camera measured.
-
-Computed skies kept between runs in the user's cache folder, by the hash of what they were computed from.
-
-The air, camera and surfaces of a scene: from its record, in the units of the file, to the records of the model.
-
-The light of a scene's regions, computed from sun, atmosphere and materials.
-
-The model's scene and its scenario from the record of a scene.
-
-The sun of a scene in one line of words.
+`build_scenario` gives what the model predicts from; `SceneLight` computes and keeps the light of materials. Solved
+skies are kept between runs in the user's cache folder (`SkyStore`), by a hash of all inputs and of the solver's source.
+A user's own sky is a numpy archive (`read_sky_table`).
 """
 
 import contextlib

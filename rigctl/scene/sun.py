@@ -1,6 +1,6 @@
-"""Position of the sun at a time and a place, by the routines of the International Astronomical Union.
+"""Position of the sun at a time and a place, and its spectrum in the band of a sensor.
 
-The sun's spectrum in the band of a sensor: ASTM G173 outside the atmosphere.
+The position is that of the International Astronomical Union's routines; the spectrum ASTM G173 outside the atmosphere.
 """
 
 import warnings
