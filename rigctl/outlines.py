@@ -17,6 +17,8 @@ from rigctl.files.regions import Marker, Markers, Region, RegionsFile
 from rigctl.measure.measure import measure
 from rigctl.runs.folder import Run
 
+FloatArray = NDArray[np.float64]
+
 # Shares of the pixels that may be darker than black and lighter than white.
 _DARKEST, _LIGHTEST = 0.1, 99.9
 
@@ -50,8 +52,6 @@ def stretched(picture: NDArray[np.float64] | NDArray[np.uint16]) -> NDArray[np.u
         return np.zeros(picture.shape, dtype=np.uint8)
     return np.asarray(255.0 * np.clip((picture - low) / (high - low), 0.0, 1.0)).astype(np.uint8)
 
-
-FloatArray = NDArray[np.float64]
 
 # Corners of printed markers are found to some tenths of a pixel; more is perspective, or a panel that was moved.
 MOST_RESIDUAL_PX = 1.0

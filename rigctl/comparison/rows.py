@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from model.prediction import Quantities
     from rigctl.measure.measure import MeasuredQuantities
 
+FloatArray = NDArray[np.float64]
+
 # Chance with which a disagreement is to be seen.
 _POWER = 0.9
 # A difference that is seen only where it is larger than this share of a number tells nothing of it.
@@ -177,9 +179,6 @@ def _with_ratios(prediction: "RegionPrediction") -> "RegionPrediction":
     ratios = channel_ratios(Moments(mean=mean, cov=np.zeros((mean.size, mean.size))))[0]
     found = {ratio_name(name): {"mean": float(ratio)} for name, ratio in zip(names, ratios, strict=True)}
     return replace(prediction, quantities=prediction.quantities | found)
-
-
-FloatArray = NDArray[np.float64]
 
 
 # Name of the cause: what the faults that a run shows of itself could do, all of them together.

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from model.atmosphere.sky import SolarBand
 from rigctl.files.place import Place
 
+FloatArray = NDArray[np.float64]
+
 _DAY_S = 86400.0
 # Julian date of the midnight at which day 0 of Python's calendar begins.
 _JULIAN_DAY_OF_YEAR_1 = 1721424.5
@@ -92,8 +94,6 @@ def _julian_date(time: datetime) -> tuple[float, float]:
     midnight = utc.replace(hour=0, minute=0, second=0, microsecond=0)
     return _JULIAN_DAY_OF_YEAR_1 + utc.toordinal(), (utc - midnight).total_seconds() / _DAY_S
 
-
-FloatArray = NDArray[np.float64]
 
 NM_PER_M = 1e9
 # What the atmosphere's tables cover.
