@@ -46,8 +46,37 @@ def test_a_border_is_left_where_nobody_wants_it_searched(tmp_path: Path) -> None
     assert read_run(tmp_path / "run").frames[0].missing_dn is None
 
 
-def test_a_dark_picture_has_no_border() -> None:
+def test_only_the_piece_that_is_a_border_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pictures = frames(Faults(border_pixels=3))
+    pictures[:, 50:54, 60:64] = 0  # black within the picture is of the picture
+    assert imported(tmp_path, pictures, "--bit-depth", "12") == 0
+    share = 1.0 - (pictures.shape[1] - 6) * (pictures.shape[2] - 6) / pictures[0].size
+    shown = said(capsys)
+    assert shown.count("a constant border") == 1
+    assert f"takes up to {share:.2%} of a file" in shown
+    run = read_run(tmp_path / "run")
+    for record, picture in zip(run.frames, pictures, strict=True):
+        is_border = np.ones(picture.shape, dtype=bool)
+        is_border[3:-3, 3:-3] = False
+        counts = run.counts(record)
+        np.testing.assert_array_equal(counts == record.missing_dn, is_border)
+        np.testing.assert_array_equal(counts[~is_border], picture[~is_border])
+
+
+def test_dark_pictures_and_dark_areas_that_touch_an_edge_are_no_border() -> None:
     assert constant_border(np.random.default_rng(1).poisson(0.3, (80, 90)).astype(np.uint16)) is None
+    picture = frames(Faults())[0]
+    picture[30:60, :40] = 0
+    assert constant_border(picture) is None
+
+
+def test_an_import_begins_with_the_share_of_clipped_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pictures = frames(Faults())
+    pictures[:, :16, :32], pictures[:, 16:32, :16] = 4095, 0
+    assert imported(tmp_path, pictures, "--bit-depth", "12", "--no-border-search") == 0
+    high, low = (100.0 * pixels / pictures[0].size for pixels in (512, 256))
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first == f"clipped: {high:.1f} % of the pixels at the upper end (4095 DN), {low:.2f} % at 0"
 
 
 def resampled(pictures: NDArray[np.uint16]) -> NDArray[np.uint16]:

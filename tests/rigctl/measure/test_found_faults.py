@@ -82,6 +82,24 @@ def test_a_region_of_one_pixel_is_said_and_ends_nothing(tmp_path: Path) -> None:
     assert "1 pixels are left" in found["unmeasured"]["pixel"]
 
 
+def test_a_run_of_which_no_region_can_be_measured_is_unfit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_with(tmp_path, Faults())
+    (tmp_path / "regions.toml").write_text(REGIONS[REGIONS.rindex("[[regions]]") :])
+    assert stokes(tmp_path)[0] == EXIT_DATA
+    assert "no region can be measured" in capsys.readouterr().out
+
+
+def test_stokes_begins_with_the_share_of_clipped_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    counts = np.random.default_rng(1).normal(900.0, 30.0, (4, 100, 100)).round()
+    counts[1, :10, :30], counts[2, 10:20, :60] = 4095.0, 0.0
+    make_run(tmp_path / "run", [(at(angle), one) for angle, one in zip((0, 45, 90, 135), counts, strict=True)])
+    assert main(["stokes", str(tmp_path / "run"), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("clipped in one frame or more: 3.0 % of the pixels at the upper end")
+    assert "6.0 % at 0" in " ".join(shown.splitlines()[:2])
+    assert "flagged, pixels at 0" in shown
+
+
 def test_what_cannot_be_corrected_is_refused(tmp_path: Path) -> None:
     run_with(tmp_path, Faults())
     assert main(["stokes", str(tmp_path / "run"), "--out", str(tmp_path / "o"), "--correct", "gamma"]) == EXIT_USAGE

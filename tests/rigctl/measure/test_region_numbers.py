@@ -64,3 +64,12 @@ def test_light_that_drifts_reaches_the_angles_one_after_the_other():
         one = found.quantities[name]["mean"]
         # Half a cycle between its two angles, where any two are 0.41 apart in the root mean square of all orders.
         assert 1.0 < abs(one.value) / one.std_error < 1.5
+
+
+def test_what_rounding_leaves_of_zero_is_zero():
+    # 0.1 is no binary number: its sums leave 1e-17 of what is nothing.
+    found = measured(np.full((CYCLES, 4, SIDE**2), 0.1)).quantities
+    for quantity, statistics in found.items():
+        for statistic, sample in statistics.items():
+            assert sample.std_error == 0.0, (quantity, statistic)
+            assert abs(sample.value) > 0.01 or sample.value == 0.0, (quantity, statistic)
