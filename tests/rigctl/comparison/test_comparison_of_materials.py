@@ -8,9 +8,8 @@ from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
-from rigctl.scene.reading import scene_of_file
 from tests.rigctl.made_runs import at, make_run
-from tests.rigctl.scene_texts import SCENE, written
+from tests.rigctl.scene_texts import SCENE, scene_of, written
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 SUN = {"sun_azimuth_deg": 180.0, "sun_elevation_deg": 40.0}
@@ -27,27 +26,27 @@ def _own_cache(monkeypatch, cache):
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
 
 
-@pytest.fixture
-def compared(tmp_path, cache):
+def compared(folder, cache, text=SCENE, sun=SUN, rig=None, told=None):
     """Compare a run, made of what the model predicts for the sun of the frames, with the scene file."""
+    scene = load_scene(written(folder, text))
+    changed = {"sun.zenith_deg": 90.0 - sun["sun_elevation_deg"], "sun.azimuth_deg": sun["sun_azimuth_deg"]}
+    truth = ScenePredictor(scene, None, light=SceneLight(SkyStore(cache / "skies"))).predictions(changed)
+    generator = np.random.default_rng(3)
+    frames = [
+        (at(angle, exposure_s=3e-5, cycle=cycle, **sun), _picture(truth, channel, generator))
+        for cycle in range(2)
+        for channel, angle in enumerate(ANGLES_DEG)
+    ]
+    polarizer = {"polarizer": {"extinction_ratio": 500.0}}
+    run = make_run(folder / "run", frames, session={"origin": "device", "rig": polarizer | (rig or {})})
+    return compare_with_scene(measure(run, regions=list(scene.regions)), scene_of(folder, told or text), alpha=1e-3)
 
-    def compare(text=SCENE, sun=SUN, rig=None, told=None):
-        scene = load_scene(written(tmp_path, text))
-        changed = {"sun.zenith_deg": 90.0 - sun["sun_elevation_deg"], "sun.azimuth_deg": sun["sun_azimuth_deg"]}
-        light = SceneLight(SkyStore(cache / "skies"))
-        truth = ScenePredictor(scene, None, light=light).predictions(changed)
-        generator = np.random.default_rng(3)
-        frames = [
-            (at(angle, exposure_s=3e-5, cycle=cycle, **sun), _picture(truth, channel, generator))
-            for cycle in range(2)
-            for channel, angle in enumerate(ANGLES_DEG)
-        ]
-        polarizer = {"polarizer": {"extinction_ratio": 500.0}}
-        run = make_run(tmp_path / "run", frames, session={"origin": "device", "rig": polarizer | (rig or {})})
-        told_scene = load_scene(written(tmp_path, told or text))
-        return compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(told_scene), alpha=1e-3)
 
-    return compare
+@pytest.fixture(scope="module")
+def found(tmp_path_factory, cache):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(cache))
+        return compared(tmp_path_factory.mktemp("run"), cache)
 
 
 def _picture(truth, channel, generator):
@@ -63,8 +62,8 @@ def _rows(found, quantity, statistic):
     return {row.region: row for row in found.rows if (row.quantity, row.statistic) == (quantity, statistic)}
 
 
-def test_means_agree_and_carry_the_uncertainty_of_the_materials(compared):
-    rows = _rows(compared(), "dn_0", "mean")
+def test_means_agree_and_carry_the_uncertainty_of_the_materials(found):
+    rows = _rows(found, "dn_0", "mean")
     assert set(rows) == {"paint", "road"}
     for row in rows.values():
         # The slope and the index of an assumed paint leave its brightness open by tens of per cent.
@@ -72,41 +71,29 @@ def test_means_agree_and_carry_the_uncertainty_of_the_materials(compared):
         assert abs(row.z_measurement) < 4.5  # of 1600 pixels, some rows
 
 
-def test_the_sun_of_the_frames_decides_and_the_difference_is_said(compared):
+def test_what_the_light_is_made_of_comes_with_it_and_the_remarks_say_what_is_assumed(found):
+    assert set(found.lights) == {"paint", "road"}
+    parts = [found.lights["paint"].mean(part) for part in ("reflected_sun", "reflected_sky", "path")]
+    np.testing.assert_allclose(np.sum(parts, axis=0), found.lights["paint"].mean("total"), rtol=1e-12)
+    assert any("optical depth at 550 nm" in text for text in found.remarks)
+    assert any("assumed, not measured" in text for text in found.remarks)
+    # A computed radiance counts as tested; angles that are the same need no word.
+    assert not any("radiance" in text for text in found.not_tested)
+    assert not any(remark.startswith("angles:") for remark in found.remarks)
+
+
+def test_the_sun_of_the_frames_decides_and_the_difference_is_said(tmp_path, cache):
     low = {"sun_azimuth_deg": 200.0, "sun_elevation_deg": 25.0}
-    found = compared(sun=low)
+    found = compared(tmp_path, cache, sun=low)
     assert "sun.zenith_deg: 65.00 of the run, not 50.00 of the scene file" in found.remarks
     assert "sun.azimuth_deg: 200.00 of the run, not 180.00 of the scene file" in found.remarks
     assert abs(_rows(found, "dn_0", "mean")["paint"].z_measurement) < 4.5
 
 
-def test_what_the_light_is_made_of_comes_with_it_and_the_remarks_say_what_is_assumed(compared):
-    found = compared()
-    assert set(found.lights) == {"paint", "road"}
-    parts = [found.lights["paint"].mean(part) for part in ("reflected_sun", "reflected_sky", "path")]
-    np.testing.assert_allclose(np.sum(parts, axis=0), found.lights["paint"].mean("total"), rtol=1e-12)
-    remarks = found.remarks
-    assert any("optical depth at 550 nm" in text for text in remarks)
-    assert any("assumed, not measured" in text for text in remarks)
-
-
-def test_a_computed_radiance_counts_as_tested(compared):
-    found = compared()
-    assert not any("radiance" in text for text in found.not_tested)
-
-
-def test_the_cameras_roll_of_the_rig_file_turns_the_prediction(compared):
+def test_the_cameras_roll_of_the_rig_file_turns_the_prediction_and_other_angles_are_said(tmp_path, cache):
     geometry = {"camera_zenith_deg": 50.0, "camera_azimuth_deg": 0.0, "camera_height_m": 3000.0}
-    found = compared(rig={"geometry": geometry | {"camera_roll_deg": 10.0}})
+    told = SCENE.replace("exposure_ms = 0.03", "exposure_ms = 0.03\nangles_deg = [0, 60, 120]")
+    found = compared(tmp_path, cache, rig={"geometry": geometry | {"camera_roll_deg": 10.0}}, told=told)
     row = _rows(found, "aolp_deg", "mean")["paint"]
     assert (row.measured - row.predicted + 90.0) % 180.0 - 90.0 == pytest.approx(10.0, abs=1.0)
-
-
-def test_other_angles_of_the_run_are_said(compared):
-    told = SCENE.replace("exposure_ms = 0.03", "exposure_ms = 0.03\nangles_deg = [0, 60, 120]")
-    remarks = compared(told=told).remarks
-    assert "angles: 0, 45, 90, 135 deg of the run, not 0, 60, 120 deg of the scene file" in remarks
-
-
-def test_the_same_angles_need_no_word(compared):
-    assert not any(remark.startswith("angles:") for remark in compared().remarks)
+    assert "angles: 0, 45, 90, 135 deg of the run, not 0, 60, 120 deg of the scene file" in found.remarks

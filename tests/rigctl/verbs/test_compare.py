@@ -47,12 +47,6 @@ def test_a_calibration_that_does_not_say_of_which_camera_is_taken(folder):
     assert "noise" in found.files
 
 
-@pytest.mark.parametrize("alpha", [0.0, 1.0])
-def test_alpha_out_of_range_is_refused(folder, alpha):
-    with pytest.raises(ConfigError, match="--alpha"):
-        _compare(folder, alpha=alpha)
-
-
 def _regions_file(folder, *regions):
     texts = (
         f'[[regions]]\nname = "{name}"\npolygon = {[list(corner) for corner in where]}\n' for name, where in regions
@@ -73,17 +67,6 @@ def test_regions_of_a_scene_are_taken_where_they_were_found_again(folder):
     assert {"scene", "regions"} <= set(found.files)
 
 
-def test_a_region_that_the_scene_does_not_have_is_named(folder):
-    with pytest.raises(ConfigError, match=r"--regions: scene \w+ has no region elsewhere; there are "):
-        _compare(folder, regions=_regions_file(folder, ("elsewhere", [(1.0, 1.0), (5.0, 1.0), (5.0, 5.0)])))
-
-
-def test_a_file_that_is_no_calibration_is_refused(folder):
-    (folder / "bad.json").write_text("{}")
-    with pytest.raises(DataError, match="rigctl calibrate noise"):
-        _compare(folder, noise=folder / "bad.json")
-
-
 def test_effects_of_the_light_are_left_out_by_a_rule_and_any_by_name(folder):
     whole, safe = (_compare(folder, effects=rule).accuracy for rule in ("all", "safe"))
     assert whole.taken == ALL
@@ -96,11 +79,23 @@ def test_effects_of_the_light_are_left_out_by_a_rule_and_any_by_name(folder):
     assert safe.taken <= _compare(folder, effects="safe", switched_on=("dark-current",)).accuracy.taken
 
 
-def test_effects_without_a_scene_are_refused(folder):
-    with pytest.raises(ConfigError, match="--effects"):
-        _compare(
-            folder,
-            scene=None,
-            regions=_regions_file(folder, ("a", [(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])),
-            effects="safe",
-        )
+@pytest.mark.parametrize(
+    ("options", "corners", "error", "said"),
+    [
+        ({"alpha": 0.0}, None, ConfigError, "--alpha"),
+        ({"alpha": 1.0}, None, ConfigError, "--alpha"),
+        (
+            {},
+            ("elsewhere", [(1.0, 1.0), (5.0, 1.0), (5.0, 5.0)]),
+            ConfigError,
+            r"scene \w+ has no region elsewhere; there",
+        ),
+        ({"scene": None, "effects": "safe"}, ("a", [(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)]), ConfigError, "--effects"),
+        ({"noise": "bad.json"}, None, DataError, "rigctl calibrate noise"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_by_its_option(folder, options, corners, error, said):
+    (folder / "bad.json").write_text("{}")
+    given = {name: folder / value if name == "noise" else value for name, value in options.items()}
+    with pytest.raises(error, match=said):
+        _compare(folder, regions=None if corners is None else _regions_file(folder, corners), **given)
