@@ -41,7 +41,7 @@ def test_materials_become_numbers_with_their_uncertainties(tmp_path):
     inputs = gather(scene_of_file(load_scene(written(tmp_path))))
     place = inputs.names.index("regions.paint.slope_rms")
     assert (inputs.values[place], inputs.cov[place, place]) == pytest.approx((0.15, 0.04**2))
-    assert any("slope_rms" in remark and "black paint" in remark for remark in inputs.remarks)
+    assert any("slope_rms" in remark and "black paint" in remark for remark in inputs.scene.remarks)
 
 
 def test_the_effective_wavelength_follows_from_the_band(tmp_path):
