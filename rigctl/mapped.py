@@ -258,7 +258,11 @@ _LOCK_FILE = ".lock"
 
 @contextmanager
 def held_folder(out: Path) -> Iterator[None]:
-    """Hold a folder of results, which is made where it is not there: no other command writes into it meanwhile."""
+    """Hold a folder of results, which is made where it is not there: no other command writes into it meanwhile.
+
+    Where the work is refused before it begins (no dask, no scheduler), what was made for it goes again.
+    """
+    made = [path for path in (out / _LOCK_FILE, out / PARTS_FOLDER, out, *out.parents) if not path.exists()]
     (out / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
     descriptor = os.open(out / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
     try:
@@ -267,5 +271,10 @@ def held_folder(out: Path) -> Iterator[None]:
         except BlockingIOError as error:
             raise DataError(f"{out}: another command computes into this folder now; name another --out") from error
         yield
+    except ConfigError:
+        with suppress(OSError):  # a folder that holds something stays
+            for path in made:
+                path.unlink() if path.name == _LOCK_FILE else path.rmdir()
+        raise
     finally:
         os.close(descriptor)

@@ -12,10 +12,11 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
-from rigctl.base.durable import MOST_RECORD_BYTES, sha256_of
+from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, read_bounded, sha256_of, write_durably
 from rigctl.errors import ConfigError
 
 _RUN_FILES = ("session.json", "manifest.jsonl")
@@ -27,6 +28,7 @@ _BESIDE_IN_RUN = ("frames", "events.jsonl")
 _HEADER_BYTES = 65536
 _TEXT_FORMATS = (".toml", ".csv", ".txt")
 _MARK = b"rigctl"
+_OF_THE_ENGINE = ("workers", "scheduler")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +48,9 @@ class Remembered:
 
 
 def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
-    """Return what results come from."""
-    found = hashlib.sha256(repr(sorted((key, str(value)) for key, value in options.items())).encode())
+    """Return what results come from; where the work is done does not change them."""
+    stated = sorted((key, str(value)) for key, value in options.items() if key not in _OF_THE_ENGINE)
+    found = hashlib.sha256(repr(stated).encode())
     for path in inputs:
         for file in sorted(_files_of_input(path)):
             if not file.is_file():  # a pipe or a device has no end
@@ -206,15 +209,26 @@ def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
 def keep_old(before: Mapping[Path, bytes]) -> None:
     """Keep each file that was edited as it was, under its name with .bak; earlier ones stay."""
     for path, content in before.items():
-        kept = path.with_name(f"{path.name}.bak")
-        number = 1
-        while kept.exists():
-            number, kept = number + 1, path.with_name(f"{path.name}.bak{number}")
         try:
             if path.read_bytes() != content:
-                kept.write_bytes(content)
+                _keep(path, content)
         except OSError as error:
-            raise ConfigError(f"{path}: cannot be kept as {kept.name}: {error.strerror}") from error
+            raise ConfigError(f"{path}: cannot be kept as {path.name}.bak: {error.strerror}") from error
+
+
+def replace_keeping(path: Path, content: bytes) -> None:
+    """Replace a file once what stood there is kept as by `keep_old`."""
+    if path.exists() and (old := read_bounded(path, MOST_TEXT_BYTES)) != content:
+        _keep(path, old)
+    write_durably(path, content)
+
+
+def _keep(path: Path, content: bytes) -> None:
+    for number in count(1):
+        kept = path.with_name(f"{path.name}.bak{number if number > 1 else ''}")
+        with suppress(FileExistsError), kept.open("xb") as file:
+            file.write(content)
+            return
 
 
 Snapshot = dict[Path, tuple[int, int, int]]

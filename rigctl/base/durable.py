@@ -155,7 +155,9 @@ def write_durably(path: Path, data: bytes) -> None:
     try:
         _write_and_flush(part, data)
         part.replace(path)
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, OSError) and error.filename is None:
+            error.filename = str(path)  # a full disk says no name
         part.unlink(missing_ok=True)
         raise
     flush_folder(path.parent)

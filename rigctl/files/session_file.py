@@ -38,6 +38,8 @@ class InterlockSection(Section):
     """A picture has the very noise of the one before. Example: `"retry"`."""
     black: Action = "retry"
     """A picture has one value everywhere. Example: `"retry"`."""
+    exposure: Watched = "hold"
+    """The first scene frame is far too bright; at a terminal hold warns and goes on. Example: `"hold"`."""
     saturated: Action = "note"
     """More than `saturated_fraction` of a scene frame is saturated. Example: `"note"`."""
     low_signal: Action = "note"
@@ -61,6 +63,8 @@ class InterlockSection(Section):
 
     retries: Annotated[int, Field(ge=1, le=100)] = 2
     """How often a frame is taken again before the session stops. Example: `2`."""
+    exposure_fraction: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Share of saturated pixels of the first scene frame that trips exposure. Example: `0.5`."""
     saturated_fraction: Annotated[float, Field(ge=0, le=1)] = 0.01
     """Share of saturated pixels that trips saturated. Example: `0.01`."""
     low_signal_fraction: Annotated[float, Field(ge=0, le=1)] = 0.5

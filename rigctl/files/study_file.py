@@ -1,5 +1,6 @@
 """The study file: which numbers of which scenes are varied, how, and what is wanted of every case."""
 
+from math import prod
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -23,7 +24,7 @@ class VariedSection(Section):
     """First of `n` values at even steps. Example: `10.0`."""
     stop: float | None = None
     """Last of them, included. Example: `70.0`."""
-    n: Annotated[int | None, Field(ge=1)] = None
+    n: Annotated[int | None, Field(ge=1, le=MOST_CASES)] = None
     """How many. Example: `7`."""
     range: tuple[float, float] | None = None
     """Limits of a rectangular law. Example: `[10.0, 40.0]`."""
@@ -44,6 +45,11 @@ class VariedSection(Section):
     def is_drawn(self) -> bool:
         """Whether it has a law: a range or a deviation."""
         return self.range is not None or self.std is not None
+
+    @property
+    def size(self) -> int:
+        """How many values are listed or stepped through; 0 where it has a law."""
+        return (self.n or 0) if self.values is None else len(self.values)
 
     @property
     def steps(self) -> tuple[float, ...]:
@@ -79,7 +85,10 @@ class CasesSection(Section):
                 raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs values, or start, stop and n')
             if self.kind == "sobol" and not one.is_drawn:
                 raise ValueError(f'parameters."{key}": kind = "{self.kind}" needs a law: range or std')
-        sizes = {key: len(one.steps) for key, one in self.parameters.items()}
+        sizes = {key: one.size for key, one in self.parameters.items()}
+        if self.kind == "grid" and prod(sizes.values()) > MOST_CASES:
+            told = " x ".join(f"{key} {size}" for key, size in sizes.items())
+            raise ValueError(f"{told} are {prod(sizes.values())} cases of each scene, allowed are {MOST_CASES}")
         if self.kind == "list" and len(set(sizes.values())) > 1:
             told = ", ".join(f"{key} {size}" for key, size in sizes.items())
             raise ValueError(f'kind = "list" takes values side by side, as many of each: {told}')

@@ -170,6 +170,9 @@ def wholeness_remark(run: Run) -> str | None:
     if state == "damaged":
         text = "; ".join(f"{file}: {problem}" for file, problem in problems)
         return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
+    unused = _unnamed_files(run.path, (*run.frames, *run.excluded))
+    if unused:
+        return f"{run.path}: {', '.join(unused[:3])}: {len(unused)} files that the manifest does not name are not used"
     return None
 
 

@@ -17,6 +17,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -221,10 +222,14 @@ def files_of(run: Run) -> tuple[RigFile, SessionFile]:
 
 
 def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
-    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are."""
+    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are.
+
+    Of the rig file without [notify], which may hold secrets: a run folder is passed on to others.
+    """
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     try:
-        return {what: read_bounded(path, MOST_TEXT_BYTES) for what, path in (files | scene).items()}
+        inputs = {what: read_bounded(path, MOST_TEXT_BYTES) for what, path in (files | scene).items()}
+        return {what: _without_notices(text) if what == "rig" else text for what, text in inputs.items()}
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
@@ -473,6 +478,17 @@ def writing_process(path: Path) -> int | None:
         return None
     finally:
         os.close(descriptor)
+
+
+def _without_notices(rig_file: bytes) -> bytes:
+    lines, is_notify = [], False
+    for line in rig_file.splitlines(keepends=True):
+        if line.lstrip().startswith(b"["):
+            is_notify = line.strip().replace(b" ", b"").startswith(b"[notify]")
+            lines += [b"# [notify] stays in the rig file.\n"] if is_notify else []
+        if not is_notify and not re.match(rb"\s*notify\s*[.=]", line):
+            lines.append(line)
+    return b"".join(lines)
 
 
 def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:

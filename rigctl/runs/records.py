@@ -35,6 +35,8 @@ EXPOSURE_PARTS = 4
 MOST_TEXT = 2000
 METERED_EVENT = "metered"
 HOST_CLOCK_EVENT = "host clock"
+ASKED_EVENT = "asked"
+NOTICE_EVENT = "notice not sent"
 TALLY_EVENT = "camera tally"
 """Counts of a camera's pictures, at the end of each part of a session."""
 MONITOR_EVENT = "monitor"

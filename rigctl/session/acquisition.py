@@ -5,6 +5,7 @@ A bounded queue leads to the thread that writes; it makes the session wait for a
 
 import errno
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -68,6 +69,7 @@ def acquire(
             missed = session.run()
             thread.flush()
         except StopAskedError:
+            session.pause.answer_rest()
             dropped = thread.flush_or_drop()
             not_stored = {"not_stored": list(dropped)} if dropped else {}
             writer.event("stopped", reason="somebody asked for it", **not_stored)
@@ -277,17 +279,18 @@ class _Acquisition:
     ) -> None:
         self._rig, self._rig_file, self._steps = rig, rig_file, steps
         self._context, self._thread = context, thread
-        self._pause = Pause(context.control, context.clock, writer.event)
+        self.pause = Pause(context.control, context.clock, writer.event)
         self._utc = SteadyUtc(context.clock) if context.utc is None else context.utc
-        self._timing = Timing(context, self._utc, self._pause, writer)
+        self._timing = Timing(context, self._utc, self.pause, writer)
         self._work = RigWork(rig, rig_file, writer, self._hold_for if context.asks_by_hold else rig.ask)
         self._thermometer = Thermometer(rig.camera, context.clock)
-        self._locks = Interlocks(context.interlocks, self._pause, writer, self._utc, self._thermometer, context.noise)
+        self._locks = Interlocks(context.interlocks, self.pause, writer, self._utc, self._thermometer, context.noise)
         self._exposures = RoundExposures(
             steps, self._work, writer, metering=context.metering, metered_s=context.metered_s
         )
         self._last_counts: tuple[NDArray[np.uint16], ...] | None = None
         self._is_cell_looked_at = False
+        self._exposed_s: set[float] = set()
         self._was_queue_full = False
         self._monitors = Monitors(rig_file.monitors, writer.event, context.clock.utc_ns)
         self._own_samples = samples_per_pixel(rig_file.camera.interpolation)
@@ -302,7 +305,7 @@ class _Acquisition:
             self._context.sun.at(self._utc.now_ns())
         try:
             for exposure in exposures_of(self._steps):
-                self._pause.answer()
+                self.pause.answer()
                 self._locks.look_around()
                 if self._timing.is_time_for(exposure[0]):
                     self._work.begin_step(exposure[0].sequence // len(exposure))
@@ -314,7 +317,7 @@ class _Acquisition:
 
     def _hold_for(self, kind: FrameKind) -> None:
         """Hold until somebody has put something before the camera, and says to go on from wherever they are."""
-        self._pause.hold(REQUESTS[kind], cleared=lambda: False)
+        self.pause.hold(REQUESTS[kind], cleared=lambda: False)
 
     def _take(self, exposure: tuple[Step, ...]) -> None:
         """Take one exposure until its interlocks are satisfied, and hand its frames on to be stored."""
@@ -372,6 +375,9 @@ class _Acquisition:
                 if step.kind == "scene" and not self._is_cell_looked_at:
                     self._is_cell_looked_at = True
                     self._locks.look_at_cell(captured, self._rig_file.camera.mosaic_deg)
+                if self._is_held_for_exposure(step, captured):
+                    self._work.distrust()
+                    continue
                 before = self._last_counts
                 parts = tuple(
                     replace(part, last_counts=None if before is None else before[place])
@@ -383,6 +389,24 @@ class _Acquisition:
                     return parts, tuple(message for _, message in violations)
                 self._work.distrust()
             tries_left -= 1
+
+    def _is_held_for_exposure(self, step: Step, captured: CapturedFrame) -> bool:
+        """Look once at each exposure that the session file states; longer ones of a bracket may saturate."""
+        exposure_s = step.exposure_s
+        if step.kind != "scene" or exposure_s is None or step.exposure_factor > 1.0 or exposure_s in self._exposed_s:
+            return False
+        self._exposed_s.add(exposure_s)
+        return self._locks.is_held_for_exposure(
+            captured,
+            lambda: self._exposures.proposed_s(captured, step.polarizer_angle_deg),
+            is_attended=self._is_attended(),
+        )
+
+    def _is_attended(self) -> bool:
+        """Somebody is at the terminal; nobody has to be where time itself is simulated."""
+        if self._context.clock.simulated is not None:
+            return True
+        return not self._context.asks_by_hold and sys.stdin is not None and sys.stdin.isatty()
 
     def _captured_or_none(self, step: Step, exposure_s: float, tries_left: int) -> CapturedFrame | None:
         locks = self._locks.section
@@ -397,7 +421,7 @@ class _Acquisition:
             if locks.fault == "stop" or (locks.fault == "retry" and tries_left <= 0):
                 raise
             if locks.fault == "hold":
-                self._pause.hold(str(error), cleared=lambda: False)
+                self.pause.hold(str(error), cleared=lambda: False)
             # What it knew of its place may be wrong after a fault.
             self._locks.look_at_home(self._work.home)
         return None

@@ -1,8 +1,14 @@
-"""Requests to a running session, by signal or by command: hold, go on, stop. Always between frames."""
+"""Requests to a running session, by signal or by command: hold, go on, stop. Always between frames.
+
+By command they are files in the folder `requests` of the run, named by when they were made: requests of the same moment
+do not overwrite each other, and are answered one after the other, each with an event.
+"""
 
 import os
 import signal
 import threading
+import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -11,7 +17,7 @@ from typing import Literal
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 
-REQUEST_FILE = "request"
+REQUESTS_FOLDER = "requests"
 Request = Literal["hold", "go on", "stop"]
 _WORDS: dict[str, Request] = {"hold": "hold", "go on": "go on", "stop": "stop"}
 _SIGNALS: dict[signal.Signals, Request] = {
@@ -26,12 +32,15 @@ def ask(run: Path, request: Request) -> None:
     """Ask something of the session that writes into a run folder; it answers between two frames.
 
     Nobody needs a request after a power cut, so that it is not waited for the disk. Its unfinished file does not look
-    like that of a frame, which whoever repairs the run would take away.
+    like that of a frame, which a repair of the run would take away.
     """
-    beside = run / f".{REQUEST_FILE}.{os.getpid()}"
+    folder = run / REQUESTS_FOLDER
+    folder.mkdir(exist_ok=True)
+    name = f"{time.time_ns():020d}-{os.getpid()}-{threading.get_ident()}"
+    beside = folder / f".{name}"
     try:
         beside.write_text(request, encoding="ascii")
-        beside.replace(run / REQUEST_FILE)
+        beside.replace(folder / name)
     except OSError:
         beside.unlink(missing_ok=True)
         raise
@@ -69,59 +78,52 @@ class Control:
     """
 
     def __init__(self, run: Path | None = None) -> None:
-        self._file = None if run is None else run / REQUEST_FILE
-        self._request: Request | None = None
-        self._seen_ns: int | None = None
+        self._folder = None if run is None else run / REQUESTS_FOLDER
+        self._requests: deque[Request] = deque()
+        self._seen: set[Path] = set()
         self._is_stop_seen = False
         self.was_interrupted = False
         self.is_terminal_lost = False
 
     def put(self, request: Request) -> None:
         """Ask for something."""
-        self._request = request
+        self._requests.append(request)
 
     def poll(self) -> Request | None:
-        """Return what was asked for since the last call, or None."""
-        if self._file is not None:
-            try:
-                # A look costs nothing on a disk that hangs; to take away what is not there would wait for it.
-                if self._file.exists():
-                    self._take(self._file)
-            except OSError:
-                self._look_without_taking()
-        request, self._request = self._request, None
+        """Return the oldest request that was not returned before, or None."""
+        for file in self._files():
+            request = _WORDS.get(_text_of(file))
+            # One that cannot be taken away, as in a folder that is read-only by now, is answered once all the same.
+            self._seen.add(file)
+            with suppress(OSError):
+                file.unlink()
+            if request is not None:
+                self._requests.append(request)
+        request = self._requests.popleft() if self._requests else None
         self._is_stop_seen = self._is_stop_seen or request == "stop"
         return request
 
-    def _take(self, file: Path) -> None:
-        """Take a request away in one step: one that is put down meanwhile is another file, for the next look."""
-        taken = file.with_name(f".{REQUEST_FILE}.taken")
-        file.replace(taken)
-        self._request = _WORDS.get(_text_of(taken))
-        taken.unlink()
-
-    def _look_without_taking(self) -> None:
-        """See a request that cannot be taken away, as in a folder that is read-only by now: each is answered once."""
-        try:
-            stat = self._file.stat() if self._file is not None else None
-        except OSError:
-            return
-        if self._file is not None and stat is not None and stat.st_mtime_ns != self._seen_ns:
-            self._seen_ns = stat.st_mtime_ns
-            self._request = _WORDS.get(_text_of(self._file))
-
     def forget(self) -> None:
         """Drop what was asked of an earlier session that ended before it looked."""
-        if self._file is not None:
+        for file in self._files():
             with suppress(OSError):
-                self._file.unlink(missing_ok=True)
-        self._request = None
+                file.unlink()
+        self._requests.clear()
 
     def is_stop_asked(self) -> bool:
         """Return whether a stop was asked for, now or before; the request stays."""
-        return (
-            self._is_stop_seen or self._request == "stop" or (self._file is not None and _text_of(self._file) == "stop")
-        )
+        return self._is_stop_seen or "stop" in self._requests or any(_text_of(file) == "stop" for file in self._files())
+
+    def _files(self) -> list[Path]:
+        """Return the requests that wait, the oldest first."""
+        try:
+            # A look at a folder that is not there costs nothing, even on a disk that hangs.
+            if self._folder is None or not self._folder.exists():
+                return []
+            found = [file for file in self._folder.iterdir() if not file.name.startswith(".")]
+        except OSError:
+            return []
+        return sorted(file for file in found if file not in self._seen)
 
     @contextmanager
     def listening(self) -> Iterator[None]:
@@ -149,7 +151,7 @@ class Control:
             if self.was_interrupted:
                 raise KeyboardInterrupt
             self.was_interrupted = True
-        self._request = _SIGNALS[signal.Signals(number)]
+        self._requests.append(_SIGNALS[signal.Signals(number)])
 
 
 def _text_of(file: Path) -> str:

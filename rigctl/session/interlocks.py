@@ -30,6 +30,7 @@ from rigctl.session.timing import Pause, SessionClock, SteadyUtc
 # A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
 _EXPOSURE_TOLERANCE = 0.01
 _BYTES_PER_MB = 1_000_000
+_MS_PER_S = 1000.0
 _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIGMAS = 5.0
 # A frame has room for some remarks only; the events have all of them.
@@ -49,6 +50,7 @@ Name = Literal[
     "counter",
     "disk",
     "drift",
+    "exposure",
     "fault",
     "gone",
     "homed",
@@ -168,6 +170,24 @@ class Interlocks:
             problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
             self.react_all(self.found("cell", problem))
 
+    def is_held_for_exposure(
+        self, captured: CapturedFrame, metered_s: Callable[[], float | None], *, is_attended: bool
+    ) -> bool:
+        """Look at the first frame of an exposure; return whether the session was held: the frame is to be taken again.
+
+        Where somebody attends to it, a session that is to hold is not held: the warning is read, and Ctrl-C is near.
+        """
+        is_held = False
+        for violation in self.found("exposure", (captured, metered_s)):
+            action = self._action("exposure")
+            is_held = action == "hold" and not is_attended
+            if is_held or action == "stop":
+                self.react(violation)
+            else:
+                self.note(violation)
+                warn(violation[1])
+        return is_held
+
     def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
         """Tell of a disk that will be full before so many frames are on it; they are taken as long as there is room."""
         run = self._writer.path
@@ -235,7 +255,7 @@ class Interlock(NamedTuple):
     """One row: its name, when it is checked, the error that ends a session for it, and the check."""
 
     name: Name
-    when: Literal["start", "between frames", "frame", "cycle", "as it happens"]
+    when: Literal["start", "between frames", "first frame", "frame", "cycle", "as it happens"]
     error: type[DeviceError] | type[DataError]
     check: Callable[..., Messages]
 
@@ -291,6 +311,17 @@ def _black(captured: CapturedFrame, _: InterlockSection) -> Messages:
     if captured.is_blank:
         text = f"camera: frame {frame.sequence} has the value {frame.counts.flat[0]} everywhere"
         yield f"{text}: no picture came. Check cable, bandwidth and lens cap"
+
+
+def _exposure(first: tuple[CapturedFrame, Callable[[], float | None]], section: InterlockSection) -> Messages:
+    """Of the first scene frame, and what meters the light where the frame is far too bright."""
+    captured, metered_s = first
+    share, exposure_ms = captured.saturated_fraction, captured.asked[0] * _MS_PER_S
+    if captured.kind == "scene" and share > section.exposure_fraction:
+        text = f"{100 * share:.0f} % of the pixels of the first frame are saturated at {exposure_ms:g} ms"
+        proposed_s = metered_s()
+        advice = "stop down" if proposed_s is None else f"exposure_ms = {proposed_s * _MS_PER_S:.3g} fills the range"
+        yield f"{text}; {advice}. Stop, or go on all the same"
 
 
 def _saturated(captured: CapturedFrame, section: InterlockSection) -> Messages:
@@ -373,6 +404,7 @@ TABLE: Mapping[str, Interlock] = {
         Interlock("clock", "between frames", DataError, _clock),
         Interlock("disk", "between frames", DataError, _disk),
         Interlock("temperature", "between frames", LimitError, _temperature),
+        Interlock("exposure", "first frame", DataError, _exposure),
         Interlock("angle", "frame", LimitError, _angle),
         Interlock("button", "frame", LimitError, _button),
         Interlock("settings", "frame", LimitError, _settings),

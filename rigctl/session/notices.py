@@ -9,15 +9,16 @@ import queue
 import subprocess
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pydantic import JsonValue
 
 from rigctl.base.numbers import utc_text
+from rigctl.console.terminal import warn
 from rigctl.files.rig_file import NotifySection
-from rigctl.runs.records import RunEvent, event_facts
+from rigctl.runs.records import NOTICE_EVENT, RunEvent, event_facts
 
 _MOST_WAITING = 100
 
@@ -43,13 +44,15 @@ class Notifier:
 
     def __init__(self, section: NotifySection, run: str) -> None:
         self._section, self._run = section, run
+        #: Where a notice that could not be sent is noted, while there is a run to note it in.
+        self.note: Callable[..., None] | None = None
         self._waiting: queue.Queue[Mapping[str, str] | None] = queue.Queue(maxsize=_MOST_WAITING)
         self._thread = threading.Thread(target=self._work, name="notices", daemon=True)
         self._thread.start()
 
     def tell(self, event: str, facts: Mapping[str, JsonValue]) -> None:
         """Have somebody told of an event, if they want to be; returns at once."""
-        if event not in self._section.events:
+        if event not in self._section.events or event == NOTICE_EVENT:
             return
         text = event_facts(RunEvent(event=event, facts=dict(facts)))
         with suppress(queue.Full):
@@ -63,7 +66,15 @@ class Notifier:
 
     def _work(self) -> None:
         while (notice := self._waiting.get()) is not None:
-            send(self._section, notice)
+            try:
+                problems = send(self._section, notice)
+            except Exception as error:  # one notice that cannot be sent must not silence the next
+                problems = (f"{type(error).__name__}: {error}",)
+            for problem in problems:
+                warn(f"a notice of {notice['event']!r} was not sent: {problem}")
+                if self.note is not None:
+                    with suppress(Exception):  # the run may be closed by now, or its disk be full
+                        self.note(NOTICE_EVENT, notice=notice["event"], problem=problem)
 
 
 def notice_of(run: str, event: str, text: str) -> dict[str, str]:
@@ -83,14 +94,15 @@ def send(section: NotifySection, notice: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
+    from http.client import HTTPException
     from urllib.request import Request, urlopen
 
     request = Request(address, data=content, headers={"Content-Type": "application/json"})
     try:
         with urlopen(request, timeout=timeout_s):
             return ""
-    except (OSError, ValueError) as error:  # URLError and HTTPError are OSErrors
-        return f"webhook {address}: {error}"
+    except (OSError, ValueError, HTTPException) as error:  # URLError and HTTPError are OSErrors
+        return f"webhook {address}: {error or type(error).__name__}"
 
 
 def _told(command: list[str], content: bytes, *, timeout_s: float) -> str:

@@ -41,7 +41,7 @@ _NODE_NS, _NODES_KEPT = 60 * NS_PER_S, 4096
 # The crossing of an elevation is sought within such steps: the sun does not turn back twice within one.
 _SCAN_NS, _CROSSING_TOLERANCE_NS = 600 * NS_PER_S, NS_PER_S // 10
 _NS_PER_MIN, _NS_PER_H = 60 * NS_PER_S, 3600 * NS_PER_S
-_MOST_ROUNDS = 100_000
+_MOST_ROUNDS, _MOST_STEPS = 100_000, 1_000_000
 _LEAST_ANGLES = 3
 _DRIFT_PER_S = 0.01 / 60.0
 # Four frames may wait for the disk: a faster stretch that is shorter than twice this does no harm.
@@ -250,6 +250,7 @@ def plan_steps(
 ) -> tuple[Step, ...]:
     """Return the frames of a session in the order in which they are taken."""
     takes = session.take if cell_deg is None else [_take_of_cell(take, cell_deg) for take in session.take]
+    _require_few(takes, session.darks, rounds=len(round_times_ns))
     frames = [
         (number, due_ns, frame)
         for number, due_ns in enumerate(round_times_ns)
@@ -381,6 +382,22 @@ def missing_axes(steps: Sequence[Step]) -> str | None:
         f"scene frames have {len(axes)} polarizer axes ({', '.join(f'{axis:g}' for axis in sorted(axes))} deg; angles "
         f"180 deg apart are one): DoLP and AoLP need {_LEAST_ANGLES}, better 0, 90, 45, 135"
     )
+
+
+def _require_few(takes: Sequence[Take], darks: DarkSection | None, *, rounds: int) -> None:
+    """Refuse more steps than memory holds before any is made."""
+    steps = 0
+    for take in takes:
+        exposures = len(take.exposures_s) * len(take.exposure_factors)
+        frames = (len(take.polarizer_angles_deg) + 1) * take.cycles
+        if darks is not None and take.kind == "scene":
+            frames += darks.frames * (2 + take.cycles // darks.every_cycles)
+        steps += rounds * exposures * frames
+    if steps > _MOST_STEPS:
+        raise ConfigError(
+            f"take: rounds, cycles, angles and exposures make up to {steps} frames, allowed are {_MOST_STEPS}: take "
+            "several sessions"
+        )
 
 
 def _take_of_cell(take: Take, cell_deg: tuple[float, ...]) -> Take:

@@ -210,6 +210,19 @@ class RoundExposures:
             self._metered_s[step.round] = self._metered(step.round)
         return self._metered_s[step.round] * step.exposure_factor
 
+    def proposed_s(self, captured: CapturedFrame, polarizer_angle_deg: float | None) -> float | None:
+        """Return the exposure that serves where a frame is far too bright [s]; None where it cannot be found."""
+        asked_ms = captured.asked[0] * _MS_PER_S
+        shorter = {"first_exposure_ms": asked_ms * _SHORTEN, "longest_ms": asked_ms}
+        try:
+            exposure_s, shares, _ = meter(
+                lambda tried_s: self._bright_shares(tried_s, [polarizer_angle_deg]),
+                self._metering.model_copy(update=shorter),
+            )
+        except DeviceError:
+            return None
+        return exposure_s if max(shares.values()) <= _CLIPPED else None
+
     def _metered(self, number: int) -> float:
         angles = {s.polarizer_angle_deg for s in self._steps if s.round == number and s.kind == "scene"}
         ordered = sorted(angles, key=lambda angle: angle or 0.0)

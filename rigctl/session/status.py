@@ -16,13 +16,13 @@ from rigctl.errors import RunFolderError
 from rigctl.files.choices import FrameKind
 from rigctl.measure.faults import Fault
 from rigctl.runs.folder import read_contents, writing_process
-from rigctl.runs.records import TALLY_EVENT, RunEvent, explain_invalid, read_events
+from rigctl.runs.records import ASKED_EVENT, NOTICE_EVENT, TALLY_EVENT, RunEvent, explain_invalid, read_events
 
 STATUS_FILE = "status.json"
 State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
 _STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
 # Remarks on the side: they tell nothing of how a session stands.
-_ASIDE = ("interlock", TALLY_EVENT, "disk is short")
+_ASIDE = ("interlock", ASKED_EVENT, TALLY_EVENT, NOTICE_EVENT, "disk is short")
 _LAST_EVENTS = 5
 _BYTES_PER_MB = 1e6
 _S_PER_MIN = 60.0

@@ -26,7 +26,7 @@ from rigctl.console.console_streams import visible
 from rigctl.console.terminal import progress as progress_console
 from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError, RunFolderError
-from rigctl.files.rig_file import RigFile
+from rigctl.files.rig_file import NotifySection, RigFile, load_rig
 from rigctl.files.session_file import SessionFile
 from rigctl.rig.rig import Rig, open_rig
 from rigctl.runs.check import Repair, repair_run, wholeness
@@ -96,7 +96,8 @@ def take_session(
         with RunWriter.create(
             out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns
         ) as writer:
-            writer.listener = None if notifier is None else notifier.tell
+            if notifier is not None:
+                writer.listener, notifier.note = notifier.tell, writer.event
             context = session_context(
                 session,
                 rig_file,
@@ -128,12 +129,13 @@ def resume_session(
         _close_again(path, clock)
         return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
-    with notices(rig_file.notify, path) as notifier, ExitStack() as devices:
+    with notices(_notices_of(run), path) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
         require_hands(left, are_asked=rig.origin != "device" or asks_by_hold)
         _require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
-            writer.listener = None if notifier is None else notifier.tell
+            if notifier is not None:
+                writer.listener, notifier.note = notifier.tell, writer.event
             _note_resumed(writer, repair, left)
             control = Control(path)
             control.forget()
@@ -324,7 +326,8 @@ def _description(
     light = {} if rig.light is None else {"simulated_light": asdict(rig.light)}
     return {
         "origin": rig.origin,
-        "rig": rig_file.model_dump(mode="json"),
+        "rig": rig_file.model_dump(mode="json") | {"notify": None},
+        **({} if rig_file.notify is None else {"has_notices": True}),
         "session": session.model_dump(mode="json"),
         "files": {
             what: {"name": names[what], "sha256": hashlib.sha256(content).hexdigest()}
@@ -376,6 +379,19 @@ def _is_same_angle(record: FrameRecord, step: Step) -> bool:
     if target is None or step.polarizer_angle_deg is None:
         return target is step.polarizer_angle_deg
     return abs(target - step.polarizer_angle_deg) <= _ANGLE_TOLERANCE_DEG
+
+
+def _notices_of(run: Run) -> NotifySection | None:
+    """Return who is told of a run that is resumed: what its rig file says now, since a run keeps no secrets."""
+    stated: Any = run.session_json
+    if not stated.get("has_notices"):
+        return None
+    file = Path(stated.get("host_folder", "")) / stated["files"].get("rig", {"name": "rig.toml"})["name"]
+    try:
+        return load_rig(file).notify
+    except (ConfigError, OSError) as error:
+        warn(f"no notices are sent: {error}")
+        return None
 
 
 def _last_ns(run: Run) -> int | None:

@@ -10,7 +10,7 @@ from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import PICTURE, InterlockSection, MeteringSection, SessionFile
 from rigctl.rig import checkup as host_checkup
 from rigctl.rig.simulated_parts import SimulatedClock
-from rigctl.runs.records import SessionNoise
+from rigctl.runs.records import ASKED_EVENT, SessionNoise
 from rigctl.runs.writer import RunWriter
 from rigctl.session.control import Control
 from rigctl.session.numbers import LiveNumbers, RegionMeans
@@ -155,7 +155,7 @@ class Pause:
         self._is_loss_noted = False
 
     def answer(self) -> None:
-        """Hold or stop if that was asked for."""
+        """Hold or stop if that was asked for; each request is answered by an event."""
         if self._polled() == "hold":
             self.hold("somebody asked for it", cleared=lambda: False)
 
@@ -179,9 +179,16 @@ class Pause:
             self._is_loss_noted = True
             self._note("terminal lost", action="the session goes on without it")
         request = self._control.poll()
+        if request is not None:
+            self._note(ASKED_EVENT, request=request)
         if request == "stop":
             raise StopAskedError
         return request
+
+    def answer_rest(self) -> None:
+        """Note the requests that come too late: the session stops."""
+        while (request := self._control.poll()) is not None:
+            self._note(ASKED_EVENT, request=request, answer="the session stops")
 
 
 class Timing:

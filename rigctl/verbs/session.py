@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 #: Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
 Ask: TypeAlias = Literal["terminal", "hold"]
 
-_MOST_STEPS = 100
-_SECONDS_A_MINUTE = 60
+# Without --all.
+_MOST_STEPS, _MOST_ROUNDS = 12, 12
 _DATE_DIGITS, _UTC_DIGITS = 11, 19
 # A false DoLP below this is one of rounding.
 _ROUNDING = 1e-9
@@ -419,36 +419,53 @@ class PlannedSession(Result):
     all_steps: bool = False  #: show every step, however many
 
     def content(self) -> Iterable[Part]:
-        """Return frames, duration and disk, then rounds, steps and predictions."""
+        """Return frames, duration and disk, what the frames are, then rounds, predictions and the first steps."""
         from rigctl.session.plan import SUN_ANGLES
 
         plan, rounds, steps = self.plan, self.plan.planned_rounds(), self.plan.planned_steps()
-        disk = "not known before the camera is opened; `rigctl plan --frame WIDTHxHEIGHT` computes it"
-        if plan.disk_bytes is not None:
-            disk = f"{plan.disk_bytes / 1e6:.0f} MB"
-        minutes, seconds = divmod(round(plan.duration_s), _SECONDS_A_MINUTE)
-        first = _cell(steps[0], "utc")
-        yield f"{len(steps)} frames from {first}Z, about {minutes} min {seconds} s, disk {disk}"
+        disk = "disk not known" if plan.disk_bytes is None else f"disk {plan.disk_bytes / 1e6:.0f} MB"
+        many = f" in {len(rounds)} rounds" if len(rounds) > 1 else ""
+        yield f"{len(steps)} frames{many} from {_cell(steps[0], 'utc')}Z, about {_duration(plan.duration_s)}, {disk}"
+        for kind in dict.fromkeys(step["kind"] for step in steps):
+            yield _kind_line(kind, [step for step in steps if step["kind"] == kind])
+        if plan.disk_bytes is None:
+            yield "`rigctl plan --frame WIDTHxHEIGHT` computes the disk before the camera is opened"
         if plan.false_dolp is not None:
             shown_dolp = plan.false_dolp if plan.false_dolp > _ROUNDING else 0.0
             yield f"light that drifts by 1 % a minute shows a false DoLP of {shown_dolp:.2g} in a round"
         sun = [name for name in SUN_ANGLES if name in steps[0]]
-        yield "angles are in degrees, exposures in ms"
-        if sun:
-            yield "zenith and azimuth are those of the sun, phi is its azimuth less the camera's"
         if len(rounds) > 1:
-            yield _table(rounds, ("round", "utc", *sun))
+            yield _table(rounds if self.all_steps else rounds[:_MOST_ROUNDS], ("round", "utc", *sun))
+            if len(rounds) > _MOST_ROUNDS and not self.all_steps:
+                yield f"... and {len(rounds) - _MOST_ROUNDS} rounds more; `rigctl plan --all` prints all"
+        yield from map(_prediction_line, self.predictions or ())
         shown = steps if self.all_steps else steps[:_MOST_STEPS]
         yield _table(shown, ("sequence", "round", "time", *sun, "kind", "cycle", "angle_deg", "exposure_ms"))
         if len(shown) < len(steps):
-            yield f"... and {len(steps) - len(shown)} more; `rigctl plan --all` prints them"
-        yield from map(_prediction_line, self.predictions or ())
+            yield f"... and {len(steps) - len(shown)} steps more; `rigctl plan --all` prints all"
+        yield "angles are in degrees, exposures in ms"
+        if sun:
+            yield "zenith and azimuth are the sun's, phi is its azimuth less the camera's"
 
     def as_json(self) -> dict[str, Json]:
         """Return the plan, and with a scene the predictions."""
         if self.predictions is None:
             return self.plan.content()
         return self.plan.content() | {"predictions": list(self.predictions)}
+
+
+def _duration(duration_s: float) -> str:
+    minutes, seconds = divmod(round(duration_s), 60)
+    return f"{minutes} min {seconds} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _kind_line(kind: Json, steps: Sequence[Mapping[str, Json]]) -> str:
+    """Return how many frames of a kind there are, at which angles and exposures."""
+    angles = [f"{step['angle_deg']:g}" for step in steps if step["angle_deg"] is not None]
+    exposures = dict.fromkeys(_cell(step, "exposure_ms") for step in steps)
+    at = [f"{', '.join(dict.fromkeys(angles))} deg"] if angles else []
+    at += [" and ".join(exposures).replace("metered", "metered exposure") + ("" if "metered" in exposures else " ms")]
+    return f"  {len(steps)} {kind}: {'; '.join(at)}"
 
 
 def _pixels(frame: str) -> int:

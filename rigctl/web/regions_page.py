@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from rigctl.base.durable import write_durably
+from rigctl.base.destination import replace_keeping
 from rigctl.errors import DataError
 from rigctl.files.regions import Markers, Region, RegionsFile, regions_text
 from rigctl.files.toml import describe
@@ -65,13 +65,11 @@ def sent_regions(body: bytes) -> RegionsFile:
 def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -> str:
     """Write regions that a page sent, with the markers that the picture shows; return the name of the file.
 
-    Regions that were there stay beside them as ``.bak``; DataError refuses what is no regions.
+    What stood there is kept as ``.bak``, ``.bak2`` and so on; DataError refuses what is no regions.
     """
     regions = sent_regions(body)
     seen = [] if picture is None else search_markers(stretched(picture), "4x4_50")
     if seen and regions.markers is None:
         regions = regions.model_copy(update={"markers": Markers(seen=seen)})
-    if file.exists():
-        file.replace(file.with_suffix(".toml.bak"))
-    write_durably(file, regions_text(regions).encode())
+    replace_keeping(file, regions_text(regions).encode())
     return file.name

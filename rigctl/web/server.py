@@ -8,13 +8,14 @@ import ipaddress
 import os
 import secrets
 import socket
+import ssl
 import threading
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import ClassVar, Literal, ParamSpec, Self, TypeVar
+from typing import Any, ClassVar, Literal, ParamSpec, Self, TypeVar, cast
 from urllib.parse import parse_qs, urlsplit
 
 import cv2
@@ -36,6 +37,8 @@ MOST_BODY_BYTES = 1_000_000
 MOST_CONNECTIONS = 128
 # From the opening of a connection, or from an answer, to the end of the next request's head.
 HEAD_S = 10.0
+# From accepting a connection to the end of its TLS handshake.
+HANDSHAKE_S = 5.0
 _REQUEST_TIMEOUT_S = 20.0
 _TOKEN_BYTES = 18
 # Scripts, styles and pictures come from here alone; pictures of the camera are made of what the socket brings.
@@ -174,7 +177,7 @@ class Guard:
         if refusal is not None:
             await _refuse(refusal, scope, receive, send)
             return
-        if scope["type"] == "http" and _query_token(scope) and scope["method"] == "GET":
+        if scope["type"] == "http" and scope["method"] == "GET" and self._access.right_of(_query_token(scope)):
             await self._with_cookie(scope)(scope, receive, _with_safe_headers(send))
             return
         scope.setdefault("state", {})["right"] = right
@@ -220,7 +223,8 @@ class Guard:
 
     def _with_cookie(self, scope: Scope) -> Response:
         """Exchange the token of an address for a cookie, so that it stands in no history and no picture of the page."""
-        response = RedirectResponse(scope["path"], status_code=303)
+        # One slash: two would lead to another host.
+        response = RedirectResponse("/" + scope["path"].lstrip("/\\"), status_code=303)
         response.set_cookie(
             self._cookie, _query_token(scope), httponly=True, samesite="strict", secure=self._scheme == "https"
         )
@@ -244,7 +248,7 @@ def is_loopback(address: str) -> bool:
 class Connection(H11Protocol):
     """A connection that is closed when it has waited for too long, or when others need its place."""
 
-    open_ones: ClassVar[list["Connection"]]
+    open_ones: ClassVar[list["Connection | Handshake"]]
     most: ClassVar[int]
     head_s: ClassVar[float]
 
@@ -255,10 +259,7 @@ class Connection(H11Protocol):
         super().connection_made(transport)
         self.silent_since_s = self.loop.time()
         self._watch = self.loop.call_later(self.head_s, self._look_after)
-        self.open_ones.append(self)
-        if len(self.open_ones) > self.most:
-            silent = [one for one in self.open_ones if not one.is_answered()]
-            min(silent, key=lambda one: one.silent_since_s).leave()
+        _take_place(self, self.open_ones, most=self.most)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Give its place free."""
@@ -297,9 +298,77 @@ class Connection(H11Protocol):
             self.open_ones.remove(self)
 
 
+class Handshake(asyncio.Protocol):
+    """A connection from its acceptance to the end of its TLS handshake: it is counted, and must be quick."""
+
+    def __init__(self, context: ssl.SSLContext, kind: type[Connection], made_of: Mapping[str, Any]) -> None:
+        self._context, self._kind, self._made_of = context, kind, made_of
+        self._early = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take a place among the connections, and begin the handshake."""
+        self._transport = cast(asyncio.Transport, transport)
+        self._loop = asyncio.get_running_loop()
+        self.silent_since_s = self._loop.time()
+        _take_place(self, self._kind.open_ones, most=self._kind.most)
+        self._task = self._loop.create_task(self._shake())
+
+    def data_received(self, data: bytes) -> None:
+        """Keep what comes between the end of the handshake and the beginning of HTTP."""
+        self._early += data
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Give its place free."""
+        self._give_place()
+
+    def is_answered(self) -> bool:
+        """Return False: nothing was asked yet."""
+        return False
+
+    def leave(self) -> None:
+        """Close it for the good of others."""
+        self._give_place()
+        self._task.cancel()
+        self._transport.abort()
+
+    async def _shake(self) -> None:
+        try:
+            secure = await self._loop.start_tls(
+                self._transport, self, self._context, server_side=True, ssl_handshake_timeout=HANDSHAKE_S
+            )
+        except OSError:  # ssl.SSLError and ConnectionError are such
+            secure = None
+        if secure is None:
+            self.leave()
+            return
+        self._give_place()
+        connection = self._kind(**self._made_of)
+        secure.set_protocol(connection)
+        connection.connection_made(secure)
+        if self._early:
+            connection.data_received(self._early)
+
+    def _give_place(self) -> None:
+        if self in self._kind.open_ones:
+            self._kind.open_ones.remove(self)
+
+
 def connection_class(*, most: int = MOST_CONNECTIONS, head_s: float = HEAD_S) -> type[Connection]:
     """Return what one server answers its connections by."""
     return type("OwnConnection", (Connection,), {"open_ones": [], "most": most, "head_s": head_s})
+
+
+def after_handshake(kind: type[Connection], context: ssl.SSLContext) -> Callable[..., Handshake]:
+    """Return what accepts the connections of one server, and secures them before they are answered."""
+    return lambda **made_of: Handshake(context, kind, made_of)
+
+
+def _take_place(one: Connection | Handshake, open_ones: list[Connection | Handshake], *, most: int) -> None:
+    """Count a connection; of too many the one that has been silent for longest is closed."""
+    open_ones.append(one)
+    if len(open_ones) > most:
+        silent = [other for other in open_ones if not other.is_answered()]
+        min(silent, key=lambda other: other.silent_since_s).leave()
 
 
 def qr_text(text: str) -> str:
@@ -325,26 +394,31 @@ def _trimmed(code: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _config(app: ASGIApp, place: Place) -> uvicorn.Config:
+    kind = connection_class()
     config = uvicorn.Config(
         app,
         log_level="critical",
         access_log=False,
         lifespan="off",
-        http=connection_class(),
+        http=kind if place.certificate is None else cast(Any, after_handshake(kind, _tls(place))),
         server_header=False,
         timeout_keep_alive=int(HEAD_S),
         timeout_graceful_shutdown=_SHUTDOWN_S,
         ws_max_size=_QUESTION_BYTES,
         ws_per_message_deflate=False,  # a JPEG grows no smaller by it, and it takes three times what drawing one does
         h11_max_incomplete_event_size=_QUESTION_BYTES * 4,
-        ssl_certfile=place.certificate,
-        ssl_keyfile=place.key,
     )
+    config.load()
+    return config
+
+
+def _tls(place: Place) -> ssl.SSLContext:
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     try:
-        config.load()
+        context.load_cert_chain(cast(Path, place.certificate), place.key)
     except OSError as error:  # ssl.SSLError is one
         raise ConfigError(f"--certificate {place.certificate}: cannot be used: {error.strerror or error}") from error
-    return config
+    return context
 
 
 def _listening(place: Place) -> socket.socket:

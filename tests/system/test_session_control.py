@@ -44,7 +44,7 @@ def _events(run):
 def running(tmp_path):
     """A session that would take minutes."""
     session = tmp_path / "session.toml"
-    session.write_text('name = "long"\n[[take]]\nkind = "scene"\nexposure_ms = 1\ncycles = 1000\n')
+    session.write_text('name = "long"\n[[take]]\nkind = "scene"\nexposure_ms = 0.03\ncycles = 1000\n')
     run = tmp_path / "run"
     (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path))
     command = [sys.executable, "-m", "rigctl", "acquire", tmp_path / "rig.toml", session, "--out", run]

@@ -94,6 +94,14 @@ def test_what_a_kill_leaves_is_left_over_and_not_bad(tmp_path):
     assert leftovers["frames/000003_scene_a135.fits.part"] == "begun and not finished"
 
 
+def test_a_frame_file_that_the_manifest_does_not_name_is_said(run, caplog):
+    (run / "frames" / "999999_scene_a000.fits").write_bytes((run / "frames" / "000002_scene_a000.fits").read_bytes())
+    with caplog.at_level(logging.WARNING, logger="rigctl"):
+        assert len(used_run(run).frames) == 10
+    assert "999999_scene_a000.fits: 1 files that the manifest does not name are not used" in caplog.text
+    assert verification_of(run).state == "damaged"
+
+
 def test_a_torn_frame_under_a_final_name_is_bad(written):
     (written / "frames" / "000003_scene_a135.fits").write_bytes((written / FIRST).read_bytes()[:-100])
     assert set(findings(verify_run(written).bad)) == {"frames/000003_scene_a135.fits"}

@@ -169,7 +169,7 @@ def events_of(run: Path) -> list[dict]:
 def watched_session(*, take=None, **locks):
     """Return a session of two cycles whose interlocks are quiet but for those that are given."""
     # Simulated time costs nothing: the session outruns any disk.
-    quiet = {"disk_free_mb": 0, "queue": "off", "drift": "off", "low_signal": "off"}
+    quiet = {"disk_free_mb": 0, "queue": "off", "drift": "off", "low_signal": "off", "exposure": "off"}
     steps = {"kind": "scene", "exposure_ms": 10, "cycles": 2} | (take or {})
     return SessionFile.model_validate({"name": "watched", "take": [steps], "interlocks": quiet | locks})
 

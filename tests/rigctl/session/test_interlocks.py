@@ -1,6 +1,7 @@
 """Each interlock trips when it must, does what the session file says, and loses nothing that is good."""
 
 import errno
+import re
 import threading
 
 import numpy as np
@@ -147,6 +148,42 @@ def test_what_a_scene_is_like_is_noted_once_and_in_every_frame(tmp_path, name, d
     take_watched(MadeWorld(dn_per_s=dn_per_s), tmp_path, low_signal="note", low_signal_level=0.05, sum_rule="off")
     assert trips_of(tmp_path) == [(name, "note")]
     assert all("of the pixels" in record.remarks[0] for record in read_run(tmp_path / "run").frames)
+    assert_whole(tmp_path)
+
+
+def test_a_first_frame_that_is_far_too_bright_holds_with_a_proposal_until_it_is_mended(tmp_path):
+    world = MadeWorld(dn_per_s=1e6)
+
+    def stop_down():
+        world.camera._dn_per_s = 1000.0
+        ask(tmp_path / "run", "go on")
+
+    due_ns = after(world, 60, stop_down)
+    take_watched(world, tmp_path, exposure="hold")
+    assert trips_of(tmp_path) == [("exposure", "hold")]
+    assert world.time.monotonic_ns > due_ns
+    (hold,) = [event["facts"]["reason"] for event in events_of(tmp_path / "run") if event["event"] == "hold"]
+    # 1e6 * 100 * 1.3 / 2 DN a second fill 0.8 of 4095 in 50 us; metering is content within a tenth.
+    found = re.search(r"100 % of the pixels of the first frame are saturated at 10 ms; exposure_ms = (\S+) fills", hold)
+    assert 0.04 < float(found[1]) < 0.06
+    assert_whole(tmp_path)
+    run = read_run(tmp_path / "run")
+    assert max(run.counts(record).max() for record in run.frames) < 4095
+
+
+@pytest.mark.parametrize(
+    ("action", "is_terminal"), [("stop", False), ("note", False), ("hold", True)], ids=["stop", "note", "at a terminal"]
+)
+def test_a_first_frame_that_is_far_too_bright_stops_or_is_warned_of(tmp_path, monkeypatch, caplog, action, is_terminal):
+    monkeypatch.setattr("sys.stdin", type("Stdin", (), {"isatty": lambda _: is_terminal})())
+    world = MadeWorld(dn_per_s=1e6)
+    if action == "stop":
+        with pytest.raises(DataError, match="exposure_ms = "):
+            take_watched(world, tmp_path, exposure=action)
+        return
+    take_watched(world, tmp_path, exposure=action, sum_rule="off", saturated="off")
+    assert trips_of(tmp_path) == [("exposure", action)]
+    assert "exposure_ms = " in " ".join(caplog.text.split())
     assert_whole(tmp_path)
 
 

@@ -1,20 +1,25 @@
 """Notices of a session, and that nothing of them delays or fails it."""
 
 import json
+import socket
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rigctl.cli import main
-from rigctl.files.rig_file import NotifySection
-from rigctl.session.notices import Notifier, notices
-from rigctl.session.take import take_session
-from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
+from rigctl.files.rig_file import NotifySection, load_rig
+from rigctl.runs.folder import read_run
+from rigctl.session.notices import Notifier, notice_of, notices, send
+from rigctl.session.take import resume_session, take_session
+from rigctl.verbs.verify import verification_of
+from tests.rigctl.example_files import EXAMPLES, small_rig, small_rig_text, small_session
 
 
 @pytest.fixture
@@ -54,6 +59,52 @@ def test_an_error_that_ends_a_session_is_told(tmp_path: Path, heard: tuple[str, 
         raise ValueError("broken")
     assert taken[0]["event"] == "failed"
     assert "broken" in taken[0]["text"]
+
+
+@pytest.fixture
+def garbage() -> Iterator[str]:
+    """Give the address of a server that answers something else than HTTP."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def answer() -> None:
+            with suppress(OSError):
+                while True:
+                    one, _ = listening.accept()
+                    with one:
+                        one.recv(4096)
+                        one.sendall(b"garbage\r\n\r\n")
+
+        threading.Thread(target=answer, daemon=True).start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/hook"
+
+
+def test_a_webhook_that_does_not_speak_http_is_noted_and_silences_nothing(tmp_path: Path, garbage: str) -> None:
+    heard = tmp_path / "heard"
+    program = f"import json, sys; open({str(heard)!r}, 'a').write(json.load(sys.stdin)['event'] + ' ')"
+    section = NotifySection(webhook=garbage, command=[sys.executable, "-c", program], events=["hold", "stopped"])
+    noted: list[tuple[str, Any]] = []
+    notifier = Notifier(section, "run")
+    notifier.note = lambda event, **facts: noted.append((event, facts["notice"]))
+    for event in ("hold", "stopped", "notice not sent"):
+        notifier.tell(event, {})
+    notifier.close()
+    assert heard.read_text().split() == ["hold", "stopped"]
+    assert noted == [("notice not sent", "hold"), ("notice not sent", "stopped")]
+    assert send(NotifySection(webhook="http://user:pw@h/x"), notice_of("run", "test", ""))[0].startswith("webhook http")
+
+
+def test_a_run_keeps_no_address_of_notices_and_a_resume_finds_it_again(
+    tmp_path: Path, heard: tuple[str, list[dict[str, str]]]
+) -> None:
+    address, taken = heard
+    file, run = tmp_path / "rig.toml", tmp_path / "run"
+    file.write_text(f'{small_rig_text(tmp_path)}\n[notify]\nwebhook = "{address}?secret"\nevents = ["finished"]\n')
+    take_session(load_rig(file), small_session(), run, files={"rig": file})
+    assert not [path for path in run.rglob("*") if path.is_file() and b"secret" in path.read_bytes()]
+    assert verification_of(run).state == "whole"
+    (run / read_run(run).frames[-1].file).unlink()
+    assert resume_session(run).is_finished
+    assert [notice["event"] for notice in taken] == ["finished", "finished"]
 
 
 def test_a_receiver_that_never_answers_delays_nothing(tmp_path: Path) -> None:

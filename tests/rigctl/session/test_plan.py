@@ -189,7 +189,7 @@ def test_at_and_until(tmp_path):
         {
             "name": "x",
             "take": [{"kind": "scene", "exposure_ms": 10_000, "cycles": 50}],
-            "interlocks": {"disk_free_mb": 0},
+            "interlocks": {"disk_free_mb": 0, "exposure": "off"},
         }
     )
     outcome = take_session(
@@ -297,6 +297,13 @@ def test_exposures_are_in_seconds_and_numbers_run_on_over_takes(tmp_path):
 def test_what_makes_no_sense_is_refused(tmp_path, text, match):
     with pytest.raises(ConfigError, match=match):
         _session(tmp_path, text)
+
+
+def test_more_steps_than_memory_holds_are_refused_before_any_is_made(tmp_path):
+    angles = list(range(100))
+    session = _session(tmp_path, f"cycles = 100000\nangles_deg = {angles}")
+    with pytest.raises(ConfigError, match=r"make up to 10100000 frames, allowed are 1000000"):
+        plan_steps(session)
 
 
 def test_time_and_disk_grow_with_the_frames():

@@ -245,7 +245,7 @@ def test_a_run_of_another_camera_or_plan_is_refused(tmp_path, edit, error, match
 UNPLUGGED = SessionFile.model_validate(
     {
         "name": "unplugged",
-        "take": [{"kind": "scene", "exposure_ms": 2.0, "cycles": 2}],
+        "take": [{"kind": "scene", "exposure_ms": 0.03, "cycles": 2}],
         "interlocks": {"gone": "stop"},
     }
 )

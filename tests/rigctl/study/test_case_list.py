@@ -35,6 +35,23 @@ def test_a_grid_has_every_combination_the_last_fastest(scene):
     np.testing.assert_allclose(columns(cases)[:4], [[0.01, 0.3], [0.01, 0.5], [0.02, 0.3], [0.02, 0.5]])
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "words"),
+    [
+        ({"start": 0.01, "stop": 0.05, "n": 1_000_000_000}, {"values": [0.3]}, "less than or equal to 10000000"),
+        (
+            {"start": 0.01, "stop": 0.05, "n": 10_000},
+            {"start": 0.1, "stop": 0.5, "n": 10_000},
+            "are 100000000 cases of each scene, allowed are 10000000",
+        ),
+    ],
+    ids=["axis", "product"],
+)
+def test_a_grid_of_more_cases_than_memory_holds_is_refused_by_its_numbers(one, other, words):
+    with pytest.raises(ValueError, match=words):
+        section(kind="grid", parameters={EXPOSURE: one, EFFICIENCY: other})
+
+
 def test_lists_stand_side_by_side(scene):
     parameters = {EXPOSURE: {"values": [0.01, 0.02]}, EFFICIENCY: {"values": [0.3, 0.5]}}
     np.testing.assert_array_equal(

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("distributed", reason="pip install 'rigctl[cluster]'")
 
 from rigctl import study as study_case
+from rigctl.base.destination import origin_of
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.mapped import PARTS_FOLDER, Engine, client_of, held_folder, require_same_code
@@ -214,3 +215,20 @@ def test_a_study_is_stopped_killed_and_gone_on_with(tmp_path):
     assert (said["outcome"], said["cases"], said["failed"]) == ("whole", 600, 0)
     assert 0 < said["done_before"] < 600
     assert {part: part.stat().st_mtime_ns for part in kept} == kept
+
+
+def test_work_that_is_refused_leaves_nothing_behind(tmp_path):
+    with pytest.raises(ConfigError, match="no dask"), held_folder(tmp_path / "many" / "out"):
+        raise ConfigError("no dask")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("")
+    with pytest.raises(ConfigError, match="no dask"), held_folder(tmp_path / "out"):
+        raise ConfigError("no dask")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mine"]
+
+
+def test_results_are_those_of_a_study_wherever_it_is_computed():
+    one, other = (origin_of("study", {"tolerance": 0.1, "workers": workers}, []) for workers in (1, 8))
+    assert one == other
+    assert one != origin_of("study", {"tolerance": 0.2, "workers": 1}, [])

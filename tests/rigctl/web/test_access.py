@@ -2,6 +2,7 @@
 
 import asyncio
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from starlette.applications import Starlette
@@ -76,6 +77,19 @@ def test_the_token_of_the_address_becomes_a_cookie_that_no_script_reads() -> Non
     assert headers["location"] == "/api/x"
     assert {"HttpOnly", "SameSite=strict"} <= set(headers["set-cookie"].replace(";", " ").split())
     assert answer(cookie=cookie(ACCESS.look))[2] == "look"
+
+
+def test_a_wrong_token_in_the_address_takes_no_cookie_away() -> None:
+    status, headers, text = answer(query="token=garbage", cookie=cookie(ACCESS.act))
+    assert (status, text, "set-cookie" in headers) == (200, "act", False)
+
+
+@pytest.mark.parametrize("path", ["//evil.example/..", "///evil.example", "/\\evil.example"])
+def test_a_token_leads_nobody_to_another_host(path: str) -> None:
+    status, headers, _ = answer(path, query=f"token={ACCESS.look}")
+    assert status == 303
+    assert urlsplit(headers["location"]).netloc == ""
+    assert headers["location"].startswith("/evil.example")
 
 
 def test_the_two_tokens_give_two_rights() -> None:

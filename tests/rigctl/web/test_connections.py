@@ -1,9 +1,15 @@
-"""How many may be connected to a page and for how long, with a small server on this machine."""
+"""How many may be connected to a page and for how long, in the clear and by TLS, on this machine."""
 
 import asyncio
+import shutil
 import socket
+import ssl
+import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
 import uvicorn
@@ -12,17 +18,15 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from rigctl.web.page import Sockets
-from rigctl.web.server import connection_class
+from rigctl.web.server import after_handshake, connection_class
 
 ASK = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 HEAD_S = 0.4
 
 
-@pytest.fixture
-def place() -> Iterator[tuple[str, int]]:
-    """Serve a page to three connections at a time, each silent for 0.4 s at most."""
-    app = Starlette(routes=[Route("/", lambda _: PlainTextResponse("here"))])
-    http = connection_class(most=3, head_s=HEAD_S)
+@contextmanager
+def served(http: Callable[..., Any]) -> Iterator[tuple[str, int]]:
+    app = Starlette(routes=[Route("/", lambda request: PlainTextResponse(f"here by {request.url.scheme}"))])
     server = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", http=http, ws="none"))
     with socket.create_server(("127.0.0.1", 0)) as listening:
         thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
@@ -30,6 +34,13 @@ def place() -> Iterator[tuple[str, int]]:
         yield listening.getsockname()
         server.should_exit = True
         thread.join()
+
+
+@pytest.fixture
+def place() -> Iterator[tuple[str, int]]:
+    """Serve a page to three connections at a time, each silent for 0.4 s at most."""
+    with served(connection_class(most=3, head_s=HEAD_S)) as found:
+        yield found
 
 
 def answer(one: socket.socket) -> bytes:
@@ -65,7 +76,41 @@ def test_who_does_not_end_a_request_is_closed_however_it_goes_on(place: tuple[st
         slow.sendall(ASK[10:12])
         assert answer(slow) == b""
         # After an answer the time begins anew, and ends too.
-        assert answer(quick).endswith(b"here")
+        assert answer(quick).endswith(b"here by http")
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> tuple[Path, Path]:
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl for a certificate")
+    files = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    words = f"req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -out {files[0]} -keyout {files[1]}"
+    subprocess.run(["openssl", *words.split()], check=True, capture_output=True)
+    return files
+
+
+def test_half_a_handshake_locks_nobody_out_and_ends_in_time(
+    certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rigctl.web.server.HANDSHAKE_S", HEAD_S)
+    secure = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    secure.load_cert_chain(*certificate)
+    trusting = ssl.create_default_context(cafile=certificate[0])
+    with served(after_handshake(connection_class(most=3), secure)) as place:
+        half = []
+        for _ in range(50):
+            half.append(socket.create_connection(place))
+            half[-1].sendall(b"\x16\x03\x01\x02\x00\x01")  # six bytes of a ClientHello
+        # They are counted as they are accepted: all but three have been closed.
+        assert [answer(one) for one in half[:40]] == [b""] * 40
+        plain = socket.create_connection(place)
+        with trusting.wrap_socket(plain, server_hostname="localhost") as whole:
+            whole.sendall(ASK.replace(b"\r\n\r\n", b"\r\nConnection: close\r\n\r\n"))
+            assert answer(whole).endswith(b"here by https")
+        # Nobody else comes, and the last ones are closed by the time that a handshake may take.
+        assert answer(half[-1]) == b""
+        for one in half:
+            one.close()
 
 
 def test_of_too_many_sockets_the_one_that_asks_least_gives_its_place() -> None:

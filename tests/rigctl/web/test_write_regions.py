@@ -27,6 +27,18 @@ def test_without_a_picture_or_markers_there_are_regions_alone(tmp_path: Path) ->
         assert load(tmp_path / "regions.toml", RegionsFile).markers is None
 
 
+def test_a_file_that_a_person_wrote_is_never_lost(tmp_path: Path) -> None:
+    file = tmp_path / "regions.toml"
+    file.write_text("# by hand\n")
+    for _ in range(3):
+        write_regions(file, BODY, None)
+    write_regions(file, BODY.replace(b"panel", b"other"), None)
+    kept = {path.name: path.read_text() for path in tmp_path.glob("regions.toml.bak*")}
+    assert kept["regions.toml.bak"] == "# by hand\n"
+    assert "panel" in kept["regions.toml.bak2"]
+    assert len(kept) == 2
+
+
 def test_what_is_no_region_is_refused_and_the_old_ones_stay(tmp_path: Path) -> None:
     write_regions(tmp_path / "regions.toml", BODY, None)
     with pytest.raises(DataError):
