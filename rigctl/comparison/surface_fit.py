@@ -14,6 +14,7 @@ from model.surface.fit import Observation, SurfaceFit, fit_surface, gauss_interv
 from model.surface.materials import Material, constant, properties, surface_of
 from model.surface.pbrdf import Surface, Tilt, local_geometry, tilted_mueller
 from rigctl.base.numbers import p_value
+from rigctl.console.terminal import note, progress
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.materials import NM_PER_M, ObservationSection, SurfaceFitFile, find_material
 from rigctl.files.regions import Region, load_regions
@@ -76,12 +77,18 @@ def fit_regions(
         material=_fitted(file, start, fit),
         fit=fit,
         regions=_beside_fit(file, measured, fit),
-        intervals=tuple(
-            (profile_interval if profile else gauss_interval)(fit, name, level=_LEVEL) for name in fit.names
-        ),
+        intervals=_profiles(fit) if profile else tuple(gauss_interval(fit, name, level=_LEVEL) for name in fit.names),
         interval_method="profile of chi-square" if profile else "first order",
         assumptions=(*_ASSUMPTIONS, _unmodelled_words(file.unmodelled_std), *_placeholders(file)),
     )
+
+
+def _profiles(fit: SurfaceFit) -> tuple[tuple[float, float], ...]:
+    from rich.progress import track
+
+    note(f"profile of chi-square of {', '.join(fit.names)}: each is fitted again many times")
+    names = track(fit.names, description="profiles", console=progress(), transient=True)
+    return tuple(profile_interval(fit, name, level=_LEVEL) for name in names)
 
 
 def _start(file: SurfaceFitFile, beside: Path) -> tuple[Material, Surface]:

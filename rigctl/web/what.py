@@ -433,7 +433,10 @@ class RunsOfFolder:
         known = self._rows.get(path)
         row = known[1] if known is not None and known[0] == times and known[1].state in _AT_REST else run_row(path)
         self._rows[path] = (times, row)
-        pages = (*(["summary"] if _summary(path) is not None else []), *(folder.name for _, folder, _, _ in compared))
+        pages = (
+            *(["summary"] if path.with_name(f"{path.name}-{_SUMMARY}").is_file() else []),
+            *(folder.name for _, folder, _, _ in compared),
+        )
         return replace(row, verdict=compared[-1][3] if compared else "", pages=pages)
 
 
@@ -560,8 +563,9 @@ def _times(run: Path) -> _Times:
 
 def _document(run: Path, name: str) -> bytes | None:
     """Return the page of a name beside a run; each is one file that needs no other."""
+    file: Path | None
     if name == "summary":
-        file = _summary(run)
+        file = run.with_name(f"{run.name}-{_SUMMARY}")
     else:
         beside = _Comparisons().by_run(run.parent).get(run.resolve().name, [])
         own = {folder.name: folder for _, folder, _, _ in beside}
@@ -570,11 +574,6 @@ def _document(run: Path, name: str) -> bytes | None:
         return None if file is None else read_bounded(file, MOST_RECORD_BYTES)
     except OSError:
         return None
-
-
-def _summary(run: Path) -> Path | None:
-    files = (run.with_name(f"{run.name}-{_SUMMARY}"), run / _SUMMARY)
-    return next((file for file in files if file.is_file()), None)
 
 
 def _folders(parent: Path) -> list[Path]:
