@@ -20,7 +20,7 @@ from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
 
-from docs.reference_pages import codes_page, keys_page, parameters_page
+from docs.reference_pages import codes_page, frames_page, keys_page, parameters_page
 from rigctl import cli
 from tests.docs.blocks import NOT_RUN, ROOT, Block, blocks_of, pages
 
@@ -62,7 +62,8 @@ def runs(block: Block) -> bool:
 
 def untold_keys(folder: Path) -> list[str]:
     """Return the keys of JSON files of a folder that no page of the reference has; names that people gave are none."""
-    texts = [(ROOT / "docs" / "outputs.md").read_text(encoding="utf-8"), keys_page(), parameters_page(), codes_page()]
+    made = (keys_page(), parameters_page(), frames_page(), codes_page())
+    texts = [(ROOT / "docs" / "outputs.md").read_text(encoding="utf-8"), *made]
     words = [word.strip("[]") for text in texts for word in re.findall(r"`([^`\n]+)`", text)]
     told = {part for word in words for part in (word, *word.split("."))}
     given = {name for file in folder.rglob("*.toml") for name in re.findall(r'^name = "(.*)"', file.read_text(), re.M)}

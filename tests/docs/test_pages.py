@@ -75,9 +75,10 @@ def test_the_tutorial_runs_word_for_word(tmp_path):
     assert run_blocks([block for block in blocks_of(DOCS / "tutorial.md") if runs(block)], tmp_path) == []
 
 
-def test_the_architecture_page_names_modules_that_exist():
-    text = (DOCS / "architecture.md").read_text()
+@pytest.mark.parametrize(("page", "least"), [("architecture.md", 50), ("paper.md", 20)])
+def test_pages_name_modules_that_exist(page, least):
+    text = (DOCS / page).read_text()
     named = re.findall(r"`((?:[\w.]+/)*\w+(?:\.py|/))`", text)
     roots = [ROOT, ROOT / "rigctl", ROOT / "calibration" / "sensor"]
-    assert len(named) > 50
+    assert len(named) > least
     assert [name for name in named if not any((root / name).exists() for root in roots)] == []
