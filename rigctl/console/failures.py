@@ -52,7 +52,7 @@ _LEFT_OUT = {
 
 # By exit code: what failed, and what to do next.
 _KINDS: dict[int, tuple[str, str]] = {
-    2: ("usage", "mend what the message names; `rigctl {verb} --help` has the options, docs/parameters.md the keys"),
+    2: ("usage", "mend what the message names; `rigctl {verb} --help` has the options, the documentation the keys"),
     3: (
         "device",
         "look at cables, power, addresses; `rigctl devices` lists what answers, `rigctl doctor` checks it",

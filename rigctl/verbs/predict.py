@@ -163,7 +163,7 @@ def sweep(
     scene : path or SceneFile
         Scene file.
     ranges : KEY=start:stop:n
-        Any number of docs/parameters.md over a range; a second range makes a grid. Python may give the key alone, such
+        Any parameter of the scene over a range; a second range makes a grid. Python may give the key alone, such
         as "sun.zenith_deg", and its values.
     values : sequence of float
         Values of one key, in the unit that the key ends in (Python only).
