@@ -244,7 +244,7 @@ class PredictOptions(EffectOptions, total=False):
     Parameters
     ----------
     changes : mapping, or sequence of "KEY=VALUE"
-        Numbers in place of those of the file and of the calibrations, by their keys, such as sun.zenith_deg. Repeatable.
+        Numbers in place of those of the file and of the calibrations, by keys such as sun.zenith_deg. Repeatable.
     noise : path or "none"
         Noise calibration in place of the assumed noise; picked from the store unless named. none: pick none.
     radiometric : path
