@@ -92,6 +92,10 @@ _MESSAGES = {
     "compressed_frames": "the noise of neighbouring pixels of dark frames goes together by {across:+.2f} along rows "
     "and {down:+.2f} down columns (at most {limit} either way is expected): frames were compressed with loss or "
     "filtered, and the noise is not the sensor's: save raw frames, without noise reduction",
+    "readout_correlation": "the noise of neighbouring pixels of dark frames goes together by {across:+.3f} along rows "
+    "and {down:+.3f} down columns (at most {limit} either way is expected), and that of bright flats does not: the "
+    "readout couples neighbours, and frames were not filtered; gain and noise of single pixels stand, the read noise "
+    "of a mean over many pixels is {factor:.2f} times that of independent ones",
     "frames_go_together": "the noise of a pixel goes together from one frame to the next by {share:+.3f} (at most "
     "{limit} is expected): the camera averages frames in time (noise reduction), so that differences of frames show "
     "{shown:.0%} of the noise, and the gain is too small by as much: switch noise reduction off, and save raw frames",
@@ -171,6 +175,8 @@ _LIT, _BRIGHT = 0.2, 0.25
 _CORRELATION, _FILTERED = 0.02, 0.1
 # Dark noise comes from the amplifiers: neighbours share none of it.
 _DARK_CORRELATION = 0.05
+# Correlation in bright flats over that in darks where a filter made both; scatter of darks that are alike, over theirs.
+_SAME_AS_DARK, _ALIKE = 0.5, 0.4
 # Lag of a detector leaves less than a per cent of a frame in the next.
 _LAG, _STEADY = 0.03, 0.05
 # Two readout channels differ by one or two per cent, pixels behind colour filters by tens.
@@ -182,12 +188,18 @@ _NO_LINE, _BEND = 0.3, 0.02
 _BEYOND_SATURATION = 1.5
 _SCATTER, _SCATTER_CHI2_PER_DOF = 0.005, 3.0
 _NOT_LINEAR, _LAMP = 0.01, 0.01
+# Share of the brightest signal from which on the gain of a level is stated.
+_LEAST_SIGNAL = 0.05
 
 
 def frame_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
-    """Return the findings in dark and flat levels themselves; at least one of each."""
+    """Return the findings in dark and flat levels themselves; at least one of each.
+
+    Differences of frames whose light differs hold the pattern of the pixels, which looks like flicker, bands and noise
+    that neighbours share: where a level refuses the set for its light, checks of light and noise do without that level.
+    """
     frames = _Frames(levels=levels, bit_depth=bit_depth)
-    checks: tuple[Callable[[_Frames], Flag | None], ...] = (
+    of_samples: tuple[Callable[[_Frames], Flag | None], ...] = (
         _left_justified,
         _wrong_bit_depth,
         _mixed_bit_depth,
@@ -200,6 +212,8 @@ def frame_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[F
         _missing_codes,
         _darks_brighter_than_flats,
         _unsteady_level,
+    )
+    of_light: tuple[Callable[[_Frames], Flag | None], ...] = (
         _lamp_flicker,
         _outlier_pixels,
         _uneven_light,
@@ -210,7 +224,31 @@ def frame_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[F
         _row_noise,
         _banded_light,
     )
-    return _found(check(frames) for check in checks)
+    flags = _found(check(frames) for check in of_samples)
+    mixed = _mixed_levels(frames)
+    steady = [level for level in levels if not any(level is one for one in mixed)]
+    if {level.kind for level in steady} != {"dark", "flat"}:
+        return flags
+    return (*flags, *_found(check(_Frames(levels=steady, bit_depth=bit_depth)) for check in of_light))
+
+
+def gain_doubts(levels: Sequence[LevelStatistics], transfer: PhotonTransfer) -> dict[str, tuple[float, str]]:
+    """Return by how much of itself the gain is off by each finding that says so, and words for it, by its flag."""
+    frames, found = _Frames(levels=levels, bit_depth=16), {}
+    signal_dn = transfer.points.signal_dn[transfer.used]
+    signal_dn = signal_dn[signal_dn >= _LEAST_SIGNAL * signal_dn.max()]
+    gains = transfer.variance_at(signal_dn) / signal_dn
+    ends = (f"{gains[end]:.4g} DN/e- at {signal_dn[end]:.3g} DN" for end in (0, -1))
+    words = f"it depends on the level, {' and '.join(ends)} above dark"
+    found["bent_photon_transfer"] = float(np.abs(gains / transfer.gain_dn_per_e - 1.0).max()), words
+    if frames.bright_flats:
+        across, down, _ = _correlation_of_flats(frames)
+        found["correlated_noise"] = 2.0 * abs(across + down), "neighbours share noise"
+        found["banded_light"] = abs(_banding(frames)[1]), "lines share light"
+    lag = _lag(frames)
+    if lag is not None:
+        found["frames_go_together"] = 1.0 - (1.0 - lag[0]) / (1.0 + lag[0]), "the camera averages frames"
+    return found
 
 
 def curve_flags(
@@ -454,14 +492,20 @@ def _relative_spread(level: LevelStatistics) -> float:
     return _spread_dn(level) / level.mean_dn if _spread_dn(level) > least_dn else 0.0
 
 
+def _mixed_levels(frames: _Frames) -> list[LevelStatistics]:
+    """Return the levels whose frames are of different exposure, gain or lamp setting."""
+    return [one for one in frames.levels if _relative_spread(one) > _MIXED and not _is_usual_spread(frames, one)]
+
+
 def _unsteady_level(frames: _Frames) -> Flag | None:
     unsteady = [level for level in frames.levels if _relative_spread(level) > _UNSTEADY]
     if not unsteady:
         return None
     level = max(unsteady, key=_relative_spread)
-    worst, names = _relative_spread(level), level_names(unsteady)
-    if worst <= _MIXED or _is_usual_spread(frames, level):
+    worst, names, mixed = _relative_spread(level), level_names(unsteady), _mixed_levels(frames)
+    if not mixed:
         return _flag("unsteady_level", worst=worst, levels=names, limit=_UNSTEADY)
+    worst, names = max(map(_relative_spread, mixed)), level_names(mixed)
     advice = "keep automatic exposure and gain off, and give frames of different light as different levels"
     if any(level.exposure_s is None for level in unsteady):
         advice = (
@@ -524,12 +568,17 @@ def _correlations(level: LevelStatistics) -> tuple[float, float]:
     return of.horizontal - of.row_variance_dn2 / variance, of.vertical - of.column_variance_dn2 / variance
 
 
-def _correlated_noise(frames: _Frames) -> Flag | None:
+def _correlation_of_flats(frames: _Frames) -> tuple[float, float, float]:
+    """Return the correlation of neighbours in bright flats across and down, and its error."""
     flats = frames.bright_flats
-    if not flats:
-        return None
     across, down = (float(one) for one in np.mean([_correlations(flat) for flat in flats], axis=0))
-    error = float(np.mean([flat.row_column.std_error for flat in flats])) / np.sqrt(len(flats))
+    return across, down, float(np.mean([flat.row_column.std_error for flat in flats])) / np.sqrt(len(flats))
+
+
+def _correlated_noise(frames: _Frames) -> Flag | None:
+    if not frames.bright_flats:
+        return None
+    across, down, error = _correlation_of_flats(frames)
     largest = max(abs(across), abs(down))
     if largest < _CORRELATION or largest < _SIGMA * error:
         return None
@@ -537,7 +586,11 @@ def _correlated_noise(frames: _Frames) -> Flag | None:
 
 
 def _compressed_frames(frames: _Frames) -> Flag | None:
-    """Look at neighbours in dark noise, which lossy compression removes first."""
+    """Look at neighbours in dark noise, which lossy compression removes first, and which a readout may couple.
+
+    A filter shows in flats by as much. A coder leaves each dark level another part of its noise; a readout couples
+    neighbours in all of them alike.
+    """
     darks = [dark for dark in frames.darks if dark.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
     smoothed = [
         dark
@@ -546,11 +599,33 @@ def _compressed_frames(frames: _Frames) -> Flag | None:
     ]
     if not darks or len(smoothed) <= len(darks) // 2:
         return None
-    across, down = (float(one) for one in np.median([_correlations(dark) for dark in darks], axis=0))
+    each = np.array([_correlations(dark) for dark in darks])
+    across, down = (float(one) for one in np.median(each, axis=0))
+    if _is_of_readout(frames, each, errors=np.array([dark.row_column.std_error for dark in darks])):
+        factor = float(np.sqrt(max(1.0 + 2.0 * (across + down), 0.0)))
+        return _flag("readout_correlation", across=across, down=down, limit=_DARK_CORRELATION, factor=factor)
     return _flag("compressed_frames", refuses=True, across=across, down=down, limit=_DARK_CORRELATION)
 
 
-def _frames_go_together(frames: _Frames) -> Flag | None:
+def _is_of_readout(frames: _Frames, darks: FloatArray, *, errors: FloatArray) -> bool:
+    """Return whether neighbours share noise in all darks alike (n, 2), and in bright flats much less."""
+    if not frames.bright_flats:
+        return False
+    middle = np.median(darks, axis=0)
+    larger = int(np.argmax(np.abs(middle)))
+    *flats, error = _correlation_of_flats(frames)
+    in_flats = flats[larger] / middle[larger]
+    if in_flats + _LEFT_SIGMA * error / abs(middle[larger]) > _SAME_AS_DARK:
+        return False
+    if len(darks) == 1:
+        # A coder that smooths makes neighbours alike, and one level does not tell it from a readout.
+        return bool(middle[larger] < 0.0)
+    apart = np.abs(darks[:, larger] - middle[larger])
+    return bool(np.all(apart < np.maximum(_SIGMA * errors, _ALIKE * abs(middle[larger]))))
+
+
+def _lag(frames: _Frames) -> tuple[float, float] | None:
+    """Return the share of noise that goes over from frame to frame, and its error; None without a stack."""
     # Rounding that hides the noise leaves some of it in few pixels only.
     noisy = [level for level in _open(frames.levels) if level.temporal_variance_dn2 > QUANTISATION_LIMIT_DN2]
     # Light that changes shows the response of each pixel in every difference.
@@ -558,8 +633,12 @@ def _frames_go_together(frames: _Frames) -> Flag | None:
     stacks = [level.lag for level in steady if level.lag is not None]
     if not stacks:
         return None
-    share = float(np.mean([lag.share for lag in stacks]))
     error = float(np.sqrt(np.sum([lag.std_error**2 for lag in stacks]))) / len(stacks)
+    return float(np.mean([lag.share for lag in stacks])), error
+
+
+def _frames_go_together(frames: _Frames) -> Flag | None:
+    share, error = _lag(frames) or (0.0, 0.0)
     if share < _LAG or share < _SIGMA * error:
         return None
     shown = (1.0 - share) / (1.0 + share)
@@ -598,18 +677,23 @@ def _row_noise(frames: _Frames) -> Flag | None:
     return _flag("row_noise", sizes=", ".join(sizes), levels=level_names(frames.darks)) if sizes else None
 
 
-def _banded_light(frames: _Frames) -> Flag | None:
+def _banding(frames: _Frames) -> tuple[int, float, float]:
+    """Return where bright flats share more noise in time, rows (0) or columns (1), its share and the error of that."""
     flats = frames.bright_flats
-    if not flats:
-        return None
     # Noise that lines share in the dark is a finding of its own.
     in_dark = np.mean(_line_variances(frames.darks), axis=0)
     noise = np.array([[flat.temporal_variance_dn2 or 1.0] for flat in flats])
     shares = np.mean((_line_variances(flats) - in_dark) / noise, axis=0)
     errors = np.mean(_line_errors(flats) / noise, axis=0) / np.sqrt(len(flats))
     worst = int(np.argmax(shares))
-    share = float(shares[worst])
-    if share < _BANDED or share < _SIGMA * errors[worst]:
+    return worst, float(shares[worst]), float(errors[worst])
+
+
+def _banded_light(frames: _Frames) -> Flag | None:
+    if not frames.bright_flats:
+        return None
+    _, share, error = _banding(frames)
+    if share < _BANDED or share < _SIGMA * error:
         return None
     return _flag("banded_light", refuses=share > _FILTERED, share=share, limit=_BANDED)
 

@@ -41,7 +41,7 @@ from calibration.sensor.curves import (
     unusual_dark_current,
 )
 from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
-from calibration.sensor.findings import curve_flags, frame_flags, parameter_flags
+from calibration.sensor.findings import curve_flags, frame_flags, gain_doubts, parameter_flags
 from calibration.sensor.judging import LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
 from calibration.sensor.levels import LevelStatistics, least_noise_dn2, small_scale_freedom, spatial_rounding_error_dn2
 from calibration.sensor.pattern import FixedPattern, left_out_flags, pattern_flags
@@ -268,6 +268,8 @@ def not_known(calibration: NoiseCalibration) -> dict[str, str]:
 def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     """Return three lines to read first.
 
+    The first is how far the gain can be trusted: to its standard error, or to the largest departure that a flag names.
+
     Parameters
     ----------
     calibration : NoiseCalibration
@@ -275,7 +277,12 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     """
     gain = calibration.gain_dn_per_e
     share = gain.std_error / gain.value
-    trust = f"trust the gain to {share:.1%}" if share >= 1e-3 else f"trust the gain to {share:.2%}"
+    flagged = {flag.name for flag in calibration.flags}
+    doubts = gain_doubts((*calibration.flats, *calibration.darks), calibration.transfer)
+    off, words = max((doubts[name] for name in flagged & doubts.keys()), default=(0.0, ""))
+    trust = f"trust the gain to {max(share, off):.{1 if max(share, off) >= 1e-3 else 2}%}"
+    # The headline is never better than the flags.
+    trust += f": {words}" if off > share else ""
     named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
     if named:
         trust += f"; {len(dict.fromkeys(named))} level{'s are' if len(set(named)) > 1 else ' is'} named as wrong"
