@@ -321,7 +321,7 @@ def _exposure(first: tuple[CapturedFrame, Callable[[], float | None]], section: 
         text = f"{100 * share:.0f} % of the pixels of the first frame are saturated at {exposure_ms:g} ms"
         proposed_s = metered_s()
         advice = "stop down" if proposed_s is None else f"exposure_ms = {proposed_s * _MS_PER_S:.3g} fills the range"
-        yield f"{text}; {advice}. Stop, or go on all the same"
+        yield f"{text}; {advice}. `rigctl stop` ends the session, `rigctl resume` goes on all the same"
 
 
 def _saturated(captured: CapturedFrame, section: InterlockSection) -> Messages:

@@ -102,7 +102,7 @@ def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
         with urlopen(request, timeout=timeout_s):
             return ""
     except (OSError, ValueError, HTTPException) as error:  # URLError and HTTPError are OSErrors
-        return f"webhook {address}: {error or type(error).__name__}"
+        return f"webhook {address}: {' '.join(str(error).split()) or type(error).__name__}"
 
 
 def _told(command: list[str], content: bytes, *, timeout_s: float) -> str:

@@ -30,41 +30,10 @@ def test_predict_says_what_the_light_is_made_of(scene, capsys):
     assert "largest uncertainty" in answer.out
 
 
-def test_predict_answers_in_json(scene, capsys):
-    assert main(["predict", scene, "--json"]) == 0
-    content = json.loads(capsys.readouterr().out)
-    assert set(content["light"]["paint"]) >= {
-        "reflected_sun",
-        "reflected_sky",
-        "path",
-        "total",
-        "transmittance",
-        "error",
-    }
-    assert content["geometry"]["sun_zenith_deg"] == 50.0
-    assert content["regions"]["paint"]["dolp"]["mean"] > 0.3
-
-
-def test_a_sweep_writes_table_and_plot(scene, capsys, tmp_path):
-    assert main(["sweep", scene, "sun.zenith_deg=30:50:3", "--out", str(tmp_path / "out")]) == 0
-    assert "mean DoLP of pixels over sun.zenith_deg" in capsys.readouterr().out
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"sweep.csv", "sweep.json", "sweep.png"}
-
-
 def test_a_low_sun_is_refused_with_what_is_allowed(tmp_path, capsys):
     low = str(written(tmp_path, SCENE.replace("zenith_deg = 50.0\naz", "zenith_deg = 86.0\naz")))
     assert main(["predict", low]) == 2
     assert "solar zenith = 86.00 deg, allowed is 0 to 85 deg" in capsys.readouterr().err
-
-
-def test_a_prediction_writes_pictures_without_a_run(scene, capsys, tmp_path):
-    assert main(["predict", scene, "--roc", "paint,road", "--out", str(tmp_path / "out"), "--json"]) == 0
-    roc = json.loads(capsys.readouterr().out)["roc"]
-    assert set(roc) == {"stokes", "intensity"}
-    assert len(roc["stokes"]["p_detection"]) == len(roc["stokes"]["p_false_alarm"])
-    assert 0.0 < roc["intensity"]["auc"] <= 1.0
-    names = {"prediction.json", "prediction.csv", "counts.png", "laws.png", "roc.csv", "roc.png"}
-    assert {path.name for path in (tmp_path / "out").iterdir()} == names
 
 
 def test_a_grid_has_arrays_in_the_order_of_its_axes_and_every_warning(scene, capsys, tmp_path):

@@ -5,11 +5,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from tests.rigctl.example_files import EXAMPLES, small_rig_text
+from tests.rigctl.example_files import small_rig_text
 
 _DEADLINE_S = 600.0  # ends a test that hangs; a busy machine needs a minute to start a program
 _INCOMPLETE = 75
@@ -93,14 +92,6 @@ def test_a_signal_stops_between_frames(running, number, code):
     assert json.loads(_rigctl("verify", run, "--json").stdout)["leftovers"] == []
 
 
-def test_two_processes_on_one_run(running):
-    run, _ = running
-    again = _rigctl("acquire", EXAMPLES / "rig-sim.toml", EXAMPLES / "session.toml", "--out", run)
-    assert again.returncode == 2
-    assert "not empty" in again.stderr
-    assert Path(run / "session.json").exists()
-
-
 def test_two_who_resume_at_once_do_not_both_write(running):
     run, process = running
     process.kill()
@@ -122,20 +113,3 @@ def test_two_who_resume_at_once_do_not_both_write(running):
 def _first_to_end(processes):
     _wait_for(lambda: any(process.poll() is not None for process in processes))
     return next(process for process in processes if process.poll() is not None)
-
-
-def test_a_plan_is_printed_with_times_and_sun(tmp_path):
-    rig = (EXAMPLES / "rig-sim.toml").read_text()
-    (tmp_path / "rig.toml").write_text(
-        "site = { latitude_deg = 43.16, longitude_deg = -77.61 }\n"
-        "geometry = { camera_zenith_deg = 53, camera_azimuth_deg = 10 }\n" + rig
-    )
-    arguments = [tmp_path / "rig.toml", EXAMPLES / "session-rooftop.toml", "--at", "2026-05-04T14:00Z", "--json"]
-    plan = json.loads(_rigctl("plan", *arguments, "--until", "2026-05-04T15:00Z").stdout)
-    assert len(plan["rounds"]) == 7  # each ten minutes, and when the sun passes 43 deg
-    assert any(abs(moment["sun_zenith_deg"] - 43.0) < 0.01 for moment in plan["rounds"])
-    assert all(-180 < moment["phi_deg"] <= 180 for moment in plan["rounds"])
-    assert len(plan["steps"]) == 7 * 4 * 4 * 2
-    assert plan["disk_bytes"] > 7 * 32 * 2 * 782 * 582
-    # A palindrome: what a linear drift does to one cycle the next undoes.
-    assert plan["false_dolp_per_percent_a_minute"] < 1e-6

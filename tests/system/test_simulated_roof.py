@@ -54,10 +54,6 @@ def test_a_dry_run_refuses_a_folder_that_holds_something(tmp_path):
     assert dry_run(tmp_path, "--clock", "2010-05-25T17:07Z") == 4
 
 
-def test_a_dry_run_refuses_a_time_without_a_zone(tmp_path):
-    assert dry_run(tmp_path, "--at", "2010-05-25T17:07") == 2
-
-
 _REAL_STAGE, _REAL_CAMERA = ("sim:ellx?speed=20", "/dev/ttyUSB0"), ("sim:gc780", "gige:192.168.0.5")
 
 
