@@ -82,8 +82,7 @@ from rigctl.prediction.predict import (
     propagate_numbers,
 )
 from rigctl.scene.effects import plan_effects
-from rigctl.scene.reading import acting_effects
-from rigctl.scene.scene import Inputs, Scene, only_uncertain
+from rigctl.scene.scene import Inputs, Scene, acting_effects, only_uncertain
 
 FloatArray = NDArray[np.float64]
 

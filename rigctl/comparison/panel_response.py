@@ -18,8 +18,7 @@ from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.measure.measure import MeasuredRegion, Measurement
 from rigctl.scene.light import SceneLight, build_scenario
-from rigctl.scene.reading import assumed_materials, with_geometry
-from rigctl.scene.scene import Inputs, Scene, gather
+from rigctl.scene.scene import Inputs, Scene, assumed_materials, gather, with_geometry
 
 FloatArray = NDArray[np.float64]
 

@@ -27,7 +27,6 @@ from rigctl.measure.measure import Measurement, frame_order
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, SimulatedLight
 from rigctl.scene.light import SceneLight, build_scenario, sun_text
-from rigctl.scene.reading import sun_covariance_deg2, with_geometry, with_sun, without_effects
 from rigctl.scene.scene import (
     Inputs,
     Parameter,
@@ -36,8 +35,11 @@ from rigctl.scene.scene import (
     gather,
     parameters,
     rig_errors,
+    with_geometry,
+    with_sun,
+    without_effects,
 )
-from rigctl.scene.sun import sun_position
+from rigctl.scene.sun import sun_covariance_deg2, sun_position
 
 FloatArray = NDArray[np.float64]
 

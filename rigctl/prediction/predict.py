@@ -27,8 +27,17 @@ from model.quantities import difference
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import ROC_KINDS, RocKind
 from rigctl.scene.light import SceneLight, build_scenario, camera_view, lit_scene, readout_of, sensor_of
-from rigctl.scene.reading import acting_effects, forced_effects, scene_of_file
-from rigctl.scene.scene import Inputs, gather, only_uncertain, require_within, rig_errors, with_values
+from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import (
+    Inputs,
+    acting_effects,
+    forced_effects,
+    gather,
+    only_uncertain,
+    require_within,
+    rig_errors,
+    with_values,
+)
 
 if TYPE_CHECKING:
     from model.accuracy.chain import Clock

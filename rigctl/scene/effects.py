@@ -13,7 +13,7 @@ from model.effects.names import ALL, Effect, EffectPlan, EffectRule
 from model.effects.planner import plan, plan_of_all
 from rigctl.errors import as_config_error
 from rigctl.scene.light import SceneLight, lit_scene, readout_of, sensor_of, settings_of
-from rigctl.scene.reading import forced_effects
+from rigctl.scene.scene import forced_effects
 
 if TYPE_CHECKING:
     from model.accuracy.chain import LightStore, Settings

@@ -43,9 +43,8 @@ from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import Engine
 from rigctl.files.scene_file import COVARIANCE_PAIRS, NoiseSection, SceneRegion, error_numbers
 from rigctl.files.toml import Uncertain
-from rigctl.scene.reading import acting_effects, band_points
-from rigctl.scene.scene import Scene
-from rigctl.scene.sun import response_band
+from rigctl.scene.scene import Scene, acting_effects
+from rigctl.scene.sun import band_points, response_band
 
 if TYPE_CHECKING:
     from model.accuracy.chain import LightStore

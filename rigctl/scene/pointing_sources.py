@@ -29,8 +29,7 @@ from rigctl.files.place import SiteSection
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.runs.folder import Run
-from rigctl.scene.reading import sun_covariance_deg2
-from rigctl.scene.sun import SunPosition, sun_position
+from rigctl.scene.sun import SunPosition, sun_covariance_deg2, sun_position
 
 FloatArray = NDArray[np.float64]
 

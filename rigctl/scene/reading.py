@@ -3,14 +3,13 @@
 Sections of the file that the model's units allow stay as they are. What the file may state in several ways becomes one:
 the sun by its angles, materials at the sensor's wavelength, the noise of a calibration in place of the assumed one.
 
-Effects that a user forces on or off, in the file or by options, are read here too.
+Whatever changes a scene afterwards works on the record (`rigctl.scene.scene`).
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,26 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.sky import distance_factor
-from model.effects.names import ALL, Effect
 from model.sensor import effective_wavelength_m
-from model.surface.materials import assumed_properties, properties
+from model.surface.materials import properties
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.materials import find_material
-from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.scene_file import (
-    EffectsSection,
     NoiseSection,
     SceneFile,
     SceneRegion,
     SensorSection,
-    effect_names,
-    effect_of,
-    pointing_angles,
 )
 from rigctl.files.toml import Uncertain
 from rigctl.scene.scene import (
     NOISE_FACTOR,
-    POINTED,
     SUN_AZIMUTH,
     SUN_ZENITH,
     JointErrors,
@@ -45,8 +37,12 @@ from rigctl.scene.scene import (
     Scene,
     SceneRegionRecord,
     Sun,
+    assumed_materials,
+    chosen_effects,
+    forced,
+    with_geometry,
 )
-from rigctl.scene.sun import response_band, sun_moved_by_place, sun_position
+from rigctl.scene.sun import band_points, response_band, sun_covariance_deg2, sun_position
 
 if TYPE_CHECKING:
     from rigctl.calibrations.noise import NoiseParameters
@@ -83,41 +79,11 @@ def scene_of_file(file: SceneFile, noise: "NoiseParameters | None" = None) -> Sc
     return with_geometry(scene, file.geometry, file.pointing)
 
 
-def with_geometry(scene: Scene, geometry: GeometrySection | None, pointing: PointingSection | None) -> Scene:
-    """Return the scene seen from elsewhere, and how the errors of its angles go together then."""
-    others = [one for one in scene.joint_errors if not one[0][0].startswith(POINTED)]
-    regions = [region.given for region in scene.regions]
-    joint = (*others, *_pointing(pointing, geometry, regions))
-    return replace(scene, geometry=geometry, pointing=pointing, joint_errors=joint)
-
-
-def with_sun(scene: Scene, sun: Sun) -> Scene:
-    """Return the scene under another sun, whose angles are not off together by the place of the scene."""
-    joint = tuple(one for one in scene.joint_errors if one[0][0] != SUN_ZENITH)
-    return replace(scene, sun=sun, joint_errors=joint)
-
-
-def assumed_materials(regions: Iterable[SceneRegionRecord]) -> Iterable[str]:
-    """Yield for each region what is only assumed of its material, in words."""
-    for region in regions:
-        assumed = () if region.material is None else assumed_properties(region.material)
-        if region.material is not None and assumed:
-            yield f"assumed, not measured: {', '.join(assumed)} of {region.material.name} (region {region.name})"
-
-
-def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, float], ...]:
-    """Return wavelengths [nm] and relative response of a scene's sensor."""
-    if sensor.response is not None:
-        return tuple(zip(sensor.response.wavelength_nm, sensor.response.response, strict=True))
-    if sensor.band_nm is None:
-        raise ConfigError(f"scene {scene_name}: the sensor needs band_nm or response")
-    return tuple((wavelength_nm, 1.0) for wavelength_nm in sensor.band_nm)
-
-
-def sun_covariance_deg2(site: "SiteSection", time: datetime) -> FloatArray:
-    """Return the covariance of zenith and azimuth of the sun by what is not known of the site, shape (2, 2) [deg^2]."""
-    moved = np.rad2deg(sun_moved_by_place(time, site.place, site.std))
-    return np.asarray(moved.T @ moved)
+def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequence[str]) -> SceneFile:
+    """Return the scene file with effects forced by options, which go before those of the file."""
+    chosen = scene.model_copy(update={"effects": chosen_effects(scene.effects, switched_on, left_out)})
+    forced(chosen.effects, scene.name)
+    return chosen
 
 
 def _with_wavelength(file: SceneFile) -> SensorSection:
@@ -200,21 +166,6 @@ def _sun_of_time(file: SceneFile, time: datetime) -> tuple[Sun, tuple[JointError
     return sun, (((SUN_ZENITH, SUN_AZIMUTH), covariance),) if file.site.is_uncertain else ()
 
 
-def _pointing(
-    pointing: PointingSection | None, geometry: GeometrySection | None, regions: Sequence[SceneRegion]
-) -> Iterable[JointErrors]:
-    """Yield the covariance of the angles of camera and panels, of those that the model has."""
-    if pointing is None:
-        return
-    given = {f"regions.{region.name}." for region in regions if region.material is None}
-    keys, angles = pointing.parameters, pointing_angles(geometry, regions)
-    used = [k for k, key in enumerate(keys) if key in angles and key.rpartition(".")[0] + "." not in given]
-    std = np.array([angles[keys[k]].std for k in used])
-    correlation = np.array(pointing.correlation)[np.ix_(used, used)]
-    if len(used) > 1:
-        yield tuple(keys[k] for k in used), correlation * np.outer(std, std)
-
-
 def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:
     if region.material is None:
         return SceneRegionRecord(given=region, material=None)
@@ -228,50 +179,3 @@ def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:
     except ValueError as error:
         raise ConfigError(f"region {region.name}: {error}") from error
     return SceneRegionRecord(given=region, material=replace(material, **at))
-
-
-def with_choices(scene: SceneFile, *, switched_on: Sequence[str], left_out: Sequence[str]) -> SceneFile:
-    """Return the scene file with effects forced by options, which go before those of the file."""
-    chosen = scene.model_copy(update={"effects": _chosen(scene.effects, switched_on, left_out)})
-    _forced(chosen.effects, scene.name)
-    return chosen
-
-
-def _chosen(stated: EffectsSection, switched_on: Sequence[str], left_out: Sequence[str]) -> EffectsSection:
-    for name in (*switched_on, *left_out):
-        if name not in effect_names():
-            close = get_close_matches(name, effect_names(), n=1)
-            alike = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(effect_names())}"
-            raise ConfigError(f"effect {name!r} is not known; {alike}")
-    mine = {*switched_on, *left_out}
-    return EffectsSection.model_validate(
-        {
-            "with": (*switched_on, *(one for one in stated.switched_on if one not in mine)),
-            "without": (*left_out, *(one for one in stated.left_out if one not in mine)),
-        }
-    )
-
-
-def without_effects(scene: Scene, effects: frozenset[Effect]) -> Scene:
-    """Return the scene with some effects left out, in addition to those that it leaves out itself."""
-    names = tuple(name for name in effect_names() if effect_of(name) in effects)
-    return replace(scene, effects=_chosen(scene.effects, (), names))
-
-
-def forced_effects(scene: Scene) -> dict[Effect, bool]:
-    """Return the effects that are forced on (True) or off (False)."""
-    return _forced(scene.effects, scene.name)
-
-
-def _forced(effects: EffectsSection, scene_name: str) -> dict[Effect, bool]:
-    both = sorted(set(effects.switched_on) & set(effects.left_out))
-    if both:
-        raise ConfigError(f"scene {scene_name}: effects {', '.join(both)} are both switched on and left out")
-    return {effect_of(name): True for name in effects.switched_on} | {
-        effect_of(name): False for name in effects.left_out
-    }
-
-
-def acting_effects(scene: Scene) -> frozenset[Effect]:
-    """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
-    return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}

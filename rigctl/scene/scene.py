@@ -11,7 +11,7 @@ of its section in `rigctl.files.scene_file`, and its use in the model; numbers o
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from difflib import get_close_matches
@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from model.effects.names import ALL, Effect
 from model.prediction import RigErrors
-from model.surface.materials import Material, Property
+from model.surface.materials import Material, Property, assumed_properties
 from model.surface.pbrdf import SLOPE_RMS_MIN
 from rigctl.base.numbers import percent
 from rigctl.errors import ConfigError
@@ -41,7 +42,10 @@ from rigctl.files.scene_file import (
     NoiseSection,
     SceneRegion,
     SensorSection,
+    effect_names,
+    effect_of,
     error_numbers,
+    pointing_angles,
 )
 from rigctl.files.toml import Uncertain
 
@@ -99,7 +103,7 @@ class SceneRegionRecord:
 # Keys of numbers whose errors go together, and the covariance of these errors in the units of the file.
 JointErrors = tuple[tuple[str, ...], FloatArray]
 # Beginning of the keys of angles whose errors [pointing] joins.
-POINTED = ("geometry.", "regions.")
+_POINTED = ("geometry.", "regions.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,7 +142,7 @@ class Scene:
     def remarks(self) -> tuple[str, ...]:
         """What is assumed, left out or changed, and where the geometry is beyond the model."""
         left_out = ", ".join(self.effects.left_out)
-        together = [keys for keys, _ in self.joint_errors if keys[0].startswith(POINTED)]
+        together = [keys for keys, _ in self.joint_errors if keys[0].startswith(_POINTED)]
         return (
             *self.assumed,
             *([f"left out by request: {left_out}; rigctl effects says what that may change"] if left_out else []),
@@ -429,6 +433,44 @@ def _is_angle(place: Place) -> bool:
     return str(place[-1]).endswith("_rad")
 
 
+def with_geometry(scene: Scene, geometry: GeometrySection | None, pointing: PointingSection | None) -> Scene:
+    """Return the scene seen from elsewhere, and how the errors of its angles go together then."""
+    others = [one for one in scene.joint_errors if not one[0][0].startswith(_POINTED)]
+    regions = [region.given for region in scene.regions]
+    joint = (*others, *_pointing(pointing, geometry, regions))
+    return replace(scene, geometry=geometry, pointing=pointing, joint_errors=joint)
+
+
+def with_sun(scene: Scene, sun: Sun) -> Scene:
+    """Return the scene under another sun, whose angles are not off together by the place of the scene."""
+    joint = tuple(one for one in scene.joint_errors if one[0][0] != SUN_ZENITH)
+    return replace(scene, sun=sun, joint_errors=joint)
+
+
+def without_effects(scene: Scene, effects: frozenset[Effect]) -> Scene:
+    """Return the scene with some effects left out, in addition to those that it leaves out itself."""
+    names = tuple(name for name in effect_names() if effect_of(name) in effects)
+    return replace(scene, effects=chosen_effects(scene.effects, (), names))
+
+
+def forced_effects(scene: Scene) -> dict[Effect, bool]:
+    """Return the effects that are forced on (True) or off (False)."""
+    return forced(scene.effects, scene.name)
+
+
+def acting_effects(scene: Scene) -> frozenset[Effect]:
+    """Return the effects that act where no tolerance leaves any out: all but those that the user did."""
+    return ALL - {effect for effect, acts in forced_effects(scene).items() if not acts}
+
+
+def assumed_materials(regions: Iterable[SceneRegionRecord]) -> Iterable[str]:
+    """Yield for each region what is only assumed of its material, in words."""
+    for region in regions:
+        assumed = () if region.material is None else assumed_properties(region.material)
+        if region.material is not None and assumed:
+            yield f"assumed, not measured: {', '.join(assumed)} of {region.material.name} (region {region.name})"
+
+
 def rig_errors(scene: Scene) -> RigErrors | None:
     """Return the errors of the rig of a scene; None where it is as recorded."""
     rig = scene.rig
@@ -555,3 +597,44 @@ def _of_view(geometry: GeometrySection) -> str:
         f"wrong; it takes {plane_m / 1000.0:.3g} km of air to the camera, over a round earth they are "
         f"{round_m / 1000.0:.3g} km ({percent(plane_m / round_m - 1.0)} too long)"
     )
+
+
+def chosen_effects(stated: EffectsSection, switched_on: Sequence[str], left_out: Sequence[str]) -> EffectsSection:
+    """Return effects forced by name, which go before those that are stated."""
+    for name in (*switched_on, *left_out):
+        if name not in effect_names():
+            close = get_close_matches(name, effect_names(), n=1)
+            alike = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(effect_names())}"
+            raise ConfigError(f"effect {name!r} is not known; {alike}")
+    mine = {*switched_on, *left_out}
+    return EffectsSection.model_validate(
+        {
+            "with": (*switched_on, *(one for one in stated.switched_on if one not in mine)),
+            "without": (*left_out, *(one for one in stated.left_out if one not in mine)),
+        }
+    )
+
+
+def forced(effects: EffectsSection, scene_name: str) -> dict[Effect, bool]:
+    """Return the effects that are forced on (True) or off (False); an effect cannot be both."""
+    both = sorted(set(effects.switched_on) & set(effects.left_out))
+    if both:
+        raise ConfigError(f"scene {scene_name}: effects {', '.join(both)} are both switched on and left out")
+    return {effect_of(name): True for name in effects.switched_on} | {
+        effect_of(name): False for name in effects.left_out
+    }
+
+
+def _pointing(
+    pointing: PointingSection | None, geometry: GeometrySection | None, regions: Sequence[SceneRegion]
+) -> Iterable[JointErrors]:
+    """Yield the covariance of the angles of camera and panels, of those that the model has."""
+    if pointing is None:
+        return
+    given = {f"regions.{region.name}." for region in regions if region.material is None}
+    keys, angles = pointing.parameters, pointing_angles(geometry, regions)
+    used = [k for k, key in enumerate(keys) if key in angles and key.rpartition(".")[0] + "." not in given]
+    std = np.array([angles[keys[k]].std for k in used])
+    correlation = np.array(pointing.correlation)[np.ix_(used, used)]
+    if len(used) > 1:
+        yield tuple(keys[k] for k in used), correlation * np.outer(std, std)

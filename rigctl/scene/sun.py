@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.sky import SolarBand
-from rigctl.files.place import Place
+from rigctl.errors import ConfigError
+from rigctl.files.place import Place, SiteSection
+from rigctl.files.scene_file import SensorSection
 
 FloatArray = NDArray[np.float64]
 
@@ -125,3 +127,18 @@ def _extraterrestrial() -> tuple[FloatArray, FloatArray]:
     table = (files("rigctl") / "data" / "astm-g173-extraterrestrial.csv").read_text(encoding="ascii")
     wavelength_nm, irradiance = np.loadtxt(table.splitlines(), delimiter=",", skiprows=2, unpack=True)
     return wavelength_nm, irradiance
+
+
+def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, float], ...]:
+    """Return wavelengths [nm] and relative response of a scene's sensor."""
+    if sensor.response is not None:
+        return tuple(zip(sensor.response.wavelength_nm, sensor.response.response, strict=True))
+    if sensor.band_nm is None:
+        raise ConfigError(f"scene {scene_name}: the sensor needs band_nm or response")
+    return tuple((wavelength_nm, 1.0) for wavelength_nm in sensor.band_nm)
+
+
+def sun_covariance_deg2(site: SiteSection, time: datetime) -> FloatArray:
+    """Return the covariance of zenith and azimuth of the sun by what is not known of the site, shape (2, 2) [deg^2]."""
+    moved = np.rad2deg(sun_moved_by_place(time, site.place, site.std))
+    return np.asarray(moved.T @ moved)

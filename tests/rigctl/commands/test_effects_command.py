@@ -9,7 +9,8 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.effects import plan_effects, verify_effects
-from rigctl.scene.reading import acting_effects, scene_of_file, with_choices
+from rigctl.scene.reading import scene_of_file, with_choices
+from rigctl.scene.scene import acting_effects
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"
