@@ -7,7 +7,7 @@ with other calibrations.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,23 @@ class RunDiagnosis:
     reason: str  #: Why nothing is testable; empty otherwise.
     angles_deg: tuple[float, ...]  #: Of the frames that were looked at.
     found: Diagnosis  #: As the model has it.
+    dolp_errors: Mapping[str, float] = field(default_factory=dict)  #: Standard error of each region's DoLP.
 
     @property
     def named(self) -> tuple[FaultTerm, ...]:
         """The causes that explain the run best."""
         return tuple(term for term in self.terms if term.named)
+
+    @property
+    def mentioned(self) -> tuple[FaultTerm, ...]:
+        """Those that are worth a word: not what only moves edges, and each region's DoLP by less than its error."""
+        return tuple(term for term in self.named if not (term.name in _OF_EDGES and self._is_harmless(term)))
+
+    def _is_harmless(self, term: FaultTerm) -> bool:
+        shifts = {region: shift for region, (shift, _) in term.by_region.items()}
+        return bool(shifts) and all(
+            shift is not None and abs(shift) < self.dolp_errors.get(region, 0.0) for region, shift in shifts.items()
+        )
 
     @property
     def first(self) -> FaultTerm | None:
@@ -73,7 +85,7 @@ def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) ->
     means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
     seen, seen_usable, side = coarse_pictures(pictures, usable, most_pixels=most_pixels or usable.size)
     step = float(measurement.grid.to_unit.max())
-    return diagnose_pictures(
+    found = diagnose_pictures(
         plan,
         seen,
         seen_usable,
@@ -84,6 +96,8 @@ def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) ->
         slopes=slopes,
         side_pixels=side,
     )
+    numbers = {name: region.quantities.get("dolp") for name, region in measurement.regions.items()}
+    return replace(found, dolp_errors={name: one["mean"].std_error for name, one in numbers.items() if one})
 
 
 def diagnose_pictures(

@@ -309,7 +309,7 @@ def _of_run(found: "Comparison") -> Iterable[str]:
     from rigctl.measure.faults import term_text
 
     if found.run_diagnosis is not None:
-        yield from (f"the run shows {term_text(term)}" for term in found.run_diagnosis.named)
+        yield from (f"the run shows {term_text(term)}" for term in found.run_diagnosis.mentioned)
     shown = ("flagged",) if found.agrees is None else ("flagged", "refused")
     yield from (f"{title}: {text}" for title, text in said_of(found.checks, *shown))
     if found.agrees is not None:

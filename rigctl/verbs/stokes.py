@@ -203,7 +203,7 @@ class StokesResult(Result):
             yield "UNSOUND: the numbers below are not those of the light"
         if self.regions and not self.measurement.regions:
             yield "no region can be measured"
-        yield from (f"the run shows {term_text(term)}" for term in self.diagnosis.named)
+        yield from (f"the run shows {term_text(term)}" for term in self.diagnosis.mentioned)
         yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
 

@@ -63,6 +63,18 @@ def test_a_shift_is_corrected(tmp_path: Path) -> None:
     assert all(abs(term["value"]) < 0.1 for term in shifts)
 
 
+def test_a_shift_that_moves_dolp_by_less_than_its_error_is_not_mentioned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_with(tmp_path, Faults(shift_pixels={2: (0.3, 0.0)}))
+    (tmp_path / "regions.toml").write_text(REGIONS[: REGIONS.rindex("[[regions]]")])
+    _, found = stokes(tmp_path)
+    assert found["diagnosis"]["first"] == "shift"
+    # Edges of the texture make the region's DoLP uncertain by some hundredths.
+    assert abs(found["diagnosis"]["terms"][0]["dolp_shift"]) < 0.01
+    assert "the run shows shift" not in capsys.readouterr().out
+
+
 def test_an_unsound_run_gives_its_numbers_and_the_exit_code_of_unfit_data(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
