@@ -184,11 +184,11 @@ def kinds_table(found: tuple[SkyOfKind, ...]) -> Table[SkyOfKind]:
         Column(title="zenith, azimuth deg", text=_place),
         Column(
             title="S0 differs, rms",
-            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky).s0_rms:.1%}",
+            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky)['s0_rms']:.1%}",
         ),
         Column(
             title="DoLP differs, max",
-            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky).largest_dolp:.3f}",
+            text=lambda one: "-" if one.is_chosen else f"{sky_difference(one.sky, chosen.sky)['largest_dolp']:.3f}",
         ),
     )
     return Table(title=f"{chosen.sky.name}; *: as the file has it", columns=columns, rows=found)
@@ -208,7 +208,7 @@ def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
             {
                 "aerosol": one.label,
                 "is_chosen": one.is_chosen,
-                "difference": asdict(sky_difference(one.sky, found[0].sky)),
+                "difference": sky_difference(one.sky, found[0].sky),
                 **sky_json(one.sky),
             }
             for one in found

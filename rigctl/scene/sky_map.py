@@ -59,14 +59,6 @@ class SkyOfKind:
     sky: SkyMap  #: Its sky.
 
 
-@dataclass(frozen=True, kw_only=True)
-class SkyDifference:
-    """Difference of two skies: of S0, relative, rms over the solid angle; of DoLP, the largest."""
-
-    s0_rms: float
-    largest_dolp: float
-
-
 def sky_map(scene: Scene, *, engine: Engine = "own", tell: Callable[[float], None] | None = None) -> SkyMap:
     """Return the sky of a scene."""
     missing = [f"[{name}]" for name in ("sun", "atmosphere") if getattr(scene, name) is None]
@@ -118,11 +110,11 @@ def _kinds(own: AtmosphereSection) -> Iterable[tuple[str, AtmosphereSection]]:
             yield f"{AerosolKind.SPHERES}, {other.value}", own.model_copy(update=update)
 
 
-def sky_difference(sky: SkyMap, reference: SkyMap) -> SkyDifference:
-    """Return how far a sky is from another."""
+def sky_difference(sky: SkyMap, reference: SkyMap) -> dict[str, float]:
+    """Return how far a sky is from another: of S0, relative, rms over the solid angle; of DoLP, the largest."""
     weight = np.sin(np.deg2rad(reference.zenith_deg))[:, np.newaxis] * np.ones(reference.azimuth_deg.size)
     ratio = sky.stokes[..., 0] / reference.stokes[..., 0] - 1.0
-    return SkyDifference(
-        s0_rms=float(np.sqrt(np.average(ratio**2, weights=weight))),
-        largest_dolp=float(np.max(np.abs(sky.dolp - reference.dolp))),
-    )
+    return {
+        "s0_rms": float(np.sqrt(np.average(ratio**2, weights=weight))),
+        "largest_dolp": float(np.max(np.abs(sky.dolp - reference.dolp))),
+    }

@@ -1,6 +1,5 @@
 import json
 import os
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -52,13 +51,9 @@ def test_images_become_frames_with_their_angles(run_path, pngs):
         np.testing.assert_array_equal(run.counts(record), counts)
     assert run.frames[2].source_file == pngs[2]
     assert (run.frames[0].exposure_s, run.frames[0].black_level_dn, run.frames[0].bit_depth) == (0.01, 15.0, 12)
-
-
-def test_imported_run_is_sound_and_says_what_it_is(run_path, pngs):
-    import_into(run_path, *pngs, "--angles", "0,45,90,135", *SAID)
-    assert verify_run(run_path).ok
-    assert verify_run(run_path).leftovers == ()
-    assert read_run(run_path).session.origin == "import"
+    assert run.session.origin == "import"
+    check = verify_run(run_path)
+    assert (check.ok, check.leftovers) == (True, ())
 
 
 @pytest.mark.parametrize("words", [["--angles", "-60,0,60"], ["--angles=-60,0,60"]])
@@ -86,12 +81,6 @@ def test_header_tells_angle_exposure_black_level_and_time(run_path, tmp_path):
     assert frames[0].start_utc == "2026-05-04T10:00:00.5Z"
 
 
-def test_a_header_whose_time_is_none_leaves_it_unknown(run_path, tmp_path):
-    file = write_fits(tmp_path / "image.fits", COUNTS[0], **{"DATE-OBS": "2026-13-04T10:00:00"})
-    assert import_into(run_path, file, "--angles", "0", *SAID) == 0
-    assert read_run(run_path).frames[0].start_utc is None
-
-
 def test_mosaic_gives_four_frames_of_one_shot(run_path, pngs):
     words = ["--mosaic", "90,45,135,0", "--black-level-dn", "0", "--bit-depth", "12"]
     assert import_into(run_path, pngs[0], *words) == 0
@@ -101,28 +90,6 @@ def test_mosaic_gives_four_frames_of_one_shot(run_path, pngs):
     for record, plane in zip(run.frames, planes, strict=True):
         np.testing.assert_array_equal(run.counts(record), plane)
         assert record.exposure_s is None
-
-
-def test_fits_is_turned_upright_and_that_is_noted(run_path, tmp_path):
-    file = write_fits(tmp_path / "image.fits", COUNTS[0])
-    import_into(run_path, file, "--angles", "0", *SAID)
-    run = read_run(run_path)
-    np.testing.assert_array_equal(run.counts(run.frames[0]), COUNTS[0][::-1])
-    assert any("turned" in remark for remark in run.frames[0].remarks)
-
-
-def test_cell_of_a_mosaic_is_that_of_the_picture_as_shown(run_path, tmp_path):
-    file = write_fits(tmp_path / "image.fits", COUNTS[0])
-    import_into(run_path, file, "--mosaic", "0,45,90,135", "--black-level-dn", "0", "--bit-depth", "12")
-    run = read_run(run_path)
-    np.testing.assert_array_equal(run.counts(run.frames[0]), COUNTS[0][::-1][0::2, 0::2])
-
-
-@pytest.mark.parametrize(("words", "turned"), [((), False), (("--first-row", "bottom"), True)])
-def test_first_row_of_a_png_is_the_top_unless_said(run_path, pngs, words, turned):
-    import_into(run_path, pngs[0], "--angles", "0", *SAID, *words)
-    run = read_run(run_path)
-    np.testing.assert_array_equal(run.counts(run.frames[0]), COUNTS[0][::-1] if turned else COUNTS[0])
 
 
 def test_row_order_of_a_file_cannot_be_contradicted(run_path, tmp_path, capsys):
@@ -173,12 +140,6 @@ def test_frames_of_another_size_are_not_added(run_path, pngs, tmp_path, capsys):
     assert {file: file.read_bytes() for file in run_path.rglob("*") if file.is_file()} == before
 
 
-def test_images_are_not_added_to_a_run_that_was_taken(tmp_path, pngs, capsys):
-    path = write_run(tmp_path / "taken")
-    assert import_into(path, pngs[0], "--kind", "dark", *SAID) == 4
-    assert "not imported" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("left_out", "option"),
     [
@@ -216,12 +177,6 @@ def test_command_line_that_is_wrong_ends_with_2(run_path, pngs, capsys, words, t
     assert import_into(run_path, *pngs, *SAID, *words) == 2
     assert text in capsys.readouterr().err
     assert not run_path.exists()
-
-
-def test_header_without_an_angle_in_degrees_is_asked_for(run_path, tmp_path, capsys):
-    file = write_fits(tmp_path / "clear.fits", COUNTS[0], POLAR="Clear")
-    assert import_into(run_path, file, "--angle-key", "POLAR", *SAID) == 2
-    assert "'Clear' is no angle" in capsys.readouterr().err
 
 
 def test_every_problem_is_named_in_one_message(run_path, pngs, tmp_path, capsys):
@@ -264,42 +219,45 @@ def test_full_disk_leaves_nothing(run_path, pngs, tmp_path, monkeypatch, capsys)
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_mosaic_of_odd_size_is_refused(run_path, tmp_path, capsys):
-    cv2.imwrite(str(tmp_path / "odd.png"), noisy_counts(0, (5, 8)))
-    words = ["--mosaic", "0,45,90,135", "--black-level-dn", "0", "--bit-depth", "12"]
-    assert import_into(run_path, tmp_path / "odd.png", *words) == 4
-    assert "cannot be cut into cells" in capsys.readouterr().err
-
-
 def test_too_few_axes_are_said(run_path, pngs, capsys):
     assert import_into(run_path, *pngs[:3], "--angles", "0,90,180", *SAID, "--json") == 0
     assert "2 different axes only" in json.loads(capsys.readouterr().out)["remarks"][0]
 
 
-REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
-needs_real_data = pytest.mark.skipif(
-    REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames (imx250_fruits, lasco_c2_triplet)"
+MOSAIC = ["--mosaic", "0,45,90,135", "--black-level-dn", "0", "--bit-depth", "12"]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "words", "seen"),
+    [
+        ("fits", ["--angles", "0", *SAID], COUNTS[0][::-1]),
+        ("fits", MOSAIC, COUNTS[0][::-1][0::2, 0::2]),  # the cell is that of the picture as shown
+        ("png", ["--angles", "0", *SAID], COUNTS[0]),
+        ("png", ["--angles", "0", *SAID, "--first-row", "bottom"], COUNTS[0][::-1]),
+    ],
 )
-
-
-@needs_real_data
-def test_real_mosaic_becomes_a_run(run_path):
-    file = Path(REAL_DATA) / "imx250_fruits" / "fruits_IMX250MZR.png"
-    assert import_into(run_path, file, "--mosaic", "90,45,135,0", "--black-level-dn", "0") == 0
+def test_pictures_are_turned_upright_and_that_is_noted(run_path, pngs, tmp_path, suffix, words, seen):
+    # A time that is none leaves it unknown.
+    file = (
+        pngs[0]
+        if suffix == "png"
+        else write_fits(tmp_path / "a.fits", COUNTS[0], **{"DATE-OBS": "2026-13-04T10:00:00"})
+    )
+    assert import_into(run_path, file, *words) == 0
     run = read_run(run_path)
-    assert {(record.width, record.height, record.bit_depth) for record in run.frames} == {(1224, 1024, 8)}
-    means = {record.polarizer_angle_deg: run.counts(record).mean() for record in run.frames}
-    # The set's own description states 0.980 for this ratio, to the last digit given.
-    assert (means[0.0] + means[90.0]) / (means[45.0] + means[135.0]) == pytest.approx(0.980, abs=0.0005)
+    np.testing.assert_array_equal(run.counts(run.frames[0]), seen)
+    assert any("turned" in remark for remark in run.frames[0].remarks) is (suffix == "fits" or "--first-row" in words)
+    assert run.frames[0].start_utc is None
 
 
-@needs_real_data
-def test_real_division_of_time_becomes_a_run(run_path, capsys):
-    files = [Path(REAL_DATA) / "lasco_c2_triplet" / f"lasco_{angle}.fts" for angle in ("0", "+60", "-60")]
-    words = ["--angles", "0,60,-60", "--exposure-key", "EXPTIME", "--black-level-key", "OFFSET", "--bit-depth", "16"]
-    assert import_into(run_path, *files, *words) == 0
-    run = read_run(run_path)
-    assert [record.exposure_s for record in run.frames] == [100.093, 100.096, 100.095]
-    assert {(r.black_level_dn, r.saturation_dn, r.missing_dn) for r in run.frames} == {(582.143, 65532.0, 0.0)}
-    np.testing.assert_array_equal(run.counts(run.frames[0]), fits.getdata(files[0])[::-1])
-    assert "65532" in capsys.readouterr().out
+def test_what_does_not_fit_is_refused(run_path, pngs, tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "odd.png"), noisy_counts(0, (5, 8)))
+    clear = write_fits(tmp_path / "clear.fits", COUNTS[0], POLAR="Clear")
+    taken = write_run(tmp_path / "taken")
+    for target, file, words, code, said in (
+        (run_path, tmp_path / "odd.png", MOSAIC, 4, "cannot be cut into cells"),
+        (run_path, clear, ["--angle-key", "POLAR", *SAID], 2, "'Clear' is no angle"),
+        (taken, pngs[0], ["--kind", "dark", *SAID], 4, "not imported"),
+    ):
+        assert import_into(target, file, *words) == code
+        assert said in capsys.readouterr().err

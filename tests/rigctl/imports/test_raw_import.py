@@ -49,31 +49,22 @@ def test_one_colour_of_a_stack_becomes_a_run(tmp_path):
         np.testing.assert_array_equal(run.counts(record), counts[1::2, 0::2])
 
 
-def test_another_gain_within_a_stack_is_refused(tmp_path):
-    files, _ = stack(tmp_path, iso=200)
-    with pytest.raises(DataError, match="ISO"):
-        imported(request(tmp_path, files))
-
-
-def test_another_exposure_is_not_the_same(tmp_path):
-    files, _ = stack(tmp_path, exposure=(1, 60))
-    with pytest.raises(DataError, match="exposed"):
-        imported(request(tmp_path, files, exposure_key=None, same_exposure=True))
-
-
 def test_another_exposure_is_fine_where_each_is_told(tmp_path):
     files, _ = stack(tmp_path, exposure=(1, 50))
     frames = imported(request(tmp_path, files)).frames
     assert [frame.exposure_s for frame in frames] == pytest.approx([1 / 125, 1 / 125, 1 / 50], rel=1e-7)
 
 
-def test_an_exposure_that_is_not_told_has_to_be_said(tmp_path):
-    files, _ = stack(tmp_path, exposure=None)
-    with pytest.raises(ConfigError, match="EXPTIME"):
-        imported(request(tmp_path, files))
-
-
-def test_the_colour_has_to_be_said(tmp_path):
-    files, _ = stack(tmp_path)
-    with pytest.raises(ConfigError, match="--plane"):
-        imported(request(tmp_path, files, plane=None))
+@pytest.mark.parametrize(
+    ("of_the_last", "changes", "error", "said"),
+    [
+        ({"iso": 200}, {}, DataError, "ISO"),
+        ({"exposure": (1, 60)}, {"exposure_key": None, "same_exposure": True}, DataError, "exposed"),
+        ({"exposure": None}, {}, ConfigError, "EXPTIME"),
+        ({}, {"plane": None}, ConfigError, "--plane"),
+    ],
+)
+def test_a_stack_that_was_not_taken_alike_or_says_too_little_is_refused(tmp_path, of_the_last, changes, error, said):
+    files, _ = stack(tmp_path, **of_the_last)
+    with pytest.raises(error, match=said):
+        imported(request(tmp_path, files, **changes))
