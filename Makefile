@@ -7,7 +7,7 @@ WORKERS ?= 4
 STAMP := $(VENV)/.installed
 DOCS_STAMP := $(VENV)/.docs-installed
 
-.PHONY: demo test check docs bench trials monkey clean
+.PHONY: demo test check docs pictures bench trials monkey clean
 
 demo: $(STAMP)
 	rm -rf demo-out
