@@ -1,6 +1,7 @@
-"""Tasks on dask: workers of this machine, or those of a scheduler that somebody else runs.
+"""Work items done, kept and resumed: on workers of this machine, or of a scheduler that somebody else runs (dask).
 
-Folders into which results come bit by bit, by one command at a time.
+`mapped` does the items that are left and keeps each result as it comes; Ctrl-C stops, and the same command goes on. A
+folder of results is held by one command at a time.
 """
 
 import fcntl

@@ -1,9 +1,4 @@
-"""Rows of an archive as a table.
-
-The picture of a job over an archive: numbers of the regions against time.
-
-The table and the page of a job over an archive.
-"""
+"""What a job over an archive came to, as table, figure against time, page and files; health and found rows as tables."""
 
 from __future__ import annotations
 

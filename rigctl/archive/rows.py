@@ -1,4 +1,4 @@
-"""What a job makes of each run of an archive: a row, kept as it comes, and known again by the hash of its inputs."""
+"""A row for each run of an archive that a job has done: kept as it comes, and known again by the hash of its inputs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""The material file: a surface of one's own, each property with its uncertainty and where it comes from.
-
-The fit file: which regions of which runs tell about a surface, how sun and camera stood, and what to find.
-"""
+"""Two files about surfaces: a material with its properties and their sources, and runs to fit a material to."""
 
 import json
 import math

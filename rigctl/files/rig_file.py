@@ -1,6 +1,6 @@
-"""What a simulated rig is made of: polarizer, camera, and the effects that its pictures go through beside.
+"""The rig file: which stage, which camera, how the polarizer sits, what is read beside, and who is told.
 
-The rig file: which stage, which camera, how the polarizer sits, what is read beside, and who is told.
+A simulated rig has a table [simulation]: its true polarizer and camera, and the effects that its pictures go through.
 """
 
 from collections.abc import Sequence

@@ -1,12 +1,8 @@
-"""The tables of a scene file that describe an aerosol of one's own: spheres by their sizes and indices.
+"""The scene file: light, regions, sensor and session as the model takes them, and how uncertain each number is.
 
-The tables of a scene file that say what light there is: sun, atmosphere, field of view, the sensor's response.
-
-The tables of a scene file that say what a session adds to the scene, and which effects are forced on or off.
-
-The scene file: what the model is told of the scene and of the sensor, and how uncertain that is.
-
-Numbers that are written into a scene file in the place of those that stand there; its comments stay.
+Every table of the file is a section below, its keys with their meaning where they stand (docs/file-keys.md is made from
+them). `load_scene` reads a file and names every problem; `write_into_scene` puts measured angles into one and keeps
+its comments.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""The table [interlocks] of a session file: what is watched, and what is done about it.
-
-The session file: which frames to take, in which order, when, and what is watched meanwhile.
-"""
+"""The session file: which frames to take, in which order, when, and what is watched meanwhile ([interlocks])."""
 
 from pathlib import Path
 from typing import Annotated, Literal

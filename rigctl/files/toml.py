@@ -1,7 +1,4 @@
-"""Words for what is wrong with a file that people write: which table, which key was meant, which file this is.
-
-Files that people write: TOML in, checked records out, every problem of a file named at once.
-"""
+"""Files that people write: TOML in, checked records out, every problem named at once with what was meant."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""What comes out of the paper as tables, figures, a page and files; points of its figures that somebody read off."""
+"""What comes out of the paper as tables, figures, a page and files."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from rigctl.paper.statements import IN_WORDS, Description, Judged, Search, descr
 from rigctl.report.data_files import csv_rows, finite
 from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section
 from rigctl.report.drawing import COLOURS, legend_below, legend_of_all, png, say_beneath, subplots
+from rigctl.report.light import sky_picture
 from rigctl.report.output import html, write_folder
-from rigctl.report.prediction import laws_of, sky_picture
+from rigctl.report.prediction import laws_of
 from rigctl.report.table import Column, Table
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.sky_map import sky_map

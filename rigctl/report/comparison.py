@@ -1,29 +1,15 @@
-"""The rows of a comparison, wherever they are shown: report, terminal, CSV and JSON take their columns from here.
+"""A comparison of a run with the model as people and programs read it: rows, tables, figures, JSON, page and files.
 
-The tables of a comparison beside its rows: regions in short, trends, checks, faults, budget, inputs, noise.
-
-A comparison as JSON holds it: where a prediction has a number, ``regions.NAME.QUANTITY.STATISTIC``, it has a row.
-
-Many runs beside one scene, as tables and as JSON.
-
-Figures of a comparison: counts, laws, standard scores, uncertainty budget, and many runs.
-
-Pictures of what was measured: S0 and DoLP with the regions, angle of polarization, residual of the fit.
-
-The report of a comparison, section by section.
-
-The report of many runs beside one scene.
-
-The files of a comparison, and of a series of them: reports and numbers.
-
-The files of what a run measured: Stokes parameters, and detection on them.
+The page answers first: verdict in one sentence, a number with its error in every cell of the summary, maps of S0, DoLP
+and AoLP, and the size of the likeliest cause where both disagree. `ROW_COLUMNS` says once what a row is on the page, in
+the terminal, in CSV and in JSON.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,26 +27,24 @@ from rigctl.calibrations.made_for import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
 from rigctl.comparison.rows import FAULTS, off_prediction
-from rigctl.comparison.series import hours_of, mean_row
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
-from rigctl.report.data_files import csv_rows, fits_image, json_file, json_rows, provenance_json, source_table
+from rigctl.report.data_files import csv_rows, json_file, json_rows, provenance_json, source_table
 from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Verbatim, Verdict
 from rigctl.report.drawing import (
     MEASURED,
     PREDICTED,
-    DrawnPicture,
     legend_beside,
     legend_of_all,
     picture_pngs,
-    pictures_png,
     placed_axes,
     png,
     subplots,
 )
 from rigctl.report.effects import taken_table
-from rigctl.report.light import share_table
+from rigctl.report.light import light_figure, share_table
+from rigctl.report.measurement import aolp_map, residual_picture, scene_maps
 from rigctl.report.numbers import (
     SCHEMA_VERSION,
     STATISTICS,
@@ -72,7 +56,7 @@ from rigctl.report.numbers import (
     prediction_json,
 )
 from rigctl.report.output import html, report_file, write_folder
-from rigctl.report.prediction import detection_table, light_figure, strength_table
+from rigctl.report.prediction import detection_table, strength_table
 from rigctl.report.table import Column, Shown, Table
 
 if TYPE_CHECKING:
@@ -84,14 +68,12 @@ if TYPE_CHECKING:
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.comparison.checks import Cause, Check, RegionVerdict, Trend
     from rigctl.comparison.compare import Comparison, NumericalAccuracy
-    from rigctl.comparison.detect import RxOnRun
     from rigctl.comparison.explain import FittedInput, InputAttribution, InputMove
     from rigctl.comparison.rows import RegionBudget, Row
-    from rigctl.comparison.series import ComparedSeries, SeriesDrift, SeriesPoint
     from rigctl.console.json_text import Json
     from rigctl.files.regions import Region
     from rigctl.measure.faults import FaultTerm
-    from rigctl.measure.measure import Measurement, PolarizationImages
+    from rigctl.measure.measure import Measurement
     from rigctl.report.document import Block
 
 
@@ -435,120 +417,6 @@ def _trend_json(found: Trend) -> dict[str, Json]:
     )
 
 
-# Of a drift that is worth a word, in standard errors.
-DRIFTS = 4.0
-
-# What is to be known of a run before any of its rows.
-_POINT_COLUMNS: tuple[Column[SeriesPoint], ...] = (
-    Column(title="run", key="run", value=lambda point: point.name, left=True),
-    Column(
-        title="first frame",
-        key="first_frame_utc",
-        value=lambda point: None if point.start is None else point.start.isoformat(),
-        text=lambda point: NOTHING if point.start is None else point.start.strftime("%Y-%m-%d %H:%M"),
-        left=True,
-    ),
-    Column(
-        title="sun zenith",
-        key="sun_zenith_deg",
-        text=lambda point: NOTHING if point.sun_zenith_deg is None else f"{point.sun_zenith_deg:.1f}",
-    ),
-)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RowOfRun:
-    """A row of a comparison, and the run that it is of."""
-
-    point: SeriesPoint
-    row: Row
-
-
-def series_rows(series: ComparedSeries) -> Table[RowOfRun]:
-    """Return the rows of all comparisons for programs, each after its run."""
-    columns = (
-        *(column.of(lambda one: one.point) for column in _POINT_COLUMNS),
-        *(column.of(lambda one: one.row) for column in ROW_COLUMNS),
-    )
-    rows = tuple(RowOfRun(point=point, row=row) for point in series.points for row in point.comparison.rows)
-    return Table(columns=columns, rows=rows)
-
-
-def mean_table(points: Sequence[SeriesPoint]) -> Table[RowOfRun]:
-    """Return both sides of the means that people read first, run by run."""
-    columns: tuple[Column[RowOfRun], ...] = (
-        *(column.of(lambda one: one.point) for column in _POINT_COLUMNS),
-        Column(title="region", text=lambda one: one.row.region, left=True),
-        Column(title="quantity", text=lambda one: one.row.quantity, left=True),
-        Column(title="predicted", text=lambda one: predicted_text(one.row)),
-        Column(title="measured", text=lambda one: measured_text(one.row)),
-        Column(title="error", text=lambda one: f"{error_of(one.row):.1e}"),
-        Column(title="z, both", text=lambda one: signed(one.row.z)),
-    )
-    rows = tuple(
-        RowOfRun(point=point, row=row)
-        for point in points
-        for region in point.comparison.measurement.regions
-        for quantity in FOLLOWED
-        if (row := mean_row(point, region, quantity)) is not None
-    )
-    return Table(columns=columns, rows=rows, is_off=lambda one: one.row.agrees is False)
-
-
-def drift_table(drifts: Iterable[SeriesDrift]) -> Table[SeriesDrift]:
-    """Return how residuals drift with time."""
-    columns: tuple[Column[SeriesDrift], ...] = (
-        Column(title="region", text=lambda drift: drift.region, left=True),
-        Column(title="quantity", text=lambda drift: drift.quantity, left=True),
-        Column(title="drift an hour", text=lambda drift: f"{drift.line.slope:+.3g}"),
-        Column(title="its error", text=lambda drift: f"{drift.line.std_error:.2g}"),
-        Column(title="z", text=lambda drift: signed(drift.z)),
-        Column(
-            title="chi-square left",
-            text=lambda drift: f"{drift.line.chi_square:.1f} / {drift.line.degrees_of_freedom}",
-        ),
-    )
-    return Table(columns=columns, rows=tuple(drifts), is_off=lambda drift: abs(drift.z) > DRIFTS)
-
-
-def series_json(series: ComparedSeries) -> dict[str, Json]:
-    """Return the content of series.json."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "agrees": series.agrees,
-        "alpha": series.alpha,
-        "scene": {"path": str(series.scene.path), "sha256": series.scene.sha256},
-        "runs": [_point_json(point) for point in series.points],
-        "drifts": [
-            {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in series.drifts
-        ],
-        "trends": [
-            {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order) for t in series.trends
-        ],
-        "provenance": [provenance_json(point.comparison) for point in series.points],
-    }
-
-
-def _point_json(point: SeriesPoint) -> dict[str, Json]:
-    comparison = point.comparison
-    facts = json_rows(Table(columns=_POINT_COLUMNS, rows=(point,)))[0]
-    return {
-        **facts,
-        "agrees": comparison.agrees,
-        "disagreements": len(comparison.disagreements),
-        "points_to": list(comparison.points_to),
-        "explanation": None if comparison.attribution is None else comparison.attribution.remark,
-        "means": {
-            region: {
-                quantity: json_rows(row_table([row]))[0]
-                for quantity in FOLLOWED
-                if (row := mean_row(point, region, quantity)) is not None
-            }
-            for region in point.comparison.measurement.regions
-        },
-    }
-
-
 FloatArray = NDArray[np.float64]
 Law = Callable[[FloatArray], FloatArray]
 
@@ -743,140 +611,6 @@ def _panel(ax: Axes, budgets: Sequence[RegionBudget], quantity: str, causes: lis
 
 def _place(group: int, place: float, causes: list[str]) -> float:
     return group * (len(causes) + 2) + place
-
-
-def series_figure(
-    points: Sequence[SeriesPoint], at: Sequence[float], *, region: str, quantities: Sequence[str], label: str, unit: str
-) -> bytes:
-    """Return a figure of one region: above, both sides with their errors; below, measured less predicted."""
-    shown = [q for q in quantities if all(mean_row(point, region, q) is not None for point in points)]
-    figure, axes = subplots(2, max(len(shown), 1), size=(2.7 * max(len(shown), 1) + 0.4, 4.6))
-    for column, quantity in enumerate(shown):
-        rows = [row for row in (mean_row(point, region, quantity) for point in points) if row is not None]
-        upper, lower = axes[column], axes[len(shown) + column]
-        _both(upper, at, rows)
-        _residuals(lower, at, rows)
-        name = QUANTITIES[quantity].label + (f" [{unit}]" if quantity == "s0" else "")
-        upper.set_title(f"{region}: {name}", fontsize=9)
-        lower.set_xlabel(label, fontsize=9)
-    axes[0].set_ylabel("mean of the region")
-    axes[len(shown)].set_ylabel("measured - predicted")
-    legend_of_all(figure, axes[0])
-    return png(figure)
-
-
-def _both(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
-    order = np.argsort(at)
-    x = np.asarray(at)[order]
-    predicted = np.array([rows[k].predicted for k in order])
-    if rows[0].quantity == "aolp_deg":
-        # From 2 to 179 deg is a way of 3, not of 177.
-        predicted = np.unwrap(predicted, period=180.0)
-    measured = predicted + [off_prediction(rows[k], rows[k].measured) for k in order]
-    error = np.array([rows[k].std_error_inputs or 0.0 for k in order])
-    ax.fill_between(x, predicted - error, predicted + error, color=PREDICTED, alpha=0.2, label="its std by the inputs")
-    ax.plot(x, predicted, color=PREDICTED, marker="s", markersize=4, linewidth=1.2, label="predicted")
-    ax.errorbar(
-        x,
-        measured,
-        yerr=[rows[k].std_error or 0.0 for k in order],
-        fmt="o",
-        markersize=4,
-        color=MEASURED,
-        capsize=2,
-        label="measured",
-    )
-    ax.tick_params(labelsize=8)
-
-
-def _residuals(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
-    ax.axhline(0.0, color="0.5", linewidth=0.8)
-    ax.errorbar(
-        at,
-        [off_prediction(row, row.measured) for row in rows],
-        yerr=[float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0)) for row in rows],
-        fmt="o",
-        markersize=4,
-        color=MEASURED,
-        capsize=2,
-    )
-    ax.tick_params(labelsize=8)
-
-
-AnyFloatArray = NDArray[np.floating]
-
-# An AoLP that is known worse than this fades: DoLP is below three of its errors.
-_KNOWN_DEG = 10.0
-# Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
-_SHOWN_PERCENTILES = (1.0, 99.5)
-# A grey: the cyclic colours are all saturated.
-_UNKNOWN_GREY = 153
-# Of a picture that is the same all over, the bar is so wide for its value.
-_LEAST_SPAN = 1e-3
-
-
-def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:
-    """Return the maps of S0 and DoLP with the regions, as [MK14] Fig. 6."""
-    return pictures_png(scene_maps(images, unit=unit), regions=regions)
-
-
-def uncalibrated_pictures(images: PolarizationImages) -> bytes:
-    """Return the maps of S0, DoLP and AoLP of images without any calibration, which each title says."""
-    maps = (*scene_maps(images, unit="DN"), aolp_map(images))
-    return pictures_png([replace(one, title=f"{one.title}, uncalibrated") for one in maps])
-
-
-def scene_maps(images: PolarizationImages, *, unit: str) -> tuple[DrawnPicture, DrawnPicture]:
-    """Return the maps of S0 and DoLP."""
-    s0 = images.stokes[0]
-    s0_low, s0_high = _shown(np.where(images.unusable, np.nan, s0))
-    low, high = _shown(images.dolp, most=1.0)
-    intensity = DrawnPicture(values=s0, low=s0_low, high=s0_high, colours="gray", title="S0", label=f"S0 [{unit}]")
-    return intensity, DrawnPicture(
-        values=images.dolp, low=low, high=high, colours="viridis", title="DoLP", label="DoLP"
-    )
-
-
-def aolp_map(images: PolarizationImages) -> DrawnPicture:
-    """Return the map of AoLP; it fades to grey where DoLP is not significant, below three of its errors."""
-    return DrawnPicture(
-        values=np.where(images.unusable, np.nan, images.aolp_deg),
-        low=0.0,
-        high=180.0,
-        colours="aolp",
-        title="AoLP (grey: DoLP not significant)",
-        label="AoLP [deg]",
-        opacity=np.clip(_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2,
-        ground=_UNKNOWN_GREY,
-    )
-
-
-def aolp_picture(images: PolarizationImages) -> bytes:
-    """Return the map of AoLP as PNG."""
-    return pictures_png((aolp_map(images),))
-
-
-def residual_picture(residual: AnyFloatArray) -> bytes:
-    """Return the map of the fit residual, as a share of the light."""
-    found = 100.0 * residual
-    good = np.abs(found[np.isfinite(found)])
-    most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
-    picture = DrawnPicture(
-        values=found,
-        low=-most,
-        high=most,
-        colours="red-blue",
-        title="Fit residual",
-        label="twice the residual over the light [%]",
-    )
-    return pictures_png((picture,))
-
-
-def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]:
-    """Return the values between which a picture is shown."""
-    good = image[np.isfinite(image)]
-    low, high = np.percentile(good, _SHOWN_PERCENTILES) if good.size else (0.0, 1.0)
-    return float(low), float(max(min(high, most), low + _LEAST_SPAN * max(abs(low), _LEAST_SPAN)))
 
 
 # So many disagreements are shown at the head of the report; all stand in its tables.
@@ -1198,109 +932,6 @@ def light_section(lights: Mapping[str, FieldLight]) -> Section:
     return Section(title="What the light is made of", blocks=(Paragraph(text=text), share_table(lights), picture))
 
 
-_SERIES_VERDICTS = {
-    True: "Model and measurement agree.",
-    False: "Model and measurement disagree.",
-    None: "Not every run can be judged; the others agree.",
-}
-
-
-def series_report(series: ComparedSeries) -> Report:
-    """Return what the report of many runs says."""
-    points = series.points
-    return Report(
-        title=f"Measurement versus model: {len(points)} runs",
-        source="Each run with its own sun, time and exposure, and one scene file for all.",
-        verdict=Verdict(
-            good=series.agrees is True,
-            text=_SERIES_VERDICTS[series.agrees],
-            reasons=tuple(_series_reasons(series)),
-        ),
-        sections=[
-            *_figures(points),
-            Section(title="All runs", blocks=(mean_table(points),)),
-            *_drift_sections(series),
-            Section(title="What this does not test", blocks=(Bullets(items=_not_tested(points)),)),
-            Section(
-                title="Provenance in full",
-                blocks=(
-                    Verbatim(
-                        text=json.dumps(
-                            [provenance_json(point.comparison)["files"] for point in series.points], indent=2
-                        )
-                    ),
-                ),
-                folded=True,
-                printed=False,
-            ),
-        ],
-    )
-
-
-def _series_reasons(series: ComparedSeries) -> Iterable[tuple[str, str]]:
-    points = series.points
-    off = [point for point in points if point.comparison.agrees is False]
-    yield "", f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together."
-    for point in points:
-        if point.comparison.agrees is None:
-            yield "Cannot be judged:", f"{point.name}: {'; '.join(refusals(point.comparison.checks))}"
-    for point in off:
-        yield "Disagrees:", f"{point.name}: {_why(point)}"
-    for d in series.drifts:
-        if abs(d.z) > DRIFTS:
-            drift = f"by {d.line.slope:+.3g} an hour ({d.z:+.1f})"
-            yield "Drifts:", f"{d.quantity} of {d.region} against its prediction, {drift}"
-
-
-def _why(point: SeriesPoint) -> str:
-    comparison = point.comparison
-    text = f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.points_to) or 'no cause'}"
-    return text if comparison.attribution is None else f"{text}; {comparison.attribution.remark}"
-
-
-def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
-    hours = hours_of(points)
-    zeniths = [point.sun_zenith_deg for point in points if point.sun_zenith_deg is not None]
-    axes: list[tuple[str, list[float], str]] = []
-    if hours is None:
-        axes.append(("order", [float(k) for k in range(1, len(points) + 1)], "run, as given"))
-    else:
-        axes.append(("time", hours, "time from the first run [h]"))
-    if len(zeniths) == len(points) and len(set(zeniths)) > 1:
-        axes.append(("sun", zeniths, "sun from the zenith [deg]"))
-    for name, at, label in axes:
-        pictures = tuple(
-            Picture(
-                png=series_figure(
-                    points,
-                    at,
-                    region=region,
-                    quantities=FOLLOWED,
-                    label=label,
-                    unit=points[0].comparison.measurement.grid.unit,
-                ),
-                caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",
-            )
-            for region in points[0].comparison.measurement.regions
-        )
-        yield Section(title=f"Against the {name}", blocks=pictures)
-
-
-def _drift_sections(series: ComparedSeries) -> Iterable[Section]:
-    if series.drifts:
-        note = Paragraph(
-            text="Straight line through measured less predicted, weighted by the errors of the measurement. Errors of "
-            "the inputs are common to all runs and no reason for a drift, unless they change with the sun."
-        )
-        yield Section(title="Drift of the residuals", blocks=(drift_table(series.drifts), note))
-    if series.trends:
-        yield Section(title="Trends", blocks=(trend_table(series.trends),))
-
-
-def _not_tested(points: Sequence[SeriesPoint]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(text for point in points for text in point.comparison.not_tested))
-
-
 def write_comparison(comparison: Comparison, out: Path) -> None:
     """Write comparison.json, comparison.csv, prediction.json, measurement.json, report.html and report.pdf."""
     report = comparison_report(comparison)
@@ -1320,54 +951,3 @@ def write_comparison(comparison: Comparison, out: Path) -> None:
 def write_comparison_numbers(comparison: Comparison, out: Path) -> None:
     """Write comparison.json alone."""
     write_folder(out, {"comparison.json": json_file(compared_json(comparison))})
-
-
-def write_series(series: ComparedSeries, out: Path) -> None:
-    """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
-    for point in series.points:
-        write_comparison(point.comparison, out / point.name)
-    report = series_report(series)
-    contents = {
-        "series.json": json_file(series_json(series)),
-        "series.csv": csv_rows(series_rows(series)),
-        "series.html": html(report).encode(),
-        "series.pdf": report_file(report, Path("series.pdf")),
-    }
-    write_folder(out, contents)
-
-
-def write_stokes(
-    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
-) -> tuple[str, ...]:
-    """Write all that a measurement gives into a folder; return the names of the files."""
-    images, unit = measurement.images, measurement.grid.unit
-    contents = {
-        "stokes.fits": fits_image(
-            images.stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"
-        ),
-        "dolp.fits": fits_image(images.dolp, unit="", what="DoLP; NaN where it has no meaning"),
-        "aolp.fits": fits_image(images.aolp_deg, unit="deg", what="AoLP, counter-clockwise, in [0, 180)"),
-        "saturated.fits": fits_image(measurement.saturated.astype(np.uint8), unit="", what="1: saturated in a frame"),
-        "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
-        "pictures.png": scene_pictures(images, regions, unit=unit),
-        "aolp.png": aolp_picture(images),
-        **({} if images.residual is None else {"residual.png": residual_picture(images.residual)}),
-        "stokes.json": json_file(numbers),
-    }
-    return write_folder(out, contents)
-
-
-def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) -> tuple[str, ...]:
-    """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
-    from rigctl.report.data_files import csv_rows
-    from rigctl.report.prediction import detection_json, measured_roc_table, roc_plot, statistic_picture
-
-    contents = {
-        "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
-        "rx.png": statistic_picture(found, background=background),
-        # Lines end here as RFC 4180 has it.
-        "roc.csv": csv_rows(measured_roc_table(found), line_end="\r\n"),
-        "roc.png": roc_plot(found, background=background, target=target),
-        "detection.json": json_file(detection_json(found, background=background, target=target)),
-    }
-    return write_folder(out, contents)

@@ -1,6 +1,7 @@
-"""Results as files for programs: tables as CSV and JSON, images as FITS.
+"""Results as files for programs: tables as CSV and JSON, images as FITS, and what a comparison was made from.
 
-Provenance of a comparison: files with their hashes, settings, versions; places told so that others may read them.
+A number that does not exist is empty in CSV and null in JSON. Provenance names files with their hashes, settings and
+versions; folders are relative, and left out with --anonymous.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Look of the figures: colours, sizes, and their way into PNG bytes.
+"""How figures look, and their way into PNG.
 
-Pictures with axes in pixels and a bar of values, without matplotlib: importing it takes longer than drawing them.
+Curves and bars are drawn by matplotlib (`subplots`, `png`). Maps of pixels (`DrawnPicture`) are drawn here without it:
+importing matplotlib takes longer than drawing them. AoLP has one cyclic colour map everywhere (`colour_table("aolp")`).
 """
 
 from __future__ import annotations

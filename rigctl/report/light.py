@@ -1,8 +1,8 @@
-"""Light of a scene as tables and as JSON: where it comes from by region, and the sky."""
+"""Light of a scene as people and programs read it: where it comes from by region, and the sky."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,10 +12,19 @@ from numpy.typing import NDArray
 
 from model.stokes import aolp_rad, dolp
 from rigctl.base.numbers import size
+from rigctl.report.drawing import (
+    legend_of_all,
+    png,
+    say_beneath,
+    subplots,
+)
 from rigctl.report.table import Column, Shown, Table
 from rigctl.scene.sky_map import sky_difference
 
 if TYPE_CHECKING:
+    from matplotlib.colors import Normalize
+    from matplotlib.projections.polar import PolarAxes
+
     from model.scene.field import FieldLight, Source
     from rigctl.console.json_text import Json
     from rigctl.prediction.predict import ScenePrediction
@@ -214,3 +223,108 @@ def kinds_json(found: tuple[SkyOfKind, ...]) -> dict[str, Json]:
             for one in found
         ],
     }
+
+
+# Darker than this nothing is seen; a sky without polarization still needs a scale.
+_LEAST = 1e-12
+_MOST_COLUMNS = 4
+# What adds up to the light at the aperture, with its colour.
+_SUMMANDS: dict[Source, str] = {"reflected_sun": "#e69f00", "reflected_sky": "#56b4e9", "path": "#999999"}
+_COMPONENTS = ("S0", "S1", "S2")
+
+
+def sky_picture(sky: SkyMap, *, title: Sequence[str] = (), beneath: Sequence[str] = ()) -> bytes:
+    """Return S0, S1, S2 and DoLP over the sky as a map: north at the top, east at the right, the horizon outside."""
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 9.6), layout="constrained")
+    axes = figure.subplots(2, 2, subplot_kw={"projection": "polar"}).ravel()
+    s0, s1, s2 = np.moveaxis(sky.stokes, -1, 0)
+    panels = (
+        (s0, Normalize(0.0, _largest(s0)), "S0 [W m-2 sr-1]", "viridis"),
+        (s1, _even(s1), "S1 [W m-2 sr-1], horizontal - vertical", "RdBu_r"),
+        (s2, _even(s2), "S2 [W m-2 sr-1], +45 - (-45) deg", "RdBu_r"),
+        (sky.dolp, Normalize(0.0, _largest(sky.dolp)), "DoLP", "magma"),
+    )
+    azimuth_rad = np.deg2rad(sky.azimuth_deg)
+    for ax, (values, norm, label, cmap) in zip(axes, panels, strict=True):
+        shown = ax.pcolormesh(azimuth_rad, sky.zenith_deg, values, norm=norm, cmap=cmap, shading="gouraud")
+        _finish(ax, sky)
+        figure.colorbar(shown, ax=ax, label=label, shrink=0.8)
+    figure.suptitle("\n".join([*title, *title_lines(sky)]), fontsize=10)
+    say_beneath(figure, beneath)
+    return png(figure)
+
+
+def kinds_picture(found: tuple[SkyOfKind, ...]) -> bytes:
+    """Return the degree of polarization of the sky for each kind of aerosol, on one scale."""
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    columns = min(len(found), _MOST_COLUMNS)
+    rows = -(-len(found) // columns)
+    figure = Figure(figsize=(3.6 * columns + 1.2, 4.1 * rows + 0.6), layout="constrained")
+    grid = figure.subplots(rows, columns, subplot_kw={"projection": "polar"}, squeeze=False).ravel()
+    norm = Normalize(0.0, max(_largest(one.sky.dolp) for one in found))
+    for ax in grid[len(found) :]:
+        ax.set_axis_off()
+    for ax, one in zip(grid, found, strict=False):
+        sky = one.sky
+        azimuth_rad = np.deg2rad(sky.azimuth_deg)
+        shown = ax.pcolormesh(azimuth_rad, sky.zenith_deg, sky.dolp, norm=norm, cmap="magma", shading="gouraud")
+        _finish(ax, sky)
+        mark = " (the file)" if one.is_chosen else ""
+        ax.set_title(f"{one.label}{mark}\nlargest DoLP {sky.largest_dolp[0]:.3f}", fontsize=9)
+    figure.colorbar(shown, ax=grid.tolist(), label="DoLP", shrink=0.6)
+    figure.suptitle("\n".join(title_lines(found[0].sky)[:2]), fontsize=10)
+    return png(figure)
+
+
+def _finish(ax: PolarAxes, sky: SkyMap) -> None:
+    ax.set_theta_zero_location("N")
+    ax.set_theta_direction(-1)
+    ax.set_rlim(0.0, 90.0)
+    ax.set_rticks([30.0, 60.0], ["30°", "60°"], fontsize=8)
+    ax.set_thetagrids(np.arange(0, 360, 45), ["N", "45", "E", "135", "S", "225", "W", "315"], fontsize=8)
+    ax.grid(color="0.5", alpha=0.4, linewidth=0.6)
+    ax.plot(
+        np.deg2rad(sky.sun_azimuth_deg),
+        sky.sun_zenith_deg,
+        marker="*",
+        markersize=14,
+        color="#ffd400",
+        markeredgecolor="black",
+    )
+
+
+def _largest(values: FloatArray) -> float:
+    return max(float(np.max(values)), _LEAST)
+
+
+def _even(values: FloatArray) -> Normalize:
+    from matplotlib.colors import Normalize
+
+    limit = _largest(np.abs(values))
+    return Normalize(-limit, limit)
+
+
+def light_figure(lights: Mapping[str, FieldLight]) -> bytes:
+    """Return the parts of the light of each region as bars, a panel a Stokes parameter; the stroke is the total."""
+    figure, axes = subplots(1, 3, size=(11.0, 1.4 + 0.5 * len(lights)))
+    names = list(lights)
+    for component, ax in enumerate(axes):
+        values = {part: np.array([light.mean(part)[component] for light in lights.values()]) for part in _SUMMANDS}
+        up, down = np.zeros(len(names)), np.zeros(len(names))
+        for part, colour in _SUMMANDS.items():
+            # Parts of opposite sign stand on opposite sides of zero.
+            left = np.where(values[part] >= 0.0, up, down)
+            ax.barh(names, values[part], left=left, color=colour, label=PARTS[part], height=0.6)
+            up, down = up + np.maximum(values[part], 0.0), down + np.minimum(values[part], 0.0)
+        ax.plot(up + down, names, linestyle="none", marker="|", markersize=16, color="black", label="total")
+        ax.axvline(0.0, color="0.3", linewidth=0.8)
+        ax.set_xlabel(f"{_COMPONENTS[component]} [W m-2 sr-1]")
+        ax.invert_yaxis()
+        ax.tick_params(labelleft=component == 0)
+    legend_of_all(figure, axes[0], place="upper")
+    return png(figure)

@@ -1,9 +1,7 @@
-"""Numbers of a prediction and of a measurement as JSON holds them, of one shape.
+"""Numbers of a prediction and of a measurement in JSON, in one shape, and what people noted of a run.
 
 ``regions.NAME.QUANTITY.STATISTIC`` is a number in a prediction; in a measurement there is ``STATISTIC_std_error``
 beside it.
-
-What people noted of a run, as a section of reports and as JSON.
 """
 
 from __future__ import annotations

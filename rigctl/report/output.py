@@ -1,7 +1,4 @@
-"""A report as one HTML page that needs no other file; its parts as pieces for a cell of a notebook.
-
-Files of a result in their folder, and a report as a file of the kind that its name says.
-"""
+"""A report as one HTML page that needs no other file, as pieces for a notebook, and as files in a folder."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Pictures of how a session went: its frames, their mean counts, the sun, light and polarization by cycle.
-
-The page on how a session went: its frames, the sun, light and polarization by cycle, counts, events.
-"""
+"""The page on how a session went: its frames, the sun, light and polarization by cycle, counts, events."""
 
 from __future__ import annotations
 

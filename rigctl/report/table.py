@@ -1,6 +1,7 @@
 """A table of typed rows: each column says once what it shows to people and gives to programs.
 
-A table as the terminal shows it: upright where it fits, turned where its numbers would break.
+`Table` and `Column` hold what; the terminal (`terminal_table`), pages, CSV and JSON say how. A terminal shows a table
+upright where it fits, and row by row where its numbers would break.
 """
 
 from __future__ import annotations

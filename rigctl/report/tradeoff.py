@@ -1,11 +1,4 @@
-"""Accuracy against time as tables, CSV and JSON: what a tolerance costs, knob by knob and for the whole chain.
-
-Errors of sessions beside their time, as tables, as CSV and as JSON.
-
-Names beside points of a plot: none on another, on a point, or beyond the axes, as far as there is room.
-
-Tradeoffs as plots: error against time of the computation, and against time of the session.
-"""
+"""Accuracy against time as people and programs read it: what a tolerance costs, and what a session gives for its time."""
 
 from __future__ import annotations
 

@@ -158,12 +158,12 @@ def noise(
     if out is not None:
         write_content(Path(out), result.as_json())
     if plot is not None:
-        from rigctl.report.calibration import photon_transfer_png
+        from rigctl.report.noise import photon_transfer_png
 
         write_whole(Path(plot), photon_transfer_png(found.noise))
     if report is not None:
         from rigctl.base.numbers import utc_text
-        from rigctl.report.calibration import calibration_report
+        from rigctl.report.noise import calibration_report
         from rigctl.report.output import report_file
 
         page = calibration_report(found, created_utc=utc_text(result.created_ns))
@@ -183,7 +183,7 @@ class NoiseResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the numbers that people ask for first, all of them as a table, what is unknown, and the flags."""
         from calibration.sensor.noise import first_lines
-        from rigctl.report.calibration import calibration_rows, calibration_table, unknown_lines
+        from rigctl.report.noise import calibration_rows, calibration_table, unknown_lines
 
         found = self.calibration.noise
         yield from first_lines(found)

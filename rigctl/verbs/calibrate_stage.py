@@ -89,7 +89,7 @@ def stage(
     if out is not None:
         write_durably(Path(out), (json.dumps(measured.file, indent=1, allow_nan=False) + "\n").encode())
     if plot is not None:
-        from rigctl.report.calibration import characterisation_png
+        from rigctl.report.polarizer import characterisation_png
 
         write_durably(Path(plot), characterisation_png(result))
     return measured

@@ -253,21 +253,21 @@ class SeriesResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what series.json holds."""
-        from rigctl.report.comparison import series_json
+        from rigctl.report.series import series_json
 
         return series_json(self.series)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write report and numbers into a folder, those of each run into one of its own; return the reports' names."""
-        from rigctl.report.comparison import write_series
+        from rigctl.report.series import write_series
 
         write_series(self.series, folder)
         return "series.html", "series.pdf"
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every row of series.csv as a data frame."""
-        from rigctl.report.comparison import series_rows
         from rigctl.report.data_frames import data_frame
+        from rigctl.report.series import series_rows
 
         return data_frame(series_rows(self.series), backend)
 

@@ -119,7 +119,7 @@ class DetectResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the curves at round false alarm rates, and what predicts them."""
-        from rigctl.report.prediction import roc_plot, round_roc_table
+        from rigctl.report.detection import roc_plot, round_roc_table
 
         yield round_roc_table(self.found, background=self.background, target=self.target)
         yield f"predicted from {self.found.predicted_from}"
@@ -128,12 +128,12 @@ class DetectResult(Result):
 
     def as_json(self) -> dict[str, Json]:
         """Return what detection.json holds."""
-        from rigctl.report.prediction import detection_json
+        from rigctl.report.detection import detection_json
 
         return detection_json(self.found, background=self.background, target=self.target)
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write map, curves and numbers into a folder; return the names of the files."""
-        from rigctl.report.comparison import write_detection
+        from rigctl.report.measurement import write_detection
 
         return write_detection(self.found, folder, background=self.background, target=self.target)

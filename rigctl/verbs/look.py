@@ -84,7 +84,7 @@ def look(
     from rigctl.base.durable import write_durably
     from rigctl.imports.levels import histogram, saturation_plateau
     from rigctl.measure.measure import polarization_images
-    from rigctl.report.comparison import uncalibrated_pictures
+    from rigctl.report.measurement import uncalibrated_pictures
 
     paths = _image_files([Path(file) for file in files])
     if angles is not None and mosaic is not None:
@@ -154,7 +154,7 @@ class LookResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the DoLP of the pixels, what is clipped, the angles, and that nothing is calibrated."""
         from rigctl.base.numbers import percent
-        from rigctl.report.comparison import uncalibrated_pictures
+        from rigctl.report.measurement import uncalibrated_pictures
 
         low, middle, high = self._quartiles.values()
         yield f"DoLP {middle:.3f} (median; 90 % of the pixels {low:.3f} to {high:.3f}), {_LABEL}"

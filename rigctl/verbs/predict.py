@@ -283,7 +283,8 @@ class Prediction(Result):
             yield from light_tables(self.light)
 
     def _tables(self) -> Iterable[Part]:
-        from rigctl.report.prediction import input_effect_tables, quantity_tables, roc_table
+        from rigctl.report.detection import roc_table
+        from rigctl.report.prediction import input_effect_tables, quantity_tables
 
         yield from quantity_tables(self._regions(), snr=self.snr)
         if self.uncertainty is not None:
@@ -318,10 +319,11 @@ class Prediction(Result):
     def as_json(self) -> dict[str, Json]:
         """Return what prediction.json holds."""
         from model.prediction import reason_missing
+        from rigctl.report.detection import roc_json
         from rigctl.report.effects import effects_json
         from rigctl.report.light import light_json
         from rigctl.report.numbers import prediction_json
-        from rigctl.report.prediction import input_effects_json, roc_json
+        from rigctl.report.prediction import input_effects_json
         from rigctl.report.tradeoff import accuracy_json
 
         content = prediction_json(self.predictions, self.performance, remarks=(*self.doubts, *self.scene_remarks))
@@ -343,8 +345,9 @@ class Prediction(Result):
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write numbers, plots and curves into a folder; return the names of the files."""
         from rigctl.report.data_files import csv_rows, json_file
+        from rigctl.report.detection import roc_csv, roc_png
         from rigctl.report.output import write_folder
-        from rigctl.report.prediction import counts_png, laws_png, roc_csv, roc_png
+        from rigctl.report.prediction import counts_png, laws_png
 
         warnings = [f"{name}: {text}" for name, one in self.predictions.items() for text in one.warnings]
         contents = {
@@ -414,7 +417,7 @@ class SweepResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the span of DoLP of each region, tables, warnings, and what is assumed."""
-        from rigctl.report.prediction import MOST_AXES, sweep_png, sweep_tables, warning_lines
+        from rigctl.report.sweep import MOST_AXES, sweep_png, sweep_tables, warning_lines
         from rigctl.report.tradeoff import series_lines
 
         yield self._answer()
@@ -445,15 +448,16 @@ class SweepResult(Result):
         return self._json() | accuracy | self.picked.as_json()
 
     def _json(self) -> dict[str, Json]:
-        from rigctl.report.prediction import sweep_json
+        from rigctl.report.sweep import sweep_json
 
         return sweep_json(self.found, remarks=(*self.doubts, *self.scene_remarks))
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write numbers, plot and curves into a folder; return the names of the files."""
         from rigctl.report.data_files import json_file
+        from rigctl.report.detection import roc_csv, roc_png
         from rigctl.report.output import write_folder
-        from rigctl.report.prediction import MOST_AXES, roc_csv, roc_png, sweep_csv, sweep_png
+        from rigctl.report.sweep import MOST_AXES, sweep_csv, sweep_png
 
         remarks = (*self.doubts, *self.scene_remarks)
         contents = {"sweep.csv": sweep_csv(self.found, remarks=remarks), "sweep.json": json_file(self._json())}

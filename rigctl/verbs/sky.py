@@ -104,8 +104,7 @@ class SkyResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return sun, irradiance and largest DoLP, or a table of the kinds of aerosol."""
-        from rigctl.report.light import kinds_table, sky_lines
-        from rigctl.report.prediction import kinds_picture, sky_picture
+        from rigctl.report.light import kinds_picture, kinds_table, sky_lines, sky_picture
 
         lines = sky_lines(self.sky)
         if self.kinds:
@@ -125,8 +124,8 @@ class SkyResult(Result):
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write picture and numbers into a folder; return the names of the files."""
         from rigctl.report.data_files import json_file
+        from rigctl.report.light import kinds_picture, sky_picture
         from rigctl.report.output import write_folder
-        from rigctl.report.prediction import kinds_picture, sky_picture
 
         name = "sky-aerosols" if self.kinds else "sky"
         picture = kinds_picture(self.kinds) if self.kinds else sky_picture(self.sky)

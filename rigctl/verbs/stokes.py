@@ -177,7 +177,7 @@ class StokesResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the run's faults, the numbers of the regions and their texture."""
-        from rigctl.report.comparison import scene_pictures
+        from rigctl.report.measurement import scene_pictures
         from rigctl.report.numbers import region_statistics
         from rigctl.report.prediction import quantity_tables
 
@@ -222,7 +222,7 @@ class StokesResult(Result):
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write images, masks, pictures and numbers into a folder; return the names of the files."""
-        from rigctl.report.comparison import write_stokes
+        from rigctl.report.measurement import write_stokes
 
         return write_stokes(self.measurement, self.regions, folder, numbers=self.as_json())
 

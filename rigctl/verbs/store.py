@@ -181,7 +181,7 @@ class HistoryResult(Result):
 
     def picture(self) -> bytes:
         """Return the quantities against time with their control limits (PNG)."""
-        from rigctl.report.calibration import history_png
+        from rigctl.report.noise import history_png
 
         return history_png(self.histories)
 

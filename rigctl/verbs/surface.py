@@ -122,7 +122,7 @@ class SurfaceResult(Result):
         """Write pictures and numbers into a folder; return the names of the files."""
         from rigctl.report.data_files import json_file
         from rigctl.report.output import write_folder
-        from rigctl.report.prediction import hemisphere_picture, surface_picture
+        from rigctl.report.surface import hemisphere_picture, surface_picture
         from rigctl.scene.reflected_light import reflected_maps
 
         maps = reflected_maps(self.sheet.surface, sun_zenith_deg=self.sheet.sun_zenith_deg)

@@ -10,9 +10,11 @@ from model.quantities import QUANTITIES
 from rigctl.files.session_file import InterlockSection
 from rigctl.paper import report as paper_files
 from rigctl.paper.report import statement_csv
-from rigctl.report.comparison import row_table, series_rows
+from rigctl.report.comparison import row_table
 from rigctl.report.data_files import csv_rows
-from rigctl.report.prediction import measured_roc_table, roc_csv, sweep_csv
+from rigctl.report.detection import measured_roc_table, roc_csv
+from rigctl.report.series import series_rows
+from rigctl.report.sweep import sweep_csv
 from rigctl.report.tradeoff import curve_table, tradeoff_csv
 from rigctl.session.interlocks import Name
 from rigctl.verbs.predict import _csv_table

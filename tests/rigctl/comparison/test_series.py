@@ -13,8 +13,8 @@ from rigctl.cli import main
 from rigctl.comparison.series import ComparedSeries, require_one_instrument
 from rigctl.console.failures import EXIT_DATA
 from rigctl.errors import ConfigError, DataError
-from rigctl.report.comparison import series_json, series_report
 from rigctl.report.pdf import pdf
+from rigctl.report.series import series_json, series_report
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import FrameRecord, PolarizerAsTaken, RigAsTaken
 from rigctl.verbs.compare import SeriesResult, compare

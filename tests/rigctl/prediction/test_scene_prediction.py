@@ -11,7 +11,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predict import ScenePredictor, parse_sweep, parse_sweeps
 from rigctl.prediction.sweep import Sweep, sweep_over
 from rigctl.report.light import light_json, phi_text
-from rigctl.report.prediction import sweep_csv, sweep_json, sweep_png, sweep_tables
+from rigctl.report.sweep import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.scene.light import SceneLight, SkyStore
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import gather

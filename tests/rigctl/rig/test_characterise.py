@@ -7,7 +7,7 @@ import pytest
 
 from drivers.stages.elliptec import connect_elliptec
 from drivers.stages.zaber import connect_zaber
-from rigctl.report.calibration import characterisation_png
+from rigctl.report.polarizer import characterisation_png
 from rigctl.rig.characterise import Characterisation, characterisation_file, characterise
 from sim_devices.clock import ManualClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address

@@ -5,8 +5,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.errors import ConfigError
-from rigctl.report.light import kinds_json
-from rigctl.report.prediction import kinds_picture
+from rigctl.report.light import kinds_json, kinds_picture
 from rigctl.scene.sky_map import skies_of_kinds, sky_map
 from rigctl.verbs.sky import sky
 from tests.rigctl.scene_texts import SCENE, scene_of, written

@@ -13,7 +13,7 @@ from calibration.estimate import Bound
 from rigctl.calibrations.noise_calibration import calibrate_frames
 from rigctl.calibrations.noise_frames import emva_frames
 from rigctl.cli import main
-from rigctl.report.calibration import calibration_rows, snr_png
+from rigctl.report.noise import calibration_rows, snr_png
 from tests.rigctl.noise_sessions import SHAPE, write_emva_set, write_noise_run
 
 
@@ -64,7 +64,7 @@ def test_a_read_noise_that_is_a_bound_bounds_the_curve_of_the_signal_to_noise_ra
     noise = calibrate_frames(emva_frames(write_emva_set(tmp_path))).noise
     drawn: list[str] = []
     monkeypatch.setattr(
-        "rigctl.report.calibration.legend_beside",
+        "rigctl.report.noise.legend_beside",
         lambda axes: drawn.extend(line.get_label() for line in axes.get_lines()),
     )
     coarse = replace(noise, read_noise_e=None, bounds=noise.bounds | {"read_noise_e": Bound(bound="<", value=19.8)})

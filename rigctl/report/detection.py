@@ -1,0 +1,223 @@
+"""Detection as people and programs read it: the map of the RX statistic, measured and predicted ROC curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigctl.prediction.predict import FALSE_ALARM_RATES
+from rigctl.report.data_files import csv_rows, json_rows
+from rigctl.report.drawing import (
+    MEASURED,
+    PREDICTED,
+    DrawnPicture,
+    legend_below,
+    legend_beside,
+    pictures_png,
+    png,
+    subplots,
+)
+from rigctl.report.table import Column, Shown, Table
+
+if TYPE_CHECKING:
+    from model.prediction import PairDetection
+    from rigctl.comparison.detect import RxOnRun
+    from rigctl.console.json_text import Json
+    from rigctl.files.choices import RocKind
+
+
+DETECTION_SCHEMA = 1
+_Row = tuple[int, str, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RocPoint:
+    """A point of the measured and of the predicted ROC."""
+
+    p_false_alarm: float
+    threshold: float
+    p_detection_predicted: float
+    p_detection_measured: float
+    band_low: float
+    band_high: float
+    p_false_alarm_measured: float
+
+
+_COLUMNS: tuple[Column[RocPoint], ...] = (
+    Column(title="P_FA", key="p_false_alarm", text=lambda point: f"{point.p_false_alarm:.1e}"),
+    Column(title="threshold", key="threshold", text=lambda point: f"{point.threshold:.2f}"),
+    Column(
+        title="P_D predicted",
+        key="p_detection_predicted",
+        text=lambda point: f"{point.p_detection_predicted:.4f}",
+        csv=lambda point: repr(point.p_detection_predicted),
+    ),
+    Column(title="P_D measured", key="p_detection_measured", text=lambda point: f"{point.p_detection_measured:.4f}"),
+    Column(key="band_low", shown=Shown.PROGRAMS),
+    Column(key="band_high", shown=Shown.PROGRAMS),
+    Column(title="95 % band", text=lambda point: f"{point.band_low:.4f} to {point.band_high:.4f}"),
+    Column(key="p_false_alarm_measured", shown=Shown.PROGRAMS),
+)
+
+
+def measured_roc_table(found: RxOnRun) -> Table[RocPoint]:
+    """Return every point of the curves."""
+    return Table(columns=_COLUMNS, rows=tuple(_point(found, k) for k in range(found.p_false_alarm.size)))
+
+
+def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[RocPoint]:
+    """Return the points at round false alarm rates."""
+    places = np.flatnonzero(np.isin(found.p_false_alarm, FALSE_ALARM_RATES)).tolist()
+    rows = tuple(_point(found, k) for k in places)
+    return Table(title=f"RX: {target} on {background}", columns=_COLUMNS, rows=rows)
+
+
+def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str, Json]:
+    """Return the numbers as JSON holds them: points of the curves at round false alarm rates, and the area."""
+    return {
+        "schema_version": DETECTION_SCHEMA,
+        "background": background,
+        "target": target,
+        "background_pixels": found.n_background,
+        "target_pixels": found.n_target,
+        "threshold_law": "F law: background estimated from its pixels, tested pixel outside of them",
+        "predicted_from": found.predicted_from,
+        "band_level": found.band_level,
+        "auc_known_background": found.auc,
+        "points": json_rows(round_roc_table(found, background=background, target=target)),
+        "warnings": list(found.warnings),
+    }
+
+
+def _point(found: RxOnRun, k: int) -> RocPoint:
+    return RocPoint(
+        p_false_alarm=float(found.p_false_alarm[k]),
+        threshold=float(found.threshold[k]),
+        p_detection_predicted=float(found.predicted_p_detection[k]),
+        p_detection_measured=float(found.empirical_p_detection[k]),
+        band_low=float(found.band_low[k]),
+        band_high=float(found.band_high[k]),
+        p_false_alarm_measured=float(found.empirical_p_false_alarm[k]),
+    )
+
+
+def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int, ...]) -> dict[str, Json]:
+    """Return curves by their kind: arrays in the order of the axes, the false alarm probabilities last."""
+    return {kind: _kind(found, shape) for kind, found in curves.items()}
+
+
+def _kind(found: Sequence[PairDetection], shape: tuple[int, ...]) -> dict[str, Json]:
+    detected = np.array([one.p_detection for one in found]).reshape(*shape, -1)
+    return {
+        "target": found[0].target,
+        "background": found[0].background,
+        "p_false_alarm": found[0].p_false_alarm.tolist(),
+        "p_detection": _nested(detected),
+        "auc": _nested(np.array([one.auc for one in found]).reshape(shape)),
+        "warnings": list(dict.fromkeys(text for one in found for text in one.warnings)),
+    }
+
+
+def _nested(values: Any) -> Any:
+    if np.ndim(values):
+        return [_nested(part) for part in values]
+    return None if np.isnan(values) else float(values)
+
+
+def roc_csv(curves: Mapping[RocKind, Sequence[PairDetection]]) -> bytes:
+    """Return curves as CSV: a row a false alarm probability of a point; the point counts the rows of sweep.csv."""
+    rows: list[_Row] = [
+        (point, kind, float(rate), float(detected), one.auc)
+        for kind, found in curves.items()
+        for point, one in enumerate(found)
+        for rate, detected in zip(one.p_false_alarm, one.p_detection, strict=True)
+    ]
+    columns: tuple[Column[_Row], ...] = (
+        Column(key="point", value=lambda row: row[0]),
+        Column(key="kind", value=lambda row: row[1]),
+        Column(key="p_false_alarm", value=lambda row: row[2]),
+        Column(key="p_detection", value=lambda row: row[3]),
+        Column(key="auc", value=lambda row: row[4]),
+    )
+    return csv_rows(Table(columns=columns, rows=tuple(rows)))
+
+
+def roc_table(curves: Mapping[RocKind, Sequence[PairDetection]]) -> Table[tuple[str, PairDetection]]:
+    """Return the area under each curve of a single prediction, and a few of its points."""
+    rows = tuple((kind, found[0]) for kind, found in curves.items())
+    pair = rows[0][1]
+    columns: tuple[Column[tuple[str, PairDetection]], ...] = (
+        Column(title="vector", text=lambda row: row[0], left=True),
+        *(Column(title=f"P_D at {rate:g}", text=_at(rate)) for rate in (1e-4, 1e-3, 1e-2, 1e-1)),
+        Column(title="area", text=lambda row: f"{row[1].auc:.6g}"),
+    )
+    return Table(title=f"ROC of {pair.target} on {pair.background}", columns=columns, rows=rows)
+
+
+def _at(rate: float) -> Any:
+    return lambda row: f"{row[1].p_detection[int(np.argmin(np.abs(row[1].p_false_alarm - rate)))]:.5g}"
+
+
+# What one background pixel in ten exceeds.
+_LEAST_SHOWN = 0.8
+# More names than these fit no legend.
+_MOST_NAMED = 12
+
+
+def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
+    """Return the map of the statistic on a log scale, from what one background pixel in ten exceeds."""
+    values = np.log10(np.maximum(found.statistic, 1e-3))
+    picture = DrawnPicture(
+        values=values,
+        low=_LEAST_SHOWN,
+        high=max(float(np.nanmax(values, initial=_LEAST_SHOWN)), _LEAST_SHOWN + 0.1),
+        colours="cividis",
+        title=f"RX against {background}",
+        label="log10 D",
+    )
+    return pictures_png((picture,))
+
+
+def roc_plot(found: RxOnRun, *, background: str, target: str) -> bytes:
+    """Return the measured ROC with its band and the predicted one on top."""
+    figure, axes = subplots(1, 1, size=(6.4, 4.6))
+    ax = axes[0]
+    ax.fill_between(found.p_false_alarm, found.band_low, found.band_high, color=MEASURED, alpha=0.25, label="95 % band")
+    ax.plot(found.p_false_alarm, found.empirical_p_detection, color=MEASURED, label="measured pixels")
+    ax.plot(found.p_false_alarm, found.predicted_p_detection, color=PREDICTED, label="predicted, exact law")
+    ax.plot(found.p_false_alarm, found.p_false_alarm, color="0.5", linestyle=":", label="chance")
+    ax.set_xscale("log")
+    ax.set_xlabel("probability of false alarm")
+    ax.set_ylabel("probability of detection")
+    ax.set_ylim(-0.02, 1.02)
+    ax.set_title(f"RX: {target} on {background}")
+    legend_beside(ax)
+    return png(figure)
+
+
+def roc_png(curves: Mapping[RocKind, Sequence[PairDetection]], labels: Sequence[str] = ("",)) -> bytes:
+    """Return a panel for each kind of vector, a curve for each point; of many a dozen are named, the others grey."""
+    from matplotlib import colormaps
+
+    named = np.unique(np.linspace(0, len(labels) - 1, min(len(labels), _MOST_NAMED)).astype(int))
+    # Names of many curves stand below, where they hide none.
+    figure, axes = subplots(1, len(curves), size=(5.6 * len(curves), 4.4 + 0.16 * len(named) * (len(labels) > 1)))
+    for ax, (kind, found) in zip(axes, curves.items(), strict=True):
+        colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(found)))
+        for k, (one, label, colour) in enumerate(zip(found, labels, colours, strict=True)):
+            if k in named:
+                name = f"{label} (area {one.auc:.4f})".strip()
+                ax.plot(one.p_false_alarm, one.p_detection, color=colour, label=name, linewidth=1.6, zorder=3)
+            else:
+                ax.plot(one.p_false_alarm, one.p_detection, color="0.8", linewidth=0.6)
+        ax.plot(found[0].p_false_alarm, found[0].p_false_alarm, ":", color="0.6", linewidth=1.0)
+        ax.set_xscale("log")
+        ax.set_ylim(0.0, 1.02)
+        ax.set_xlabel("probability of false alarm")
+        ax.set_ylabel("probability of detection")
+        ax.set_title(f"RX on {kind}: {found[0].target} on {found[0].background}", fontsize=10)
+        legend_below(ax)
+    return png(figure)

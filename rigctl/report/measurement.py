@@ -1,0 +1,136 @@
+"""What a run measured as maps and files: S0, DoLP, AoLP, residual of the fit, and detection on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.report.data_files import csv_rows, fits_image, json_file
+from rigctl.report.drawing import (
+    DrawnPicture,
+    pictures_png,
+)
+from rigctl.report.output import write_folder
+
+if TYPE_CHECKING:
+    from rigctl.comparison.detect import RxOnRun
+    from rigctl.console.json_text import Json
+    from rigctl.files.regions import Region
+    from rigctl.measure.measure import Measurement, PolarizationImages
+
+
+AnyFloatArray = NDArray[np.floating]
+
+# An AoLP that is known worse than this fades: DoLP is below three of its errors.
+_KNOWN_DEG = 10.0
+# Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
+_SHOWN_PERCENTILES = (1.0, 99.5)
+# A grey: the cyclic colours are all saturated.
+_UNKNOWN_GREY = 153
+# Of a picture that is the same all over, the bar is so wide for its value.
+_LEAST_SPAN = 1e-3
+
+
+def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:
+    """Return the maps of S0 and DoLP with the regions, as [MK14] Fig. 6."""
+    return pictures_png(scene_maps(images, unit=unit), regions=regions)
+
+
+def uncalibrated_pictures(images: PolarizationImages) -> bytes:
+    """Return the maps of S0, DoLP and AoLP of images without any calibration, which each title says."""
+    maps = (*scene_maps(images, unit="DN"), aolp_map(images))
+    return pictures_png([replace(one, title=f"{one.title}, uncalibrated") for one in maps])
+
+
+def scene_maps(images: PolarizationImages, *, unit: str) -> tuple[DrawnPicture, DrawnPicture]:
+    """Return the maps of S0 and DoLP."""
+    s0 = images.stokes[0]
+    s0_low, s0_high = _shown(np.where(images.unusable, np.nan, s0))
+    low, high = _shown(images.dolp, most=1.0)
+    intensity = DrawnPicture(values=s0, low=s0_low, high=s0_high, colours="gray", title="S0", label=f"S0 [{unit}]")
+    return intensity, DrawnPicture(
+        values=images.dolp, low=low, high=high, colours="viridis", title="DoLP", label="DoLP"
+    )
+
+
+def aolp_map(images: PolarizationImages) -> DrawnPicture:
+    """Return the map of AoLP; it fades to grey where DoLP is not significant, below three of its errors."""
+    return DrawnPicture(
+        values=np.where(images.unusable, np.nan, images.aolp_deg),
+        low=0.0,
+        high=180.0,
+        colours="aolp",
+        title="AoLP (grey: DoLP not significant)",
+        label="AoLP [deg]",
+        opacity=np.clip(_KNOWN_DEG / np.maximum(images.aolp_error_deg, 1e-9), 0.0, 1.0) ** 2,
+        ground=_UNKNOWN_GREY,
+    )
+
+
+def aolp_picture(images: PolarizationImages) -> bytes:
+    """Return the map of AoLP as PNG."""
+    return pictures_png((aolp_map(images),))
+
+
+def residual_picture(residual: AnyFloatArray) -> bytes:
+    """Return the map of the fit residual, as a share of the light."""
+    found = 100.0 * residual
+    good = np.abs(found[np.isfinite(found)])
+    most = max(float(np.percentile(good, _SHOWN_PERCENTILES[1])), 1e-6) if good.size else 1.0
+    picture = DrawnPicture(
+        values=found,
+        low=-most,
+        high=most,
+        colours="red-blue",
+        title="Fit residual",
+        label="twice the residual over the light [%]",
+    )
+    return pictures_png((picture,))
+
+
+def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]:
+    """Return the values between which a picture is shown."""
+    good = image[np.isfinite(image)]
+    low, high = np.percentile(good, _SHOWN_PERCENTILES) if good.size else (0.0, 1.0)
+    return float(low), float(max(min(high, most), low + _LEAST_SPAN * max(abs(low), _LEAST_SPAN)))
+
+
+def write_stokes(
+    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
+) -> tuple[str, ...]:
+    """Write all that a measurement gives into a folder; return the names of the files."""
+    images, unit = measurement.images, measurement.grid.unit
+    contents = {
+        "stokes.fits": fits_image(
+            images.stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"
+        ),
+        "dolp.fits": fits_image(images.dolp, unit="", what="DoLP; NaN where it has no meaning"),
+        "aolp.fits": fits_image(images.aolp_deg, unit="deg", what="AoLP, counter-clockwise, in [0, 180)"),
+        "saturated.fits": fits_image(measurement.saturated.astype(np.uint8), unit="", what="1: saturated in a frame"),
+        "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
+        "pictures.png": scene_pictures(images, regions, unit=unit),
+        "aolp.png": aolp_picture(images),
+        **({} if images.residual is None else {"residual.png": residual_picture(images.residual)}),
+        "stokes.json": json_file(numbers),
+    }
+    return write_folder(out, contents)
+
+
+def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) -> tuple[str, ...]:
+    """Write rx.fits, rx.png, roc.csv, roc.png and detection.json into a folder; return their names."""
+    from rigctl.report.detection import detection_json, measured_roc_table, roc_plot, statistic_picture
+
+    contents = {
+        "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
+        "rx.png": statistic_picture(found, background=background),
+        # Lines end here as RFC 4180 has it.
+        "roc.csv": csv_rows(measured_roc_table(found), line_end="\r\n"),
+        "roc.png": roc_plot(found, background=background, target=target),
+        "detection.json": json_file(detection_json(found, background=background, target=target)),
+    }
+    return write_folder(out, contents)
