@@ -575,14 +575,6 @@ class Spectrogram:
         return float(np.median(self.amplitude)) if self.amplitude.size else 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class SpectralPeak:
-    """A frequency that stands out."""
-
-    frequency_per_pixel: float
-    share: float
-
-
 def spectrogram(picture: NDArray[np.float32], *, along: int) -> Spectrogram:
     """Return the spectrogram of a picture.
 
@@ -603,8 +595,8 @@ def spectrogram(picture: NDArray[np.float32], *, along: int) -> Spectrogram:
     )
 
 
-def spectral_peak(found: Spectrogram, *, variance: float) -> SpectralPeak | None:
-    """Return the frequency that has most of a fixed pattern, None where none has a tenth of it.
+def spectral_peak(found: Spectrogram, *, variance: float) -> tuple[float, float] | None:
+    """Return the frequency [1/pixel] that has most of a fixed pattern, and its share; None where none has a tenth.
 
     Lines of one pattern (columns) have one power for each frequency, exponentially distributed: the largest of 300 has
     6 times the mean, 2 % of the variance. With few frequencies the limit is higher by so much.
@@ -619,7 +611,7 @@ def spectral_peak(found: Spectrogram, *, variance: float) -> SpectralPeak | None
     noise = _SIGMA * found.median**2 / np.sqrt(found.n_lines)
     if share < _LEAST_SHARE + _CHANCE / frequencies or power[largest] < noise:
         return None
-    return SpectralPeak(frequency_per_pixel=float(found.frequency_per_pixel[periodic][largest]), share=share)
+    return float(found.frequency_per_pixel[periodic][largest]), share
 
 
 # The fixed pattern of the pixels that are like the others: without hot, dead and otherwise defect ones

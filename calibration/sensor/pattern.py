@@ -289,8 +289,8 @@ def _periodic_pattern(pattern: FixedPattern) -> Flag | None:
     if not peaks:
         return None
     where = ", ".join(
-        f"{name} at {peak.frequency_per_pixel:.4g} cycles a pixel ({peak.share:.0%} of its variance)"
-        for name, peak in peaks.items()
+        f"{name} at {frequency:.4g} cycles a pixel ({share:.0%} of its variance)"
+        for name, (frequency, share) in peaks.items()
     )
     return Flag(
         name="periodic_pattern",

@@ -1,10 +1,8 @@
-"""Angles of the generator of a polarizer scan: a TOML or a CSV file.
+"""Polarizer scans of runs: sense, axis, extinction and W of a polarizer in its stage, and maps over the picture.
 
-Mean counts of a region in the frames of a polarizer scan, dark taken off.
-
-Sense, axis, extinction and W of a polarizer in its stage, from the scans of runs.
-
-The analyzer over the picture: throughput, diattenuation and axis of each stage angle, block by block.
+Either the stage turns in front of a fixed reference (`analyzer_scan`, `from_references`), or a second polarizer, the
+generator, turns, and all stage angles are taken at each of its angles (`generator_scan`, `from_generator`), which also
+gives each block of the picture its own throughput, diattenuation and axis (`polarimeter_maps`).
 """
 
 import csv
@@ -106,46 +104,20 @@ _ONE_ANGLE_DEG = 0.2
 _FEW_SATURATED = 1e-3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AnalyzerScan:
-    """A region's light against the stage's angle: angles (K,) [rad], mean counts (K,) [DN]."""
-
-    stage_rad: FloatArray
-    signal_dn: FloatArray
-    frames: int
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GeneratorScan:
-    """A region's light at each generator angle (K,) and stage angle (N,): mean counts (K, N) [DN]."""
-
-    generator_rad: FloatArray
-    stage_rad: FloatArray
-    signal_dn: FloatArray
-    frames: int
-
-
-def analyzer_scan(run: Run, region: Region | None) -> AnalyzerScan:
-    """Return the scan of the stage in front of a fixed reference."""
+def analyzer_scan(run: Run, region: Region | None) -> tuple[FloatArray, FloatArray]:
+    """Return angles of the stage (K,) [rad] in front of a fixed reference, and mean counts of a region (K,) [DN]."""
     records = scene_frames(run)
-    return AnalyzerScan(
-        stage_rad=np.radians([_stage_deg(run, record) for record in records]),
-        signal_dn=_signals_dn(run, records, region),
-        frames=len(records),
-    )
+    return np.radians([_stage_deg(run, record) for record in records]), _signals_dn(run, records, region)
 
 
-def generator_scan(run: Run, region: Region | None, generator_deg: GeneratorAngle) -> GeneratorScan:
-    """Return the scan of a generator, at each of the stage's angles; repeats are averaged."""
+def generator_scan(
+    run: Run, region: Region | None, generator_deg: GeneratorAngle
+) -> tuple["GeneratorCells", FloatArray]:
+    """Return the cells of a generator scan, and mean counts of a region at each of them, repeats averaged [DN]."""
     records = scene_frames(run)
     cells = generator_cells(run, records, generator_deg)
     signals = _signals_dn(run, records, region)
-    return GeneratorScan(
-        generator_rad=cells.generator_rad,
-        stage_rad=cells.stage_rad,
-        signal_dn=np.array([[np.mean(signals[list(cell)]) for cell in row] for row in cells.frames]),
-        frames=len(records),
-    )
+    return cells, np.array([[np.mean(signals[list(cell)]) for cell in row] for row in cells.frames])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -331,11 +303,11 @@ def candidate_offset_deg(candidate: AxisCandidate) -> Measured[float]:
 
 
 def from_references(
-    scans: Sequence[AnalyzerScan], references_rad: Sequence[float], known: KnownLight
+    scans: Sequence[tuple[FloatArray, FloatArray]], references_rad: Sequence[float], known: KnownLight
 ) -> PolarizerCalibration:
-    """Return the calibration by scans of the stage in front of fixed references."""
+    """Return the calibration by scans of the stage in front of fixed references, each as `analyzer_scan` has it."""
     curves = tuple(
-        ScanCurve.of(f"reference at {np.degrees(reference):.1f} deg", scan.stage_rad, scan.signal_dn)
+        ScanCurve.of(f"reference at {np.degrees(reference):.1f} deg", *scan)
         for scan, reference in zip(scans, references_rad, strict=True)
     )
     fits = [curve.fit for curve in curves]
@@ -360,25 +332,25 @@ def from_references(
         reduction=None,
         harmonics=_clearest(curves),
         curves=curves,
-        frames=sum(scan.frames for scan in scans),
+        frames=sum(len(signal_dn) for _, signal_dn in scans),
     )
 
 
-def from_generator(scan: GeneratorScan, known: KnownLight) -> PolarizerCalibration:
-    """Return the calibration by a generator that turns; one that is not described is taken as perfect."""
+def from_generator(cells: GeneratorCells, signal_dn: FloatArray, known: KnownLight) -> PolarizerCalibration:
+    """Return the calibration by a generator that turns; without a stated DoLP it is taken as perfect."""
     dolp = known.dolp or Uncertain(value=1.0)
-    channels = analyzer_channels(scan.generator_rad, scan.signal_dn, generator_dolp=dolp.value)
+    channels = analyzer_channels(cells.generator_rad, signal_dn, generator_dolp=dolp.value)
     axis = fit_axis(
         axis_rad=channels.axis_rad,
-        stage_rad=scan.stage_rad,
+        stage_rad=cells.stage_rad,
         std_error_rad=channels.axis_error_rad,
         common_error_rad=known.axis_error_rad,
         expected_rad=known.expected_rad,
         expected_error_rad=known.expected_error_rad,
     )
     curves = tuple(
-        ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", scan.generator_rad, column)
-        for stage, column in zip(scan.stage_rad.tolist(), scan.signal_dn.T, strict=True)
+        ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", cells.generator_rad, column)
+        for stage, column in zip(cells.stage_rad.tolist(), signal_dn.T, strict=True)
     )
     pooled, pooled_error = (float(number) for number in pooled_diattenuation(channels))
     value, error = _diattenuation(pooled * dolp.value, pooled_error * dolp.value, dolp)
@@ -388,11 +360,11 @@ def from_generator(scan: GeneratorScan, known: KnownLight) -> PolarizerCalibrati
         diattenuation=value,
         diattenuation_error=error,
         channels=channels,
-        stage_rad=scan.stage_rad,
-        reduction=_reduction(scan, dolp.value),
+        stage_rad=cells.stage_rad,
+        reduction=_reduction(cells, signal_dn, dolp.value),
         harmonics=_clearest(curves),
         curves=curves,
-        frames=scan.frames,
+        frames=sum(len(cell) for row in cells.frames for cell in row),
     )
 
 
@@ -403,12 +375,12 @@ def _diattenuation(modulation: float, error: float, dolp: Uncertain | None) -> t
     return value, float(np.hypot(error / dolp.value, value * dolp.std / dolp.value))
 
 
-def _reduction(scan: GeneratorScan, dolp: float) -> DataReduction | None:
-    if len(scan.stage_rad) < 3:
+def _reduction(cells: GeneratorCells, signal_dn: FloatArray, dolp: float) -> DataReduction | None:
+    if len(cells.stage_rad) < 3:
         return None
     # A perfect analyzer passes half of unpolarized light, so that W gives Stokes parameters of S0 = 1.
-    scaled = scan.signal_dn / (2.0 * scan.signal_dn.mean())
-    return measured_data_reduction(linear_states(scan.generator_rad, dolp=dolp), scaled.T)
+    scaled = signal_dn / (2.0 * signal_dn.mean())
+    return measured_data_reduction(linear_states(cells.generator_rad, dolp=dolp), scaled.T)
 
 
 def _clearest(curves: Sequence[ScanCurve]) -> tuple[Harmonic, ...]:

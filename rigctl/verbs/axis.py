@@ -248,7 +248,7 @@ def _calibrated(
     )
 
     if generator is not None and not references_deg and len(runs) == 1:
-        return from_generator(generator_scan(runs[0], region, load_generator(generator)), known)
+        return from_generator(*generator_scan(runs[0], region, load_generator(generator)), known)
     if generator is None and len(references_deg) == len(runs) > 0:
         scans = [analyzer_scan(run, region) for run in runs]
         return from_references(scans, [math.radians(angle) for angle in references_deg], known)

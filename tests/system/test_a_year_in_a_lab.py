@@ -20,7 +20,7 @@ from rigctl.verbs.compare import compare_run
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
 from rigctl.verbs.store import history
-from tests.rigctl.calibrations.polarizer.polarizer_runs import SENSE
+from tests.rigctl.calibrations.polarizer_runs import SENSE
 
 START = datetime(2026, 1, 1, 9, tzinfo=UTC)
 # When the rig was calibrated [days]; at 200 the camera was replaced, and calibrated a week later.

@@ -13,7 +13,7 @@ from rigctl.cli import main
 from rigctl.errors import DataError
 from rigctl.files.rig_file import PolarizerSection
 from rigctl.runs.records import PolarizerAsTaken
-from tests.rigctl.calibrations.polarizer.polarizer_runs import OFFSET_DEG, SENSE, write_reference_run
+from tests.rigctl.calibrations.polarizer_runs import OFFSET_DEG, SENSE, write_reference_run
 
 FOUND = {"schema_version": 2, "sense": -1, "offset_deg": {"value": 22.5, "std_error": 0.01}}
 MADE_FOR = {"camera_serial": "11", "stage_serial": "7", "gain_db": 0.0, "taken_utc": "2026-05-04T10:00:00.000000000Z"}

@@ -16,7 +16,7 @@ from rigctl.console.failures import EXIT_USAGE
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
-from tests.rigctl.calibrations.polarizer.polarizer_runs import (
+from tests.rigctl.calibrations.polarizer_runs import (
     BLACK_DN,
     DIATTENUATION,
     DOLP,

@@ -1,15 +1,20 @@
-"""``rigctl calibrate registration`` on a run whose picture walks."""
+"""``rigctl calibrate registration`` on a run whose picture walks, and on a real mosaic."""
 
 import json
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from rigctl.calibrations.registration import register_run
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA
+from rigctl.imports.images import ImportRequest
+from rigctl.runs.folder import read_run
 from rigctl.runs.writer import RunWriter
+from rigctl.verbs.import_images import imported
 from tests.rigctl.run_samples import make_record, write_run
 
 STAGE_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -67,3 +72,20 @@ def test_what_is_kept_moves_frames_of_the_same_devices_only(tmp_path: Path, caps
     out.write_text(json.dumps(content | {"schema_version": 9}))
     assert main([*moved, "--force"]) == EXIT_DATA
     assert "rigctl calibrate registration" in capsys.readouterr().err
+
+
+REAL_DATA = os.environ.get("RIGCTL_REAL_DATA")
+
+
+@pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames")
+def test_the_pictures_of_a_mosaic_are_half_a_pixel_apart(tmp_path: Path) -> None:
+    file = Path(REAL_DATA or "") / "imx250_fruits" / "fruits_IMX250MZR.png"
+    imported(
+        ImportRequest(run=tmp_path / "run", files=(file,), kind="scene", mosaic_deg=(90, 45, 135, 0), black_level_dn=0)
+    )
+    found = register_run(read_run(tmp_path / "run"))
+    # 90 and 45 above, 135 and 0 below: a pixel that sits half a pixel to the right sees the scene moved to the left.
+    truth = -np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]])
+    # Found within 0.12 pixel: fruit is glossy, and its polarization is at its edges.
+    np.testing.assert_allclose(found.found.shift_pixels, truth, atol=0.15)
+    assert found.finding is not None

@@ -9,7 +9,7 @@ import pytest
 
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
-from tests.rigctl.calibrations.polarizer.polarizer_runs import (
+from tests.rigctl.calibrations.polarizer_runs import (
     DIATTENUATION,
     DOLP,
     GENERATOR_DEG,
