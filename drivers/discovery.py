@@ -74,7 +74,10 @@ def _find_on(
         ]
     except DeviceError as error:
         return [Found(port=port, remark=str(error))]
-    return found or [Found(port=port, remark="no stage answers")]
+    tried = ", ".join(family.driver for family in asked)
+    return found or [
+        Found(port=port, remark=f"no stage answers (tried {tried}); is it switched on, and its address right?")
+    ]
 
 
 def _families() -> list[_Family]:

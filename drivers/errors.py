@@ -39,3 +39,7 @@ class DeviceFaultError(DeviceError):
 
 class LimitError(DeviceError):
     """A request is outside of what the device can do, or a result outside of what was asked for."""
+
+
+class AddressError(LimitError):
+    """An address or an option is wrong before any device is asked: whoever wrote it has to mend it."""

@@ -213,7 +213,7 @@ def open_serial_port(path: str, *, baud: int) -> SerialPort:
 def _why_not_opened(path: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number == errno.ENOENT:
-        return f"{path}: there is no such port. `ls -l /dev/serial/by-id` shows those that are plugged in"
+        return f"{path}: there is no such port. `rigctl devices` lists those that are plugged in"
     if number in (errno.EACCES, errno.EPERM):
         return (
             f"{path}: no permission to open it. Serial ports belong to the group dialout: "
@@ -222,4 +222,6 @@ def _why_not_opened(path: str, error: Exception) -> str:
         )
     if number in (errno.EAGAIN, errno.EBUSY):
         return f"{path}: another program is using it. `fuser -v {path}` names that program"
+    if Path(path).is_file() or Path(path).is_dir() or number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
+        return f"{path}: is no serial port; `rigctl devices` lists the ports that there are"
     return f"{path}: cannot be opened as a serial port ({error})"

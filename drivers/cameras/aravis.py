@@ -26,8 +26,9 @@ _POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
 _INT, _UINT, _FLOAT = ctypes.c_int, ctypes.c_uint, ctypes.c_double
 _INT64, _UINT64, _SIZE = ctypes.c_int64, ctypes.c_uint64, ctypes.c_size_t
 _MISSING = (
-    "GigE and USB3 Vision cameras need libaravis 0.8: `apt install libaravis-0.8-0` (Debian, Ubuntu), or set "
-    "ARAVIS_LIBRARY to its path; a camera that has software of its own can be used through `files:FOLDER`"
+    "libaravis 0.8 is not installed here, and without it no GigE or USB3 Vision camera can be reached, whether it is "
+    "there or not: `apt install libaravis-0.8-0` (Debian, Ubuntu), or set ARAVIS_LIBRARY to its path. A camera with "
+    "software of its own can be used through files:FOLDER"
 )
 
 
@@ -163,8 +164,8 @@ class AravisLibrary:
         return taken
 
 
-def load_aravis() -> AravisLibrary:
-    """Return libaravis, from where ARAVIS_LIBRARY says or from where the system has it."""
+def load_aravis(*, wanted_for: str = "") -> AravisLibrary:
+    """Return libaravis, from where ARAVIS_LIBRARY says or from where the system has it, for a camera of some name."""
     stated = os.environ.get("ARAVIS_LIBRARY")
     name = stated or "libaravis-0.8.so.0"
     try:
@@ -172,7 +173,8 @@ def load_aravis() -> AravisLibrary:
     except OSError as error:
         found = None if stated else ctypes.util.find_library("aravis-0.8")
         if found is None:
-            raise NotConnectedError(f"{_MISSING} ({error})") from error
+            name = f"{wanted_for}: " if wanted_for else ""
+            raise NotConnectedError(f"{name}{_MISSING} ({error})") from error
         aravis = ctypes.CDLL(found)
     return AravisLibrary(aravis, ctypes.CDLL("libgobject-2.0.so.0"), ctypes.CDLL("libglib-2.0.so.0"))
 
@@ -354,7 +356,10 @@ def device_error(error: AravisError, *, name: str, what: str) -> DeviceError:
     if error.code == _NOT_CONTROLLER:
         return NotConnectedError(f"{text}. Another program controls the camera: close that one first")
     if error.code in (_NOT_CONNECTED, _NOT_FOUND):
-        return NotConnectedError(f"{text}. Check power, cable and address; `rigctl doctor` tells about the network")
+        return NotConnectedError(
+            f"{text}. Check power, cable and address: `rigctl devices` lists the cameras that answer, and "
+            "`rigctl doctor` looks at the network"
+        )
     return ProtocolError(text)
 
 

@@ -8,13 +8,15 @@ call returns. At most one thread a camera is left so: the camera is opened anew 
 Addresses of cameras have the form ``PLACE?key=value&key=value``.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any, Protocol, TypeVar
 
 from drivers.caller import Caller, LeftBehindError
-from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError
+from drivers.errors import AddressError, DeviceError, DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import Camera, CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally, ReportingCamera
 
 
@@ -26,14 +28,16 @@ def split_place(text: str, readers: Mapping[str, Callable[[str], Any]]) -> tuple
     for item in filter(None, tail.split("&")):
         key, _, value = item.partition("=")
         if key not in readers:
-            problems.append(f"{key!r} is no known key; known are {', '.join(sorted(readers))}")
+            close = get_close_matches(key, readers, n=1)
+            meant = f"; did you mean {close[0]}?" if close else ""
+            problems.append(f"{key!r} is no known key; known are {', '.join(sorted(readers))}{meant}")
             continue
         try:
             values[key] = readers[key](value)
         except ValueError as error:
             problems.append(f"{key}={value!r}: {error}")
     if problems:
-        raise LimitError(f"camera address {text!r}: {'; '.join(problems)}")
+        raise AddressError(f"camera address {text!r}: {'; '.join(problems)}")
     return place, values
 
 
@@ -42,7 +46,8 @@ def one_of(*allowed: str) -> Callable[[str], str]:
 
     def read(value: str) -> str:
         if value not in allowed:
-            raise ValueError(f"allowed are {', '.join(allowed)}")
+            close = get_close_matches(value, allowed, n=1)
+            raise ValueError(f"allowed are {', '.join(allowed)}" + (f"; did you mean {close[0]}?" if close else ""))
         return value
 
     return read
@@ -52,18 +57,20 @@ def whole(least: int, most: int) -> Callable[[str], int]:
     """Return a reader of a whole number within these limits."""
 
     def read(value: str) -> int:
-        number = int(value)
-        if not least <= number <= most:
-            raise ValueError(f"must lie between {least} and {most}")
-        return number
+        if not (value.isdecimal() and least <= int(value) <= most):
+            raise ValueError(f"must be a whole number from {least} to {most}")
+        return int(value)
 
     return read
 
 
 def positive(value: str) -> float:
     """Return a number above 0."""
-    number = float(value)
-    if not 0.0 < number < float("inf"):
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not 0.0 < number < math.inf:
         raise ValueError("must be a number above 0")
     return number
 

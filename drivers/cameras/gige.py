@@ -204,7 +204,7 @@ def find_usb3() -> Iterator[tuple[str, DeviceIdentity]]:
 
 def network_address(place: str) -> str:
     """Return the IP address of a camera, by its place as `open_gige` takes it; the camera is not opened."""
-    return _address_of(load_aravis(), place.partition("?")[0])
+    return _address_of(load_aravis(wanted_for=f"GigE camera {place}"), place.partition("?")[0])
 
 
 def _packet_size(text: str) -> int | str:
@@ -238,7 +238,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
 
 def _open(place: str, *, link: Link) -> BoundedCamera:
     options = read_gige_place(place, link=link)
-    library = load_aravis()
+    library = load_aravis(wanted_for=options.camera_name)
     return BoundedCamera(lambda: GigeCamera(library, options), name=options.camera_name)
 
 

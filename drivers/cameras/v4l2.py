@@ -31,7 +31,7 @@ from drivers.cameras.samples import (
     size_of_counts,
     unpack,
 )
-from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
+from drivers.errors import AddressError, DeviceError, DeviceTimeoutError, LimitError, NotConnectedError, ProtocolError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
 
 _u8, _u32, _i32, _i64, _u64 = ctypes.c_uint8, ctypes.c_uint32, ctypes.c_int32, ctypes.c_int64, ctypes.c_uint64
@@ -350,7 +350,9 @@ def read_v4l2_place(text: str) -> V4l2Options:
     path, values = split_place(text, _READERS)
     options = V4l2Options(path=path, **values)
     if (_known(options).cell is None) != (options.plane is None):
-        raise LimitError(f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there")
+        raise AddressError(
+            f"camera address {text!r}: plane={'|'.join(PLANES)} goes with a Bayer format, and only there"
+        )
     return options
 
 
@@ -780,7 +782,13 @@ def _told(error: OSError, *, path: str, what: str) -> DeviceError:
     """Return the error of the drivers that a refusal of the system stands for."""
     text = f"video device {path}: {what}: {error.strerror}"
     if error.errno in (errno.ENODEV, errno.ENOENT, errno.ENXIO):
-        return NotConnectedError(f"{text}. It is not there, or was unplugged")
+        return NotConnectedError(
+            f"{text}. It is not there, or was unplugged: `rigctl devices` lists those that are there"
+        )
+    if error.errno == errno.ENOTTY:
+        return NotConnectedError(
+            f"video device {path}: is no video device: `rigctl devices` lists those that are there"
+        )
     if error.errno == errno.EBUSY:
         return NotConnectedError(f"{text}. Another program has it: close that one first")
     if error.errno in (errno.EACCES, errno.EPERM):

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
+from drivers.errors import AddressError, DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort
 from drivers.stages.serial_stage import (
@@ -94,7 +94,7 @@ _DIGITS = {"IN": 30, "GS": 2, "PO": 8, "BS": 2, "BO": 8}
 def check_address(address: str) -> str:
     """Return the address unchanged if it is one of the sixteen that exist, else raise LimitError."""
     if not re.fullmatch("[0-9A-F]", address):
-        raise LimitError(f"address {address!r}: an Elliptec address is one character of 0-9 or A-F")
+        raise AddressError(f"address {address!r}: an Elliptec address is one character of 0-9 or A-F")
     return address
 
 

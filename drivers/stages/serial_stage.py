@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, Self, TypeVar
 
-from drivers.errors import DeviceError, DeviceTimeoutError, LimitError, ProtocolError
+from drivers.errors import AddressError, DeviceError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, Move, StagePosition, Way
 from drivers.serial_port import BytePort, SerialPort, open_serial_port
 
@@ -170,7 +170,7 @@ class SerialStage:
     def __init__(self, link: Line, *, tolerance_deg: float, count_deg: float) -> None:
         half_count_deg = count_deg / 2.0
         if not half_count_deg < tolerance_deg < 180.0:
-            raise LimitError(
+            raise AddressError(
                 f"tolerance {tolerance_deg:g} deg: must be above half an encoder count, {half_count_deg:.3g} deg, "
                 "and below 180 deg"
             )

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.errors import DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
+from drivers.errors import AddressError, DeviceFaultError, DeviceTimeoutError, LimitError, ProtocolError
 from drivers.interfaces import DeviceIdentity, StagePosition, StageStatus, Way
 from drivers.serial_port import BytePort
 from drivers.stages.serial_stage import (
@@ -121,7 +121,7 @@ Event = Reply | Unasked
 def check_address(address: str) -> int:
     """Return the address as a number if it is one that a device can have, else raise LimitError."""
     if not re.fullmatch("[0-9]{1,2}", address) or int(address) == 0:
-        raise LimitError(f"address {address!r}: a Zaber address is a number from 1 to 99")
+        raise AddressError(f"address {address!r}: a Zaber address is a number from 1 to 99")
     return int(address)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from calibration.results import CalibrationError
-from drivers.errors import DeviceError
+from drivers.errors import AddressError, DeviceError
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 
@@ -30,6 +30,7 @@ EXIT_INCOMPLETE = 75
 # Which exit code a failure has. The first class that fits decides.
 EXIT_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (ConfigError, EXIT_USAGE),
+    (AddressError, EXIT_USAGE),
     (DeviceError, EXIT_DEVICE),
     (DataError, EXIT_DATA),
     (CalibrationError, EXIT_DATA),

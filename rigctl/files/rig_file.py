@@ -392,6 +392,18 @@ class RigFile(Section):
         return self
 
     @model_validator(mode="after")
+    def _a_simulated_camera_needs_a_simulated_stage(self) -> "RigFile":
+        """Refuse a real stage before a simulated camera: the picture would not show where the stage stands."""
+        stage, camera = self.stage, self.camera.address
+        if stage is not None and camera.startswith("sim:") and not stage.port.startswith("sim:"):
+            raise ValueError(
+                f'[stage] port = "{stage.port}" is a real port, and [camera] address = "{camera}" is simulated: such a '
+                'camera sees a simulated stage only. Write port = "sim:ellx" (or sim:zaber, sim:apt), or the address '
+                'of a real camera, such as "gige:192.168.0.5" (`rigctl devices` lists what is there)'
+            )
+        return self
+
+    @model_validator(mode="after")
     def _a_simulated_camera_needs_a_world(self) -> "RigFile":
         if self.is_simulated and self.simulation is None:
             raise ValueError("a simulated device (sim:...) needs a [simulation] table that says what it looks at")

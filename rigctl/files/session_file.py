@@ -257,6 +257,8 @@ class SessionFile(Section):
     """Name of the session, in its run. Example: `"afternoon"`."""
     take: Annotated[list[Take], Field(min_length=1)]
     """Groups of frames, in their order."""
+    polarimetry: bool = True
+    """false: scenes of fewer than three polarizer angles are taken too, which give no DoLP. Example: `true`."""
     darks: DarkSection | None = None
     """Dark frames among the scene frames."""
     metering: MeteringSection = MeteringSection()

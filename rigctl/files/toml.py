@@ -331,19 +331,41 @@ def _table(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no text file (UTF-8): {error.reason}") from error
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: is no TOML: {error}{_line_of(path, error)}") from error
+        raise ConfigError(f"{path}: {_toml_problem(path, error)}") from error
     except (RecursionError, ValueError) as error:  # brackets within brackets, a number of thousands of digits
         raise ConfigError(f"{path}: is no TOML that can be read: {_first_line(error)}") from error
 
 
-def _line_of(path: Path, error: tomllib.TOMLDecodeError) -> str:
-    """Return the line at which a file ceases to be TOML, and what is often meant by it."""
-    place = re.search(r"at line (\d+)", str(error))
-    if place is None:
-        return ""
-    line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip()
-    comma = "; numbers are written with a point, such as 2.5" if re.search(r"=\s*-?\d+,\d", line) else ""
-    return f": {shown(line)}{comma}"
+# What stops the reader of TOML, and what has to be written.
+_TOML_ADVICE = (
+    ("end of a table declaration", "the name of a table stands between brackets, such as [stage]"),
+    ("end of an array declaration", "the name of a list of tables stands between two brackets each, such as [[take]]"),
+    ("Expected '=' after", "a key is followed by = and its value"),
+    ("Unclosed array", "a list is not closed by a bracket"),
+    ("Unclosed inline table", "a table between braces is not closed"),
+    ("Illegal character", "text ends with the quote that it begins with, on the same line"),
+    ("Cannot overwrite", "a key stands twice in its table"),
+    ("Cannot declare", "a table stands twice; a list of tables has two brackets each, such as [[take]]"),
+    ("Expected newline", "something stands behind the value; text stands in quotes, and a comment begins with #"),
+    ("Invalid statement", "a line is KEY = VALUE, [TABLE], or a comment that begins with #"),
+)
+
+
+def _toml_problem(path: Path, error: tomllib.TOMLDecodeError) -> str:
+    """Return in words where a file ceases to be TOML, and what has to be written there."""
+    said = str(error)
+    place = re.search(r"at line (\d+)", said)
+    line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip() if place else ""
+    advice = next((advice for words, advice in _TOML_ADVICE if words in said), said)
+    value = line.partition("=")[2].strip()
+    if re.match(r"-?\d+,\d", value):
+        advice = "numbers are written with a point, such as 2.5"
+    elif "Invalid value" in said:
+        is_word = value.lower() in ("true", "false", "yes", "no", "on", "off")
+        advice = "true and false are written in small letters" if is_word else f'text stands in quotes: "{value}"'
+        advice = advice if value else "the value is missing"
+    where = f"line {place[1]} is no TOML: {shown(line)}" if place else "is no TOML at its end"
+    return f"{where}: {advice}"
 
 
 def describe(path: Path, error: ValidationError, model: type[BaseModel] | None = None) -> str:

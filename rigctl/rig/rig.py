@@ -4,6 +4,7 @@ Drivers are found by their entry points; simulated devices by addresses that beg
 """
 
 import inspect
+import re
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -17,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import NotConnectedError
+from drivers.errors import DeviceTimeoutError, NotConnectedError, ProtocolError
 from drivers.interfaces import (
     Camera,
     CameraWithFacts,
@@ -49,9 +50,12 @@ REQUESTS: dict[FrameKind, str] = {
     "dark": "Cover the lens, so that no light comes in",
     "flat": "Put the flat field (integrating sphere) before the lens",
 }
+# Arguments of drivers that no rig file states.
+_OF_TESTS = ("now_s", "sleep")
 _PLACES = ("upper left", "upper right", "lower left", "lower right")
 # A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
 _CELL_TOLERANCE_DEG = 22.5
+_CAMERAS = "rigctl.cameras"
 # What is printed on a device, and the driver for it.
 _DRIVERS_OF_MODELS = (
     (("ell", "elliptec"), "ellx"),
@@ -119,7 +123,7 @@ def require_drivers(rig: RigFile) -> None:
         find_driver("rigctl.monitors", monitor.driver, key=f"monitors.{monitor.name}.driver")
     require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
     if not rig.camera.address.startswith(SIMULATED):
-        find_driver("rigctl.cameras", rig.camera.address.partition(":")[0], key="camera.address")
+        find_driver(_CAMERAS, rig.camera.address.partition(":")[0], key="camera.address")
 
 
 @contextmanager
@@ -141,6 +145,11 @@ def open_stage(section: StageSection, *, warn: Callable[[str], None]) -> Iterato
 def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
     """Return an installed driver."""
     installed = {entry.name: entry for entry in entry_points(group=group)}
+    if group == _CAMERAS and _is_place(name):
+        raise ConfigError(
+            f"{key}: {name!r} does not say which driver: write DRIVER:PLACE, such as gige:{name}; drivers are "
+            f"{', '.join(sorted(installed))}"
+        )
     if name not in installed:
         known = ", ".join(sorted(installed)) or "none"
         raise ConfigError(f"{key}: there is no driver {name!r}; installed are: {known}{_driver_meant(name, installed)}")
@@ -218,7 +227,7 @@ def _camera(rig: RigFile, simulation: Simulation | None) -> Camera:
             return simulation.camera
         address = simulation.network_address
     scheme, _, place = address.partition(":")
-    factory = find_driver("rigctl.cameras", scheme, key="camera.address").load()
+    factory = find_driver(_CAMERAS, scheme, key="camera.address").load()
     camera: Camera = factory(place)
     return camera
 
@@ -245,8 +254,7 @@ def _connect_stage(section: StageSection, port: str) -> Iterator[RotationStage]:
     if section.address is not None:
         given["address"] = section.address
     _require_arguments(factory, section.driver, port, given)
-    opened: RotationStage = factory(port, **given)
-    with opened as stage:
+    with _opened_stage(factory, section.driver, port, given) as stage:
         identity = stage.identify()
         _require_serial("stage", section.serial_number, identity)
         if section.characterisation is None:
@@ -260,8 +268,21 @@ def _require_serial(what: str, configured: str | None, found: DeviceIdentity) ->
     if configured is not None and configured != found.serial_number:
         raise NotConnectedError(
             f"the {what} is {found.model} with serial number {found.serial_number}, and the rig file asks for "
-            f"{configured}: another device is on this port. Mend the port or the serial number"
+            f"{configured}: another device answers there. Mend its address or serial_number"
         )
+
+
+def _opened_stage(
+    factory: Callable[..., RotationStage], driver: str, port: str, given: dict[str, Any]
+) -> RotationStage:
+    """Return the stage that a driver opens; where something else answers, say how to find out what."""
+    try:
+        return factory(port, **given)
+    except (ProtocolError, DeviceTimeoutError) as error:
+        raise type(error)(
+            f"{error}. If the stage is of another kind than driver = {driver!r}: "
+            f"`rigctl devices --probe --port {port}` tells which driver it needs"
+        ) from error
 
 
 def _require_arguments(factory: Callable[..., RotationStage], driver: str, port: str, given: dict[str, Any]) -> None:
@@ -269,8 +290,14 @@ def _require_arguments(factory: Callable[..., RotationStage], driver: str, port:
     try:
         signature.bind(port, **given)
     except TypeError as error:
-        allowed = ", ".join(list(signature.parameters)[1:])
-        raise ConfigError(f"stage: driver {driver!r}: {error}; it takes {allowed}") from error
+        allowed = ", ".join(name for name in list(signature.parameters)[1:] if name not in _OF_TESTS)
+        unknown = ", ".join(sorted(set(given) - set(signature.parameters)))
+        raise ConfigError(f"stage: driver {driver!r} has no option {unknown}; it takes {allowed}") from error
+
+
+def _is_place(name: str) -> bool:
+    """Return whether a name is a place rather than a driver: an IP address, or a path."""
+    return name.startswith("/") or bool(re.fullmatch(r"[0-9.]+", name))
 
 
 def _driver_meant(name: str, installed: Collection[str]) -> str:

@@ -288,7 +288,9 @@ def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
     Return the defocus before [mm], and the diameter of the disk that a point becomes now [pixels].
     """
     if not abs(defocus_mm) <= MOST_DEFOCUS_MM:
-        raise ConfigError(f"--defocus-mm: is {defocus_mm:g}; must be from {-MOST_DEFOCUS_MM:g} to {MOST_DEFOCUS_MM:g}")
+        raise ConfigError(
+            f"--defocus-mm: is {defocus_mm:g}; must be from {-MOST_DEFOCUS_MM:g} to {MOST_DEFOCUS_MM:g} mm"
+        )
     camera = _simulated_camera(rig)
     # As bytes: the ends of lines stay what they are.
     text = rig.read_bytes().decode("utf-8")

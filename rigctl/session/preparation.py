@@ -75,7 +75,7 @@ def prepare_session(
     parameters = read_noise_file(found["noise"]) if "noise" in found else None
     session_file, chosen = with_target(session_file, parameters, scene=scene, target_dolp_sigma=target_dolp_sigma)
     grouping = grouping_cost(session_file) if rig_file.cell_deg is None else None
-    axes = missing_axes(plan_steps(session_file, cell_deg=rig_file.cell_deg))
+    axes = None if session_file.polarimetry else missing_axes(plan_steps(session_file, cell_deg=rig_file.cell_deg))
     doubts = (placeholder_doubt(rig_file), grouping, axes)
     return PreparedSession(
         files={"rig": rig, "session": session},
@@ -118,6 +118,11 @@ def require_takeable(
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
+    axes = missing_axes(steps)
+    if axes is not None and session.polarimetry:
+        raise ConfigError(
+            f"{axes}. Add angles, or write polarimetry = false in the session file to take them all the same"
+        )
     require_hands(steps, are_asked=rig_file.is_simulated or asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))

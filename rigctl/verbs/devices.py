@@ -65,12 +65,15 @@ def _cameras() -> "Iterator[FoundCamera]":
     """Yield each camera that an installed finder (an entry point) sees."""
     from drivers.errors import DeviceError
 
+    failures: dict[str, list[str]] = {}
     for entry in entry_points(group=_CAMERA_FINDERS):
         try:
             for address, identity in entry.load()():
                 yield FoundCamera(address=address, identity=identity)
         except DeviceError as error:
-            warn(f"cameras of {entry.name}: {error}")
+            failures.setdefault(str(error), []).append(entry.name)
+    for text, names in failures.items():
+        warn(f"cameras of {', '.join(sorted(names))} were not looked for: {text}")
 
 
 @dataclass(frozen=True, kw_only=True)

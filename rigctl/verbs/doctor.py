@@ -143,7 +143,9 @@ def check_up(rig: Path | None, session: Path | None, *, folder: Path, frames: in
         try:
             yield from checkup.findings()
         except DeviceError as error:
-            yield Finding(what="devices", found=str(error), advice="mend this, and call the doctor again")
+            yield Finding(
+                what="devices", found="cannot be checked", advice=f"{error}. Mend this, and call the doctor again"
+            )
         pixels, camera_s = checkup.pixels or _USUAL_PIXELS, checkup.camera_s
         yield from monitor_findings(rig_file.monitors)
     yield receive_buffer(frame_bytes=_SAMPLE_BYTES * pixels)

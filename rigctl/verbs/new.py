@@ -8,6 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
@@ -58,8 +61,8 @@ def new(
     simulated: bool = False,
     stage: str | None = None,
     camera: str | None = None,
-    latitude_deg: float | None = None,
-    longitude_deg: float | None = None,
+    latitude_deg: Annotated[float | None, Parameter(validator=Number(gte=-90.0, lte=90.0))] = None,
+    longitude_deg: Annotated[float | None, Parameter(validator=Number(gte=-180.0, lte=360.0))] = None,
     elevation_m: float = 0.0,
     no_input: bool = False,
 ) -> "NewFolder":
@@ -188,6 +191,10 @@ def _with_devices(text: str, stage: str, camera: str) -> str:
         raise ConfigError(f"--stage: is {stage!r}; wanted is a port such as /dev/ttyUSB0, or DRIVER:PORT")
     if ":" not in camera:
         raise ConfigError(f"--camera: is {camera!r}; wanted is an address such as gige:192.168.0.5 or v4l2:/dev/video0")
+    from rigctl.rig.rig import find_driver
+
+    find_driver("rigctl.stages", driver, key="--stage")
+    find_driver("rigctl.cameras", camera.partition(":")[0], key="--camera")
     text = re.sub(r"^driver = .*$", f'driver = "{driver}"', text, count=1, flags=re.MULTILINE)
     text = re.sub(r"^port = .*$", f'port = "{port}"', text, count=1, flags=re.MULTILINE)
     text = re.sub(r"^address = \"sim:gc780\"$", f'address = "{camera}"', text, count=1, flags=re.MULTILINE)

@@ -60,7 +60,7 @@ def test_a_port_that_does_not_exist(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_no_port() -> None:
-    with pytest.raises(NotConnectedError, match="cannot be opened as a serial port"):
+    with pytest.raises(NotConnectedError, match="is no serial port"):
         open_serial_port("/dev/null", baud=9600)
 
 
