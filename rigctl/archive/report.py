@@ -1,4 +1,4 @@
-"""What a job over an archive came to: table, figure against time, page and files; health and found rows as tables."""
+"""What a job over an archive came to: table, figure against time, page and files; health and found rows too."""
 
 from __future__ import annotations
 

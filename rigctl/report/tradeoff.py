@@ -1,4 +1,4 @@
-"""Accuracy against time, for people and programs: what a tolerance costs, and what a session gives for its time."""
+"""Accuracy against time, for people and programs: what a tolerance costs, and what a session gives for it."""
 
 from __future__ import annotations
 
