@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float64]
 
 # A degree of polarization below this is what rounding leaves of none.
 _ROUNDING = 1e-12
+# DoLP below this is what rounding leaves of skies whose light is not polarized, and its angle means nothing.
+_UNPOLARISED = 1e-8
 
 
 def noise_causes(
@@ -451,7 +453,7 @@ def _ratios(stokes: Moments) -> Quantities:
         "s1n": {"mean": float(normalized.mean[0]), "std": float(deviations[0])},
         "s2n": {"mean": float(normalized.mean[1]), "std": float(deviations[1])},
     }
-    is_polarised = float(np.hypot(stokes.mean[1], stokes.mean[2])) > _ROUNDING * float(stokes.mean[0])
+    is_polarised = float(np.hypot(stokes.mean[1], stokes.mean[2])) > _UNPOLARISED * float(stokes.mean[0])
     return found | (_polarised_ratios(stokes) if is_polarised else {"dolp": {"mean": 0.0}})
 
 

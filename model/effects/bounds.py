@@ -3,19 +3,21 @@
 A bound is made in three steps. `light_limits` gives the limits of each region's radiance: that of the beam is known,
 and what air scatters is bounded by its optical depth and the conservation of energy. From them follow limits of the
 mean counts of a region and of their covariance (`radiance_bounds`). For each effect a function then states by how much
-the mean and the covariance can change (`Disturbance`), and `bound_of` and `detection_bound` translate that into the
+the mean and the covariance can change (`Disturbance`), and `bound_of` and `_detection_bound` translate that into the
 numbers of a prediction: radiance, ratios, deviations and probabilities of detection.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model import stokes as geometry
 from model.atmosphere.air import Column, column
 from model.atmosphere.sky import Fidelity, Lighting, SolarBand, SolverSettings, compute_lighting, unlit_solution
 from model.effects.names import EVERYTHING, LIGHT, Bound, Effect
@@ -27,7 +29,7 @@ from model.scene.panel import View, aperture_lights
 from model.scene.scene import Air, LitRegion, LitScene
 from model.scene.sky_light import illuminate
 from model.sensor import electrons_per_radiance, temporal_variance_dn2
-from model.stokes import analyzer_row
+from model.stokes import analyzer_row, angle_between_rad, direction
 from model.surface.pbrdf import Surface, Tilt, mueller
 
 FloatArray = NDArray[np.float64]
@@ -35,25 +37,25 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightLimits:
-    """Limits of a region's radiance [W m-2 sr-1]."""
+    """Limits of a region's radiance [W m-2 sr-1], and what the bounds need to know of the air before it."""
 
-    beams: FloatArray
-    s0_low: float
+    beams: FloatArray  #: Stokes vectors between which the beam's light lies, (K, 3)
+    s0_low: float  #: of the beam alone, and so on
     s0_high: float
     polarised_low: float
     polarised_high: float
-    sky: float = 0.0
+    sky: float = 0.0  #: most that the reflected sky adds, and most of it that is polarized
     sky_polarised: float = 0.0
-    sky_again: float = np.inf
+    sky_again: float = np.inf  #: the same by light that air scattered at least twice
     sky_again_polarised: float = np.inf
-    path: float = 0.0
-    adjacency: float = 0.0
-    apart: float = 0.0
-    spread: float = 0.0
+    path: float = 0.0  #: most that the air before the region adds
+    adjacency: float = 0.0  #: most that the surroundings add
+    apart: float = 0.0  #: largest difference of the beam's light over the field from its middle
+    spread: float = 0.0  #: the same of all light over S0, and its root mean square
     deviation: float = 0.0
-    depth: float = np.inf
+    depth: float = np.inf  #: optical depth of all air, and of the air below the camera
     depth_below: float = np.inf
-    texture: FloatArray | None = None
+    texture: FloatArray | None = None  #: its covariance; None where it is that of a material
 
     @property
     def added(self) -> float:
@@ -76,17 +78,13 @@ class Disturbance:
         return not (self.s0 or self.polarised or self.share)
 
 
-NOTHING = Disturbance()
-UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)
-
-
 def light_limits(scene: LitScene) -> dict[str, LightLimits]:
     """Return the limits of each region's light, without solving anything."""
     found = {one.name: _given_light(one, one.radiance) for one in scene.regions if one.radiance is not None}
     materials = [one for one in scene.regions if one.surface is not None]
     if not materials or scene.air is None:
         return found
-    limits = bound_air(scene.air)
+    limits = _bound_air(scene.air)
     lighting = _beam_lighting(scene.air)
     return found | {one.name: _sun_light(scene, one, lighting, limits) for one in materials}
 
@@ -102,6 +100,41 @@ def effect_bounds(
         changes = {name: of_region(scene, region, limits[name]) for name, region in regions.items()}
         found[effect] = _worst(scene, regions, changes)
     return found
+
+
+def _worst(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:
+    """Worst bound of all regions, and of detection between them."""
+    worst = Bound()
+    for name, region in regions.items():
+        worst = worst.worse(bound_of(region, found[name]))
+    # The area under the curve is a mean over thresholds: that of its mean distance is covered too.
+    eta = max(3.0, float(chdtri(3, min(scene.p_false_alarm)))) if scene.p_false_alarm else 3.0
+    for target, background in scene.pairs:
+        detection = _detection_bound(regions[target], found[target], regions[background], found[background], eta=eta)
+        worst = worst.worse(Bound(detection=detection))
+    return worst
+
+
+# What the largest pBRDF on a grid is taken times for what its steps miss.
+_MISSED = 1.5
+# Under air as thick as this the sky sends so much that no sharper bound of it helps.
+_THIN = 0.05
+# Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
+# may be off by more than all of it, and polarised by more than 1. Sharp bounds are of no use there, for all of it is
+# next to nothing.
+_NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
+# Over a field the beam's light is known at nine directions; between them it may go this much farther.
+_BETWEEN = 2.0
+# How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
+_SKY_ROOM = 5.0
+# The beam sees the depth of all layers and no more.
+_FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, tolerance=1e-3)
+_WITH_BEAM = ("total", "reflected", "reflected_sun")
+
+# Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
+_POWER = 4.2
+# Least bound of skylight in daylight, over the light of the beam.
+_LEAST_SKY = 0.1
 
 
 def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
@@ -128,246 +161,336 @@ def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
     steepness = _steepness(air, depth, slant)
     of_band = 0.5 * _relative_variance(air) * steepness * (steepness + 5.0) * _LEAST_SKY
     fields = [
-        SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
+        _SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
         for one in scene.regions
         if one.surface is not None and one.part is not None
     ]
     return of_band <= tolerance or 0.0 < max(fields, default=0.0) <= tolerance
 
 
-# Upper bounds of the light that air scatters, from its optical depth alone and without solving anything
+_NOTHING = Disturbance()
+_UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)
 
 
-# Of what is scattered more than once, directions are known to nobody: its phase function is taken as this, and a beam
-# that was scattered once before as turned by up to that angle.
-_SPREAD_PHASE = 2.0
-_TURNED_RAD = np.radians(30.0)
-# Room for interpolation over wavelengths and for the phase functions of spheres, which are no Henyey-Greenstein ones.
-_ROOM = 1.5
-# Parts of a band, each as thick as at its thicker end: a wide one has so many, a narrow one is one.
-_SLICES, _NARROW = 4, 1.05
-# Molecules turn light by any angle with a phase function of 1.5 or less; a little more for their depolarization.
-_MOLECULES = 1.01
-# The largest difference of transmittances T^b - T is at this slant depth.
-_MOST_MIXED = -np.log(BACKSCATTER) / (1.0 - BACKSCATTER)
+def _skylight(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what the sky adds: the largest reflectance times all of its light (`model.effects.bounds`)."""
+    if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
+        return _NOTHING
+    return added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BandSlice:
-    """Part of a band: its irradiance outside the atmosphere [W m-2], and the air where it is thickest and thinnest."""
-
-    outside: float
-    thick: Column
-    thin: Column
-
-    @cached_property
-    def depth(self) -> float:
-        """Largest optical depth."""
-        return self.thick.depth
-
-    @cached_property
-    def asymmetries(self) -> tuple[float, ...]:
-        """Of its aerosols."""
-        return tuple({one.g for column in (self.thick, self.thin) for one in (column.lower, column.upper)})
-
-    def scattered_once(self, scattering_rad: FloatArray) -> FloatArray:
-        """Return the largest phase function of molecules times their depth, and that of all air times the rest's."""
-        molecules, rest = (
-            max(getattr(column, name) for column in (self.thick, self.thin)) for name in ("tau_rayleigh", "tau_aerosol")
-        )
-        return np.asarray(molecules * _phase((), scattering_rad) + rest * _phase(self.asymmetries, scattering_rad))
+def _path_radiance(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what the air adds between region and camera (`model.effects.bounds.path_bound`)."""
+    return added(scene, region, light.path) if scene.source in ("total", "path") else _NOTHING
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AirBounds:
-    """Upper bounds of light, all in band; infinite where nothing is known."""
+def _adjacency(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
 
-    slices: tuple[BandSlice, ...]
-    mu: float
-    ground_albedo: float
-    alternative: "AirBounds | None" = None
-
-    @cached_property
-    def received(self) -> float:
-        """Irradiance of the ground by sun and sky [W m-2]."""
-        return self._worst(lambda air: air.total(air.received_of))
-
-    @property
-    def ground_radiance(self) -> float:
-        """Radiance of the ground around [W m-2 sr-1]."""
-        return self._worst(lambda air: air.ground_albedo * air.total(air.received_of) / np.pi)
-
-    @cached_property
-    def sky_actinic(self) -> float:
-        """Sum of the sky's radiance over all directions above a target [W m-2]."""
-
-        def each(part: BandSlice, air: AirBounds) -> float:
-            forward = part.outside * -np.expm1(-part.depth / air.mu)
-            return float(forward + (1.0 - expn(2, part.depth)) * air.actinic_of(part))
-
-        return self._worst(lambda air: _ROOM * air.total(lambda part: each(part, air)))
-
-    @cached_property
-    def depth(self) -> float:
-        """Largest optical depth in the band."""
-        return self._worst(lambda air: max((one.depth for one in air.slices), default=np.inf))
-
-    def depth_below(self, height_m: float) -> float:
-        """Return the largest optical depth in the band between the ground and a height [m]."""
-        return self._worst(
-            lambda air: max((one.depth - one.thick.depth_above(height_m) for one in air.slices), default=np.inf)
-        )
-
-    def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
-        """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
-
-        Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
-        molecules and aerosol, nor more than tau / mu of each by its own.
-        """
-        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
-
-        def each(air: AirBounds) -> FloatArray:
-            found = np.full(np.shape(scattering_rad), 0.0 if air.slices else np.inf)
-            for part in air.slices:
-                scattered = -np.expm1(-part.depth * slant)
-                once = np.minimum(
-                    _phase(part.asymmetries, scattering_rad) * scattered, part.scattered_once(scattering_rad) * slant
-                )
-                rest = air.rest_of(part, scattering_rad) * scattered
-                found = found + _ROOM * (part.outside * once + rest) / (4.0 * np.pi)
-            return found
-
-        return each(self) if self.alternative is None else np.maximum(each(self), each(self.alternative))
-
-    def sky_again(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
-        """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
-
-        Light of the beam that came off the ground, and was scattered once then, is not in it.
-        """
-        if self.alternative is not None:
-            return np.full(np.shape(scattering_rad), np.inf)
-        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
-        found = np.full(np.shape(scattering_rad), 0.0 if self.slices else np.inf)
-        for part in self.slices:
-            beam = part.outside * self.mu * np.exp(-part.depth / self.mu)
-            again = self.rest_of(part, scattering_rad) - 2.0 * _SPREAD_PHASE * self.ground_albedo * beam
-            found = found + _ROOM * again * -np.expm1(-part.depth * slant) / (4.0 * np.pi)
-        return found
-
-    def path(self, *, height_m: float, view_zenith_rad: ArrayLike, scattering_rad: ArrayLike) -> float:
-        """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].
-
-        The radiance is at most the largest source times 1 - exp(-tau_below / mu_v). The source is, over 4 pi: the beam
-        as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
-        scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
-        """
-        if height_m == 0.0:
-            return 0.0
-        slant, angle = 1.0 / np.cos(view_zenith_rad), np.asarray(scattering_rad, dtype=np.float64)
-
-        def each(air: AirBounds) -> float:
-            found = np.full(angle.shape, 0.0 if air.slices else np.inf)
-            for part in air.slices:
-                above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
-                below = part.depth - part.thick.depth_above(height_m)
-                found = found + air.source_of(part, angle, above) * -np.expm1(-below * slant)
-            return float(np.max(found))
-
-        return self._worst(each)
-
-    def mixed_in(self, *, height_m: float, slant: float) -> float:
-        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1."""
-        if height_m == 0.0:
-            return 0.0
-        way = min(self.depth_below(height_m) * slant, _MOST_MIXED)
-        return float(np.exp(-BACKSCATTER * way) - np.exp(-way))
-
-    def source_of(self, part: BandSlice, scattering_rad: FloatArray, above: float) -> FloatArray:
-        """Return the most that is scattered into a direction, over the depth [W m-2 sr-1]."""
-        beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
-        return np.asarray(_ROOM * (beam + self.rest_of(part, scattering_rad)) / (4.0 * np.pi))
-
-    def rest_of(self, part: BandSlice, scattering_rad: FloatArray) -> FloatArray:
-        """Return the most that is scattered of all but the beam, over the depth and 1 / (4 pi) [W m-2]."""
-        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
-        turned = part.outside * -np.expm1(-part.depth / self.mu) * _phase(part.asymmetries, nearest, turned=True)
-        diffuse = (1.0 - expn(2, 0.5 * part.depth)) * self.actinic_of(part)
-        diffuse += 2.0 * self.ground_albedo * self.received_of(part)
-        return np.asarray(turned + _SPREAD_PHASE * diffuse)
-
-    def received_of(self, part: BandSlice) -> float:
-        """Return what a part of the band brings to the ground [W m-2]."""
-        returned = self.ground_albedo * (1.0 - 2.0 * float(expn(3, part.depth)))
-        return float(part.outside * self.mu / (1.0 - returned))
-
-    def actinic_of(self, part: BandSlice) -> float:
-        """Return the largest actinic flux of a part of the band [W m-2]."""
-        return float((part.outside + 2.0 * self.ground_albedo * self.received_of(part)) / expn(2, 0.5 * part.depth))
-
-    def total(self, each: Callable[[BandSlice], float]) -> float:
-        """Return the sum over the band."""
-        return sum(map(each, self.slices)) if self.slices else np.inf
-
-    def _worst(self, of: Callable[["AirBounds"], float]) -> float:
-        return of(self) if self.alternative is None else max(of(self), of(self.alternative))
-
-
-UNKNOWN_AIR = AirBounds(slices=(), mu=1.0, ground_albedo=1.0)
-
-
-def bound_air(air: Air) -> AirBounds:
-    """Return bounds of the light at the ground.
-
-    With irradiance E outside the atmosphere, mu its cosine, depth tau (the largest in a part of the band), ground
-    albedo A: the ground receives G <= E mu / (1 - A s), s = 1 - 2 E3(tau), since what returns to it has been scattered.
-    The actinic flux anywhere is at most (E + 2 A G) / E2(tau / 2): in an isotropically scattering slab at least the
-    share E2(tau / 2) of a source leaves without another scattering. Of it at most 1 - E2(tau) is scattered toward the
-    ground, beside what goes on nearly forward from the beam, at most E (1 - exp(-tau / mu)).
-
-    Definition; conservation of energy. E_n are the exponential integrals.
+    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
     """
-    if air.alternative is not None:
-        one = bound_air(replace(air, alternative=None, share=0.0))
-        return replace(one, alternative=bound_air(air.alternative))
-    if air.state is None or air.fidelity in (Fidelity.ANALYTIC, Fidelity.TABLE):
-        return UNKNOWN_AIR
-    return AirBounds(slices=_slices(air), mu=float(np.cos(air.sun_zenith_rad)), ground_albedo=air.ground_albedo)
+    return added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else _NOTHING
 
 
-def is_narrow(band: SolarBand) -> bool:
-    """Return whether a band is one in which the air is all but the same."""
-    shortest, longest = band.limits_m
-    return bool(longest <= _NARROW * shortest)
+def _field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
+
+    The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
+    mean square is at most the largest difference of these. The reflected sky changes by at most 2 (1 / m + 4 / mu) of
+    itself per radian, m being the rms slope, the path by 2 / mu + 10.
+    """
+    if light.spread == 0.0:
+        return _NOTHING
+    if not (region.is_known and light.spread < 1.0):
+        return _UNKNOWN
+    moved = _moved(scene, region, light.spread, light.spread)
+    ratio = _times((light.deviation * region.s0_high) ** 2, region.share_of_light)
+    # A part of the whole has the share r / (1 + r), r being its ratio to the rest.
+    share = ratio / (1.0 + ratio) if np.isfinite(ratio) else ratio
+    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + share)
 
 
-def _slices(air: Air) -> tuple[BandSlice, ...]:
-    if air.state is None:
-        raise ValueError("air without a state has no optical depth")
-    shortest, longest = air.band.limits_m
-    edges = np.linspace(shortest, longest, 2 if is_narrow(air.band) else _SLICES + 1)
-    columns = [column(air.state, wavelength_m=float(edge)) for edge in edges]
-    place = np.clip(np.searchsorted(edges, air.band.wavelength_m, side="right") - 1, 0, edges.size - 2)
-    outside = np.bincount(place, weights=air.band.shares, minlength=edges.size - 1)
-    return tuple(
-        BandSlice(
-            outside=float(sent),
-            thick=max(ends, key=lambda one: one.depth),
-            thin=min(ends, key=lambda one: one.depth),
-        )
-        for sent, ends in zip(outside, pairwise(columns), strict=True)
+def _wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
+    """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
+
+    Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
+    2 tau / mu_v), and its curvature is at most K (K + 5). At the mean of the band the slope drops out
+    (`model.atmosphere.sky`): with the variance v of the relative wavelength over the band K (K + 5) v / 2 of
+    all that the air scatters, but of no more than there may be of it. The transmittance T of the air below the camera,
+    of slant depth x, changes by 4.2 x per relative wavelength and its curvature is at most 4.2 x (4.2 x + 5); weighted
+    by the beam, whose own slope is at most K, it misses 4.2 x (4.2 x + 5 + 2 K) v / 2 of what is reflected.
+    """
+    if region.region.surface is None or scene.air is None or scene.view is None:
+        return _NOTHING
+    air = scene.air
+    if air.table is not None:
+        return _NOTHING
+    slant = 1.0 / np.cos(scene.view.zenith_rad)
+    steepness = _steepness(air, light.depth, slant)
+    way = _POWER * light.depth_below * slant
+    variance = _relative_variance(air)
+    scattered = min(region.counts_per_radiance * light.added / region.s0_low, 1.0) if region.is_known else 1.0
+    missed = 0.5 * variance * steepness * (steepness + 5.0) * scattered
+    missed += 0.5 * variance * way * (way + 5.0 + 2.0 * steepness)
+    return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else _UNKNOWN
+
+
+def added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
+    """Return what light that is added changes."""
+    if radiance == 0.0:
+        return _NOTHING
+    if not (region.is_known and np.isfinite(radiance)):
+        return _UNKNOWN
+    share = region.counts_per_radiance * radiance / region.s0_low
+    return _moved(scene, region, share, dolp * share) if share < 1.0 else _UNKNOWN
+
+
+def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -> Disturbance:
+    """Return a shift of the mean, with what it does to the shot noise and to the texture."""
+    noise = scene.sensor.noise
+    s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
+    counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
+    variance = noise.noise_factor**2 * noise.gain_dn_per_e * counts
+    share = _times(variance, region.share_of_noise) if noise.shot_noise else 0.0
+    texture = _of_texture(scene, region, float(np.hypot(s0, polarised)))
+    return Disturbance(
+        s0=s0,
+        polarised=polarised,
+        share=share + texture + texture**2,
+        share_of_dolp=share + texture / np.sqrt(region.cycles) + texture**2 / region.cycles,
     )
 
 
-def _phase(asymmetries: tuple[float, ...], scattering_rad: FloatArray, *, turned: bool = False) -> FloatArray:
-    """Largest phase function of molecules and of aerosols (Henyey-Greenstein); of molecules 1.5 for turned light."""
-    cosine = np.cos(scattering_rad)
-    largest = np.asarray(1.5 if turned else _MOLECULES * 0.75 * (1.0 + cosine**2))
-    for g in asymmetries:
-        largest = np.maximum(largest, (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5)
-    return largest
+def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
+    """Amplitude b of what texture, pattern and spread over the field, which go with the light, change.
+
+    A part v v' of a covariance C = N + v v' + ... that becomes (v + d) (v + d)' changes x'Cx by 2 (xv) (xd) + (xd)^2.
+    With b the largest of |xd| over the root of x'Nx, and since 2 |xv| times that root is at most x'Cx, it is b + b^2 of
+    x'Cx at most. N is the noise of a mean over cycles: of one cycle b is smaller by the root of their number. Over a
+    field the light of each direction may change by all of the shift.
+    """
+    one, noise = region.region, scene.sensor.noise
+    over_field = 0.0 if one.part is None else 1.0
+    relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
+    return _times(relative * shift * region.s0_high, float(np.sqrt(region.share_of_light))) if relative > 0.0 else 0.0
 
 
-# Reflectance of a surface over the sky, as upper limits on a grid, and sums of light over it
+def _times(size: float, share: float) -> float:
+    """Return so many times the share of a unit: none of nothing, and no limit where the size has none."""
+    if size == 0.0:
+        return 0.0
+    return size * share if np.isfinite(size) else np.inf
+
+
+def _steepness(air: Air, depth: float, slant: float) -> float:
+    """Most by which light that the air scatters changes per relative wavelength, over itself."""
+    return float(_POWER * (1.0 + 2.0 * depth * (1.0 / np.cos(air.sun_zenith_rad) + slant)))
+
+
+def _relative_variance(air: Air) -> float:
+    """Variance over the band of the wavelength over its mean, by its inverse, as at the shortest wavelength."""
+    shares, inverse = air.band.shares, 1.0 / air.band.wavelength_m
+    mean = float(shares @ inverse / np.sum(shares))
+    variance = float(shares @ (inverse / mean - 1.0) ** 2 / np.sum(shares))
+    return variance * float((mean / np.min(inverse[shares > 0.0])) ** 2)
+
+
+def _given_light(region: LitRegion, radiance: FloatArray) -> LightLimits:
+    """Limits of a region whose radiance is given."""
+    stokes = np.asarray(radiance, dtype=np.float64)
+    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
+    return LightLimits(
+        beams=np.stack([stokes, stokes]),
+        s0_low=s0,
+        s0_high=s0,
+        polarised_low=polarised,
+        polarised_high=polarised,
+        texture=region.texture_rms**2 * np.outer(stokes, stokes) + region.texture_cov,
+    )
+
+
+def _beam_lighting(air: Air) -> Lighting:
+    """Return the light of the beam alone; nothing is solved."""
+    if air.table is not None:
+        return air.table
+    if air.state is None:
+        raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
+    return compute_lighting(
+        air.state,
+        fidelity=air.fidelity,
+        band=air.band,
+        mu0=float(np.cos(air.sun_zenith_rad)),
+        albedo=air.ground_albedo,
+        aerosol=air.aerosol,
+        wavelengths=2 if is_narrow(air.band) else 4,
+        dolp_max=air.dolp_max,
+        solver=unlit_solution,
+        settings=_FEWEST_LAYERS,
+    )
+
+
+def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: _AirBounds) -> LightLimits:
+    """Return the limits of a region's radiance before sky and path are known.
+
+    Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
+    most fp = |(F10, F20)| + the norm of the rest of F, which a diffuse term has not. Either is at most the largest of
+    it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid with the mirror
+    direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times the bound of the
+    sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
+
+    [MK14] eq. (2), (3).
+    """
+    panel, air = _panel(scene, region)
+    beams = _beams(panel, air, lighting, scene.sun_azimuth_rad)
+    found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
+    found = _with_sky(found, panel, limits, sun_zenith_rad=air.sun_zenith_rad, sun_azimuth_rad=scene.sun_azimuth_rad)
+    sun = direction(zenith_rad=air.sun_zenith_rad, azimuth_rad=scene.sun_azimuth_rad)
+    path = limits.path(
+        height_m=panel.views[0].height_m,
+        view_zenith_rad=np.array([view.zenith_rad for view in panel.views]),
+        scattering_rad=angle_between_rad(-sun, _toward(panel)),
+    )
+    of_beam, of_rest = _spread(found, panel, path=path)
+    return replace(
+        found,
+        path=path,
+        adjacency=_surroundings(scene.imperfections.surround_albedo, panel, air, limits),
+        spread=_BETWEEN * of_beam + of_rest,
+        deviation=of_beam + of_rest,
+        depth=limits.depth,
+        depth_below=limits.depth_below(panel.views[0].height_m),
+    )
+
+
+class _Panel(NamedTuple):
+    """A region of a material, and views over its part of the field, the middle first."""
+
+    surface: Surface
+    tilt: Tilt
+    views: tuple[View, ...]
+
+
+def _panel(scene: LitScene, region: LitRegion) -> tuple[_Panel, Air]:
+    if scene.air is None or scene.view is None or region.surface is None or region.tilt is None:
+        raise ValueError(f"region {region.name}: needs air, view, surface and tilt")
+    views = _field_views(scene.view, region.part)
+    return _Panel(surface=region.surface, tilt=region.tilt, views=views), scene.air
+
+
+def _toward(panel: _Panel) -> FloatArray:
+    """Directions toward the camera, (K, 3)."""
+    return np.stack([direction(zenith_rad=one.zenith_rad, azimuth_rad=one.azimuth_rad) for one in panel.views])
+
+
+def _slant(panel: _Panel) -> float:
+    """Longest way through air over that upward."""
+    return 1.0 / min(float(np.cos(view.zenith_rad)) for view in panel.views)
+
+
+def _field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
+    """Return the axis or, over a part of the field, its middle, the middles of its edges, and its corners."""
+    if part is None:
+        return (view,)
+    across, upward = middle(part)
+    rights, ups = (
+        (np.tan(low), between, np.tan(high))
+        for low, between, high in ((part.left_rad, across, part.right_rad), (part.bottom_rad, upward, part.top_rad))
+    )
+    others = [(float(x), float(y)) for x in rights for y in ups if (x, y) != (across, upward)]
+    return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
+
+
+def _beams(panel: _Panel, air: Air, lighting: Lighting, sun_azimuth_rad: float) -> FloatArray:
+    """Stokes radiance that the beam sends to each view of a panel, (K, 3)."""
+    illumination = illuminate(
+        lighting,
+        sun_zenith_rad=air.sun_zenith_rad,
+        sun_azimuth_rad=sun_azimuth_rad,
+        ground_albedo=air.ground_albedo,
+        sky=_black_sky,
+    )
+    lights = aperture_lights(
+        illumination, surface=panel.surface, tilt=panel.tilt, views=panel.views, skylight=False, path=False
+    )
+    return np.stack([light.reflected_sun for light in lights])
+
+
+def _black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
+    """Return no light from any direction."""
+    shape = np.broadcast_shapes(np.shape(np.asarray(zenith_rad)), np.shape(np.asarray(phi_rad)))
+    return np.zeros((*shape, 3))
+
+
+def _beams_between(beams: FloatArray, *, is_counted: bool) -> LightLimits:
+    """Limits of the beam's light between directions at which it is known; none where it does not count."""
+    if not is_counted:
+        return LightLimits(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
+    known = float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
+    apart = (_BETWEEN - 1.0) * known
+    polarised = np.hypot(beams[:, 1], beams[:, 2])
+    # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
+    reach = np.array([2.0 * apart, 0.0, 0.0])
+    edges = np.concatenate([beams + reach, beams - reach])
+    return LightLimits(
+        beams=edges,
+        s0_low=max(float(beams[:, 0].min()) - apart, 0.0),
+        s0_high=float(beams[:, 0].max()) + apart,
+        polarised_low=max(float(polarised.min()) - apart, 0.0),
+        polarised_high=float(polarised.max()) + apart,
+        apart=known,
+    )
+
+
+def _with_sky(
+    found: LightLimits, panel: _Panel, limits: _AirBounds, *, sun_zenith_rad: float, sun_azimuth_rad: float
+) -> LightLimits:
+    """Limits with those of what the sky adds."""
+    is_level = panel.tilt.tilt_rad == 0.0
+    ground = 0.0 if is_level else 2.0 * np.pi * limits.ground_radiance
+    grid = _ReflectanceGrid.of(panel.surface, angle_between_rad(panel.tilt.normal, _toward(panel)))
+    skies, again = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
+    if is_level and limits.depth < _THIN:
+        sun = {"sun_zenith_rad": sun_zenith_rad, "sun_azimuth_rad": sun_azimuth_rad}
+        skies = np.minimum(skies, _MISSED * grid.reflected(limits.sky, panel.views, **sun))
+        again = _MISSED * grid.reflected(limits.sky_again, panel.views, **sun)
+    sky, polarised = skies.tolist()
+    if limits.depth < _NEXT_TO_NONE:
+        sky = polarised = _FEW_DIGITS * sky
+    return replace(
+        found,
+        sky=sky,
+        sky_polarised=min(polarised, sky),
+        sky_again=float(again[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
+        sky_again_polarised=float(again[1]),
+    )
+
+
+def _spread(light: LightLimits, panel: _Panel, *, path: float) -> tuple[float, float]:
+    """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
+
+    The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
+    """
+    if len(panel.views) == 1:
+        return 0.0, 0.0
+    if light.s0_low <= 0.0:
+        return np.inf, 0.0
+    toward, slant = _toward(panel), _slant(panel)
+    angle = float(np.max(angle_between_rad(toward[0], toward[1:])))
+    of_beam = light.apart / light.s0_low
+    of_sky = (
+        angle * 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) * min(1.0, _SKY_ROOM * light.sky / light.s0_low)
+    )
+    of_path = angle * (2.0 * slant + 10.0) * min(1.0, path / light.s0_low)
+    return of_beam, of_sky + of_path
+
+
+def _surroundings(around: float | None, panel: _Panel, air: Air, limits: _AirBounds) -> float:
+    """Most that surroundings of an albedo add: T^b - T of their light beyond that of the mean ground."""
+    if around is None or around == air.ground_albedo:
+        return 0.0
+    mixed = limits.mixed_in(height_m=panel.views[0].height_m, slant=_slant(panel))
+    return abs(around - air.ground_albedo) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0
+
 
 # Radiance of the sky by zenith angle and angle from the sun, both of one shape [W m-2 sr-1].
 RadianceOfSky = Callable[[FloatArray, FloatArray], FloatArray]
@@ -379,7 +502,7 @@ _DIGITS = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PbrdfGrid:
+class _ReflectanceGrid:
     """Reflectance times cos(theta_i) over the sky for some views [sr-1]."""
 
     zenith_rad: FloatArray
@@ -387,7 +510,7 @@ class PbrdfGrid:
     values: Mapping[float, FloatArray]
 
     @classmethod
-    def of(cls, surface: Surface, theta_r_rad: FloatArray) -> "PbrdfGrid":
+    def of(cls, surface: Surface, theta_r_rad: FloatArray) -> _ReflectanceGrid:
         """Return the grid with the mirror directions of views at some angles from the normal, shape (K,) [rad]."""
         grid, near = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), surface.slope_rms * np.linspace(-3.0, 3.0, 13)
         angles = sorted({_rounded(float(angle)) for angle in theta_r_rad})
@@ -444,230 +567,233 @@ def _sum(values: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(0.5 * np.sum((values[..., 1:] + values[..., :-1]) * np.diff(at), axis=-1))
 
 
-# Limits of the light of each region before anything is solved: that of the beam, and at most what air scatters
-
-
-# What the largest pBRDF on a grid is taken times for what its steps miss.
-_MISSED = 1.5
-# Under air as thick as this the sky sends so much that no sharper bound of it helps.
-_THIN = 0.05
-# Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
-# may be off by more than all of it, and polarised by more than 1. Sharp bounds are of no use there, for all of it is
-# next to nothing.
-_NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
-# Over a field the beam's light is known at nine directions; between them it may go this much farther.
-_BETWEEN = 2.0
-# How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
-SKY_ROOM = 5.0
-# The beam sees the depth of all layers and no more.
-_FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, tolerance=1e-3)
-_WITH_BEAM = ("total", "reflected", "reflected_sun")
-
-
-def _given_light(region: LitRegion, radiance: FloatArray) -> LightLimits:
-    """Limits of a region whose radiance is given."""
-    stokes = np.asarray(radiance, dtype=np.float64)
-    s0, polarised = float(stokes[0]), float(np.hypot(stokes[1], stokes[2]))
-    return LightLimits(
-        beams=np.stack([stokes, stokes]),
-        s0_low=s0,
-        s0_high=s0,
-        polarised_low=polarised,
-        polarised_high=polarised,
-        texture=region.texture_rms**2 * np.outer(stokes, stokes) + region.texture_cov,
-    )
-
-
-def _beam_lighting(air: Air) -> Lighting:
-    """Return the light of the beam alone; nothing is solved."""
-    if air.table is not None:
-        return air.table
-    if air.state is None:
-        raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
-    return compute_lighting(
-        air.state,
-        fidelity=air.fidelity,
-        band=air.band,
-        mu0=float(np.cos(air.sun_zenith_rad)),
-        albedo=air.ground_albedo,
-        aerosol=air.aerosol,
-        wavelengths=2 if is_narrow(air.band) else 4,
-        dolp_max=air.dolp_max,
-        solver=unlit_solution,
-        settings=_FEWEST_LAYERS,
-    )
-
-
-def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: AirBounds) -> LightLimits:
-    """Return the limits of a region's radiance before sky and path are known.
-
-    Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
-    most fp = |(F10, F20)| + the norm of the rest of F, which a diffuse term has not. Either is at most the largest of
-    it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid with the mirror
-    direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times the bound of the
-    sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
-
-    [MK14] eq. (2), (3).
-    """
-    panel = _panel(scene, region)
-    found = _beams_between(_beams(panel, lighting), is_counted=scene.source in _WITH_BEAM)
-    found = _with_sky(found, panel, limits)
-    path = _path(panel, limits)
-    of_beam, of_rest = _spread(found, panel, path=path)
-    return replace(
-        found,
-        path=path,
-        adjacency=_adjacency(scene, panel, limits),
-        spread=_BETWEEN * of_beam + of_rest,
-        deviation=of_beam + of_rest,
-        depth=limits.depth,
-        depth_below=limits.depth_below(panel.views[0].height_m),
-    )
+# Of what is scattered more than once, directions are known to nobody: its phase function is taken as this, and a beam
+# that was scattered once before as turned by up to that angle.
+_SPREAD_PHASE = 2.0
+_TURNED_RAD = np.radians(30.0)
+# Room for interpolation over wavelengths and for the phase functions of spheres, which are no Henyey-Greenstein ones.
+_ROOM = 1.5
+# Parts of a band, each as thick as at its thicker end: a wide one has so many, a narrow one is one.
+_SLICES, _NARROW = 4, 1.05
+# Molecules turn light by any angle with a phase function of 1.5 or less; a little more for their depolarization.
+_MOLECULES = 1.01
+# The largest difference of transmittances T^b - T is at this slant depth.
+_MOST_MIXED = -np.log(BACKSCATTER) / (1.0 - BACKSCATTER)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Panel:
-    """A region of a material under its air, and views over its part of the field, the middle first."""
+class _AirBounds:
+    """Upper bounds of light, all in band; infinite where nothing is known."""
 
-    surface: Surface
-    tilt: Tilt
-    views: tuple[View, ...]
-    air: Air
-    sun_azimuth_rad: float
+    slices: tuple[_Slice, ...]
+    mu: float
+    ground_albedo: float
+    alternative: _AirBounds | None = None
+
+    @cached_property
+    def received(self) -> float:
+        """Irradiance of the ground by sun and sky [W m-2]."""
+        return self._worst(lambda air: air.total(air.received_of))
 
     @property
-    def toward(self) -> FloatArray:
-        """Directions toward the camera, (K, 3)."""
-        return np.stack(
-            [geometry.direction(zenith_rad=one.zenith_rad, azimuth_rad=one.azimuth_rad) for one in self.views]
+    def ground_radiance(self) -> float:
+        """Radiance of the ground around [W m-2 sr-1]."""
+        return self._worst(lambda air: air.ground_albedo * air.total(air.received_of) / np.pi)
+
+    @cached_property
+    def sky_actinic(self) -> float:
+        """Sum of the sky's radiance over all directions above a target [W m-2]."""
+
+        def each(part: _Slice, air: _AirBounds) -> float:
+            forward = part.outside * -np.expm1(-part.depth / air.mu)
+            return float(forward + (1.0 - expn(2, part.depth)) * air.actinic_of(part))
+
+        return self._worst(lambda air: _ROOM * air.total(lambda part: each(part, air)))
+
+    @cached_property
+    def depth(self) -> float:
+        """Largest optical depth in the band."""
+        return self._worst(lambda air: max((one.depth for one in air.slices), default=np.inf))
+
+    def depth_below(self, height_m: float) -> float:
+        """Return the largest optical depth in the band between the ground and a height [m]."""
+        return self._worst(
+            lambda air: max((one.depth - one.thick.depth_above(height_m) for one in air.slices), default=np.inf)
         )
 
-    @property
-    def slant(self) -> float:
-        """Longest way through air over that upward."""
-        return 1.0 / min(float(np.cos(view.zenith_rad)) for view in self.views)
+    def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
+
+        Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
+        molecules and aerosol, nor more than tau / mu of each by its own.
+        """
+        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
+
+        def each(air: _AirBounds) -> FloatArray:
+            found = np.full(np.shape(scattering_rad), 0.0 if air.slices else np.inf)
+            for part in air.slices:
+                scattered = -np.expm1(-part.depth * slant)
+                once = np.minimum(
+                    _phase(part.asymmetries, scattering_rad) * scattered, part.scattered_once(scattering_rad) * slant
+                )
+                rest = air.rest_of(part, scattering_rad) * scattered
+                found = found + _ROOM * (part.outside * once + rest) / (4.0 * np.pi)
+            return found
+
+        return each(self) if self.alternative is None else np.maximum(each(self), each(self.alternative))
+
+    def sky_again(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
+
+        Light of the beam that came off the ground, and was scattered once then, is not in it.
+        """
+        if self.alternative is not None:
+            return np.full(np.shape(scattering_rad), np.inf)
+        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
+        found = np.full(np.shape(scattering_rad), 0.0 if self.slices else np.inf)
+        for part in self.slices:
+            beam = part.outside * self.mu * np.exp(-part.depth / self.mu)
+            again = self.rest_of(part, scattering_rad) - 2.0 * _SPREAD_PHASE * self.ground_albedo * beam
+            found = found + _ROOM * again * -np.expm1(-part.depth * slant) / (4.0 * np.pi)
+        return found
+
+    def path(self, *, height_m: float, view_zenith_rad: ArrayLike, scattering_rad: ArrayLike) -> float:
+        """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].
+
+        The radiance is at most the largest source times 1 - exp(-tau_below / mu_v). The source is, over 4 pi: the beam
+        as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
+        scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
+        """
+        if height_m == 0.0:
+            return 0.0
+        slant, angle = 1.0 / np.cos(view_zenith_rad), np.asarray(scattering_rad, dtype=np.float64)
+
+        def each(air: _AirBounds) -> float:
+            found = np.full(angle.shape, 0.0 if air.slices else np.inf)
+            for part in air.slices:
+                above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
+                below = part.depth - part.thick.depth_above(height_m)
+                found = found + air.source_of(part, angle, above) * -np.expm1(-below * slant)
+            return float(np.max(found))
+
+        return self._worst(each)
+
+    def mixed_in(self, *, height_m: float, slant: float) -> float:
+        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1."""
+        if height_m == 0.0:
+            return 0.0
+        way = min(self.depth_below(height_m) * slant, _MOST_MIXED)
+        return float(np.exp(-BACKSCATTER * way) - np.exp(-way))
+
+    def source_of(self, part: _Slice, scattering_rad: FloatArray, above: float) -> FloatArray:
+        """Return the most that is scattered into a direction, over the depth [W m-2 sr-1]."""
+        beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
+        return np.asarray(_ROOM * (beam + self.rest_of(part, scattering_rad)) / (4.0 * np.pi))
+
+    def rest_of(self, part: _Slice, scattering_rad: FloatArray) -> FloatArray:
+        """Return the most that is scattered of all but the beam, over the depth and 1 / (4 pi) [W m-2]."""
+        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
+        turned = part.outside * -np.expm1(-part.depth / self.mu) * _phase(part.asymmetries, nearest, turned=True)
+        diffuse = (1.0 - expn(2, 0.5 * part.depth)) * self.actinic_of(part)
+        diffuse += 2.0 * self.ground_albedo * self.received_of(part)
+        return np.asarray(turned + _SPREAD_PHASE * diffuse)
+
+    def received_of(self, part: _Slice) -> float:
+        """Return what a part of the band brings to the ground [W m-2]."""
+        returned = self.ground_albedo * (1.0 - 2.0 * float(expn(3, part.depth)))
+        return float(part.outside * self.mu / (1.0 - returned))
+
+    def actinic_of(self, part: _Slice) -> float:
+        """Return the largest actinic flux of a part of the band [W m-2]."""
+        return float((part.outside + 2.0 * self.ground_albedo * self.received_of(part)) / expn(2, 0.5 * part.depth))
+
+    def total(self, each: Callable[[_Slice], float]) -> float:
+        """Return the sum over the band."""
+        return sum(map(each, self.slices)) if self.slices else np.inf
+
+    def _worst(self, of: Callable[[_AirBounds], float]) -> float:
+        return of(self) if self.alternative is None else max(of(self), of(self.alternative))
 
 
-def _panel(scene: LitScene, region: LitRegion) -> _Panel:
-    air, view, surface, tilt = scene.air, scene.view, region.surface, region.tilt
-    if air is None or view is None or surface is None or tilt is None:
-        raise ValueError(f"region {region.name}: needs air, view, surface and tilt")
-    views = _field_views(view, region.part)
-    return _Panel(surface=surface, tilt=tilt, views=views, air=air, sun_azimuth_rad=scene.sun_azimuth_rad)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Slice:
+    """Part of a band: its irradiance outside the atmosphere [W m-2], and the air where it is thickest and thinnest."""
+
+    outside: float
+    thick: Column
+    thin: Column
+
+    @cached_property
+    def depth(self) -> float:
+        """Largest optical depth."""
+        return self.thick.depth
+
+    @cached_property
+    def asymmetries(self) -> tuple[float, ...]:
+        """Of its aerosols."""
+        return tuple({one.g for column in (self.thick, self.thin) for one in (column.lower, column.upper)})
+
+    def scattered_once(self, scattering_rad: FloatArray) -> FloatArray:
+        """Return the largest phase function of molecules times their depth, and that of all air times the rest's."""
+        molecules, rest = (
+            max(getattr(column, name) for column in (self.thick, self.thin)) for name in ("tau_rayleigh", "tau_aerosol")
+        )
+        return np.asarray(molecules * _phase((), scattering_rad) + rest * _phase(self.asymmetries, scattering_rad))
 
 
-def _field_views(view: View, part: FieldPart | None) -> tuple[View, ...]:
-    """Return the axis or, over a part of the field, its middle, the middles of its edges, and its corners."""
-    if part is None:
-        return (view,)
-    across, upward = middle(part)
-    rights, ups = (
-        (np.tan(low), between, np.tan(high))
-        for low, between, high in ((part.left_rad, across, part.right_rad), (part.bottom_rad, upward, part.top_rad))
-    )
-    others = [(float(x), float(y)) for x in rights for y in ups if (x, y) != (across, upward)]
-    return tuple(off_axis(view, right=x, up=y) for x, y in ((across, upward), *others))
+_UNKNOWN_AIR = _AirBounds(slices=(), mu=1.0, ground_albedo=1.0)
 
 
-def _beams(panel: _Panel, lighting: Lighting) -> FloatArray:
-    """Stokes radiance that the beam sends to each view of a panel, (K, 3)."""
-    illumination = illuminate(
-        lighting,
-        sun_zenith_rad=panel.air.sun_zenith_rad,
-        sun_azimuth_rad=panel.sun_azimuth_rad,
-        ground_albedo=panel.air.ground_albedo,
-        sky=_black_sky,
-    )
-    lights = aperture_lights(
-        illumination, surface=panel.surface, tilt=panel.tilt, views=panel.views, skylight=False, path=False
-    )
-    return np.stack([light.reflected_sun for light in lights])
+def _bound_air(air: Air) -> _AirBounds:
+    """Return bounds of the light at the ground.
 
+    With irradiance E outside the atmosphere, mu its cosine, depth tau (the largest in a part of the band), ground
+    albedo A: the ground receives G <= E mu / (1 - A s), s = 1 - 2 E3(tau), since what returns to it has been scattered.
+    The actinic flux anywhere is at most (E + 2 A G) / E2(tau / 2): in an isotropically scattering slab at least the
+    share E2(tau / 2) of a source leaves without another scattering. Of it at most 1 - E2(tau) is scattered toward the
+    ground, beside what goes on nearly forward from the beam, at most E (1 - exp(-tau / mu)).
 
-def _black_sky(*, zenith_rad: object, phi_rad: object) -> FloatArray:
-    """Return no light from any direction."""
-    shape = np.broadcast_shapes(np.shape(np.asarray(zenith_rad)), np.shape(np.asarray(phi_rad)))
-    return np.zeros((*shape, 3))
-
-
-def _with_sky(found: LightLimits, panel: _Panel, limits: AirBounds) -> LightLimits:
-    """Limits with those of what the sky adds."""
-    is_level = panel.tilt.tilt_rad == 0.0
-    ground = 0.0 if is_level else 2.0 * np.pi * limits.ground_radiance
-    grid = PbrdfGrid.of(panel.surface, geometry.angle_between_rad(panel.tilt.normal, panel.toward))
-    skies, again = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
-    if is_level and limits.depth < _THIN:
-        sun = {"sun_zenith_rad": panel.air.sun_zenith_rad, "sun_azimuth_rad": panel.sun_azimuth_rad}
-        skies = np.minimum(skies, _MISSED * grid.reflected(limits.sky, panel.views, **sun))
-        again = _MISSED * grid.reflected(limits.sky_again, panel.views, **sun)
-    sky, polarised = skies.tolist()
-    if limits.depth < _NEXT_TO_NONE:
-        sky = polarised = _FEW_DIGITS * sky
-    return replace(
-        found,
-        sky=sky,
-        sky_polarised=min(polarised, sky),
-        sky_again=float(again[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
-        sky_again_polarised=float(again[1]),
-    )
-
-
-def _beams_between(beams: FloatArray, *, is_counted: bool) -> LightLimits:
-    """Limits of the beam's light between directions at which it is known; none where it does not count."""
-    if not is_counted:
-        return LightLimits(beams=np.zeros_like(beams), s0_low=0.0, s0_high=0.0, polarised_low=0.0, polarised_high=0.0)
-    known = float(np.max(np.linalg.norm(beams - beams[0], axis=-1)))
-    apart = (_BETWEEN - 1.0) * known
-    polarised = np.hypot(beams[:, 1], beams[:, 2])
-    # A channel gets at most half of S0 and of the polarised light, 0.71 of the length of a change.
-    reach = np.array([2.0 * apart, 0.0, 0.0])
-    edges = np.concatenate([beams + reach, beams - reach])
-    return LightLimits(
-        beams=edges,
-        s0_low=max(float(beams[:, 0].min()) - apart, 0.0),
-        s0_high=float(beams[:, 0].max()) + apart,
-        polarised_low=max(float(polarised.min()) - apart, 0.0),
-        polarised_high=float(polarised.max()) + apart,
-        apart=known,
-    )
-
-
-def _spread(light: LightLimits, panel: _Panel, *, path: float) -> tuple[float, float]:
-    """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
-
-    The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
+    Definition; conservation of energy. E_n are the exponential integrals.
     """
-    if len(panel.views) == 1:
-        return 0.0, 0.0
-    if light.s0_low <= 0.0:
-        return np.inf, 0.0
-    toward, slant = panel.toward, panel.slant
-    angle = float(np.max(geometry.angle_between_rad(toward[0], toward[1:])))
-    of_beam = light.apart / light.s0_low
-    of_sky = angle * 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) * min(1.0, SKY_ROOM * light.sky / light.s0_low)
-    of_path = angle * (2.0 * slant + 10.0) * min(1.0, path / light.s0_low)
-    return of_beam, of_sky + of_path
+    if air.alternative is not None:
+        one = _bound_air(replace(air, alternative=None, share=0.0))
+        return replace(one, alternative=_bound_air(air.alternative))
+    if air.state is None or air.fidelity in (Fidelity.ANALYTIC, Fidelity.TABLE):
+        return _UNKNOWN_AIR
+    return _AirBounds(slices=_slices(air), mu=float(np.cos(air.sun_zenith_rad)), ground_albedo=air.ground_albedo)
 
 
-def _path(panel: _Panel, limits: AirBounds) -> float:
-    sun = geometry.direction(zenith_rad=panel.air.sun_zenith_rad, azimuth_rad=panel.sun_azimuth_rad)
-    return limits.path(
-        height_m=panel.views[0].height_m,
-        view_zenith_rad=np.array([view.zenith_rad for view in panel.views]),
-        scattering_rad=geometry.angle_between_rad(-sun, panel.toward),
+def is_narrow(band: SolarBand) -> bool:
+    """Return whether a band is one in which the air is all but the same."""
+    shortest, longest = band.limits_m
+    return bool(longest <= _NARROW * shortest)
+
+
+def _slices(air: Air) -> tuple[_Slice, ...]:
+    if air.state is None:
+        raise ValueError("air without a state has no optical depth")
+    shortest, longest = air.band.limits_m
+    edges = np.linspace(shortest, longest, 2 if is_narrow(air.band) else _SLICES + 1)
+    columns = [column(air.state, wavelength_m=float(edge)) for edge in edges]
+    place = np.clip(np.searchsorted(edges, air.band.wavelength_m, side="right") - 1, 0, edges.size - 2)
+    outside = np.bincount(place, weights=air.band.shares, minlength=edges.size - 1)
+    return tuple(
+        _Slice(
+            outside=float(sent),
+            thick=max(ends, key=lambda one: one.depth),
+            thin=min(ends, key=lambda one: one.depth),
+        )
+        for sent, ends in zip(outside, pairwise(columns), strict=True)
     )
 
 
-def _adjacency(scene: LitScene, panel: _Panel, limits: AirBounds) -> float:
-    """Most that the surroundings add: T^b - T of their light beyond that of the mean ground (`AirBounds.mixed_in`)."""
-    around, ground = scene.imperfections.surround_albedo, panel.air.ground_albedo
-    if around is None or around == ground:
-        return 0.0
-    mixed = limits.mixed_in(height_m=panel.views[0].height_m, slant=panel.slant)
-    return abs(around - ground) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0
-
-
-# Bounds of the radiance and the covariance of a region, known before anything is solved
+def _phase(asymmetries: tuple[float, ...], scattering_rad: FloatArray, *, turned: bool = False) -> FloatArray:
+    """Largest phase function of molecules and of aerosols (Henyey-Greenstein); of molecules 1.5 for turned light."""
+    cosine = np.cos(scattering_rad)
+    largest = np.asarray(1.5 if turned else _MOLECULES * 0.75 * (1.0 + cosine**2))
+    for g in asymmetries:
+        largest = np.maximum(largest, (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5)
+    return largest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -679,15 +805,15 @@ class RegionBounds:
     s0_high: float
     polarised_low: float
     polarised_high: float
-    signal_low: FloatArray
+    signal_low: FloatArray  #: least mean of each channel, (N,), and the least temporal variance there
     variance_low: FloatArray
-    inverse: FloatArray
+    inverse: FloatArray  #: from channels to Stokes parameters, (3, N)
     counts_per_radiance: float
-    noise_low: FloatArray
-    cov_high: FloatArray
+    noise_low: FloatArray  #: least temporal covariance of the Stokes parameters of one cycle, (3, 3)
+    cov_high: FloatArray  #: largest covariance over pixels, and that without a factor common to a pixel's Stokes vector
     own_high: FloatArray
     cycles: int
-    crosstalk: float
+    crosstalk: float  #: share of S0 that drift mixes into S1 and S2, and the other way
 
     @property
     def is_known(self) -> bool:
@@ -706,14 +832,14 @@ class RegionBounds:
         if not np.all(np.isfinite(self.variance_low)) or least <= 0.0:
             return np.inf
         # Of channels that vary apart the largest ratio is that of one of them.
-        return max(share_of(_of_channels(self.inverse, ones), self.noise_low), 1.0 / least)
+        return max(_share_of(_of_channels(self.inverse, ones), self.noise_low), 1.0 / least)
 
     @cached_property
     def share_of_light(self) -> float:
         """Ratio of a variance of 1 DN^2 of every Stokes parameter to the least noise of a mean over the cycles."""
         cov = self.to_channels(np.eye(3))
-        in_stokes = share_of(self.inverse @ cov @ self.inverse.T, self.noise_low / self.cycles)
-        return max(in_stokes, share_of(cov, np.diag(self.variance_low) / self.cycles))
+        in_stokes = _share_of(self.inverse @ cov @ self.inverse.T, self.noise_low / self.cycles)
+        return max(in_stokes, _share_of(cov, np.diag(self.variance_low) / self.cycles))
 
 
 # One plan asks for the bounds of effects in several groups: records are known by their identity.
@@ -782,7 +908,7 @@ def _of_channels(inverse: FloatArray, variances: FloatArray) -> FloatArray:
     return np.asarray(inverse @ np.diag(variances) @ inverse.T)
 
 
-def share_of(part: FloatArray, whole: FloatArray) -> float:
+def _share_of(part: FloatArray, whole: FloatArray) -> float:
     """Return the largest ratio of two quadratic forms along any direction; infinite where the whole has none of it.
 
     Definition; the largest eigenvalue of L^-1 P L^-T, L being the Cholesky factor of the whole.
@@ -860,9 +986,6 @@ def _with_light(
     return np.asarray(drifted * (1.0 + prnu**2) * texture + inverse @ (prnu**2 * np.outer(high, high)) @ inverse.T)
 
 
-# Consequences of an effect: from changes of mean and covariance of a region to bounds of a prediction
-
-
 _ANYTHING = replace(EVERYTHING, detection=0.0)
 # S0 falls this many deviations below its mean in one pixel of three million. Where that is nearer to zero than a
 # quarter of the mean nothing is guaranteed: the pixels' DoLP then has hardly any moments.
@@ -915,7 +1038,7 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     shift = (found.s0 + found.polarised) / (1.0 - found.s0)
     turned = _turned(bounds, found)
     divergence = _divergence(share)
-    low, high = deviation_limits(bounds)
+    low, high = _deviation_limits(bounds)
     dolp_low = bounds.polarised_low / bounds.s0_high
     spread = _of_variance(divergence, share)
     if not spread < 0.5:
@@ -932,7 +1055,7 @@ def bound_of(bounds: RegionBounds, found: Disturbance) -> Bound:
     )
 
 
-def detection_bound(
+def _detection_bound(
     target: RegionBounds, of_target: Disturbance, background: RegionBounds, of_background: Disturbance, *, eta: float
 ) -> float:
     """Return what disturbances of target and background do to a probability of detection at most.
@@ -954,9 +1077,22 @@ def detection_bound(
     if max(of_target.share, of_background.share) >= _LARGEST_SHARE:
         return missed if missed < 1.0 and _lasts(background, of_background.share) else np.inf
     moved = _shift_in_deviations(of_target, target, target) + _shift_in_deviations(of_background, background, target)
-    ratio = share_of(background.cov_high, target.noise_low) if of_background.share > 0.0 else 0.0
+    ratio = _share_of(background.cov_high, target.noise_low) if of_background.share > 0.0 else 0.0
     shell = _SURFACE * np.sqrt(eta) * of_background.share * np.sqrt(ratio) if of_background.share > 0.0 else 0.0
     return float(min(0.4 * moved + 0.5 * _divergence(of_target.share) + shell, missed, 1.0))
+
+
+def _deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
+    """Return a lower and an upper limit of the deviation of a pixel's DoLP.
+
+    Definition; least and largest eigenvalue of the covariance, with S0 up to five deviations below its mean.
+    """
+    least = np.sqrt(max(float(np.linalg.eigvalsh(bounds.noise_low)[0]), 0.0)) / bounds.s0_high
+    if not np.all(np.isfinite(bounds.cov_high)):
+        return least, np.inf
+    tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low
+    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bounds.own_high)[-1])) / bounds.s0_low / (1.0 - tail)
+    return least, most
 
 
 def _missed(
@@ -981,19 +1117,6 @@ def _lasts(background: RegionBounds, share: float) -> bool:
         return False
     least, most = np.linalg.eigvalsh(background.noise_low)[0], np.linalg.eigvalsh(background.cov_high)[-1]
     return bool((1.0 - share) * least * CONDITION_LIMIT > most)
-
-
-def deviation_limits(bounds: RegionBounds) -> tuple[float, float]:
-    """Return a lower and an upper limit of the deviation of a pixel's DoLP.
-
-    Definition; least and largest eigenvalue of the covariance, with S0 up to five deviations below its mean.
-    """
-    least = np.sqrt(max(float(np.linalg.eigvalsh(bounds.noise_low)[0]), 0.0)) / bounds.s0_high
-    if not np.all(np.isfinite(bounds.cov_high)):
-        return least, np.inf
-    tail = _TAIL * np.sqrt(bounds.cov_high[0, 0]) / bounds.s0_low
-    most = np.sqrt(2.0 * float(np.linalg.eigvalsh(bounds.own_high)[-1])) / bounds.s0_low / (1.0 - tail)
-    return least, most
 
 
 def _turned(bounds: RegionBounds, found: Disturbance) -> float:
@@ -1074,154 +1197,10 @@ def _divergence(share: float) -> float:
     return float(np.sqrt(np.expm1(-1.5 * np.log1p(-(share**2)))))
 
 
-# Bounds of what parts of the light, the field and the band change of a region
-
-# Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
-_POWER = 4.2
-# Least bound of skylight in daylight, over the light of the beam.
-_LEAST_SKY = 0.1
-
-
-def skylight(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what the sky adds: the largest reflectance times all of its light (`model.effects.bounds`)."""
-    if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
-        return NOTHING
-    return added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
-
-
-def path_radiance(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what the air adds between region and camera (`model.effects.bounds.path_bound`)."""
-    return added(scene, region, light.path) if scene.source in ("total", "path") else NOTHING
-
-
-def adjacency(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
-
-    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
-    """
-    return added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else NOTHING
-
-
-def field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
-
-    The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
-    mean square is at most the largest difference of these. The reflected sky changes by at most 2 (1 / m + 4 / mu) of
-    itself per radian, m being the rms slope, the path by 2 / mu + 10.
-    """
-    if light.spread == 0.0:
-        return NOTHING
-    if not (region.is_known and light.spread < 1.0):
-        return UNKNOWN
-    moved = _moved(scene, region, light.spread, light.spread)
-    ratio = _times((light.deviation * region.s0_high) ** 2, region.share_of_light)
-    # A part of the whole has the share r / (1 + r), r being its ratio to the rest.
-    share = ratio / (1.0 + ratio) if np.isfinite(ratio) else ratio
-    return Disturbance(s0=moved.s0, polarised=moved.polarised, share=moved.share + share)
-
-
-def wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what one wavelength, the mean of the band, misses of sky, path and transmittance.
-
-    Light L of a depth tau ~ lambda^-4.2 changes by at most K per relative wavelength, K = 4.2 (1 + 2 tau / mu0 +
-    2 tau / mu_v), and its curvature is at most K (K + 5). At the mean of the band the slope drops out
-    (`model.atmosphere.sky`): with the variance v of the relative wavelength over the band K (K + 5) v / 2 of
-    all that the air scatters, but of no more than there may be of it. The transmittance T of the air below the camera,
-    of slant depth x, changes by 4.2 x per relative wavelength and its curvature is at most 4.2 x (4.2 x + 5); weighted
-    by the beam, whose own slope is at most K, it misses 4.2 x (4.2 x + 5 + 2 K) v / 2 of what is reflected.
-    """
-    if region.region.surface is None or scene.air is None or scene.view is None:
-        return NOTHING
-    air = scene.air
-    if air.table is not None:
-        return NOTHING
-    slant = 1.0 / np.cos(scene.view.zenith_rad)
-    steepness = _steepness(air, light.depth, slant)
-    way = _POWER * light.depth_below * slant
-    variance = _relative_variance(air)
-    scattered = min(region.counts_per_radiance * light.added / region.s0_low, 1.0) if region.is_known else 1.0
-    missed = 0.5 * variance * steepness * (steepness + 5.0) * scattered
-    missed += 0.5 * variance * way * (way + 5.0 + 2.0 * steepness)
-    return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else UNKNOWN
-
-
-def _steepness(air: Air, depth: float, slant: float) -> float:
-    """Most by which light that the air scatters changes per relative wavelength, over itself."""
-    return float(_POWER * (1.0 + 2.0 * depth * (1.0 / np.cos(air.sun_zenith_rad) + slant)))
-
-
-def _relative_variance(air: Air) -> float:
-    """Variance over the band of the wavelength over its mean, by its inverse, as at the shortest wavelength."""
-    shares, inverse = air.band.shares, 1.0 / air.band.wavelength_m
-    mean = float(shares @ inverse / np.sum(shares))
-    variance = float(shares @ (inverse / mean - 1.0) ** 2 / np.sum(shares))
-    return variance * float((mean / np.min(inverse[shares > 0.0])) ** 2)
-
-
-def added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
-    """Return what light that is added changes."""
-    if radiance == 0.0:
-        return NOTHING
-    if not (region.is_known and np.isfinite(radiance)):
-        return UNKNOWN
-    share = region.counts_per_radiance * radiance / region.s0_low
-    return _moved(scene, region, share, dolp * share) if share < 1.0 else UNKNOWN
-
-
-def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -> Disturbance:
-    """Return a shift of the mean, with what it does to the shot noise and to the texture."""
-    noise = scene.sensor.noise
-    s0, polarised = s0 + region.crosstalk * max(s0, polarised), polarised + region.crosstalk * max(s0, polarised)
-    counts = 0.5 * (s0 + polarised) * region.s0_high * 2.0
-    variance = noise.noise_factor**2 * noise.gain_dn_per_e * counts
-    share = _times(variance, region.share_of_noise) if noise.shot_noise else 0.0
-    texture = _of_texture(scene, region, float(np.hypot(s0, polarised)))
-    return Disturbance(
-        s0=s0,
-        polarised=polarised,
-        share=share + texture + texture**2,
-        share_of_dolp=share + texture / np.sqrt(region.cycles) + texture**2 / region.cycles,
-    )
-
-
-def _of_texture(scene: LitScene, region: RegionBounds, shift: float) -> float:
-    """Amplitude b of what texture, pattern and spread over the field, which go with the light, change.
-
-    A part v v' of a covariance C = N + v v' + ... that becomes (v + d) (v + d)' changes x'Cx by 2 (xv) (xd) + (xd)^2.
-    With b the largest of |xd| over the root of x'Nx, and since 2 |xv| times that root is at most x'Cx, it is b + b^2 of
-    x'Cx at most. N is the noise of a mean over cycles: of one cycle b is smaller by the root of their number. Over a
-    field the light of each direction may change by all of the shift.
-    """
-    one, noise = region.region, scene.sensor.noise
-    over_field = 0.0 if one.part is None else 1.0
-    relative = noise.prnu + (1.0 + noise.prnu) * (one.texture_rms + max(one.texture_diagonal) + over_field)
-    return _times(relative * shift * region.s0_high, float(np.sqrt(region.share_of_light))) if relative > 0.0 else 0.0
-
-
-def _times(size: float, share: float) -> float:
-    """Return so many times the share of a unit: none of nothing, and no limit where the size has none."""
-    if size == 0.0:
-        return 0.0
-    return size * share if np.isfinite(size) else np.inf
-
-
 _BOUNDS: Mapping[Effect, Callable[[LitScene, RegionBounds, LightLimits], Disturbance]] = {
-    Effect.FIELD_OF_VIEW: field_of_view,
-    Effect.SKYLIGHT: skylight,
-    Effect.PATH_RADIANCE: path_radiance,
-    Effect.WAVELENGTHS: wavelengths,
-    Effect.ADJACENCY: adjacency,
+    Effect.FIELD_OF_VIEW: _field_of_view,
+    Effect.SKYLIGHT: _skylight,
+    Effect.PATH_RADIANCE: _path_radiance,
+    Effect.WAVELENGTHS: _wavelengths,
+    Effect.ADJACENCY: _adjacency,
 }
-
-
-def _worst(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[str, Disturbance]) -> Bound:
-    """Worst bound of all regions, and of detection between them."""
-    worst = Bound()
-    for name, region in regions.items():
-        worst = worst.worse(bound_of(region, found[name]))
-    # The area under the curve is a mean over thresholds: that of its mean distance is covered too.
-    eta = max(3.0, float(chdtri(3, min(scene.p_false_alarm)))) if scene.p_false_alarm else 3.0
-    for target, background in scene.pairs:
-        detection = detection_bound(regions[target], found[target], regions[background], found[background], eta=eta)
-        worst = worst.worse(Bound(detection=detection))
-    return worst

@@ -41,6 +41,8 @@ _CURVATURE_REFUSED = 0.1
 # Standard error, as a share of its size, of a response that no fit could follow.
 _UNKNOWN = 0.5
 _CLIPPED_FLAGGED = 0.05
+# Share of a region's pixels at zero from which on its means and deviations are no longer those of the light.
+_AT_ZERO_REFUSED = 0.01
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
@@ -88,6 +90,7 @@ def run_checks(
         _registration(measurement, registration),
         _drift(measurement),
         *_usable(measurement),
+        *_at_zero(measurement),
         *_plateau(measurement),
         *_bits(measurement),
     )
@@ -174,6 +177,21 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
             f"too bright and DoLP too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
             "level of the camera, or expose longer",
         )
+
+
+def _at_zero(measurement: Measurement) -> Iterable[Check]:
+    """Refuse regions whose pixels stand at zero: noise that was cut off there leaves a mean that is too high."""
+    frames = [measurement.run.counts(record) for record in measurement.grid.records[0]]
+    for name, region in measurement.regions.items():
+        share = max(float(np.mean(frame[region.inside] == 0)) for frame in frames)
+        if share > _AT_ZERO_REFUSED:
+            yield Check(
+                name=f"clipped at zero of {name}",
+                verdict="refused",
+                region=name,
+                text=f"{share:.0%} of its pixels are 0 DN in a frame; refused above {_AT_ZERO_REFUSED:.0%}: raise the "
+                "camera's black level, or expose for longer",
+            )
 
 
 def _plateau(measurement: Measurement) -> Iterable[Check]:

@@ -70,6 +70,11 @@ def compressed(frames: list[Picture]) -> list[Picture]:
     return [frame * (1.0 - 0.08 * frame / 750.0) for frame in frames]
 
 
+def test_a_region_whose_noise_is_cut_off_at_zero_is_refused(tmp_path: Path) -> None:
+    dark = [np.maximum(np.random.default_rng(k).normal(4.0, 3.0, (200, 200)), 0.0) for k in range(4)]
+    assert checked(tmp_path, dark)["clipped at zero of all"].verdict == "refused"
+
+
 def test_a_sound_set_passes(tmp_path: Path) -> None:
     found = checked(tmp_path, scene())
     assert {name: check.verdict for name, check in found.items() if check.verdict != "not testable"} == {
