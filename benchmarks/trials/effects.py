@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.trials.effect_scenes import HOSTILE_SETTINGS, SETTINGS, hostile_scene, random_scene, thin_scene
 from model.accuracy.chain import LightStore, Readings, Settings, evaluate
-from model.accuracy.effect_check import change, readings_of, skylight_bound
+from model.accuracy.effect_check import change, skylight_bound
 from model.effects.names import ALL, Bound, Effect, EffectPlan
 from model.effects.planner import plan
 from model.scene.scene import LitScene
@@ -70,7 +70,7 @@ def _check(score: Score, scene: LitScene, seed: int, tolerance: float, settings:
     store = LightStore()
 
     def seen(effects: frozenset[Effect]) -> Readings:
-        return readings_of(evaluate(scene, settings, effects=effects, store=store))
+        return evaluate(scene, settings, effects=effects, store=store).readings
 
     whole = seen(ALL)
 

@@ -142,7 +142,7 @@ def true_errors(
 
     Those that something is promised of are taken beside the finest settings where it matters.
     """
-    own = readings(found.scenario, found.predictions, found.detections)
+    own = found.readings
     if tolerance >= _FINE_DOWN_TO:
         errors = differences(own, truth(scene, found, FINE))
         promised = (error for key, error in errors.items() if key not in not_guaranteed)
@@ -161,7 +161,7 @@ def truth(scene: LitScene, found: ChainResult, settings: Settings) -> dict[Readi
     fine = evaluate(scene, replace(settings, solver=replace(settings.solver, face_m=scene.sensor_height_m)))
     looser = predict_scenario(fine.scenario, tolerance=found.settings.dolp_tolerance)
     (detections,) = detections_of_pairs(scene.pairs, (fine.predictions,), scene.p_false_alarm, tolerance=_ROC_TO)
-    return readings(fine.scenario, looser, detections) | readings(fine.scenario, fine.predictions, fine.detections)
+    return readings(fine.scenario, looser, detections) | fine.readings
 
 
 def scored(found: Predicted, true: Mapping[Reading, float]) -> dict[str, Any]:

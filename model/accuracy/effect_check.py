@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import (
-    ChainResult,
     LightStore,
     Reading,
     Readings,
@@ -22,7 +21,6 @@ from model.accuracy.chain import (
     differences,
     evaluate,
     evaluate_all,
-    readings,
 )
 from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.air import Column
@@ -37,6 +35,8 @@ from model.scene.scene import Air, LitRegion, LitScene
 from model.scene.sky_light import DiffuseRadiance
 from model.stokes import rotate_frame
 
+FloatArray = NDArray[np.float64]
+
 _DOLP_TOLERANCE = 1e-11
 # The least of so many times is taken: another program's turn on the processor is not counted.
 _REPEATS = 3
@@ -49,22 +49,13 @@ _RADIANCE = frozenset({"radiance", "s0", "s1", "s2"})
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedEffect:
-    """An effect with what leaving it out truly changes.
-
-    Attributes
-    ----------
-    effect
-        Which.
-    bound, actual
-        Guaranteed and found.
-    with_s, without_s
-        Time of the chain with all effects and without this one, nothing being kept from before [s]; of an effect that
-        acts behind the lens, of the chain behind the lens.
-    """
+    """An effect with what leaving it out truly changes."""
 
     effect: Effect
-    bound: Bound
+    bound: Bound  #: guaranteed, and found
     actual: Bound
+    #: Time of the chain with all effects and without this one, nothing being kept from before [s]; of an effect that
+    #: acts behind the lens, of the chain behind the lens.
     with_s: float
     without_s: float
 
@@ -81,24 +72,7 @@ def check_effects(
     *,
     make_store: Callable[[], LightStore] = LightStore,
 ) -> tuple[CheckedEffect, ...]:
-    """Return what leaving out each of some effects changes, one at a time.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    settings
-        Numerical settings of both evaluations.
-    bounds
-        Effects to leave out, with their bounds.
-    make_store
-        Gives an empty store of lights; every effect of the light has its own, so that times can be compared.
-
-    Raises
-    ------
-    ValueError
-        A number of the scene is outside its range.
-    """
+    """Return what leaving out each of some effects changes, one at a time, each of the light with a new store."""
     # Of the distribution of DoLP the error must not hide what is to be seen.
     settings = replace(settings, dolp_tolerance=min(settings.dolp_tolerance, _DOLP_TOLERANCE))
     store = make_store()
@@ -122,28 +96,14 @@ def chain_time_s(
     *,
     make_store: Callable[[], LightStore] = LightStore,
 ) -> float:
-    """Return the time of one evaluation with some effects, nothing being kept from before [s].
-
-    Parameters
-    ----------
-    scene, settings, effects
-        As `model.accuracy.chain.evaluate` takes them.
-    make_store
-        Gives an empty store of lights.
-    """
+    """Return the time of one evaluation with some effects, nothing being kept from before [s]."""
     return min(
         sum(evaluate(scene, settings, effects=effects, store=make_store()).stage_s.values()) for _ in range(_REPEATS)
     )
 
 
 def change(whole: Readings, without: Readings) -> Bound:
-    """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization.
-
-    Parameters
-    ----------
-    whole, without
-        Readings with all effects and without one, of the same scene and settings.
-    """
+    """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization."""
     found = Bound()
     for reading, apart in differences(whole, without).items():
         if apart > _rounding(reading, whole):
@@ -160,13 +120,7 @@ def _rounding(reading: Reading, whole: Readings) -> float:
 
 
 def kind_of(reading: Reading) -> str:
-    """Return which number of a `Bound` speaks of a reading.
-
-    Parameters
-    ----------
-    reading
-        A number of a prediction.
-    """
+    """Return which number of a `Bound` speaks of a reading."""
     if reading.quantity in {"p_detection", "auc"}:
         return "detection"
     if reading.quantity in SHARES and reading.statistic == "mean":
@@ -177,34 +131,19 @@ def kind_of(reading: Reading) -> str:
     return "deviations"
 
 
-def readings_of(result: ChainResult) -> Readings:
-    """Return all that a tolerance speaks of, of one evaluation.
-
-    Parameters
-    ----------
-    result
-        One evaluation of the chain.
-    """
-    return readings(result.scenario, result.predictions, result.detections)
-
-
 def _evaluated(
     scene: LitScene, settings: Settings, effects: frozenset[Effect], store: LightStore
 ) -> tuple[Readings, float]:
     result = evaluate(scene, settings, effects=effects, store=store)
-    return readings_of(result), sum(result.stage_s.values())
+    return result.readings, sum(result.stage_s.values())
 
-
-# Bound of skylight under thin air: what light scattered once changes, as it is, and a bound of the rest
-
-FloatArray = NDArray[np.float64]
 
 # Rules of the integral over the sky, and by how much of their difference and of all the finer one may be off.
 _LOBE, _DIFFUSE = (7, 10), 8
 _OF_DIFFERENCE, _OF_ALL = 2.0, 0.03
 # Of the statistics, whose error is all but the same with and without the sky.
-_STATISTICS_THIN_SKY = 1e-5
-_NONE_THIN_SKY = np.zeros(2)
+_STATISTICS = 1e-5
+_NOTHING = np.zeros(2)
 _COARSE_LAYERS = replace(STANDARD_SETTINGS, fine_layers=False)
 # Nodes over the ground's hemisphere, of zenith angles and of half a turn; and wavelengths of a band that is not narrow.
 _NODES, _WAVELENGTHS = 8, 4
@@ -213,22 +152,11 @@ _NODES, _WAVELENGTHS = 8, 4
 def skylight_bound(scene: LitScene, limits: Mapping[str, LightLimits]) -> Bound | None:
     """Return the most that skylight changes of all but detection; None where only the general bound is known.
 
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    limits
-        Region to the limits of its light, as `model.effects.bounds.light_limits` gives them.
-
     Notes
     -----
     With the beam's light B, once scattered light v that the regions reflect, all other light of the sky r, and path and
     surroundings p, f(B + v + r + p) and f(B + p) differ by no more than f(B + v) and f(B) do, and by what r + p and p
     may change: these by their bounds, that as it is. Each is relative to numbers that are off by as much.
-
-    References
-    ----------
-    Definition; the triangle inequality.
     """
     if not all(_is_known(scene, region, limits[region.name]) for region in scene.regions):
         return None
@@ -236,10 +164,10 @@ def skylight_bound(scene: LitScene, limits: Mapping[str, LightLimits]) -> Bound 
     bare = {region.name: _beam_of(region, limits) for region in scene.regions}
     lit = {name: beam + once.get(name, 0.0) for name, beam in bare.items()}
     both = [_with_radiances(scene, one) for one in (lit, bare)]
-    known = change(*map(readings_of, evaluate_all(both, _settings(scene), store=LightStore())))
+    known = change(*(one.readings for one in evaluate_all(both, _coarsest(scene), store=LightStore())))
     rest = Bound()
     for region in scene.regions:
-        rest = rest.worse(_rest(scene, region, limits[region.name], off.get(region.name, _NONE_THIN_SKY)))
+        rest = rest.worse(_rest(scene, region, limits[region.name], off.get(region.name, _NOTHING)))
     total = known + rest
     return total.times(1.0 / (1.0 - total.largest)) if total.largest < 0.5 else None
 
@@ -269,9 +197,9 @@ def _with_radiances(scene: LitScene, radiances: Mapping[str, FloatArray]) -> Lit
     return replace(scene, regions=regions, air=None, pairs=())
 
 
-def _settings(scene: LitScene) -> Settings:
-    lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), _STATISTICS_THIN_SKY, face_m=scene.sensor_height_m)
-    return replace(lowest, dolp_tolerance=_STATISTICS_THIN_SKY)
+def _coarsest(scene: LitScene) -> Settings:
+    lowest = settings_at(dict.fromkeys(NUMERICAL_SETTINGS, 0), _STATISTICS, face_m=scene.sensor_height_m)
+    return replace(lowest, dolp_tolerance=_STATISTICS)
 
 
 def _rest(scene: LitScene, region: LitRegion, light: LightLimits, off: FloatArray) -> Bound:

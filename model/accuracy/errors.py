@@ -1,12 +1,19 @@
-"""Error estimates: from the light of each region, setting by setting, to the error of each reading."""
+"""Error estimates: from the light of each region, setting by setting, to the error of each number of a prediction.
+
+`light_errors` compares the light by the settings in use with light by finer ones, along a few lines of sight: streams
+and layers at one wavelength, wavelengths by functions that are known at all of them, the sky's grid and the hemisphere
+integral by finer ones. `error_budgets` carries these errors to what a user reads: it predicts each region with its
+light moved by small steps of S0, S1 and S2, with a wider spread over the field, and over one more tile a side.
+"""
+
+from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice, repeat
 from math import isqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +38,7 @@ from model.accuracy.plan import (
     STREAMS,
     TILES,
     WAVELENGTHS,
+    Budget,
     Plan,
     SpectralError,
     at_level,
@@ -55,285 +63,30 @@ from model.scene.scene import Air, LitRegion, LitScene, RegionLight
 from model.scene.sky_light import DiffuseRadiance, Illumination, SampledSky, Sky, sample_sky, sample_smooth
 from model.stokes import rotate_frame
 
-# Lines of sight at which two lightings are set beside each other: their difference as the camera would see it
-
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinesOfSight:
-    """Lines of sight of a region given by its material."""
+class LightError:
+    """Estimated error of the light of a region [W m-2 sr-1]."""
 
-    region: LitRegion
-    lights: tuple[ApertureLight, ...]
-    finer: tuple[ApertureLight, ...]
-    sun_azimuth_rad: float
+    together: FloatArray  #: errors of (S0, S1, S2) that come together, with their signs, (K, 3)
+    apart: FloatArray  #: sizes of errors that may have any sign, each on its own, (3,)
+    field: FloatArray  #: how far errors may differ over the field, (3,)
 
-    def part(self, name: str) -> FloatArray:
-        """Return a part of the light that was found, shape (V, 3)."""
-        return np.stack([getattr(light, name) for light in self.lights])
-
-    def missed_by_rules(self) -> FloatArray:
-        """Return what finer rules of the hemisphere integral add to the reflected sky, shape (V, 3)."""
-        return np.stack([finer.reflected_sky for finer in self.finer]) - self.part("reflected_sky")
+    def scaled(self, factor: float) -> LightError:
+        """Return all of it multiplied by a factor, 0 or more."""
+        return LightError(together=factor * self.together, apart=factor * self.apart, field=factor * self.field)
 
     @property
-    def views(self) -> tuple[View, ...]:
-        """The camera along each of them."""
-        return tuple(light.view for light in self.lights)
-
-
-def reflected_by_all(several: Sequence[LinesOfSight], sky: Sky) -> list[FloatArray]:
-    """Return what regions send of a sky to the camera, by the rules that were used, each (V, 3)."""
-    groups: dict[object, list[int]] = defaultdict(list)
-    for place, lines in enumerate(several):
-        region = lines.region
-        groups[region.surface, region.tilt, lines.sun_azimuth_rad, lines.lights[0].rules].append(place)
-    found: dict[int, FloatArray] = {}
-    for places in groups.values():
-        found |= dict(zip(places, _reflected([several[place] for place in places], sky), strict=True))
-    return [found[place] for place in range(len(several))]
-
-
-def _reflected(alike: Sequence[LinesOfSight], sky: Sky) -> list[FloatArray]:
-    one = alike[0]
-    if one.region.surface is None or one.region.tilt is None:
-        raise ValueError(f"region {one.region.name}: its radiance is given, it reflects no sky")
-    views, lights = (tuple(chain.from_iterable(getattr(each, name) for each in alike)) for name in ("views", "lights"))
-    panel = PanelLight(surface=one.region.surface, tilt=one.region.tilt, views=views)
-    radiance = DiffuseRadiance(sky=sky, sun_azimuth_rad=one.sun_azimuth_rad)
-    stokes = reflected_by_rules(panel, radiance, one.lights[0].rules)
-    through = np.array([light.transmittance for light in lights])
-    seen = rotate_frame(through[:, np.newaxis] * stokes, np.array([view.roll_rad for view in views]))
-    return np.split(seen, _ends(alike))
-
-
-def _ends(several: Sequence[LinesOfSight]) -> NDArray[np.intp]:
-    """Return where the lines of sight of each but the last end."""
-    return np.cumsum([len(lines.lights) for lines in several])[:-1]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
-    """What the air does along lines of sight."""
-
-    path: FloatArray
-    transmittance: FloatArray
-
-
-def ways_to_camera(several: Sequence[LinesOfSight], lighting: Lighting) -> list[Way]:
-    """Return what the air does along the lines of sight of several regions, all in one pass."""
-    if not several:
-        return []
-    views = [view for lines in several for view in lines.views]
-    height_m, zenith = views[0].height_m, np.array([view.zenith_rad for view in views])
-    phi = np.array([lines.sun_azimuth_rad - view.azimuth_rad for lines in several for view in lines.views])
-    path = lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
-    path = rotate_frame(path, np.array([view.roll_rad for view in views]))
-    through = lighting.transmittance(height_m=height_m, zenith_rad=zenith)
-    parts = zip(np.split(path, _ends(several)), np.split(through, _ends(several)), strict=True)
-    return [Way(path=added, transmittance=kept) for added, kept in parts]
-
-
-def lines_of_sight(scene: LitScene, region: LitRegion, light: FieldLight) -> LinesOfSight:
-    """Return where to look for a region."""
-    per_side, tiles = isqrt(len(light.lights)), dict(enumerate(light.lights))
-    middle = (per_side // 2) * (per_side + 1)
-    chosen = tuple(dict.fromkeys((0, len(tiles) - 1, middle)))
-    return LinesOfSight(
-        region=region,
-        lights=tuple(tiles[k] for k in chosen),
-        finer=tuple({**tiles, **light.finer}[k] for k in chosen),
-        sun_azimuth_rad=scene.sun_azimuth_rad,
-    )
-
-
-# Light of regions over one more tile along each side: what the tiles of a field miss
-
-
-class Asked(NamedTuple):
-    """A region of which the light is asked for."""
-
-    scene: LitScene
-    result: ChainResult
-    name: str
+    def largest(self) -> float:
+        """What S0 may be off by, all with one sign [W m-2 sr-1]."""
+        return float(np.sum(np.abs(self.together[:, 0])) + self.apart[0])
 
     @property
-    def region(self) -> LitRegion:
-        """The region; ValueError where its radiance is given."""
-        found = next(one for one in self.scene.regions if one.name == self.name)
-        if found.surface is None or self.result.illumination is None:
-            raise ValueError(f"region {self.name}: its radiance is given, there is nothing to compute")
-        return found
-
-    @property
-    def tiles(self) -> tuple[Tile, ...]:
-        """Tiles, one more along each side than were used; none of a point."""
-        part, view, used = self.region.part, self.scene.view, len(self.result.lights[self.name].lights)
-        if part is None or view is None or used == 1:
-            return ()
-        return tiles(part, view, per_side=isqrt(used) + 1, rule=self.result.settings.tile_rule)
-
-    @property
-    def rules(self) -> Rules:
-        """Of the hemisphere integral, by which its tiles were found."""
-        return self.result.lights[self.name].lights[0].rules
-
-    @property
-    def panel(self) -> object:
-        """Equal for lights that differ in the view alone."""
-        scene, result = self.scene, self.result
-        sky = (result.air_key, result.settings, result.effects, scene.sun_azimuth_rad, scene.sensor_height_m)
-        return (sky, self.region.surface, self.region.tilt, self.rules)
-
-
-def on_more_tiles(several: Sequence[Asked]) -> list[RegionLight | None]:
-    """Return the light of each of several regions over one more tile along each side; None for a point.
-
-    Definition; rules of the hemisphere integral as for the tiles.
-    """
-    groups: dict[object, list[tuple[int, tuple[Tile, ...]]]] = defaultdict(list)
-    for place, one in enumerate(several):
-        if more := one.tiles:
-            groups[one.panel].append((place, more))
-    found: list[RegionLight | None] = [None for _ in several]
-    for group in groups.values():
-        lights = iter(_lights(several[group[0][0]], [tile for _, more in group for tile in more]))
-        for place, more in group:
-            found[place] = _over(several[place], more, tuple(islice(lights, len(more))))
-    return found
-
-
-def _lights(one: Asked, seen: Sequence[Tile]) -> tuple[ApertureLight, ...]:
-    region, illumination = one.region, one.result.illumination
-    if region.surface is None or region.tilt is None or illumination is None:
-        raise ValueError(f"region {one.name}: its radiance is given, there is nothing to compute")
-    parts = acting(one.scene, one.result.effects).parts
-    return aperture_lights(
-        illumination,
-        surface=region.surface,
-        tilt=region.tilt,
-        views=tuple(tile.view for tile in seen),
-        rules=one.rules,
-        skylight=parts.skylight,
-        path=parts.path_radiance,
-    )
-
-
-def _over(one: Asked, more: Sequence[Tile], lights: tuple[ApertureLight, ...]) -> RegionLight:
-    """Return what a prediction takes of lights over a field."""
-    seen, illumination, air = acting(one.scene, one.result.effects), one.result.illumination, one.scene.air
-    spread = one.result.lights[one.name].spread
-    field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=spread)
-    around = seen.imperfections.surround_albedo
-    if around is not None and air is not None and illumination is not None:
-        field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
-    return region_light(seen, one.region, field)
-
-
-# Refined references of a sky: pairs of lightings whose difference estimates the error of a numerical setting
-
-# Streams do not care for layers nor layers for streams: each is compared with few of the other, layers with the second
-# fewest streams, for with the fewest they seem to miss more. Up to this level of the layers the plan's own of both are
-# as few, for they are solved already.
-_FEW, _CHEAP = {STREAMS: 0, LAYERS: 1}, 1
-# What lies beyond the next level, in its difference from this one, by the convergence of the setting; and in the
-# difference from the level before, where there is no next one.
-_BEYOND = {STREAMS: (1.6,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
-_BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pair:
-    """Two lightings whose difference stands for an error."""
-
-    one: Lighting
-    other: Lighting
-    factor: float
-
-
-def refined_references(
-    air: Air, plan: Plan, settings: Settings, lighting: Lighting, store: LightStore
-) -> dict[str, Pair]:
-    """Return setting to a pair of lightings that shows its error.
-
-    Light scattered once has no streams, and a table has neither.
-    """
-    if isinstance(lighting, MixedLighting) and air.alternative is not None:
-        return _mixed(air, air.alternative, plan, settings, lighting, store)
-    band = lighting.path_and_beam if isinstance(lighting, AnalyticLighting) else lighting
-    if not isinstance(band, BandLighting):
-        return {}
-    settings_of_sky = (STREAMS, LAYERS) if air.is_solved else (LAYERS,)
-    return {setting: _next_level(air, plan, settings, band, setting, store) for setting in settings_of_sky}
-
-
-def ends_of_band(lighting: Lighting) -> tuple[Lighting, ...]:
-    """Return the shortest and the longest wavelength of computed light, each standing for all of its band.
-
-    At the longest the air is thinnest: its sky is brighter toward the horizon, and changes faster, than at any other.
-    """
-    one = lighting.first if isinstance(lighting, MixedLighting) else lighting
-    if not isinstance(one, BandLighting) or len(one.columns) == 1:
-        return (one,)
-    return (_alone(one, slice(1)), _alone(one, slice(-1, None)))
-
-
-def _alone(band: BandLighting, at: slice) -> BandLighting:
-    """Light of one of a band's wavelengths, standing for all of them."""
-    total = np.array([np.sum(band.irradiance)])
-    return replace(band, columns=band.columns[at], solutions=band.solutions[at], irradiance=total)
-
-
-def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, setting: str, store: LightStore) -> Pair:
-    """Return the shortest wavelength at this level and at the next, or at the one before where there is none."""
-    other = LAYERS if setting == STREAMS else STREAMS
-    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _FEW[setting])
-    is_finest = plan[setting] + 1 == len(NUMERICAL_SETTINGS[setting].levels)
-    neighbour = plan[setting] - 1 if is_finest else plan[setting] + 1
-    here, there = (_solved(air, at_level(coarse, setting, level), band, store) for level in (plan[setting], neighbour))
-    beyond = _BEFORE[setting] if is_finest else _BEYOND[setting][plan[setting]]
-    return Pair(one=_seen(air, here), other=_seen(air, there), factor=beyond)
-
-
-def _seen(air: Air, band: BandLighting) -> Lighting:
-    """Light as the fidelity level of the air has it."""
-    if air.fidelity is not Fidelity.ANALYTIC:
-        return band
-    return analytic_lighting(band, mu0=float(np.cos(air.sun_zenith_rad)), dolp_max=air.dolp_max)
-
-
-def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:
-    """Light of the shortest wavelength with settings of its own: most of it is scattered more than once."""
-    shortest = _alone(band, slice(1))
-    (column,), (known,) = shortest.columns, shortest.solutions
-    solution = solve_column(
-        store.solver if air.is_solved else single_solution,
-        column,
-        settings.solver,
-        mu0=known.mu0,
-        albedo=air.ground_albedo,
-        aerosol=air.aerosol,
-    )
-    return replace(shortest, solutions=(solution,))
-
-
-def _mixed(
-    air: Air, alternative: Air, plan: Plan, settings: Settings, lighting: MixedLighting, store: LightStore
-) -> dict[str, Pair]:
-    alone = refined_references(replace(air, alternative=None, share=0.0), plan, settings, lighting.first, store)
-    other = refined_references(alternative, plan, settings, lighting.second, store)
-    return {
-        setting: Pair(
-            one=MixedLighting(first=pair.one, second=other[setting].one, share=air.share),
-            other=MixedLighting(first=pair.other, second=other[setting].other, share=air.share),
-            factor=max(pair.factor, other[setting].factor),
-        )
-        for setting, pair in alone.items()
-    }
-
-
-# Estimated error of the light of each region, setting by setting
+    def is_nothing(self) -> bool:
+        """True if there is no error at all."""
+        return not (np.any(self.together) or np.any(self.apart) or np.any(self.field))
 
 
 # Grid on which the difference of two skies is read: it has no aureole, for light scattered once is the same in both.
@@ -358,68 +111,16 @@ _PARTS: dict[Source, frozenset[str]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LightError:
-    """Estimated error of the light of a region."""
-
-    together: FloatArray
-    apart: FloatArray
-    field: FloatArray
-
-    def scaled(self, factor: float) -> "LightError":
-        """Return all of it multiplied by a factor, 0 or more."""
-        return LightError(together=factor * self.together, apart=factor * self.apart, field=factor * self.field)
-
-    @property
-    def largest(self) -> float:
-        """What S0 may be off by, all with one sign [W m-2 sr-1]."""
-        return float(np.sum(np.abs(self.together[:, 0])) + self.apart[0])
-
-    @property
-    def is_nothing(self) -> bool:
-        """True if there is no error at all."""
-        return not (np.any(self.together) or np.any(self.apart) or np.any(self.field))
-
-
-# By the place of a case among several, and a region's name.
-Lines = Mapping[tuple[int, str], LinesOfSight]
-Errors = Mapping[tuple[int, str], LightError]
-
-_NO_ROWS = np.zeros((0, 3))
-_NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3))
-
-
 def light_errors(
-    scene: LitScene, plan: Plan, result: ChainResult, store: LightStore, *, tolerance: float
-) -> dict[str, dict[str, LightError]]:
-    """Return setting to region to the estimated error of its light, but for the tiles.
-
-    Parameters
-    ----------
-    scene
-        That was evaluated.
-    plan
-        Its levels.
-    result
-        What was found.
-    store
-        Solves the refined references.
-    tolerance
-        That is asked for; what is far below it need not be looked at closely.
-
-    Notes
-    -----
-    A setting of which the effects that act make no use has no error: what leaving an effect out changes is bounded
-    elsewhere.
-    """
-    return light_errors_of_all(((scene, result),), plan, store, tolerance=tolerance)[0]
-
-
-def light_errors_of_all(
     cases: Sequence[tuple[LitScene, ChainResult]], plan: Plan, store: LightStore, *, tolerance: float
 ) -> list[dict[str, dict[str, LightError]]]:
-    """Return what `light_errors` does for each of several scenes, with one path for all and like regions together."""
-    (scene, result), errors = cases[0], [_no_errors() for _ in cases]
+    """Return for each of several scenes setting to region to the estimated error of its light, but for the tiles.
+
+    A setting of which the effects that act make no use has no error: what leaving an effect out changes is bounded
+    elsewhere. What is far below the tolerance is not looked at closely.
+    """
+    scene, result = cases[0]
+    errors: list[dict[str, dict[str, LightError]]] = [{setting: {} for setting in NUMERICAL_SETTINGS} for _ in cases]
     if result.illumination is None or scene.air is None:
         return errors
     idle, air, illumination = unused(result.effects), scene.air, result.illumination
@@ -428,7 +129,7 @@ def light_errors_of_all(
         lambda: _references(air, plan, result.settings, illumination, store, solved=STREAMS not in idle),
     )
     every = {
-        (place, region.name): lines_of_sight(one, region, found.lights[region.name])
+        (place, region.name): _lines_of_sight(one, region, found.lights[region.name])
         for place, (one, found) in enumerate(cases)
         for region in one.regions
         if region.surface is not None
@@ -449,25 +150,51 @@ def light_errors_of_all(
     return errors
 
 
-def _no_errors() -> dict[str, dict[str, LightError]]:
-    return {setting: {} for setting in NUMERICAL_SETTINGS}
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LitCase:
+    """A case whose light has errors that are known."""
+
+    scene: LitScene
+    result: ChainResult
+    lights: Mapping[str, Mapping[str, LightError]]  #: setting to region to error
+
+
+def error_budgets(cases: Sequence[LitCase], *, tolerance: float, tiles: bool = True) -> list[Budget]:
+    """Return the estimated errors of all readings of cases, to first order in the errors of the light.
+
+    The signs of these are not known. Without `tiles` one more tile along each side is not tried, and nothing is said of
+    the tiles.
+    """
+    asked = [
+        (place, region.name)
+        for place, case in enumerate(cases)
+        for region in case.result.scenario.regions
+        if region.name in case.result.lights
+    ]
+    finer: Iterable[RegionLight | None] = _on_more_tiles(cases, asked) if tiles else repeat(None)
+    tried: list[dict[str, _Tried]] = [{} for _ in cases]
+    for (place, name), more in zip(asked, finer, strict=tiles):
+        tried[place][name] = _tried(cases[place], name, more, tolerance=tolerance)
+    others = [{name: one.lights for name, one in regions.items() if one.lights} for regions in tried]
+    changed = _changes(cases, others)
+    return [_budget(case, of, found) for case, of, found in zip(cases, tried, changed, strict=True)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _References:
     """What the errors of a sky are found by, whoever looks at it: pairs of lightings, their differences, its grid."""
 
-    pairs: dict[str, Pair]
+    pairs: dict[str, _Pair]
     skies: dict[str, SampledSky]
-    grid: "_Grid"
+    grid: _Grid
 
 
 def _references(
     air: Air, plan: Plan, settings: Settings, illumination: Illumination, store: LightStore, *, solved: bool
 ) -> _References:
     lighting = illumination.lighting
-    pairs = refined_references(air, plan, settings, lighting, store) if solved else {}
-    ends = tuple(end.sky for end in ends_of_band(lighting))
+    pairs = _refined_references(air, plan, settings, lighting, store) if solved else {}
+    ends = tuple(end.sky for end in _ends_of_band(lighting))
     return _References(
         pairs=pairs,
         skies={setting: _difference(pair) for setting, pair in pairs.items()},
@@ -475,7 +202,7 @@ def _references(
     )
 
 
-def _difference(pair: Pair) -> SampledSky:
+def _difference(pair: _Pair) -> SampledSky:
     """Difference of the skies of a pair."""
 
     def apart(*, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> FloatArray:
@@ -485,17 +212,19 @@ def _difference(pair: Pair) -> SampledSky:
     return sample_smooth(apart, zeniths=_ZENITHS, azimuths=_AZIMUTHS)
 
 
-def _between(pair: Pair, sky: Sky, every: Lines, source: Source) -> Errors:
+def _between(pair: _Pair, sky: Sky, every: Lines, source: Source) -> Errors:
     """Return what two lightings differ by: in the sky that is reflected, and on the way to the camera."""
     seen = tuple(every.values())
-    one, other = (ways_to_camera(seen, lighting) for lighting in (pair.one, pair.other))
-    reflected = reflected_by_all(seen, sky)
+    ways = (_ways_to_camera(seen, lighting) for lighting in (pair.one, pair.other))
+    reflected = _reflected_by_all(seen, sky)
     found = {}
-    for place, (key, lines) in enumerate(every.items()):
-        through = pair.factor * _changed(one[place].transmittance, other[place].transmittance)
+    for (key, lines), sky_part, (path, kept), (other_path, other_kept) in zip(
+        every.items(), reflected, *ways, strict=True
+    ):
+        through = pair.factor * _changed(kept, other_kept)
         errors = {
-            "reflected_sky": reflected[place],
-            "path": pair.factor * (other[place].path - one[place].path),
+            "reflected_sky": sky_part,
+            "path": pair.factor * (other_path - path),
             "reflected": through[:, np.newaxis] * lines.part("reflected"),
         }
         found[key] = _error([sum((errors[part] for part in _PARTS[source]), np.zeros((1, 3)))])
@@ -513,7 +242,7 @@ def _of_wavelengths(air: Air, settings: Settings, every: Lines, source: Source) 
     return {key: _of_spectrum(errors, lines, source) for key, lines in every.items()}
 
 
-def _of_spectrum(errors: Sequence[SpectralError], lines: LinesOfSight, source: Source) -> LightError:
+def _of_spectrum(errors: Sequence[SpectralError], lines: _LinesOfSight, source: Source) -> LightError:
     alike, unlike = (max(getattr(error, name) for error in errors) for name in ("scattered", "by_component"))
     through = [max(abs(_of_way(error, light)) for error in errors) for light in lines.lights]
     shares = {"reflected_sky": alike, "path": alike, "reflected": np.array(through)[:, np.newaxis]}
@@ -567,6 +296,10 @@ class _Grid:
         )
 
 
+_NO_ROWS = np.zeros((0, 3))
+_NOTHING = LightError(together=_NO_ROWS, apart=np.zeros(3), field=np.zeros(3))
+
+
 def _of_grid(
     grid: _Grid, cases: Sequence[tuple[LitScene, ChainResult]], every: Lines, source: Source, *, tolerance: float
 ) -> Errors:
@@ -584,7 +317,7 @@ def _of_grid(
     close = {key: lines for key, lines in every.items() if key not in found}
     if not close:
         return found
-    seen = [reflected_by_all(tuple(close.values()), difference) for difference in grid.differences]
+    seen = [_reflected_by_all(tuple(close.values()), difference) for difference in grid.differences]
     for key, *ends in zip(close, *seen, strict=True):
         errors = [_largest_last(end) for end in ends]
         any_sign = _ANY_SIGN * np.max(np.abs(np.concatenate(errors)), axis=0)
@@ -592,7 +325,7 @@ def _of_grid(
     return found
 
 
-def _of_hemisphere(lines: LinesOfSight, of_grid: float, source: Source) -> LightError:
+def _of_hemisphere(lines: _LinesOfSight, of_grid: float, source: Source) -> LightError:
     """Difference of the rules used from finer ones, and the error of these, without that of the sky's grid."""
     if "reflected_sky" not in _PARTS[source]:
         return _NOTHING
@@ -616,9 +349,341 @@ def _error(together: list[FloatArray], *, apart: FloatArray | None = None) -> Li
     )
 
 
-# Sensitivity of what a user reads to the light of each region: a step of each component
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pair:
+    """Two lightings whose difference, times a factor, stands for an error."""
 
-Changes = Mapping[Reading, float]
+    one: Lighting
+    other: Lighting
+    factor: float
+
+
+def _refined_references(
+    air: Air, plan: Plan, settings: Settings, lighting: Lighting, store: LightStore
+) -> dict[str, _Pair]:
+    """Return setting to a pair of lightings that shows its error.
+
+    Light scattered once has no streams, and a table has neither.
+    """
+    if isinstance(lighting, MixedLighting) and air.alternative is not None:
+        return _mixed(air, air.alternative, plan, settings, lighting, store)
+    band = lighting.path_and_beam if isinstance(lighting, AnalyticLighting) else lighting
+    if not isinstance(band, BandLighting):
+        return {}
+    settings_of_sky = (STREAMS, LAYERS) if air.is_solved else (LAYERS,)
+    return {setting: _next_level(air, plan, settings, band, setting, store) for setting in settings_of_sky}
+
+
+def _mixed(
+    air: Air, alternative: Air, plan: Plan, settings: Settings, lighting: MixedLighting, store: LightStore
+) -> dict[str, _Pair]:
+    alone = _refined_references(replace(air, alternative=None, share=0.0), plan, settings, lighting.first, store)
+    other = _refined_references(alternative, plan, settings, lighting.second, store)
+    return {
+        setting: _Pair(
+            one=MixedLighting(first=pair.one, second=other[setting].one, share=air.share),
+            other=MixedLighting(first=pair.other, second=other[setting].other, share=air.share),
+            factor=max(pair.factor, other[setting].factor),
+        )
+        for setting, pair in alone.items()
+    }
+
+
+# Streams do not care for layers nor layers for streams: each is compared with few of the other, layers with the second
+# fewest streams, for with the fewest they seem to miss more. Up to this level of the layers the plan's own of both are
+# as few, for they are solved already.
+_FEW, _CHEAP = {STREAMS: 0, LAYERS: 1}, 1
+# What lies beyond the next level, in its difference from this one, by the convergence of the setting; and in the
+# difference from the level before, where there is no next one.
+_BEYOND = {STREAMS: (1.6,) * 6, LAYERS: (4 / 3, 1.1, 1.1, 1.1, 1.1)}
+_BEFORE = {STREAMS: 0.5, LAYERS: 0.1}
+
+
+def _next_level(air: Air, plan: Plan, settings: Settings, band: BandLighting, setting: str, store: LightStore) -> _Pair:
+    """Return the shortest wavelength at this level and at the next, or at the one before where there is none."""
+    other = LAYERS if setting == STREAMS else STREAMS
+    coarse = settings if plan[LAYERS] <= _CHEAP else at_level(settings, other, _FEW[setting])
+    is_finest = plan[setting] + 1 == len(NUMERICAL_SETTINGS[setting].levels)
+    neighbour = plan[setting] - 1 if is_finest else plan[setting] + 1
+    here, there = (_solved(air, at_level(coarse, setting, level), band, store) for level in (plan[setting], neighbour))
+    beyond = _BEFORE[setting] if is_finest else _BEYOND[setting][plan[setting]]
+    return _Pair(one=_seen(air, here), other=_seen(air, there), factor=beyond)
+
+
+def _seen(air: Air, band: BandLighting) -> Lighting:
+    """Light as the fidelity level of the air has it."""
+    if air.fidelity is not Fidelity.ANALYTIC:
+        return band
+    return analytic_lighting(band, mu0=float(np.cos(air.sun_zenith_rad)), dolp_max=air.dolp_max)
+
+
+def _solved(air: Air, settings: Settings, band: BandLighting, store: LightStore) -> BandLighting:
+    """Light of the shortest wavelength with settings of its own: most of it is scattered more than once."""
+    shortest = _alone(band, slice(1))
+    (column,), (known,) = shortest.columns, shortest.solutions
+    solution = solve_column(
+        store.solver if air.is_solved else single_solution,
+        column,
+        settings.solver,
+        mu0=known.mu0,
+        albedo=air.ground_albedo,
+        aerosol=air.aerosol,
+    )
+    return replace(shortest, solutions=(solution,))
+
+
+def _ends_of_band(lighting: Lighting) -> tuple[Lighting, ...]:
+    """Return the shortest and the longest wavelength of computed light, each standing for all of its band.
+
+    At the longest the air is thinnest: its sky is brighter toward the horizon, and changes faster, than at any other.
+    """
+    one = lighting.first if isinstance(lighting, MixedLighting) else lighting
+    if not isinstance(one, BandLighting) or len(one.columns) == 1:
+        return (one,)
+    return (_alone(one, slice(1)), _alone(one, slice(-1, None)))
+
+
+def _alone(band: BandLighting, at: slice) -> BandLighting:
+    """Light of one of a band's wavelengths, standing for all of them."""
+    total = np.array([np.sum(band.irradiance)])
+    return replace(band, columns=band.columns[at], solutions=band.solutions[at], irradiance=total)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _LinesOfSight:
+    """Lines of sight of a region given by its material: two corners of its field and the middle."""
+
+    region: LitRegion
+    lights: tuple[ApertureLight, ...]
+    finer: tuple[ApertureLight, ...]  #: the same light by finer rules of the hemisphere integral
+    sun_azimuth_rad: float
+
+    def part(self, name: str) -> FloatArray:
+        """Return a part of the light that was found, shape (V, 3)."""
+        return np.stack([getattr(light, name) for light in self.lights])
+
+    def missed_by_rules(self) -> FloatArray:
+        """Return what finer rules of the hemisphere integral add to the reflected sky, shape (V, 3)."""
+        return np.stack([finer.reflected_sky for finer in self.finer]) - self.part("reflected_sky")
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """The camera along each of them."""
+        return tuple(light.view for light in self.lights)
+
+
+def _lines_of_sight(scene: LitScene, region: LitRegion, light: FieldLight) -> _LinesOfSight:
+    """Return where to look for a region."""
+    per_side, tiles = isqrt(len(light.lights)), dict(enumerate(light.lights))
+    middle = (per_side // 2) * (per_side + 1)
+    chosen = tuple(dict.fromkeys((0, len(tiles) - 1, middle)))
+    return _LinesOfSight(
+        region=region,
+        lights=tuple(tiles[k] for k in chosen),
+        finer=tuple({**tiles, **light.finer}[k] for k in chosen),
+        sun_azimuth_rad=scene.sun_azimuth_rad,
+    )
+
+
+def _reflected_by_all(several: Sequence[_LinesOfSight], sky: Sky) -> list[FloatArray]:
+    """Return what regions send of a sky to the camera, by the rules that were used, each (V, 3)."""
+    groups: dict[object, list[int]] = defaultdict(list)
+    for place, lines in enumerate(several):
+        region = lines.region
+        groups[region.surface, region.tilt, lines.sun_azimuth_rad, lines.lights[0].rules].append(place)
+    found: dict[int, FloatArray] = {}
+    for places in groups.values():
+        found |= dict(zip(places, _reflected([several[place] for place in places], sky), strict=True))
+    return [found[place] for place in range(len(several))]
+
+
+def _reflected(alike: Sequence[_LinesOfSight], sky: Sky) -> list[FloatArray]:
+    one = alike[0]
+    if one.region.surface is None or one.region.tilt is None:
+        raise ValueError(f"region {one.region.name}: its radiance is given, it reflects no sky")
+    views, lights = (tuple(chain.from_iterable(getattr(each, name) for each in alike)) for name in ("views", "lights"))
+    panel = PanelLight(surface=one.region.surface, tilt=one.region.tilt, views=views)
+    radiance = DiffuseRadiance(sky=sky, sun_azimuth_rad=one.sun_azimuth_rad)
+    stokes = reflected_by_rules(panel, radiance, one.lights[0].rules)
+    through = np.array([light.transmittance for light in lights])
+    seen = rotate_frame(through[:, np.newaxis] * stokes, np.array([view.roll_rad for view in views]))
+    return np.split(seen, _ends(alike))
+
+
+def _ways_to_camera(several: Sequence[_LinesOfSight], lighting: Lighting) -> list[tuple[FloatArray, FloatArray]]:
+    """Return what the air adds along the lines of sight of several regions, and lets through, all in one pass."""
+    if not several:
+        return []
+    views = [view for lines in several for view in lines.views]
+    height_m, zenith = views[0].height_m, np.array([view.zenith_rad for view in views])
+    phi = np.array([lines.sun_azimuth_rad - view.azimuth_rad for lines in several for view in lines.views])
+    path = lighting.path(height_m=height_m, zenith_rad=zenith, phi_rad=phi)
+    path = rotate_frame(path, np.array([view.roll_rad for view in views]))
+    through = lighting.transmittance(height_m=height_m, zenith_rad=zenith)
+    return list(zip(np.split(path, _ends(several)), np.split(through, _ends(several)), strict=True))
+
+
+def _ends(several: Sequence[_LinesOfSight]) -> NDArray[np.intp]:
+    """Return where the lines of sight of each but the last end."""
+    return np.cumsum([len(lines.lights) for lines in several])[:-1]
+
+
+Changes = dict[Reading, float]
+
+
+def _budget(case: LitCase, tried: Mapping[str, _Tried], changed: Mapping[str, Sequence[Changes]]) -> Budget:
+    result = case.result
+    by_setting: dict[str, dict[Reading, float]] = {setting: defaultdict(float) for setting in case.lights}
+    for name, of_region in changed.items():
+        for setting, found in tried[name].changed(of_region):
+            _add(by_setting[setting], found)
+    by_setting |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
+    total = {key: sum(errors.get(key, 0.0) for errors in by_setting.values()) for key in result.readings}
+    return Budget(by_setting={setting: dict(errors) for setting, errors in by_setting.items()}, total=total)
+
+
+def _of_dolp(result: ChainResult) -> dict[Reading, float]:
+    """Return what the distribution of DoLP says of itself."""
+    found = {}
+    for name, one in result.predictions.items():
+        numbers = one.quantities.get("dolp_pixels")
+        if numbers is None:
+            continue
+        mean = one.dolp_mean_error
+        found[Reading(name, "dolp_pixels", "mean")] = mean
+        if numbers["std"] == 0.0:
+            # Nothing fluctuates: there is no deviation to be off, and no SNR.
+            continue
+        std = one.dolp_std_error / numbers["std"]
+        found[Reading(name, "dolp_pixels", "std")] = std
+        found[Reading(name, "dolp_snr", "mean")] = mean / numbers["mean"] + std
+    return found
+
+
+def _of_detection(result: ChainResult) -> dict[Reading, float]:
+    found = {}
+    for pair in result.detections:
+        place = f"{pair.target} on {pair.background}"
+        for rate, error in zip(pair.p_false_alarm, pair.p_detection_error, strict=True):
+            found[Reading(place, "p_detection", f"{rate:g}")] = float(error)
+        found[Reading(place, "auc", "whole curve")] = pair.auc_error
+    return found
+
+
+# What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 5
+# tiles, the middle one by a few hundredths more or less, one of twenty by 0.8 of it or less. A kink may hide from it.
+_OF_MORE_TILES = 2.0
+
+# Light of a region whose covariance over the field has grown by what errors differ there.
+_WIDER = "wider"
+# Light that is less by all that its errors may take from S0: what exists by a hair may not exist there.
+_DIMMER = "dimmer"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Tried:
+    """Other lights of a region, by which its errors are carried to what a user reads."""
+
+    errors: Mapping[str, LightError]
+    steps: FloatArray  #: of S0, S1 and S2, one at a time; none where there are no errors
+    stepped: tuple[RegionLight, ...]
+    others: Mapping[str, RegionLight]
+
+    @property
+    def lights(self) -> tuple[RegionLight, ...]:
+        """All of them."""
+        return (*self.stepped, *self.others.values())
+
+    def changed(self, found: Sequence[Changes]) -> Iterator[tuple[str, Changes]]:
+        """Yield settings and changes: by their errors, by differences of these over the field, by the tiles.
+
+        Of dimmer light it counts alone what does not exist there.
+        """
+        count = len(self.stepped)
+        # The changes per unit of each component's error.
+        moves = [
+            {key: change / size for key, change in each.items()}
+            for each, size in zip(found[:count], self.steps.tolist(), strict=True)
+        ] or [{}, {}, {}]
+        changed = dict(zip(self.others, found[count:], strict=True))
+        differ = _differ(self.errors)
+        for setting, error in self.errors.items():
+            if not np.all(np.isfinite(error.field)):
+                # Nothing is known of the light there, as of the air along a line of sight at the horizon.
+                yield setting, dict.fromkeys((key for each in moves for key in each), np.inf)
+                continue
+            yield setting, _moved_error_budget(moves, error)
+            yield setting, {key: change for key, change in changed.get(_DIMMER, {}).items() if not np.isfinite(change)}
+            if _WIDER in changed and np.any(error.field):
+                share = float(np.mean((error.field / differ)[differ > 0.0]))
+                yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
+        if TILES in changed:
+            yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
+
+
+def _tried(case: LitCase, name: str, more_tiles: RegionLight | None, *, tolerance: float) -> _Tried:
+    region = next(one for one in case.result.scenario.regions if one.name == name)
+    of_region = ((setting, found[name]) for setting, found in case.lights.items() if name in found)
+    there = {setting: error for setting, error in of_region if not error.is_nothing}
+    differ = _differ(there)
+    others: dict[str, RegionLight] = {}
+    if np.all(np.isfinite(differ)) and np.any(differ):
+        before = np.zeros((3, 3)) if region.field_cov is None else region.field_cov
+        others[_WIDER] = replace(region, field_cov=_grown(before, differ))
+    less, s0 = sum(error.largest for error in there.values()), float(region.stokes_radiance[0])
+    if 0.0 < less < s0:
+        others[_DIMMER] = _dimmed(region, less / s0)
+    if more_tiles is not None:
+        others[TILES] = more_tiles
+    steps = _step_sizes(region, tolerance=tolerance) if there else np.zeros(0)
+    change = _texture_change(case, name)
+    stepped = tuple(
+        replace(region, stokes_radiance=region.stokes_radiance + step, texture_cov=region.texture_cov + change(step))
+        for step in (np.diag(steps) if steps.size else ())
+    )
+    return _Tried(errors=there, steps=steps, stepped=stepped, others=others)
+
+
+def _moved_error_budget(moves: Sequence[Changes], error: LightError) -> Changes:
+    """Size of what errors make that come together, and sizes of what may have any sign."""
+    found: dict[Reading, float] = defaultdict(float)
+    for row in error.together:
+        together: dict[Reading, float] = defaultdict(float)
+        for change, size in zip(moves, row.tolist(), strict=True):
+            if size != 0.0:
+                _add(together, {key: each * size for key, each in change.items()})
+        _add(found, {key: abs(each) for key, each in together.items()})
+    for change, size in zip(moves, error.apart.tolist(), strict=True):
+        if size > 0.0:
+            _add(found, {key: abs(each) * size for key, each in change.items()})
+    return found
+
+
+def _differ(errors: Mapping[str, LightError]) -> FloatArray:
+    """Return how far the errors of all settings together may differ over the field."""
+    return sum((error.field for error in errors.values()), np.zeros(3))
+
+
+def _add(errors: dict[Reading, float], more: Changes) -> None:
+    for key, error in more.items():
+        errors[key] += error
+
+
+def _texture_change(case: LitCase, name: str) -> Callable[[FloatArray], FloatArray]:
+    """Return by how much the texture's covariance of a region changes where the reflected light does by a step."""
+    source = case.scene.source
+    given = next(region for region in acting(case.scene, case.result.effects).regions if region.name == name)
+    light = "reflected" if source == "total" else source
+    reflected = case.result.lights[name].moments(light, texture_cov=np.zeros((3, 3))).mean
+    rms, diagonal = (0.0, np.zeros(3)) if source == "path" else (given.texture_rms, np.array(given.texture_diagonal))
+
+    def change(step: FloatArray) -> FloatArray:
+        across = np.outer(reflected, step)
+        of_factor = rms**2 * (across + across.T + np.outer(step, step))
+        return np.asarray(of_factor + step[0] * (2.0 * reflected[0] + step[0]) * np.diag(np.square(diagonal)))
+
+    return change
+
 
 # Of the tolerance, as a share of S0: small beside what bends the curve of a quantity, large beside its rounding. Of S1
 # and S2 no more than this share of what is polarized, which bends DoLP, and no less than this share of the step of S0.
@@ -628,75 +693,48 @@ _LEAST_STEP = 1e-7
 _ELSEWHERE = 0.3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Steps:
-    """Steps of the light of a region, one of each component."""
-
-    sizes: FloatArray
-    lights: tuple[RegionLight, ...]
-
-    def per_unit(self, found: Sequence[Changes]) -> tuple[Changes, ...]:
-        """Return the changes of the readings per unit of each component's error, of those that the steps made."""
-        if not self.lights:
-            return ({}, {}, {})
-        pairs = zip(found, self.sizes.tolist(), strict=True)
-        return tuple({key: change / size for key, change in each.items()} for each, size in pairs)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Texture:
-    """Texture of a region, which what the surface reflects carries."""
-
-    rms: float
-    diagonal: tuple[float, float, float]
-    reflected: FloatArray
-
-    def change(self, step: FloatArray) -> FloatArray:
-        """Return by how much its covariance changes where the reflected light does by a step, shape (3, 3)."""
-        across = np.outer(self.reflected, step)
-        of_factor = self.rms**2 * (across + across.T + np.outer(step, step))
-        of_s0 = step[0] * (2.0 * self.reflected[0] + step[0])
-        return np.asarray(of_factor + of_s0 * np.diag(np.square(self.diagonal)))
-
-
-NO_STEPS = Steps(sizes=np.zeros(0), lights=())
-
-
-def steps(region: RegionLight, texture: Texture, *, tolerance: float) -> Steps:
+def _step_sizes(region: RegionLight, *, tolerance: float) -> FloatArray:
     """Return steps small beside what bends the curve of a quantity, and large beside its rounding; none in the dark.
 
-    Definition: one-sided differences, of light that the surface reflects. Toward more polarization, where DoLP bends so
-    that they are rather too large; toward less near a degree of 1, beyond which there is no light.
+    Differences are one-sided. Toward more polarization, where DoLP bends so that they are rather too large; toward less
+    near a degree of 1, beyond which there is no light.
     """
     s0, polarized = abs(float(region.stokes_radiance[0])), float(np.hypot(*region.stokes_radiance[1:]))
     size = max(_STEP * tolerance, _LEAST_STEP) * s0
     if size == 0.0:
-        return NO_STEPS
+        return np.zeros(0)
     smaller = min(size, max(_OF_POLARIZED * polarized, _LEAST_OF_STEP * size))
     outward = np.where(region.stokes_radiance < 0.0, -1.0, 1.0)
     sign = 1.0 if polarized + smaller < s0 else -1.0
-    sizes = outward * np.array([size, sign * smaller, sign * smaller])
-    return Steps(sizes=sizes, lights=tuple(_moved(region, texture, step) for step in np.diag(sizes)))
+    return np.asarray(outward * np.array([size, sign * smaller, sign * smaller]))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Alternatives:
-    """Other lights of the regions of a case."""
-
-    scene: LitScene
-    result: ChainResult
-    lights: Mapping[str, Sequence[RegionLight]]
-
-    @property
-    def each(self) -> list[tuple[str, RegionLight]]:
-        """Region and light, one after the other."""
-        return [(name, light) for name, lights in self.lights.items() for light in lights]
+def _dimmed(region: RegionLight, share: float) -> RegionLight:
+    """Return light that is less by a share, with its texture, and as much polarized."""
+    left = 1.0 - share
+    return replace(region, stokes_radiance=left * region.stokes_radiance, texture_cov=left**2 * region.texture_cov)
 
 
-def changes(cases: Sequence[Alternatives]) -> list[dict[str, list[dict[Reading, float]]]]:
-    """Return region to the changes of the readings for each other light of it; infinite where a reading is lost."""
-    alone = iter(_predicted([(case.result, light) for case in cases for _, light in case.each]))
-    predicted = [[(name, light, next(alone)) for name, light in case.each] for case in cases]
+def _grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return a covariance whose deviations have grown by the sizes of an error along each of its principal axes.
+
+    Definition: axes and deviations in units of the sizes, each deviation by 1.
+    """
+    unit = np.maximum(sizes, _ELSEWHERE * np.max(sizes))
+    values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
+    roots = np.sqrt(np.maximum(values, 0.0)) + 1.0
+    return np.asarray((vectors * roots**2) @ vectors.T * np.outer(unit, unit))
+
+
+def _changes(
+    cases: Sequence[LitCase], others: Sequence[Mapping[str, Sequence[RegionLight]]]
+) -> list[dict[str, list[Changes]]]:
+    """Return for each case region to the changes of the readings by each other light of it; infinite where lost."""
+    every = [[(name, light) for name, lights in of_regions.items() for light in lights] for of_regions in others]
+    alone = iter(
+        _predicted([(case.result, light) for case, each in zip(cases, every, strict=True) for _, light in each])
+    )
+    predicted = [[(name, light, next(alone)) for name, light in each] for each in every]
     pairs = [
         (*pair, {**case.result.predictions, name: found})
         for case, lights in zip(cases, predicted, strict=True)
@@ -707,16 +745,16 @@ def changes(cases: Sequence[Alternatives]) -> list[dict[str, list[dict[Reading, 
     ]
     rates, settings = cases[0].scene.p_false_alarm, cases[0].result.settings
     detections = iter(detections_of_cases(pairs, rates, tolerance=settings.roc_tolerance))
-    return [_changed_sensitivity(case, lights, detections) for case, lights in zip(cases, predicted, strict=True)]
+    return [_changes_of(case, lights, detections) for case, lights in zip(cases, predicted, strict=True)]
 
 
-def _changed_sensitivity(
-    case: Alternatives,
+def _changes_of(
+    case: LitCase,
     predicted: Sequence[tuple[str, RegionLight, RegionPrediction | None]],
     detections: Iterator[PairDetection],
-) -> dict[str, list[dict[Reading, float]]]:
-    bases = {name: _base(case.scene, case.result, name) for name in case.lights}
-    changed: dict[str, list[dict[Reading, float]]] = {name: [] for name in case.lights}
+) -> dict[str, list[Changes]]:
+    bases = {name: _base(case.scene, case.result, name) for name, _, _ in predicted}
+    changed: dict[str, list[Changes]] = {name: [] for name in bases}
     for name, light, found in predicted:
         if found is None:
             changed[name].append(dict.fromkeys(bases[name], np.inf))
@@ -747,247 +785,71 @@ def _predicted(lights: Sequence[tuple[ChainResult, RegionLight]]) -> list[Region
     return [one[light.name] for one, (_, light) in zip(found, lights, strict=True)]
 
 
-def _moved(region: RegionLight, texture: Texture, step: FloatArray) -> RegionLight:
-    """Light of which the surface reflects more by a step, with the texture that this has."""
-    return replace(
-        region,
-        stokes_radiance=region.stokes_radiance + step,
-        texture_cov=region.texture_cov + texture.change(step),
+def _on_more_tiles(cases: Sequence[LitCase], asked: Sequence[tuple[int, str]]) -> list[RegionLight | None]:
+    """Return the light of regions of cases over one more tile along each side; None for a point.
+
+    The rules of the hemisphere integral stay; lights that differ in the view alone are computed together.
+    """
+    groups: dict[object, list[tuple[int, Sequence[Tile]]]] = defaultdict(list)
+    for k, (place, name) in enumerate(asked):
+        case, region = cases[place], _region_of(cases[place], name)
+        if more := _more_tiles(case, region):
+            result, scene = case.result, case.scene
+            sky = (result.air_key, result.settings, result.effects, scene.sun_azimuth_rad, scene.sensor_height_m)
+            groups[sky, region.surface, region.tilt, _rules_of(case, name)].append((k, more))
+    found: list[RegionLight | None] = [None for _ in asked]
+    for group in groups.values():
+        place, name = asked[group[0][0]]
+        lights = iter(_lights_at(cases[place], name, [tile for _, more in group for tile in more]))
+        for k, more in group:
+            place, name = asked[k]
+            found[k] = _over_tiles(cases[place], name, more, tuple(islice(lights, len(more))))
+    return found
+
+
+def _more_tiles(case: LitCase, region: LitRegion) -> Sequence[Tile]:
+    used, settings = len(case.result.lights[region.name].lights), case.result.settings
+    if region.part is None or case.scene.view is None or used == 1:
+        return ()
+    return tiles(region.part, case.scene.view, per_side=isqrt(used) + 1, rule=settings.tile_rule)
+
+
+def _lights_at(case: LitCase, name: str, seen: Sequence[Tile]) -> tuple[ApertureLight, ...]:
+    region, illumination = _region_of(case, name), case.result.illumination
+    if region.surface is None or region.tilt is None or illumination is None:
+        raise ValueError(f"region {name}: its radiance is given, there is nothing to compute")
+    parts = acting(case.scene, case.result.effects).parts
+    return aperture_lights(
+        illumination,
+        surface=region.surface,
+        tilt=region.tilt,
+        views=tuple(tile.view for tile in seen),
+        rules=_rules_of(case, name),
+        skylight=parts.skylight,
+        path=parts.path_radiance,
     )
 
 
-def dimmed(region: RegionLight, share: float) -> RegionLight:
-    """Return light that is less by a share, with its texture, and as much polarized."""
-    left = 1.0 - share
-    return replace(region, stokes_radiance=left * region.stokes_radiance, texture_cov=left**2 * region.texture_cov)
+def _over_tiles(case: LitCase, name: str, more: Sequence[Tile], lights: tuple[ApertureLight, ...]) -> RegionLight:
+    """Return what a prediction takes of lights over a field."""
+    seen, illumination, air = acting(case.scene, case.result.effects), case.result.illumination, case.scene.air
+    spread = case.result.lights[name].spread
+    field = FieldLight(lights=lights, weights=tuple(tile.weight for tile in more), spread=spread)
+    around = seen.imperfections.surround_albedo
+    if around is not None and air is not None and illumination is not None:
+        field = with_surroundings(field, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
+    return region_light(seen, _region_of(case, name), field)
 
 
-def over_field(region: RegionLight) -> FloatArray:
-    """Return the covariance of a region's light over its part of the field, shape (3, 3)."""
-    return np.zeros((3, 3)) if region.field_cov is None else region.field_cov
+def _region_of(case: LitCase, name: str) -> LitRegion:
+    return next(one for one in case.scene.regions if one.name == name)
 
 
-def grown(cov: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Return a covariance whose deviations have grown by the sizes of an error along each of its principal axes.
-
-    Definition: axes and deviations in units of the sizes, each deviation by 1.
-    """
-    unit = np.maximum(sizes, _ELSEWHERE * np.max(sizes))
-    values, vectors = np.linalg.eigh(cov / np.outer(unit, unit))
-    roots = np.sqrt(np.maximum(values, 0.0)) + 1.0
-    return np.asarray((vectors * roots**2) @ vectors.T * np.outer(unit, unit))
+def _rules_of(case: LitCase, name: str) -> Rules:
+    """Return the rules of the hemisphere integral by which the tiles of a region were found."""
+    return case.result.lights[name].lights[0].rules
 
 
-# Error budget of what a user reads, from errors of the light: per setting, and their sum
-
-
-# What one more tile along each side changes is what the tiles miss: of the fields of 240 random scenes, by 3 to 5
-# tiles, the middle one by a few hundredths more or less, one of twenty by 0.8 of it or less. A kink may hide from it.
-_OF_MORE_TILES = 2.0
-
-# Light of a region whose covariance over the field has grown by what errors differ there.
-_WIDER = "wider"
-# Light that is less by all that its errors may take from S0: what exists by a hair may not exist there.
-_DIMMER = "dimmer"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Budget:
-    """Estimated numerical errors of a prediction, in the units of a tolerance."""
-
-    by_setting: Mapping[str, Mapping[Reading, float]]
-    total: Mapping[Reading, float]
-
-    def worst(self, setting: str) -> float:
-        """Return the largest error of a setting."""
-        return max(self.by_setting.get(setting, {}).values(), default=0.0)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LitCase:
-    """A case whose light has errors that are known."""
-
-    scene: LitScene
-    result: ChainResult
-    lights: Mapping[str, Mapping[str, LightError]]
-
-    def errors(self, name: str) -> dict[str, LightError]:
-        """Return setting to the error of the light of a region."""
-        return {setting: found[name] for setting, found in self.lights.items() if name in found}
-
-
-def error_budget(
-    scene: LitScene,
-    result: ChainResult,
-    lights: Mapping[str, Mapping[str, LightError]],
-    *,
-    tolerance: float,
-    tiles: bool = True,
-) -> Budget:
-    """Return the estimated errors of all readings of a result.
-
-    Parameters
-    ----------
-    scene, result, lights
-        As `LitCase` has them.
-    tolerance
-        That is asked for.
-    tiles
-        Whether one more tile along each side is tried; else nothing is said of the tiles.
-
-    References
-    ----------
-    Definition: first order in the errors of the light, whose signs are not known.
-    """
-    return error_budgets((LitCase(scene=scene, result=result, lights=lights),), tolerance=tolerance, tiles=tiles)[0]
-
-
-def error_budgets(cases: Sequence[LitCase], *, tolerance: float, tiles: bool = True) -> list[Budget]:
-    """Return what `error_budget` does for each of several cases, all in few array passes."""
-    asked = [
-        (place, region)
-        for place, case in enumerate(cases)
-        for region in case.result.scenario.regions
-        if region.name in case.result.lights
-    ]
-    finer: Iterable[RegionLight | None] = repeat(None)
-    if tiles:
-        finer = on_more_tiles([Asked(cases[place].scene, cases[place].result, region.name) for place, region in asked])
-    tried: list[dict[str, _Tried]] = [{} for _ in cases]
-    for (place, region), more in zip(asked, finer, strict=tiles):
-        tried[place][region.name] = _tried(cases[place], region, more, tolerance=tolerance)
-    changed = changes(
-        [
-            Alternatives(
-                scene=case.scene,
-                result=case.result,
-                lights={name: one.lights for name, one in regions.items() if one.lights},
-            )
-            for case, regions in zip(cases, tried, strict=True)
-        ]
-    )
-    return [_budget(case, of, found) for case, of, found in zip(cases, tried, changed, strict=True)]
-
-
-def _budget(case: LitCase, tried: Mapping[str, "_Tried"], changed: Mapping[str, Sequence[Changes]]) -> Budget:
-    result = case.result
-    by_setting: dict[str, dict[Reading, float]] = {setting: defaultdict(float) for setting in case.lights}
-    for name, of_region in changed.items():
-        for setting, found in tried[name].changed(of_region):
-            _add(by_setting[setting], found)
-    by_setting |= {DOLP: _of_dolp(result), ROC: _of_detection(result)}
-    every = readings(result.scenario, result.predictions, result.detections)
-    total = {key: sum(errors.get(key, 0.0) for errors in by_setting.values()) for key in every}
-    return Budget(by_setting={setting: dict(errors) for setting, errors in by_setting.items()}, total=total)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Tried:
-    """Other lights of a region, by which its errors are carried to what a user reads."""
-
-    errors: Mapping[str, LightError]
-    steps: Steps
-    others: Mapping[str, RegionLight]
-
-    @property
-    def lights(self) -> tuple[RegionLight, ...]:
-        """All of them."""
-        return (*self.steps.lights, *self.others.values())
-
-    def changed(self, found: Sequence[Changes]) -> Iterator[tuple[str, Changes]]:
-        """Yield settings and changes: by their errors, by differences of these over the field, by the tiles.
-
-        Of dimmer light it counts alone what does not exist there.
-        """
-        moves = self.steps.per_unit(found[: len(self.steps.lights)])
-        changed = dict(zip(self.others, found[len(self.steps.lights) :], strict=True))
-        differ = _differ(self.errors)
-        for setting, error in self.errors.items():
-            if not np.all(np.isfinite(error.field)):
-                # Nothing is known of the light there, as of the air along a line of sight at the horizon.
-                yield setting, dict.fromkeys((key for each in moves for key in each), np.inf)
-                continue
-            yield setting, _moved_error_budget(moves, error)
-            yield setting, {key: change for key, change in changed.get(_DIMMER, {}).items() if not np.isfinite(change)}
-            if _WIDER in changed and np.any(error.field):
-                share = float(np.mean((error.field / differ)[differ > 0.0]))
-                yield setting, {key: share * abs(change) for key, change in changed[_WIDER].items()}
-        if TILES in changed:
-            yield TILES, {key: _OF_MORE_TILES * abs(change) for key, change in changed[TILES].items()}
-
-
-def _tried(case: LitCase, region: RegionLight, more_tiles: RegionLight | None, *, tolerance: float) -> _Tried:
-    there = {setting: error for setting, error in case.errors(region.name).items() if not error.is_nothing}
-    differ = _differ(there)
-    others: dict[str, RegionLight] = {}
-    if np.all(np.isfinite(differ)) and np.any(differ):
-        others[_WIDER] = replace(region, field_cov=grown(over_field(region), differ))
-    less, s0 = sum(error.largest for error in there.values()), float(region.stokes_radiance[0])
-    if 0.0 < less < s0:
-        others[_DIMMER] = dimmed(region, less / s0)
-    if more_tiles is not None:
-        others[TILES] = more_tiles
-    texture = _texture(case.scene, case.result, region.name)
-    return _Tried(errors=there, steps=steps(region, texture, tolerance=tolerance) if there else NO_STEPS, others=others)
-
-
-def _texture(scene: LitScene, result: ChainResult, name: str) -> Texture:
-    given = next(region for region in acting(scene, result.effects).regions if region.name == name)
-    source = "reflected" if scene.source == "total" else scene.source
-    reflected = result.lights[name].moments(source, texture_cov=np.zeros((3, 3))).mean
-    if scene.source == "path":
-        return Texture(rms=0.0, diagonal=(0.0, 0.0, 0.0), reflected=reflected)
-    return Texture(rms=given.texture_rms, diagonal=given.texture_diagonal, reflected=reflected)
-
-
-def _differ(errors: Mapping[str, LightError]) -> FloatArray:
-    """Return how far the errors of all settings together may differ over the field."""
-    return sum((error.field for error in errors.values()), np.zeros(3))
-
-
-def _add(errors: dict[Reading, float], more: Changes) -> None:
-    for key, error in more.items():
-        errors[key] += error
-
-
-def _moved_error_budget(moves: tuple[Changes, ...], error: LightError) -> Changes:
-    """Size of what errors make that come together, and sizes of what may have any sign."""
-    found: dict[Reading, float] = defaultdict(float)
-    for row in error.together:
-        together: dict[Reading, float] = defaultdict(float)
-        for change, size in zip(moves, row.tolist(), strict=True):
-            if size != 0.0:
-                _add(together, {key: each * size for key, each in change.items()})
-        _add(found, {key: abs(each) for key, each in together.items()})
-    for change, size in zip(moves, error.apart.tolist(), strict=True):
-        if size > 0.0:
-            _add(found, {key: abs(each) * size for key, each in change.items()})
-    return found
-
-
-def _of_dolp(result: ChainResult) -> dict[Reading, float]:
-    """Return what the distribution of DoLP says of itself."""
-    found = {}
-    for name, one in result.predictions.items():
-        numbers = one.quantities.get("dolp_pixels")
-        if numbers is None:
-            continue
-        mean = one.dolp_mean_error
-        found[Reading(name, "dolp_pixels", "mean")] = mean
-        if numbers["std"] == 0.0:
-            # Nothing fluctuates: there is no deviation to be off, and no SNR.
-            continue
-        std = one.dolp_std_error / numbers["std"]
-        found[Reading(name, "dolp_pixels", "std")] = std
-        found[Reading(name, "dolp_snr", "mean")] = mean / numbers["mean"] + std
-    return found
-
-
-def _of_detection(result: ChainResult) -> dict[Reading, float]:
-    found = {}
-    for pair in result.detections:
-        place = f"{pair.target} on {pair.background}"
-        for rate, error in zip(pair.p_false_alarm, pair.p_detection_error, strict=True):
-            found[Reading(place, "p_detection", f"{rate:g}")] = float(error)
-        found[Reading(place, "auc", "whole curve")] = pair.auc_error
-    return found
+# By the place of a case among several, and a region's name.
+Lines = Mapping[tuple[int, str], _LinesOfSight]
+Errors = Mapping[tuple[int, str], LightError]

@@ -9,6 +9,8 @@ between them takes the finest of their plans, and its errors follow from theirs 
 the tolerance the case is judged itself. A single scene is a lattice of one case.
 """
 
+from __future__ import annotations
+
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -29,28 +31,25 @@ from model.accuracy.chain import (
     Readings,
     Value,
     evaluate_all,
-    readings,
 )
-from model.accuracy.errors import Budget, LightError, LitCase, error_budgets, light_errors_of_all
+from model.accuracy.errors import LightError, LitCase, error_budgets, light_errors
 from model.accuracy.plan import (
-    HEMISPHERE,
     LAYERS,
-    NUMERICAL_SETTINGS,
     ROC,
-    SKY_GRID,
     STREAMS,
     TILES,
     WAVELENGTHS,
-    Forecast,
+    Budget,
     Plan,
-    allocate,
     expected_s,
-    forecast,
+    finer_plan,
+    first_plan,
+    kept_forecast,
     last_degree,
     optical_depth,
+    plan_beside,
     seen,
     settings_at,
-    unused,
 )
 from model.atmosphere.layers import AerosolKind
 from model.effects.names import ALL, LIGHT, Effect, EffectPlan
@@ -127,7 +126,7 @@ class Predicted:
     @cached_property
     def numbers(self) -> Readings:
         """All numbers that a tolerance speaks of."""
-        return _numbers_of(self.result)
+        return self.result.readings
 
     @cached_property
     def companions(self) -> dict[str, float]:
@@ -232,6 +231,18 @@ def predict(
     return run.predicted()
 
 
+# Effects of the light that a plan leaves out though they are there, and the most that this may change.
+_LeftOut = tuple[frozenset[Effect], float]
+_NOTHING_LEFT_OUT: _LeftOut = (frozenset(), 0.0)
+
+# What a scene between judged ones is taken to be off by, over the largest of their errors.
+_MARGIN = 1.5
+# Numbers between 0 and 1. Where one changes by less than this share of how fast it changes elsewhere, it tells nothing.
+_PROBABILITIES, _TELLING = frozenset({"p_detection", "auc"}), 0.03
+# Below this density a probability does not change by more, whatever the deviate does.
+_SATURATED = 1e-5
+
+
 class _Run:
     """Scenes while they are predicted: those that are judged, those that follow from their neighbours, and the time."""
 
@@ -276,7 +287,7 @@ class _Run:
             spot_checks_held=sum(self._spots),
         )
 
-    def _looked_at(self, cells: "Iterable[Cell]") -> Iterator[Index]:
+    def _looked_at(self, cells: Iterable[Cell]) -> Iterator[Index]:
         """Yield the corners of cells, and the cases at a glint."""
         for cell in cells:
             yield from cell.corners
@@ -290,7 +301,7 @@ class _Run:
             skies.setdefault(_sky(self._scenes[place]), []).append(place)
         return [place for under_one in skies.values() for place in under_one]
 
-    def _checked(self, cell: "Cell") -> "Iterator[Cell]":
+    def _checked(self, cell: Cell) -> Iterator[Cell]:
         """Judge the corners of a cell; divide it at a glint, and where one corner makes all that is inside dear."""
         corners = self._judge_all(cell.corners)
         if not cell.is_divisible:
@@ -302,24 +313,24 @@ class _Run:
         else:
             yield cell
 
-    def _divided(self, cell: "Cell", place: Index) -> "Iterator[Cell]":
+    def _divided(self, cell: Cell, place: Index) -> Iterator[Cell]:
         self._judge(place)
         for part in cell.divided(place):
             yield from self._checked(part)
 
-    def _glint(self, cell: "Cell") -> Index | None:
+    def _glint(self, cell: Cell) -> Index | None:
         """Return the case of a cell that is nearest to a glint; None where a corner is."""
         nearest = min(_from_glint_rad(self._scenes[place]) for place in cell.corners)
         inside = min(cell.places, key=lambda place: _from_glint_rad(self._scenes[place]))
         return inside if _from_glint_rad(self._scenes[inside]) < nearest - _NEARER_RAD else None
 
-    def _is_dear(self, cell: "Cell", corners: Sequence[Predicted]) -> bool:
+    def _is_dear(self, cell: Cell, corners: Sequence[Predicted]) -> bool:
         """Return whether so many cases would take the plan of one dear corner that judging one more costs less."""
         times = [corner.expected_s for corner in corners]
         inside = len(list(cell.places)) - len(corners)
         return inside * (max(times) - min(times)) > _DEAR * _JUDGING * max(times)
 
-    def _spot_checked(self, cells: "Sequence[Cell]") -> "Iterator[Cell]":
+    def _spot_checked(self, cells: Sequence[Cell]) -> Iterator[Cell]:
         """Judge the middle of some cells; where one is not as its corners tell divide it, and look at all others."""
         open_cells = [cell for cell in cells if cell.is_divisible]
         looked_at = self._are_as_told(open_cells[::_SPOT_CHECKED])
@@ -331,7 +342,7 @@ class _Run:
             else:
                 yield from self._divided(cell, cell.middle)
 
-    def _are_as_told(self, cells: "Sequence[Cell]") -> "dict[Cell, bool]":
+    def _are_as_told(self, cells: Sequence[Cell]) -> dict[Cell, bool]:
         """Return whether the errors in the middle of each cell are within what its corners tell."""
         corners = {cell: self._judge_all(cell.corners) for cell in cells}
         by_plan: dict[tuple[tuple[str, int], ...], list[Index]] = {}
@@ -354,7 +365,7 @@ class _Run:
         small, errors = _SMALL * self._tolerance, judged.errors
         return all(errors[key] <= max(error, small) for key, error in told.items())
 
-    def _fill(self, cell: "Cell") -> None:
+    def _fill(self, cell: Cell) -> None:
         """Predict all cases of a cell; where its corners do not do, judge one of them, and fill the parts."""
         corners = self._judge_all(cell.corners)
         self._found |= {place: self._judged[place] for place in cell.places if place in self._judged}
@@ -414,13 +425,13 @@ class _Run:
     def _by_neighbours(
         self,
         results: Mapping[Index, ChainResult],
-        effects: Mapping[Index, "_LeftOut"],
+        effects: Mapping[Index, _LeftOut],
         corners: Sequence[Predicted],
         harder: Collection[Index],
     ) -> dict[Index, Predicted]:
         """Return the cases whose errors, as their neighbours tell them, keep the tolerance."""
         unknown = {key for corner in corners for key in corner.not_guaranteed}
-        numbers = {place: _numbers_of(result) for place, result in results.items()}
+        numbers = {place: result.readings for place, result in results.items()}
         errors = {place: told_errors(corners, found) for place, found in numbers.items()}
 
         def is_kept(place: Index) -> bool:
@@ -511,7 +522,7 @@ class _Run:
         settings = settings_at(plan, tolerance, face_m=scenes[0].sensor_height_m)
         results = evaluate_all(scenes, settings, effects=acting, store=self._store, clock=self._clock)
         begun, cases = self._clock(), list(zip(scenes, results, strict=True))
-        lights = light_errors_of_all(cases, plan, self._store, tolerance=tolerance)
+        lights = light_errors(cases, plan, self._store, tolerance=tolerance)
         lit = [LitCase(scene=scene, result=one, lights=of) for (scene, one), of in zip(cases, lights, strict=True)]
         budgets = error_budgets(lit, tolerance=tolerance)
         each_s = (self._clock() - begun) / len(scenes)
@@ -536,8 +547,17 @@ class _Run:
             return first_plan(scene, tolerance=aim, store=self._store, effects=acting, under_sky=under_sky)
         near = aim if len(places) == 1 else _OF_AIM_TOGETHER * aim
         plans = [
-            plan_beside(self._scenes[place], self._nearest(place), tolerance=near, store=self._store, effects=acting)
-            for place in places
+            plan_beside(
+                self._scenes[place],
+                one.plan,
+                one.budget,
+                sky=one.result.air_key,
+                unsure=one.not_guaranteed,
+                tolerance=near,
+                store=self._store,
+                effects=acting,
+            )
+            for place, one in ((place, self._nearest(place)) for place in places)
         ]
         return _finest_plan(plans)
 
@@ -546,7 +566,7 @@ class _Run:
         steps = {one: sum(abs(a - b) for a, b in zip(one, place, strict=True)) for one in self._judged}
         return self._judged[min(steps, key=lambda one: steps[one])]
 
-    def _effects_of(self, scene: LitScene) -> "_LeftOut":
+    def _effects_of(self, scene: LitScene) -> _LeftOut:
         """Return the effects of the light that a scene leaves out, planned where that may pay, and their sum."""
         if self._planned is None:
             return _NOTHING_LEFT_OUT
@@ -557,7 +577,7 @@ class _Run:
         self._count({ESTIMATES: self._clock() - start})
         return self._plans_of_effects[-1]
 
-    def _effects_between(self, place: Index, corners: Sequence[Predicted]) -> "_LeftOut":
+    def _effects_between(self, place: Index, corners: Sequence[Predicted]) -> _LeftOut:
         """Return what a case between judged ones leaves out: what all of these do, within its own bounds."""
         left_out = frozenset.intersection(*(corner.left_out for corner in corners))
         if not left_out or self._planned is None:
@@ -570,18 +590,13 @@ class _Run:
             self._taken[stage] += seconds
 
 
-# Effects of the light that a plan leaves out though they are there, and the most that this may change.
-_LeftOut = tuple[frozenset[Effect], float]
-_NOTHING_LEFT_OUT: _LeftOut = (frozenset(), 0.0)
-
-
 def _left_out(plan: EffectPlan, acting: frozenset[Effect]) -> _LeftOut:
     there = {one.effect for one in plan.decisions if one.bound.largest > 0.0}
     found = (LIGHT & acting & there) - plan.active
     return (found, plan.spent.largest) if found else _NOTHING_LEFT_OUT
 
 
-def _inside(cell: "Cell", place: Index) -> Index:
+def _inside(cell: Cell, place: Index) -> Index:
     """Return the middle of a cell, or a case of it where all that is between its corners lies along its edges."""
     return place if cell.middle in cell.corners else cell.middle
 
@@ -609,16 +624,6 @@ def _has_spheres(scene: LitScene) -> bool:
     return any(air is not None and air.aerosol is AerosolKind.SPHERES and air.state is not None for air in airs)
 
 
-# Errors of a scene by those of its neighbours: as these have them, or by the errors of their light
-
-# What a scene between judged ones is taken to be off by, over the largest of their errors.
-_MARGIN = 1.5
-# Numbers between 0 and 1. Where one changes by less than this share of how fast it changes elsewhere, it tells nothing.
-_PROBABILITIES, _TELLING = frozenset({"p_detection", "auc"}), 0.03
-# Below this density a probability does not change by more, whatever the deviate does.
-_SATURATED = 1e-5
-
-
 def told_errors(neighbours: Sequence[Predicted], numbers: Readings) -> dict[Reading, float]:
     """Return the errors of a scene as those of its neighbours tell, of readings of which they do."""
     told = {}
@@ -627,44 +632,6 @@ def told_errors(neighbours: Sequence[Predicted], numbers: Readings) -> dict[Read
         if errors and all(key in one.budget.total for one in neighbours):
             told[key] = _MARGIN * max(errors)
     return told
-
-
-def _propagated_errors(
-    neighbours: Sequence[Predicted], cases: Sequence[tuple[LitScene, ChainResult]], *, tolerance: float
-) -> list[dict[Reading, float]]:
-    """Return the errors of scenes by those of the light of their neighbours, carried to the numbers of each."""
-    known = [(one.result, one.light) for one in neighbours]
-    lit = [
-        LitCase(scene=scene, result=result, lights=_carried_errors(known, result, margin=_MARGIN))
-        for scene, result in cases
-    ]
-    budgets = error_budgets(lit, tolerance=tolerance, tiles=False) if lit else []
-    found = []
-    for (_, result), budget in zip(cases, budgets, strict=True):
-        numbers = _numbers_of(result)
-        of_tiles = {
-            key: [error for one in neighbours for error in _carried(key, number, one, TILES)]
-            for key, number in numbers.items()
-        }
-        found.append({key: budget.total[key] + _MARGIN * max(of_tiles[key], default=0.0) for key in numbers})
-    return found
-
-
-def _finest_plan(plans: Sequence[Plan]) -> dict[str, int]:
-    """Return the finest level of each setting."""
-    return {name: max(plan[name] for plan in plans) for name in plans[0]}
-
-
-def _numbers_of(result: ChainResult) -> Readings:
-    """Return all numbers of a result that a tolerance speaks of."""
-    return readings(result.scenario, result.predictions, result.detections)
-
-
-def _keeps(
-    errors: Mapping[Reading, float], found: Iterable[Reading], unknown: Collection[Reading], allowed: float
-) -> bool:
-    """Return whether errors are known of all numbers, and within what is allowed but for those not to be known."""
-    return all(key in errors and (errors[key] <= allowed or key in unknown) for key in found)
 
 
 def _carried(key: Reading, here: Value, neighbour: Predicted, setting: str | None = None) -> Iterator[float]:
@@ -693,7 +660,26 @@ def _density(probability: float) -> float:
     return exp(-0.5 * float(ndtri(probability)) ** 2)
 
 
-# Companions of an evaluation: what it tells for nothing of how hard its scene is, beside a neighbouring one
+def _propagated_errors(
+    neighbours: Sequence[Predicted], cases: Sequence[tuple[LitScene, ChainResult]], *, tolerance: float
+) -> list[dict[Reading, float]]:
+    """Return the errors of scenes by those of the light of their neighbours, carried to the numbers of each."""
+    known = [(one.result, one.light) for one in neighbours]
+    lit = [
+        LitCase(scene=scene, result=result, lights=_carried_errors(known, result, margin=_MARGIN))
+        for scene, result in cases
+    ]
+    budgets = error_budgets(lit, tolerance=tolerance, tiles=False) if lit else []
+    found = []
+    for (_, result), budget in zip(cases, budgets, strict=True):
+        numbers = result.readings
+        of_tiles = {
+            key: [error for one in neighbours for error in _carried(key, number, one, TILES)]
+            for key, number in numbers.items()
+        }
+        found.append({key: budget.total[key] + _MARGIN * max(of_tiles[key], default=0.0) for key in numbers})
+    return found
+
 
 # Companions by their name: "sky grid", and the regions with a field.
 Companions = Mapping[str, float]
@@ -702,6 +688,36 @@ _DARK = 1e-300
 # Farther than this from the sun's mirror direction neither glint nor aureole is in a lobe of such slopes, in rms slopes
 # beside it.
 _NEAR_RAD, _SLOPES = float(np.radians(15.0)), 4.0
+
+
+def _carried_errors(
+    neighbours: Sequence[tuple[ChainResult, LightErrors]], result: ChainResult, *, margin: float
+) -> dict[str, dict[str, LightError]]:
+    """Return the errors of the light of a scene by those of its neighbours, in proportion to S0."""
+    settings = neighbours[0][1]
+    found: dict[str, dict[str, LightError]] = {setting: {} for setting in settings}
+    for name, light in result.lights.items():
+        s0 = abs(float(light.mean()[0]))
+        others = [(s0 / max(abs(float(one.lights[name].mean()[0])), _DARK), errors) for one, errors in neighbours]
+        for setting in settings:
+            there = [
+                errors[setting][name].scaled(margin * factor) for factor, errors in others if name in errors[setting]
+            ]
+            if there:
+                found[setting][name] = max(there, key=lambda one: one.largest)
+    return found
+
+
+def _finest_plan(plans: Sequence[Plan]) -> dict[str, int]:
+    """Return the finest level of each setting."""
+    return {name: max(plan[name] for plan in plans) for name in plans[0]}
+
+
+def _keeps(
+    errors: Mapping[Reading, float], found: Iterable[Reading], unknown: Collection[Reading], allowed: float
+) -> bool:
+    """Return whether errors are known of all numbers, and within what is allowed but for those not to be known."""
+    return all(key in errors and (errors[key] <= allowed or key in unknown) for key in found)
 
 
 def _companions(scene: LitScene, result: ChainResult) -> dict[str, float]:
@@ -724,24 +740,6 @@ def _is_harder(own: Companions, others: Sequence[Companions], *, margin: float, 
     return any(
         number > max(negligible, margin * max(one.get(name, 0.0) for one in others)) for name, number in own.items()
     )
-
-
-def _carried_errors(
-    neighbours: Sequence[tuple[ChainResult, LightErrors]], result: ChainResult, *, margin: float
-) -> dict[str, dict[str, LightError]]:
-    """Return the errors of the light of a scene by those of its neighbours, in proportion to S0."""
-    settings = neighbours[0][1]
-    found: dict[str, dict[str, LightError]] = {setting: {} for setting in settings}
-    for name, light in result.lights.items():
-        s0 = abs(float(light.mean()[0]))
-        others = [(s0 / max(abs(float(one.lights[name].mean()[0])), _DARK), errors) for one, errors in neighbours]
-        for setting in settings:
-            there = [
-                errors[setting][name].scaled(margin * factor) for factor, errors in others if name in errors[setting]
-            ]
-            if there:
-                found[setting][name] = max(there, key=lambda one: one.largest)
-    return found
 
 
 def _from_glint_rad(scene: LitScene) -> float:
@@ -768,119 +766,6 @@ def _region_from_glint_rad(region: LitRegion, view: View, sun: FloatArray) -> fl
         edge = max(abs(one) for one in (part.left_rad, part.right_rad, part.bottom_rad, part.top_rad))
     apart = max(float(angle_between_rad(mirrored, sun)) - edge, 0.0)
     return apart if apart < _NEAR_RAD + _SLOPES * region.surface.slope_rms else float(np.pi)
-
-
-# Choice of a plan to a tolerance: the first of a scene, one beside a scene that is known, and a finer one
-
-# Share of the tolerance that a plan aims at: first with the errors of the light, of which some numbers show several
-# times as much, then with errors as they were estimated for each number.
-_FIRST_AIM, _AIM = 0.6, 0.75
-# A first plan is no coarser than this, or than a share of a large tolerance: a second one would cost more. Where it
-# would have to be finer it is the coarsest: it costs little beside the one that follows, and tells it what counts.
-_FIRST_COARSEST, _FIRST_FINEST, _OF_LARGE = 1e-2, 7e-4, 0.25
-# A scene alone is planned with so many times the likely error of its rules: a second round costs more than finer ones.
-_LIKELY = {HEMISPHERE: 2.0}
-_SOLVED = (STREAMS, LAYERS, WAVELENGTHS)
-_OF_SKY = (*_SOLVED, SKY_GRID)
-# A sky that so many scenes share is solved to this share of the tolerance.
-_MANY, _SHARED_AIM = 10, 0.1
-
-
-def kept_forecast(scene: LitScene, effects: frozenset[Effect], store: LightStore, *, under_sky: int = 1) -> Forecast:
-    """Return the forecast of a scene, made once for all under its sky."""
-    air = None if scene.air is None else scene.air.key
-    return store.once(("forecast", air, effects, under_sky), lambda: forecast(scene, effects, under_sky=under_sky))
-
-
-def first_plan(
-    scene: LitScene, *, tolerance: float, store: LightStore, effects: frozenset[Effect] = ALL, under_sky: int = 1
-) -> dict[str, int]:
-    """Return the plan to begin with, of a scene of which nothing is known yet."""
-    ahead, left_out = kept_forecast(scene, effects, store, under_sky=under_sky), unused(effects)
-    are_many = under_sky >= _MANY
-    likely = {} if are_many else _LIKELY
-    scales = {name: 0.0 if name in left_out else likely.get(name, 1.0) for name in NUMERICAL_SETTINGS}
-    plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
-    if are_many:
-        finer = allocate(scene, ahead, scales, _SHARED_AIM * tolerance)
-        plan |= {name: finer[name] for name in _SOLVED}
-    return allocate(scene, ahead, scales, _first_aim(tolerance), start=plan)
-
-
-def _first_aim(tolerance: float) -> float:
-    aim = _FIRST_AIM * tolerance
-    return _FIRST_COARSEST if aim < _FIRST_FINEST else min(aim, max(_FIRST_COARSEST, _OF_LARGE * tolerance))
-
-
-def plan_beside(
-    scene: LitScene,
-    neighbour: Predicted,
-    *,
-    tolerance: float,
-    store: LightStore,
-    effects: frozenset[Effect] = ALL,
-) -> dict[str, int]:
-    """Return the plan for a scene much like one that was predicted, were the errors of both as large.
-
-    Definition: the likely errors of the scene, scaled as those of its neighbour were, for those readings that a
-    setting, or all together, act on most.
-    """
-    ahead, left_out = kept_forecast(scene, effects, store), unused(effects)
-    plan = _least_beside(scene, neighbour, left_out)
-    kept = [key for key in neighbour.budget.total if key not in neighbour.not_guaranteed]
-    if not kept:
-        return allocate(scene, ahead, dict.fromkeys(plan, 1.0), _first_aim(tolerance), start=plan)
-    several = (*(neighbour.budget.by_setting[name] for name in plan), neighbour.budget.total)
-    for key in dict.fromkeys(max(kept, key=lambda one: errors.get(one, 0.0)) for errors in several):
-        found = _scales(ahead, neighbour.plan, neighbour.budget, key)
-        scales = {name: 0.0 if name in left_out else scale for name, scale in found.items()}
-        raised = allocate(scene, ahead, scales, _AIM * tolerance, start=plan)
-        if ahead.error(raised, scales) > _AIM * tolerance:
-            # No levels keep this number: those of the neighbour do as well as the finest of all, which take minutes.
-            raised = {name: max(level, neighbour.plan[name]) for name, level in plan.items()}
-        plan = raised
-    return plan
-
-
-def _least_beside(scene: LitScene, neighbour: Predicted, left_out: frozenset[str]) -> dict[str, int]:
-    """Levels below which a scene beside another is not tried: its tiles, and the settings of a sky that both have.
-
-    The convergence of the tiles shows once they are seen, and too few of them cost a second evaluation; a sky that was
-    solved costs nothing.
-    """
-    plan = dict.fromkeys(NUMERICAL_SETTINGS, 0)
-    if TILES not in left_out:
-        plan[TILES] = neighbour.plan[TILES]
-    under = neighbour.result.air_key
-    if under is not None and scene.air is not None and scene.air.key == under:
-        plan |= {name: neighbour.plan[name] for name in _OF_SKY if name not in left_out}
-    return plan
-
-
-def finer_plan(
-    scene: LitScene, ahead: Forecast, plan: dict[str, int], budget: Budget, tolerance: float
-) -> dict[str, int]:
-    """Return a finer plan for the readings that can be brought within the tolerance; the same one if there are none."""
-    allowed, finer = _AIM * tolerance, plan
-    for key in (key for key, error in budget.total.items() if error > tolerance):
-        scales = _scales(ahead, plan, budget, key)
-        raised = allocate(scene, ahead, scales, allowed, start=finer)
-        if ahead.error(raised, scales) <= allowed:
-            finer = raised
-    return finer
-
-
-def _scales(ahead: Forecast, plan: Plan, budget: Budget, key: Reading) -> dict[str, float]:
-    """Factors from the likely errors of the settings to those that were estimated of a reading."""
-    return {name: budget.by_setting[name].get(key, 0.0) / ahead.errors[name][level] for name, level in plan.items()}
-
-
-# Lattice over a grid of cases: cells whose corners are looked at closely, divided where that is too coarse
-
-# Steps of the grid between corners, by the number of its axes: corners are so few that looking at them closely is a
-# fifth of the work, or less.
-_STEPS = {1: 34, 2: 8}
-_STEPS_OF_MORE = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -914,13 +799,19 @@ class Cell:
         """Return whether a case belongs to it."""
         return all(low <= one <= high for low, one, high in zip(self.low, place, self.high, strict=True))
 
-    def divided(self, place: Index) -> tuple["Cell", ...]:
+    def divided(self, place: Index) -> tuple[Cell, ...]:
         """Return the parts that have a case of this one as a corner; along an axis at whose end it is, none is cut."""
         parts = [
             ((low, one), (one, high)) if low < one < high else ((low, high),)
             for low, one, high in zip(self.low, place, self.high, strict=True)
         ]
         return tuple(Cell(low=tuple(a for a, _ in ends), high=tuple(b for _, b in ends)) for ends in product(*parts))
+
+
+# Steps of the grid between corners, by the number of its axes: corners are so few that looking at them closely is a
+# fifth of the work, or less.
+_STEPS = {1: 34, 2: 8}
+_STEPS_OF_MORE = 4
 
 
 def lattice(shape: Index) -> tuple[Cell, ...]:

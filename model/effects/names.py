@@ -5,6 +5,7 @@ the light before the lens cost time, so that a plan leaves them out where a boun
 of sensor and session cost microseconds: they act where the scene states them.
 """
 
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, field, fields
 from enum import StrEnum
 from typing import Literal
@@ -44,24 +45,12 @@ LIGHT = frozenset({Effect.FIELD_OF_VIEW, Effect.SKYLIGHT, Effect.PATH_RADIANCE, 
 
 @dataclass(frozen=True, kw_only=True)
 class Bound:
-    """Largest change of what is read off a prediction; each is 0 or more, infinite where nothing is known.
+    """Largest change of what is read off a prediction; each is 0 or more, infinite where nothing is known."""
 
-    Attributes
-    ----------
-    radiance
-        Of S0, S1 and S2 over S0, and of each angle's counts over themselves.
-    ratios
-        Of DoLP, S1/S0 and S2/S0 of the mean, and of the mean of the pixels' DoLP.
-    deviations
-        Of every standard deviation and of the SNR of DoLP, relative.
-    detection
-        Of every probability of detection, and of the area under its curve.
-    """
-
-    radiance: float = 0.0
-    ratios: float = 0.0
-    deviations: float = 0.0
-    detection: float = 0.0
+    radiance: float = 0.0  #: of S0, S1 and S2 over S0, and of each angle's counts over themselves
+    ratios: float = 0.0  #: of DoLP, S1/S0 and S2/S0 of the mean, and of the mean of the pixels' DoLP
+    deviations: float = 0.0  #: of every standard deviation and of the SNR of DoLP, relative
+    detection: float = 0.0  #: of every probability of detection, and of the area under its curve
 
     @property
     def largest(self) -> float:
@@ -82,39 +71,23 @@ class Bound:
 
     def __add__(self, other: "Bound") -> "Bound":
         """Return the sums, which bound what two effects change together."""
-        return Bound(
-            radiance=self.radiance + other.radiance,
-            ratios=self.ratios + other.ratios,
-            deviations=self.deviations + other.deviations,
-            detection=self.detection + other.detection,
-        )
+        return self._with(other, lambda one, more: one + more)
 
     def worse(self, other: "Bound") -> "Bound":
         """Return the larger of each."""
-        return Bound(
-            radiance=max(self.radiance, other.radiance),
-            ratios=max(self.ratios, other.ratios),
-            deviations=max(self.deviations, other.deviations),
-            detection=max(self.detection, other.detection),
-        )
+        return self._with(other, max)
 
     def tighter(self, other: "Bound") -> "Bound":
         """Return the smaller of each."""
-        return Bound(
-            radiance=min(self.radiance, other.radiance),
-            ratios=min(self.ratios, other.ratios),
-            deviations=min(self.deviations, other.deviations),
-            detection=min(self.detection, other.detection),
-        )
+        return self._with(other, min)
 
     def times(self, factor: float) -> "Bound":
         """Return each multiplied by a factor, 0 or more."""
-        return Bound(
-            radiance=factor * self.radiance,
-            ratios=factor * self.ratios,
-            deviations=factor * self.deviations,
-            detection=factor * self.detection,
-        )
+        return self._with(self, lambda one, _: factor * one)
+
+    def _with(self, other: "Bound", of: Callable[[float, float], float]) -> "Bound":
+        names = (one.name for one in fields(self))
+        return Bound(**dict(zip(names, map(of, astuple(self), astuple(other)), strict=True)))
 
     def holds(self, actual: "Bound", *, rounding: float = 1e-9) -> bool:
         """Return whether an actual change is within the bound, with room for rounding."""

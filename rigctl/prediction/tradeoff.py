@@ -23,8 +23,8 @@ from model.accuracy.chain import (
     evaluate,
     readings,
 )
-from model.accuracy.effect_check import kind_of, readings_of
-from model.accuracy.errors import error_budget, light_errors
+from model.accuracy.effect_check import kind_of
+from model.accuracy.errors import LitCase, error_budgets, light_errors
 from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, Plan, settings_at
 from model.accuracy.predict import ESTIMATES, Predicted, predict
 from model.atmosphere.sky import Fidelity
@@ -141,7 +141,7 @@ _READ: Mapping[str, Callable[[Settings, str], Settings]] = {
 
 def _evaluated(name: str, scene: LitScene, settings: Settings, truth: Truth, clock: Clock) -> NamedChoice:
     result = evaluate(scene, settings, clock=clock)
-    own = readings(result.scenario, result.predictions, result.detections)
+    own = result.readings
     return _choice(name, sum(result.stage_s.values()), differences(own, truth))
 
 
@@ -281,7 +281,7 @@ def accuracy_curves(
     yield "finest settings"
     finest = _finer_settings(scene, predictions[-1], _FINER * min(tolerances))
     reference = evaluate(scene, finest, clock=clock)
-    truth = readings_of(reference)
+    truth = reference.readings
     points = [_of_chain(found, truth) for found in predictions]
     middle = predictions[(len(predictions) - 1) // 2]
     for name in NUMERICAL_SETTINGS:
@@ -336,7 +336,7 @@ def input_floor(predictor: ScenePredictor) -> dict[Reading, float]:
     def at(scene: Scene) -> Readings:
         result, errors = evaluate(predictor.lit_scene(scene), coarse, store=store), rig_errors(scene)
         if errors is None:
-            return readings_of(result)
+            return result.readings
         # What is not known of the rig moves all but the chances of detection, which no rig's error is carried to.
         return readings(result.scenario, predict_with_errors(result.scenario, errors), result.detections)
 
@@ -366,7 +366,7 @@ def _slope(value: Value, above: Value | None, below: Value | None, step: float) 
 
 
 def _of_chain(found: Predicted, truth: Readings) -> CurvePoint:
-    true = differences(readings_of(found.result), truth)
+    true = differences(found.result.readings, truth)
     guaranteed = [key for key in true if key not in found.not_guaranteed]
     largest = max((true[key] for key in guaranteed), default=np.nan)
     return CurvePoint(
@@ -382,7 +382,7 @@ def _of_chain(found: Predicted, truth: Readings) -> CurvePoint:
 def _digits(found: Predicted, truth: Readings) -> Iterator[DigitPoint]:
     """Yield the largest true error of each kind of number that is guaranteed."""
     seconds, worst = sum(found.stage_s.values()), dict.fromkeys(KINDS, 0.0)
-    for key, error in differences(readings_of(found.result), truth).items():
+    for key, error in differences(found.result.readings, truth).items():
         if key not in found.not_guaranteed and np.isfinite(error):
             kind = kind_of(key)
             worst[kind] = max(worst[kind], error)
@@ -399,10 +399,10 @@ def _of_setting(scene: LitScene, varied: str, middle: Predicted, whole: Readings
     levels = range(max(middle.plan[varied] - _BELOW, 0), top + 1)
     others = _finer(middle.plan)
     found = [_at_level(scene, {**others, varied: level}, middle.tolerance, clock) for level in levels]
-    truth = readings_of(found[-1][0])
+    truth = found[-1][0].readings
     points = []
     for level, (result, errors) in zip(levels, found[:-1], strict=False):
-        own = readings_of(result)
+        own = result.readings
         points.append(
             CurvePoint(
                 varied=varied,
@@ -426,8 +426,8 @@ def _at_level(
 ) -> tuple[ChainResult, dict[str, dict[Reading, float]]]:
     store = LightStore()
     result = evaluate(scene, settings_at(plan, tolerance, face_m=scene.sensor_height_m), store=store, clock=clock)
-    lights = light_errors(scene, plan, result, store, tolerance=tolerance)
-    budget = error_budget(scene, result, lights, tolerance=tolerance)
+    (lights,) = light_errors(((scene, result),), plan, store, tolerance=tolerance)
+    (budget,) = error_budgets((LitCase(scene=scene, result=result, lights=lights),), tolerance=tolerance)
     return result, {name: dict(errors) for name, errors in budget.by_setting.items()}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.accuracy.chain import LightStore, evaluate
-from model.accuracy.effect_check import change, readings_of
+from model.accuracy.effect_check import change
 from model.effects.names import ALL, LIGHT, Effect
 from model.effects.planner import plan
 from model.scene.scene import LitScene
@@ -45,7 +45,7 @@ SEEN = replace(COARSE, sky_zeniths=24, sky_azimuths=20)
 def actual_change(case, scene):
     store = LightStore()
     whole, without = (
-        readings_of(evaluate(scene, SEEN, effects=effects, store=store)) for effects in (ALL, ALL - {case.effect})
+        evaluate(scene, SEEN, effects=effects, store=store).readings for effects in (ALL, ALL - {case.effect})
     )
     return change(whole, without)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from model.accuracy.chain import evaluate, readings
+from model.accuracy.chain import evaluate
 from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
@@ -31,7 +31,7 @@ def test_draws_and_first_order_stand_beside_the_exact_statistics(tmp_path):
     case = next(one for one in HARD_CASES if one.name == "background as the target")
     scene = ScenePredictor(load_scene(written(tmp_path, case.text)), None).lit_scene()
     result = evaluate(scene, SETTINGS)
-    truth = readings(result.scenario, result.predictions, result.detections)
+    truth = result.readings
     found = {one.name: one for one in named_choices(scene, SETTINGS, truth, ("wavelengths=1",))}
     assert found["wavelengths=1"].by_user
     assert found["K = 9 midpoint tiles"].error == 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.trials.effect_scenes import SETTINGS
 from model.accuracy.chain import LightStore, evaluate
-from model.accuracy.effect_check import change, readings_of, skylight_bound
+from model.accuracy.effect_check import change, skylight_bound
 from model.effects.bounds import effect_bounds, light_limits
 from model.effects.names import ALL, Bound, Effect
 from model.scene.scene import LitScene
@@ -23,8 +23,7 @@ def of_example(name: str) -> LitScene:
 def truth(scene: LitScene) -> Bound:
     store = LightStore()
     whole, dark = (
-        readings_of(evaluate(scene, SETTINGS, effects=effects, store=store))
-        for effects in (ALL, ALL - {Effect.SKYLIGHT})
+        evaluate(scene, SETTINGS, effects=effects, store=store).readings for effects in (ALL, ALL - {Effect.SKYLIGHT})
     )
     return replace(change(whole, dark), detection=0.0)
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.accuracy.chain import LightStore, differences, evaluate, evaluate_all, readings, scenario_of
+from model.accuracy.chain import LightStore, differences, evaluate, evaluate_all, scenario_of
 from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
@@ -81,7 +81,7 @@ def test_many_scenes_together_are_as_each_alone():
     store = LightStore()
     for one, found in zip(scenes, together, strict=True):
         alone = evaluate(one, CHEAP, rules=rules, store=store)
-        off = differences(*(readings(each.scenario, each.predictions, each.detections) for each in (alone, found)))
+        off = differences(*(each.readings for each in (alone, found)))
         assert max(off.values()) < 1e-9
         assert [light.view for light in found.lights["background"].lights] == [
             light.view for light in alone.lights["background"].lights
