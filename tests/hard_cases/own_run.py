@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rigctl.scene.scene import Scene
 from sim_devices.exposure import Detector, Lens, Shot, counts_of, draw_fixed_pattern, exposure_effects
 from sim_devices.random_streams import Stream, generator
-from sim_devices.world import Polarizer, Rectangle, Region, Surface, World, paint_scene
+from sim_devices.world import Polarizer, Surface, World, paint_scene
 from tests.rigctl.made_runs import at, make_run
 
 FloatArray = NDArray[np.float64]
@@ -89,8 +89,9 @@ def _painted(
             surface = Surface(mean_stokes=(s0, s1, s2), texture_rms=rms)
         else:
             surface = Surface(mean_stokes=(s0, s1, s2), extra_covariance=0.5 * (cov + cov.T))
-        where = Rectangle(left=place.x, top=place.y, width=place.width, height=place.height)
-        regions.append(Region(surface=surface, where=where))
+        where = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
+        where[place.y : place.y + place.height, place.x : place.x + place.width] = True
+        regions.append((surface, where))
     background = Surface(mean_stokes=(1.0, 0.0, 0.0))
     return paint_scene(width=WIDTH, height=HEIGHT, background=background, regions=regions, generator=draws)
 

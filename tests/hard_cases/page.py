@@ -143,12 +143,12 @@ def _answer(rows: Sequence[Row]) -> str:
     disagree = sum(row.verdict == "disagrees" for row in rows)
     return (
         f"Of {len(rows)} scenes at the edges of what can be computed, rigctl answers {len(rows) - refused} and refuses "
-        f"{refused} with words; there are {faults} faults, and {_count(disagree)} disagrees with its own run.\n"
+        f"{refused} with words; there are {faults} faults. {_count(disagree)} with its own scene.\n"
     )
 
 
 def _count(number: int) -> str:
-    return "no case" if number == 0 else f"{number} of the cases"
+    return "No run of a case disagrees" if number == 0 else f"{number} runs disagree, each"
 
 
 def _summary(rows: Sequence[Row]) -> Iterator[str]:

@@ -68,12 +68,12 @@ def reference_of(case: HardCase, scene: Path) -> Reference:
     """
     is_material = "material" in case.text
     if not is_material or case.name in NO_SOLVER:
-        (found, scenario, light) = _lit(scene, "own", "fast")
+        found, scenario, light = _lit(scene, "own", "standard")
         dolp = None if case.dolp is None else Known(value=case.dolp, error=ROUNDING * case.condition)
         source = NO_SOLVER.get(case.name, "stated")
     else:
         coarse, _, _ = _lit(scene, "sasktran2", "fast")
-        (found, scenario, light) = _lit(scene, "sasktran2", "standard")
+        found, scenario, light = _lit(scene, "sasktran2", "standard")
         one, other = (each[TARGET].quantities["dolp"]["mean"] for each in (coarse, found))
         dolp, source = Known(value=other, error=abs(other - one)), "sasktran2"
     snr, p_detection = _by_draws(found, seed=crc32(case.name.encode()))
