@@ -7,12 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Mean and covariance of a random vector, and their way through a linear map
-
 FloatArray = NDArray[np.float64]
-
-# Rounding of a covariance built as W D W' is some eps times its trace; what is beyond this is no rounding.
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,48 +41,6 @@ class Moments:
         require_covariance(cov, name="cov")
         object.__setattr__(self, "mean", _frozen(mean))
         object.__setattr__(self, "cov", _frozen(0.5 * (cov + np.swapaxes(cov, -1, -2))))
-
-
-def checked_pair(mean: ArrayLike, cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance as float64 arrays whose shapes fit each other."""
-    mean_array = np.asarray(mean, dtype=np.float64)
-    cov_array = np.asarray(cov, dtype=np.float64)
-    if mean_array.ndim < 1 or cov_array.shape[-2:] != (mean_array.shape[-1],) * 2:
-        raise ValueError(
-            f"mean of shape {mean_array.shape} and cov of shape {cov_array.shape} do not fit; "
-            "allowed are (..., n) and (..., n, n)"
-        )
-    _require_broadcast(mean_array.shape[:-1], cov_array.shape[:-2])
-    for name, array in (("mean", mean_array), ("cov", cov_array)):
-        if not np.all(np.isfinite(array)):
-            raise ValueError(f"{name} has {np.sum(~np.isfinite(array))} values that are not finite")
-    return mean_array, cov_array
-
-
-def require_covariance(cov: FloatArray, *, name: str) -> None:
-    """Raise unless every matrix is symmetric and positive semi-definite up to rounding."""
-    if cov.size == 0:
-        return
-    scale = np.sum(np.abs(np.diagonal(cov, axis1=-2, axis2=-1)), axis=-1)
-    asymmetry = np.max(np.abs(cov - np.swapaxes(cov, -1, -2)), axis=(-2, -1))
-    if np.any(asymmetry > _ROUNDING * scale):
-        raise ValueError(f"{name} is not symmetric: entries differ by up to {np.max(asymmetry):.3g}")
-    scaled = _scaled(cov, scale)
-    unclear = scaled[~_clearly_definite(scaled)]
-    lowest = np.linalg.eigvalsh(unclear)[..., 0] if unclear.size else np.zeros(1)
-    if np.any(lowest < -_ROUNDING):
-        raise ValueError(
-            f"{name} is not positive semi-definite: smallest eigenvalue over trace is "
-            f"{np.min(lowest):.3g}; allowed is at least {-_ROUNDING:g}"
-        )
-
-
-def covariance_factor(cov: ArrayLike) -> FloatArray:
-    """Return a matrix F with F F' = cov, for singular covariances too."""
-    array = np.asarray(cov, dtype=np.float64)
-    require_covariance(array, name="cov")
-    values, vectors = np.linalg.eigh(array)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :], dtype=np.float64)
 
 
 def propagate_linear(moments: Moments, matrix: ArrayLike) -> Moments:
@@ -128,39 +81,50 @@ def propagate_first_order(moments: Moments, value: ArrayLike, jacobian: ArrayLik
     return Moments(mean=np.asarray(value, dtype=np.float64), cov=cov)
 
 
-def _require_broadcast(first: tuple[int, ...], second: tuple[int, ...]) -> None:
-    try:
-        np.broadcast_shapes(first, second)
-    except ValueError as error:
-        raise ValueError(f"leading axes {first} of mean and {second} of cov do not broadcast") from error
+def checked_pair(mean: ArrayLike, cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance as float64 arrays whose shapes fit each other."""
+    mean_array = np.asarray(mean, dtype=np.float64)
+    cov_array = np.asarray(cov, dtype=np.float64)
+    if mean_array.ndim < 1 or cov_array.shape[-2:] != (mean_array.shape[-1],) * 2:
+        raise ValueError(
+            f"mean of shape {mean_array.shape} and cov of shape {cov_array.shape} do not fit; "
+            "allowed are (..., n) and (..., n, n)"
+        )
+    _require_broadcast(mean_array.shape[:-1], cov_array.shape[:-2])
+    for name, array in (("mean", mean_array), ("cov", cov_array)):
+        if not np.all(np.isfinite(array)):
+            raise ValueError(f"{name} has {np.sum(~np.isfinite(array))} values that are not finite")
+    return mean_array, cov_array
 
 
-def _clearly_definite(scaled: FloatArray) -> NDArray[np.bool_]:
-    """Return where elimination meets only positive pivots, far above rounding: much faster than eigenvalues."""
-    rest = scaled
-    clear = np.ones(scaled.shape[:-2], dtype=bool)
-    while rest.shape[-1] > 0:
-        pivot = rest[..., 0, 0]
-        clear &= pivot > 1e-10
-        row = rest[..., 0, 1:]
-        safe = np.where(clear, pivot, 1.0)
-        rest = rest[..., 1:, 1:] - row[..., :, None] * row[..., None, :] / safe[..., None, None]
-    return clear
+def covariance_factor(cov: ArrayLike) -> FloatArray:
+    """Return a matrix F with F F' = cov, for singular covariances too."""
+    array = np.asarray(cov, dtype=np.float64)
+    require_covariance(array, name="cov")
+    values, vectors = np.linalg.eigh(array)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :], dtype=np.float64)
 
 
-def _scaled(cov: FloatArray, scale: FloatArray) -> FloatArray:
-    """Divide by the trace, so that units near the ends of the double range do no harm."""
-    safe: Any = np.where(scale > 0.0, scale, 1.0)
-    return np.asarray(cov / safe[..., None, None], dtype=np.float64)
+# Rounding of a covariance built as W D W' is some eps times its trace; what is beyond this is no rounding.
+_ROUNDING = 1e-12
 
 
-def _frozen(array: FloatArray) -> FloatArray:
-    copy = np.array(array, dtype=np.float64)
-    copy.flags.writeable = False
-    return copy
-
-
-# A number that lies between two limits, anywhere as likely as anywhere else
+def require_covariance(cov: FloatArray, *, name: str) -> None:
+    """Raise unless every matrix is symmetric and positive semi-definite up to rounding."""
+    if cov.size == 0:
+        return
+    scale = np.sum(np.abs(np.diagonal(cov, axis1=-2, axis2=-1)), axis=-1)
+    asymmetry = np.max(np.abs(cov - np.swapaxes(cov, -1, -2)), axis=(-2, -1))
+    if np.any(asymmetry > _ROUNDING * scale):
+        raise ValueError(f"{name} is not symmetric: entries differ by up to {np.max(asymmetry):.3g}")
+    scaled = _scaled(cov, scale)
+    unclear = scaled[~_clearly_definite(scaled)]
+    lowest = np.linalg.eigvalsh(unclear)[..., 0] if unclear.size else np.zeros(1)
+    if np.any(lowest < -_ROUNDING):
+        raise ValueError(
+            f"{name} is not positive semi-definite: smallest eigenvalue over trace is "
+            f"{np.min(lowest):.3g}; allowed is at least {-_ROUNDING:g}"
+        )
 
 
 def rectangular_std(low: float, high: float) -> float:
@@ -176,3 +140,35 @@ def rectangular_std(low: float, high: float) -> float:
     JCGM 100:2008 (GUM), section 4.3.7.
     """
     return (high - low) / math.sqrt(12.0)
+
+
+def _require_broadcast(first: tuple[int, ...], second: tuple[int, ...]) -> None:
+    try:
+        np.broadcast_shapes(first, second)
+    except ValueError as error:
+        raise ValueError(f"leading axes {first} of mean and {second} of cov do not broadcast") from error
+
+
+def _scaled(cov: FloatArray, scale: FloatArray) -> FloatArray:
+    """Divide by the trace, so that units near the ends of the double range do no harm."""
+    safe: Any = np.where(scale > 0.0, scale, 1.0)
+    return np.asarray(cov / safe[..., None, None], dtype=np.float64)
+
+
+def _clearly_definite(scaled: FloatArray) -> NDArray[np.bool_]:
+    """Return where elimination meets only positive pivots, far above rounding: much faster than eigenvalues."""
+    rest = scaled
+    clear = np.ones(scaled.shape[:-2], dtype=bool)
+    while rest.shape[-1] > 0:
+        pivot = rest[..., 0, 0]
+        clear &= pivot > 1e-10
+        row = rest[..., 0, 1:]
+        safe = np.where(clear, pivot, 1.0)
+        rest = rest[..., 1:, 1:] - row[..., :, None] * row[..., None, :] / safe[..., None, None]
+    return clear
+
+
+def _frozen(array: FloatArray) -> FloatArray:
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy

@@ -1,4 +1,7 @@
-"""Quadrature rules, adaptive integration, and special functions of scipy that are imported at the first call."""
+"""Quadrature rules, adaptive integration, and special functions of scipy that are imported at the first call.
+
+Many commands call no special function; importing `scipy.special` with all that it imports costs 0.15 s.
+"""
 
 import sys
 from collections.abc import Callable
@@ -13,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Special functions of scipy, imported at the first call and without the package about them: many starts call none
-
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _PACKAGE, _COMPILED = "scipy.special", "scipy.special._ufuncs"
 _IMPORTING = RLock()
@@ -39,32 +41,6 @@ class SpecialFunction:
             return getattr(_module(), self._name)
 
 
-def _module() -> ModuleType:
-    """Return the compiled module of these functions; the package where it is there already, or cannot do without.
-
-    The package would import numpy's compiler of Fortran and its tests, to serve other kinds of arrays: 0.15 s.
-    """
-    spec = None if _PACKAGE in sys.modules or _COMPILED in sys.modules else find_spec(_PACKAGE)
-    if spec is not None:
-        sys.modules[_PACKAGE] = package = module_from_spec(spec)
-        package.__dict__["__getattr__"] = _of_package
-        try:
-            return import_module(_COMPILED)
-        except ImportError:
-            pass
-        finally:
-            del sys.modules[_PACKAGE]
-    return sys.modules.get(_COMPILED) or import_module(_PACKAGE)
-
-
-def _of_package(name: str) -> Any:
-    """Return what another thread wants of the package in the moment in which its place is taken by an empty one."""
-    if name.startswith("_"):
-        raise AttributeError(name)
-    with _IMPORTING:
-        return getattr(import_module(_PACKAGE), name)
-
-
 betainccinv = SpecialFunction("betainccinv")
 betaincinv = SpecialFunction("betaincinv")
 chdtri = SpecialFunction("chdtri")
@@ -84,24 +60,6 @@ ndtr = SpecialFunction("ndtr")
 ndtri = SpecialFunction("ndtri")
 
 
-# Quadrature rules, and adaptive integration of many one-dimensional integrals at once
-
-IntArray = NDArray[np.int64]
-
-_MAX_HALVINGS = 48
-# Panels open at once, per domain: more than any integrand here needs, so what asks for more is noise.
-_MAX_OPEN = 300
-
-
-@dataclass(frozen=True, kw_only=True)
-class PanelIntegrals:
-    """Integrals of several functions over several domains."""
-
-    value: FloatArray
-    size: FloatArray
-    error: FloatArray
-
-
 @cache
 def gauss_hermite(count: int) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights for the mean of a function of a standard normal variable.
@@ -119,19 +77,18 @@ def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-@cache
-def clenshaw_curtis(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights of the Clenshaw-Curtis rule on [-1, 1].
+@dataclass(frozen=True, kw_only=True)
+class PanelIntegrals:
+    """Integrals of several functions over several domains."""
 
-    C. W. Clenshaw and A. R. Curtis, Numer. Math. 2 (1960) 197, doi:10.1007/BF01386223.
-    """
-    angle = np.pi * np.arange(degree + 1) / degree
-    even = np.arange(0, degree + 1, 2)
-    # Integral of the Chebyshev polynomial T_k is 2 / (1 - k^2) for even k; end terms of both sums count half.
-    half = np.where((even == 0) | (even == degree), 0.5, 1.0)
-    weights = (2.0 / degree) * np.cos(np.outer(angle, even)) @ (half * 2.0 / (1.0 - even**2))
-    weights[[0, -1]] *= 0.5
-    return np.cos(angle), weights
+    value: FloatArray
+    size: FloatArray
+    error: FloatArray
+
+
+_MAX_HALVINGS = 48
+# Panels open at once, per domain: more than any integrand here needs, so what asks for more is noise.
+_MAX_OPEN = 300
 
 
 def integrate_panels(
@@ -163,6 +120,12 @@ def integrate_panels(
     return PanelIntegrals(value=total.value.T, size=total.size.T, error=total.error.T)
 
 
+def _nonempty_panels(cuts: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    lower, upper = cuts[:, :-1], cuts[:, 1:]
+    domain, panel = np.nonzero(upper > lower)
+    return domain, lower[domain, panel], upper[domain, panel]
+
+
 class _Totals:
     """Running sums over accepted panels."""
 
@@ -179,12 +142,6 @@ class _Totals:
 
     def by_domain(self, owner: IntArray, rows: FloatArray) -> FloatArray:
         return np.stack([np.bincount(owner, weights=row, minlength=self.domains) for row in rows])
-
-
-def _nonempty_panels(cuts: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    lower, upper = cuts[:, :-1], cuts[:, 1:]
-    domain, panel = np.nonzero(upper > lower)
-    return domain, lower[domain, panel], upper[domain, panel]
 
 
 def _panel(
@@ -206,6 +163,21 @@ def _panel(
     return fine, np.abs(values) @ weights * half, np.abs(fine - coarse)
 
 
+@cache
+def clenshaw_curtis(degree: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights of the Clenshaw-Curtis rule on [-1, 1].
+
+    C. W. Clenshaw and A. R. Curtis, Numer. Math. 2 (1960) 197, doi:10.1007/BF01386223.
+    """
+    angle = np.pi * np.arange(degree + 1) / degree
+    even = np.arange(0, degree + 1, 2)
+    # Integral of the Chebyshev polynomial T_k is 2 / (1 - k^2) for even k; end terms of both sums count half.
+    half = np.where((even == 0) | (even == degree), 0.5, 1.0)
+    weights = (2.0 / degree) * np.cos(np.outer(angle, even)) @ (half * 2.0 / (1.0 - even**2))
+    weights[[0, -1]] *= 0.5
+    return np.cos(angle), weights
+
+
 def _allowance(total: _Totals, owner: IntArray, size: FloatArray, tolerance: float) -> FloatArray:
     known = total.size + total.by_domain(owner, size)
     return np.asarray(tolerance * known[:, owner])
@@ -218,3 +190,29 @@ def _halves(owner: IntArray, lower: FloatArray, upper: FloatArray) -> tuple[IntA
         np.concatenate([lower, middle]),
         np.concatenate([middle, upper]),
     )
+
+
+def _module() -> ModuleType:
+    """Return the compiled module of these functions; the package where it is there already, or cannot do without.
+
+    The package would import numpy's compiler of Fortran and its tests, to serve other kinds of arrays: 0.15 s.
+    """
+    spec = None if _PACKAGE in sys.modules or _COMPILED in sys.modules else find_spec(_PACKAGE)
+    if spec is not None:
+        sys.modules[_PACKAGE] = package = module_from_spec(spec)
+        package.__dict__["__getattr__"] = _of_package
+        try:
+            return import_module(_COMPILED)
+        except ImportError:
+            pass
+        finally:
+            del sys.modules[_PACKAGE]
+    return sys.modules.get(_COMPILED) or import_module(_PACKAGE)
+
+
+def _of_package(name: str) -> Any:
+    """Return what another thread wants of the package in the moment in which its place is taken by an empty one."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    with _IMPORTING:
+        return getattr(import_module(_PACKAGE), name)

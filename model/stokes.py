@@ -11,8 +11,6 @@ who looks back to where the light comes from, v = k x h is up, and (h, v, k) is 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Algebra of the linear Stokes parameters (S0, S1, S2), last axis
-
 FloatArray = NDArray[np.float64]
 
 
@@ -77,6 +75,12 @@ def analyzer_row(angle_rad: ArrayLike, tau_parallel: ArrayLike = 1.0, tau_perpen
     return 0.5 * np.stack([total, difference * np.cos(2.0 * angle), difference * np.sin(2.0 * angle)], axis=-1)
 
 
+def rotate_frame(stokes: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
+    """Return the same light's Stokes parameters in axes turned by an angle."""
+    turned: FloatArray = np.einsum("...ij,...j->...i", rotation(angle_rad), checked_stokes(stokes))
+    return turned
+
+
 def rotation(angle_rad: ArrayLike) -> FloatArray:
     """Return the matrix that expresses Stokes parameters in axes turned by an angle.
 
@@ -99,12 +103,6 @@ def rotation(angle_rad: ArrayLike) -> FloatArray:
     return matrix
 
 
-def rotate_frame(stokes: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
-    """Return the same light's Stokes parameters in axes turned by an angle."""
-    turned: FloatArray = np.einsum("...ij,...j->...i", rotation(angle_rad), checked_stokes(stokes))
-    return turned
-
-
 def checked_stokes(stokes: ArrayLike) -> FloatArray:
     """Return Stokes parameters as a float64 array with a last axis of length 3."""
     array = np.asarray(stokes, dtype=np.float64)
@@ -121,17 +119,6 @@ def require_positive_intensity(stokes: FloatArray) -> None:
             f"S0 is not positive in {np.sum(bad)} of {bad.size} places "
             f"(lowest {np.min(stokes[..., 0]):.3g}); DoLP needs S0 > 0: mask those places"
         )
-
-
-def _require_transmittances(along: FloatArray, across: FloatArray) -> None:
-    if np.any(~((across >= 0.0) & (across <= along) & (along <= 1.0))):
-        raise ValueError(
-            f"tau_parallel = {along} and tau_perpendicular = {across}; "
-            "allowed is 0 <= tau_perpendicular <= tau_parallel <= 1 (power transmittances)"
-        )
-
-
-# Directions, azimuths and the horizontal axes of Stokes parameters
 
 
 def direction(*, zenith_rad: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
@@ -166,6 +153,14 @@ def axis_rotation_rad(from_axis: ArrayLike, to_axis: ArrayLike, *, travel: Array
     start, end = np.asarray(from_axis, dtype=np.float64), np.asarray(to_axis, dtype=np.float64)
     upright = np.cross(np.asarray(travel, dtype=np.float64), start)
     return np.asarray(np.arctan2(np.sum(upright * end, axis=-1), np.sum(start * end, axis=-1)))
+
+
+def _require_transmittances(along: FloatArray, across: FloatArray) -> None:
+    if np.any(~((across >= 0.0) & (across <= along) & (along <= 1.0))):
+        raise ValueError(
+            f"tau_parallel = {along} and tau_perpendicular = {across}; "
+            "allowed is 0 <= tau_perpendicular <= tau_parallel <= 1 (power transmittances)"
+        )
 
 
 def _angle(name: str, value: ArrayLike) -> FloatArray:

@@ -1,4 +1,8 @@
-"""Documented kinds of aerosol, their optical properties over wavelength and their profile over height."""
+"""Documented kinds of aerosol: optical properties over wavelength, spheres that stand for them, profile over height.
+
+The rural and the tropospheric aerosol are tables; the others, and aerosols of one's own, are spheres whose sizes and
+indices are documented and grow with humidity. Angstrom's law may take the place of a kind's spectrum.
+"""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -18,10 +22,229 @@ from model.atmosphere.mie import (
     mixed_index,
 )
 
-# Kinds of aerosol; tabulated optical properties of the rural and the tropospheric one
+BOUNDARY_LAYER_TOP_M = 2000.0
+
+_REFERENCE_WAVELENGTH_M = 550e-9
+
+
+def angstrom_law(*, first_m: float, first_depth: float, second_m: float, second_depth: float) -> tuple[float, float]:
+    """Angstrom's exponent and the optical depth at 550 nm of an aerosol measured at two wavelengths.
+
+    Parameters
+    ----------
+    first_m, second_m
+        Different wavelengths [m].
+    first_depth, second_depth
+        Optical depths there, above 0.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    References
+    ----------
+    Angstrom, Geogr. Ann. 11 (1929) 156.
+    """
+    values = (first_m, first_depth, second_m, second_depth)
+    if first_m == second_m or not all(isfinite(value) and value > 0.0 for value in values):
+        raise ValueError(f"angstrom_law: {values!r} must be finite, above 0 and at two different wavelengths")
+    exponent = -log(second_depth / first_depth) / log(second_m / first_m)
+    return exponent, first_depth * (_REFERENCE_WAVELENGTH_M / first_m) ** -exponent
+
+
+class AerosolType(StrEnum):
+    """Origin of an aerosol."""
+
+    RURAL = "rural"
+    """Continental aerosol of the lowest 2 km."""
+    TROPOSPHERIC = "tropospheric"
+    """The same without its large particles, of the free troposphere or a very clear day."""
+    WATER_SOLUBLE = "water-soluble"
+    """Sulfates, nitrates and organic substances."""
+    DUST = "dust"
+    """Mineral dust carried far from its desert."""
+    SOOT = "soot"
+    """Carbon of combustion."""
+
+
+AerosolChoice = AerosolType | MieAerosol
+_SPECTRUM_NODES = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class AerosolOptics:
+    """Optical properties of an aerosol at one wavelength."""
+
+    extinction: float
+    ssa: float
+    g: float
+
+
+TABULATED = frozenset({AerosolType.RURAL, AerosolType.TROPOSPHERIC})
+
+
+def optics_of(
+    choice: AerosolChoice, *, wavelength_m: float, relative_humidity: float, angstrom_exponent: float | None
+) -> AerosolOptics:
+    """Optical properties of an aerosol at one wavelength: from its table if it has one, otherwise by Mie's theory."""
+    extinction = float(
+        extinction_of(
+            choice,
+            wavelength_m=wavelength_m,
+            relative_humidity=relative_humidity,
+            angstrom_exponent=angstrom_exponent,
+        )
+    )
+    if choice in TABULATED:
+        own = aerosol_optics(kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity)
+        return AerosolOptics(extinction=extinction, ssa=own.ssa, g=own.g)
+    spheres = spheres_of(choice, relative_humidity=relative_humidity)
+    scattering = aerosol_scattering(spheres, wavelength_m=wavelength_m)
+    return AerosolOptics(extinction=extinction, ssa=scattering.ssa, g=scattering.matrix.g)
+
+
+def extinction_of(
+    choice: AerosolChoice, *, wavelength_m: ArrayLike, relative_humidity: float, angstrom_exponent: float | None
+) -> NDArray[np.float64]:
+    """Extinction of an aerosol over that at 550 nm; arguments as in `optics_of`, but for many wavelengths.
+
+    Of spheres, beyond eight wavelengths, a polynomial in 1/wavelength through eight that are computed.
+    """
+    if angstrom_exponent is not None:
+        return angstrom_ratio(exponent=angstrom_exponent, wavelength_m=wavelength_m)
+    if choice in TABULATED:
+        return _relative_extinction(
+            kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity
+        )
+    spheres = spheres_of(choice, relative_humidity=relative_humidity)
+    wavelengths = np.asarray(wavelength_m, dtype=float)
+    if wavelengths.size <= _SPECTRUM_NODES:
+        each = [_logarithm(spheres, wavelength) for wavelength in wavelengths.ravel()]
+        return np.asarray(np.exp(np.array(each)).reshape(wavelengths.shape))
+    nodes_m = chebyshev_wavelengths_m(
+        shortest_m=float(np.min(wavelengths)), longest_m=float(np.max(wavelengths)), count=_SPECTRUM_NODES
+    )
+    at_nodes = np.array([_logarithm(spheres, node) for node in nodes_m])
+    basis = lagrange_basis(nodes_m=nodes_m, wavelength_m=wavelengths.ravel())
+    return np.asarray(np.exp(at_nodes @ basis).reshape(wavelengths.shape))
+
+
+def angstrom_ratio(*, exponent: float, wavelength_m: ArrayLike) -> NDArray[np.float64]:
+    """Optical depth over that at 550 nm.
+
+    Angstrom, Geogr. Ann. 11 (1929) 156.
+    """
+    wavelength = np.asarray(wavelength_m, dtype=float)
+    if not -1.0 <= exponent <= 4.0:
+        raise ValueError(f"angstrom_exponent = {exponent!r}, allowed is -1 to 4")
+    if not np.all(wavelength > 0.0):
+        raise ValueError(f"wavelength_m = {np.min(wavelength)!r} m, but it must be above 0")
+    return np.asarray((wavelength / _REFERENCE_WAVELENGTH_M) ** -exponent)
+
+
+def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
+    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
+    if choice in TABULATED:
+        return frozenset(_table_wavelengths_m())
+    modes = spheres_of(choice, relative_humidity=relative_humidity).modes
+    return frozenset(wavelength for mode in modes for wavelength in mode.index.wavelength_m)
+
+
+def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
+    """Spheres of an aerosol; those of one's own are as they are given, at any humidity."""
+    if isinstance(choice, MieAerosol):
+        return choice
+    return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AerosolColumn:
+    """Extinction of the aerosol at 550 nm, exponential between the heights of a table."""
+
+    height_m: NDArray[np.float64]
+    extinction_per_m: NDArray[np.float64]
+    scale: float
+
+    def optical_depth_between(self, lower_m: ArrayLike, upper_m: ArrayLike) -> NDArray[np.float64]:
+        """Optical depth at 550 nm between two heights, lower_m <= upper_m [m]."""
+        return self._below(np.asarray(upper_m, dtype=float)) - self._below(np.asarray(lower_m, dtype=float))
+
+    def _below(self, height_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Optical depth between the ground and a height."""
+        part = np.clip(height_m[..., np.newaxis] - self.height_m[:-1], 0.0, np.diff(self.height_m))
+        rate = np.diff(np.log(self.extinction_per_m)) / np.diff(self.height_m)
+        # The mean of an exponential over the part crossed; rate may be 0 where extinction does not change.
+        growth = rate * part
+        safe = np.where(growth == 0.0, 1.0, growth)
+        mean = np.where(growth == 0.0, 1.0, np.expm1(growth) / safe)
+        return np.asarray(self.scale * np.sum(self.extinction_per_m[:-1] * part * mean, axis=-1))
+
+
+# At 0, 1, 2, 3 and 4 km for each visibility [km-1].
+_LOWER_PER_KM = np.array(
+    [
+        [0.0662, 0.0415, 0.0260, 0.0146, 0.0102],
+        [0.158, 0.0991, 0.0621, 0.0346, 0.0185],
+        [0.379, 0.379, 0.0621, 0.0346, 0.0185],
+        [0.770, 0.770, 0.0621, 0.0346, 0.0185],
+        [1.94, 1.94, 0.0621, 0.0346, 0.0185],
+    ]
+)
+# fmt: on
+_REFERENCE_VISIBILITY_M = 23e3
+
+# fmt: off
+_HEIGHT_M = 1e3 * np.array([
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 30, 35, 40,
+])
+
+
+def aerosol_column(*, visibility_m: float | None = None, optical_depth: float | None = None) -> AerosolColumn:
+    """Aerosol over height for a visibility at the ground, or for an optical depth at 550 nm.
+
+    Up to 4 km extinction is linear in 1/visibility between the tabulated 2, 5, 10, 23 and 50 km. The optical depth
+    that a "visibility" stands for differs by 30 % between codes: 0.324 here for 23 km, 0.226 by the rule of 6S.
+
+    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
+    """
+    if (visibility_m is None) == (optical_depth is None):
+        raise ValueError("aerosol_column: give either visibility_m or optical_depth")
+    if visibility_m is not None:
+        return _column_of_visibility(visibility_m)
+    if optical_depth is None or not 0.0 <= optical_depth < np.inf:
+        raise ValueError(f"aerosol_column: optical_depth = {optical_depth!r}, but it must be finite and 0 or more")
+    reference = _column_of_visibility(_REFERENCE_VISIBILITY_M)
+    return replace(reference, scale=optical_depth / float(reference.optical_depth_between(0.0, _HEIGHT_M[-1])))
+
+
+def _relative_extinction(
+    *, kind: AerosolType, wavelength_m: ArrayLike, relative_humidity: float
+) -> NDArray[np.float64]:
+    """Extinction of a standard aerosol over that at 550 nm.
+
+    Logarithms are linear in the wavelength, and in the logarithm of 1 - humidity.
+
+    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
+    """
+    return _read(_table(kind, relative_humidity)[0], wavelength_m)
+
 
 _WAVELENGTH_UM = np.array([0.20, 0.30, 0.3371, 0.55, 0.6943, 1.06])
 _RURAL_HUMIDITY = np.array([0.0, 0.70, 0.80])
+
+
+def _read(row: NDArray[np.float64], wavelength_m: ArrayLike) -> NDArray[np.float64]:
+    """Table row at wavelengths."""
+    wavelength_um = np.asarray(wavelength_m, dtype=float) * 1e6
+    if not np.all((wavelength_um >= _WAVELENGTH_UM[0]) & (wavelength_um <= _WAVELENGTH_UM[-1])):
+        raise ValueError(
+            f"wavelength_m = {np.min(wavelength_um):.6g}e-6 to {np.max(wavelength_um):.6g}e-6 m, "
+            "allowed is 0.2e-6 to 1.06e-6 m for aerosol"
+        )
+    return np.asarray(np.exp(np.interp(wavelength_um, _WAVELENGTH_UM, np.log(row))))
+
+
 # For each humidity: extinction, absorption (both relative to the extinction at 0.55 um), asymmetry.
 _RURAL = np.array(
     [
@@ -51,68 +274,6 @@ _TROPOSPHERIC = np.array(
 )
 
 
-class AerosolType(StrEnum):
-    """Origin of an aerosol."""
-
-    RURAL = "rural"
-    """Continental aerosol of the lowest 2 km."""
-    TROPOSPHERIC = "tropospheric"
-    """The same without its large particles, of the free troposphere or a very clear day."""
-    WATER_SOLUBLE = "water-soluble"
-    """Sulfates, nitrates and organic substances."""
-    DUST = "dust"
-    """Mineral dust carried far from its desert."""
-    SOOT = "soot"
-    """Carbon of combustion."""
-
-
-TABULATED = frozenset({AerosolType.RURAL, AerosolType.TROPOSPHERIC})
-
-
-@dataclass(frozen=True, kw_only=True)
-class AerosolOptics:
-    """Optical properties of an aerosol at one wavelength."""
-
-    extinction: float
-    ssa: float
-    g: float
-
-
-def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity: float) -> AerosolOptics:
-    """Optical properties of the rural or the tropospheric aerosol at one wavelength.
-
-    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
-    """
-    extinction, absorption, asymmetry = (float(_read(row, wavelength_m)) for row in _table(kind, relative_humidity))
-    return AerosolOptics(extinction=extinction, ssa=1.0 - absorption / extinction, g=asymmetry)
-
-
-def relative_extinction(*, kind: AerosolType, wavelength_m: ArrayLike, relative_humidity: float) -> NDArray[np.float64]:
-    """Extinction of a standard aerosol over that at 550 nm.
-
-    Logarithms are linear in the wavelength, and in the logarithm of 1 - humidity.
-
-    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
-    """
-    return _read(_table(kind, relative_humidity)[0], wavelength_m)
-
-
-def table_wavelengths_m() -> tuple[float, ...]:
-    """Wavelengths of the tables, at which the properties of an aerosol over wavelength have a kink [m]."""
-    return tuple(float(entry) * 1e-6 for entry in _WAVELENGTH_UM)
-
-
-def _read(row: NDArray[np.float64], wavelength_m: ArrayLike) -> NDArray[np.float64]:
-    """Table row at wavelengths."""
-    wavelength_um = np.asarray(wavelength_m, dtype=float) * 1e6
-    if not np.all((wavelength_um >= _WAVELENGTH_UM[0]) & (wavelength_um <= _WAVELENGTH_UM[-1])):
-        raise ValueError(
-            f"wavelength_m = {np.min(wavelength_um):.6g}e-6 to {np.max(wavelength_um):.6g}e-6 m, "
-            "allowed is 0.2e-6 to 1.06e-6 m for aerosol"
-        )
-    return np.asarray(np.exp(np.interp(wavelength_um, _WAVELENGTH_UM, np.log(row))))
-
-
 def _table(kind: AerosolType, relative_humidity: float) -> NDArray[np.float64]:
     """Extinction, absorption and asymmetry over wavelength."""
     if not _RURAL_HUMIDITY[0] <= relative_humidity <= _RURAL_HUMIDITY[-1]:
@@ -131,33 +292,6 @@ def _rural_table(relative_humidity: float) -> NDArray[np.float64]:
     return np.exp(mixed)
 
 
-# Spheres of documented aerosols: their sizes and indices, and how they grow with humidity
-
-_WAVELENGTH_M = tuple(nm / 1e9 for nm in (300.0, 337.1, 400.0, 488.0, 514.5, 550.0, 632.8, 694.3, 860.0, 1060.0))
-_ROWS = len(_WAVELENGTH_M)
-WATER = RefractiveIndex(
-    wavelength_m=_WAVELENGTH_M,
-    n=(1.349, 1.345, 1.339, 1.335, 1.334, 1.333, 1.332, 1.331, 1.329, 1.326),
-    k=(1.6e-8, 8.5e-9, 1.9e-9, 9.4e-10, 1.0e-9, 2.0e-9, 1.4e-8, 3.4e-8, 2.9e-7, 5.0e-6),
-)
-WATER_SOLUBLE = RefractiveIndex(
-    wavelength_m=_WAVELENGTH_M,
-    n=(1.53,) * 8 + (1.52, 1.52),
-    k=(0.008, 0.005, 0.005, 0.005, 0.005, 0.006, 0.006, 0.007, 0.012, 0.017),
-)
-DUST_LIKE = RefractiveIndex(wavelength_m=_WAVELENGTH_M, n=(1.53,) * 8 + (1.52, 1.52), k=(0.008,) * _ROWS)
-SOOT = RefractiveIndex(
-    wavelength_m=_WAVELENGTH_M,
-    n=(1.74,) + (1.75,) * 9,
-    k=(0.47, 0.47, 0.46, 0.45, 0.45, 0.44, 0.43, 0.43, 0.43, 0.44),
-)
-MINERAL = RefractiveIndex(
-    wavelength_m=tuple(nm / 1e9 for nm in (300.0, 350.0, 400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 1060.0)),
-    n=(1.53,) * 10,
-    k=(0.025, 0.017, 0.013, 0.0085, 0.0078, 0.0055, 0.0045, 0.0045, 0.0040, 0.0040),
-)
-_RURAL_SUBSTANCE = mixed_index(parts=(WATER_SOLUBLE, DUST_LIKE), volume_shares=(0.7, 0.3))
-
 _HUMIDITY = np.array([0.0, 0.5, 0.7, 0.8])
 # Median radii [m] of the number, dry and at these humidities.
 _FINE_RADIUS_M = 1e-6 * np.array([0.02700, 0.02748, 0.02846, 0.03274])
@@ -171,6 +305,31 @@ _OPAC = (
 )
 _SECOND_HAND = "numbers not checked against the original report"
 _GIVES_TABLE = f"{_SECOND_HAND}, but they give back its table of optical properties"
+
+_WAVELENGTH_M = tuple(nm / 1e9 for nm in (300.0, 337.1, 400.0, 488.0, 514.5, 550.0, 632.8, 694.3, 860.0, 1060.0))
+_ROWS = len(_WAVELENGTH_M)
+_WATER = RefractiveIndex(
+    wavelength_m=_WAVELENGTH_M,
+    n=(1.349, 1.345, 1.339, 1.335, 1.334, 1.333, 1.332, 1.331, 1.329, 1.326),
+    k=(1.6e-8, 8.5e-9, 1.9e-9, 9.4e-10, 1.0e-9, 2.0e-9, 1.4e-8, 3.4e-8, 2.9e-7, 5.0e-6),
+)
+_WATER_SOLUBLE = RefractiveIndex(
+    wavelength_m=_WAVELENGTH_M,
+    n=(1.53,) * 8 + (1.52, 1.52),
+    k=(0.008, 0.005, 0.005, 0.005, 0.005, 0.006, 0.006, 0.007, 0.012, 0.017),
+)
+_DUST_LIKE = RefractiveIndex(wavelength_m=_WAVELENGTH_M, n=(1.53,) * 8 + (1.52, 1.52), k=(0.008,) * _ROWS)
+_SOOT = RefractiveIndex(
+    wavelength_m=_WAVELENGTH_M,
+    n=(1.74,) + (1.75,) * 9,
+    k=(0.47, 0.47, 0.46, 0.45, 0.45, 0.44, 0.43, 0.43, 0.43, 0.44),
+)
+_MINERAL = RefractiveIndex(
+    wavelength_m=tuple(nm / 1e9 for nm in (300.0, 350.0, 400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0, 1060.0)),
+    n=(1.53,) * 10,
+    k=(0.025, 0.017, 0.013, 0.0085, 0.0078, 0.0055, 0.0045, 0.0045, 0.0040, 0.0040),
+)
+_RURAL_SUBSTANCE = mixed_index(parts=(_WATER_SOLUBLE, _DUST_LIKE), volume_shares=(0.7, 0.3))
 
 
 # Asked for at every wavelength of a band, whatever it be.
@@ -209,15 +368,26 @@ def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol
     if kind is AerosolType.TROPOSPHERIC:
         return MieAerosol(name=kind.value, modes=(fine,), source=_SHETTLE_FENN, assumed=_GIVES_TABLE)
     if kind is AerosolType.WATER_SOLUBLE:
-        mode = _grown(_WATER_SOLUBLE_RADIUS_M, np.log10(2.24), 1.0, WATER_SOLUBLE, relative_humidity)
+        mode = _grown(_WATER_SOLUBLE_RADIUS_M, np.log10(2.24), 1.0, _WATER_SOLUBLE, relative_humidity)
         return MieAerosol(name=kind.value, modes=(mode,), source=_OPAC, assumed=_SECOND_HAND)
     return _dust() if kind is AerosolType.DUST else _soot()
+
+
+def _grown(
+    radius_m: NDArray[np.float64], log10_sigma: float, number_share: float, substance: RefractiveIndex, humidity: float
+) -> ParticleMode:
+    """Mode of dry particles that have taken up water."""
+    growth = float(np.exp(np.interp(-log1p(-humidity), -np.log1p(-_HUMIDITY), np.log(radius_m / radius_m[0]))))
+    share = growth**-3
+    index = mixed_index(parts=(substance, _WATER), volume_shares=(share, 1.0 - share))
+    sizes = log_normal(number_median_radius_m=growth * float(radius_m[0]), log10_sigma=float(log10_sigma))
+    return ParticleMode(number_share=number_share, sizes=sizes, index=index)
 
 
 def _dust() -> MieAerosol:
     """Dust carried far."""
     sizes = log_normal(number_median_radius_m=0.5e-6, log10_sigma=float(np.log10(2.2)), largest_radius_m=5e-6)
-    mode = ParticleMode(number_share=1.0, sizes=sizes, index=MINERAL)
+    mode = ParticleMode(number_share=1.0, sizes=sizes, index=_MINERAL)
     return MieAerosol(
         name=AerosolType.DUST.value,
         modes=(mode,),
@@ -231,138 +401,16 @@ def _soot() -> MieAerosol:
     sizes = log_normal(number_median_radius_m=0.0118e-6, log10_sigma=float(np.log10(2.0)))
     return MieAerosol(
         name=AerosolType.SOOT.value,
-        modes=(ParticleMode(number_share=1.0, sizes=sizes, index=SOOT),),
+        modes=(ParticleMode(number_share=1.0, sizes=sizes, index=_SOOT),),
         source=f"{_OPAC}: soot; index of Shettle & Fenn (1979)",
         assumed=f"{_SECOND_HAND}; soot is not made of spheres but of chains of them",
     )
 
 
-def _grown(
-    radius_m: NDArray[np.float64], log10_sigma: float, number_share: float, substance: RefractiveIndex, humidity: float
-) -> ParticleMode:
-    """Mode of dry particles that have taken up water."""
-    growth = float(np.exp(np.interp(-log1p(-humidity), -np.log1p(-_HUMIDITY), np.log(radius_m / radius_m[0]))))
-    share = growth**-3
-    index = mixed_index(parts=(substance, WATER), volume_shares=(share, 1.0 - share))
-    sizes = log_normal(number_median_radius_m=growth * float(radius_m[0]), log10_sigma=float(log10_sigma))
-    return ParticleMode(number_share=number_share, sizes=sizes, index=index)
-
-
-# Angstrom's law: the optical depth of an aerosol as a power of the wavelength
-
-REFERENCE_WAVELENGTH_M = 550e-9
-
-
-def angstrom_ratio(*, exponent: float, wavelength_m: ArrayLike) -> NDArray[np.float64]:
-    """Optical depth over that at 550 nm.
-
-    Angstrom, Geogr. Ann. 11 (1929) 156.
-    """
-    wavelength = np.asarray(wavelength_m, dtype=float)
-    if not -1.0 <= exponent <= 4.0:
-        raise ValueError(f"angstrom_exponent = {exponent!r}, allowed is -1 to 4")
-    if not np.all(wavelength > 0.0):
-        raise ValueError(f"wavelength_m = {np.min(wavelength)!r} m, but it must be above 0")
-    return np.asarray((wavelength / REFERENCE_WAVELENGTH_M) ** -exponent)
-
-
-def angstrom_law(*, first_m: float, first_depth: float, second_m: float, second_depth: float) -> tuple[float, float]:
-    """Angstrom's exponent and the optical depth at 550 nm of an aerosol measured at two wavelengths.
-
-    Parameters
-    ----------
-    first_m, second_m
-        Different wavelengths [m].
-    first_depth, second_depth
-        Optical depths there, above 0.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
-    References
-    ----------
-    Angstrom, Geogr. Ann. 11 (1929) 156.
-    """
-    values = (first_m, first_depth, second_m, second_depth)
-    if first_m == second_m or not all(isfinite(value) and value > 0.0 for value in values):
-        raise ValueError(f"angstrom_law: {values!r} must be finite, above 0 and at two different wavelengths")
-    exponent = -log(second_depth / first_depth) / log(second_m / first_m)
-    return exponent, first_depth * (REFERENCE_WAVELENGTH_M / first_m) ** -exponent
-
-
-# Choice of the aerosol of an atmosphere: a documented kind, or spheres of one's own
-
-AerosolChoice = AerosolType | MieAerosol
-_SPECTRUM_NODES = 8
-
-
-def spheres_of(choice: AerosolChoice, *, relative_humidity: float) -> MieAerosol:
-    """Spheres of an aerosol; those of one's own are as they are given, at any humidity."""
-    if isinstance(choice, MieAerosol):
-        return choice
-    return preset_aerosol(AerosolType(choice), relative_humidity=relative_humidity)
-
-
-def optics_of(
-    choice: AerosolChoice, *, wavelength_m: float, relative_humidity: float, angstrom_exponent: float | None
-) -> AerosolOptics:
-    """Optical properties of an aerosol at one wavelength: from its table if it has one, otherwise by Mie's theory."""
-    extinction = float(
-        extinction_of(
-            choice,
-            wavelength_m=wavelength_m,
-            relative_humidity=relative_humidity,
-            angstrom_exponent=angstrom_exponent,
-        )
-    )
-    if choice in TABULATED:
-        own = aerosol_optics(kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity)
-        return AerosolOptics(extinction=extinction, ssa=own.ssa, g=own.g)
-    spheres = spheres_of(choice, relative_humidity=relative_humidity)
-    scattering = aerosol_scattering(spheres, wavelength_m=wavelength_m)
-    return AerosolOptics(extinction=extinction, ssa=scattering.ssa, g=scattering.matrix.g)
-
-
-def extinction_of(
-    choice: AerosolChoice, *, wavelength_m: ArrayLike, relative_humidity: float, angstrom_exponent: float | None
-) -> NDArray[np.float64]:
-    """Extinction of an aerosol over that at 550 nm; arguments as in `optics_of`, but for many wavelengths.
-
-    Of spheres, beyond eight wavelengths, a polynomial in 1/wavelength through eight that are computed.
-    """
-    if angstrom_exponent is not None:
-        return angstrom_ratio(exponent=angstrom_exponent, wavelength_m=wavelength_m)
-    if choice in TABULATED:
-        return relative_extinction(
-            kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity
-        )
-    spheres = spheres_of(choice, relative_humidity=relative_humidity)
-    wavelengths = np.asarray(wavelength_m, dtype=float)
-    if wavelengths.size <= _SPECTRUM_NODES:
-        each = [_logarithm(spheres, wavelength) for wavelength in wavelengths.ravel()]
-        return np.asarray(np.exp(np.array(each)).reshape(wavelengths.shape))
-    nodes_m = chebyshev_wavelengths_m(
-        shortest_m=float(np.min(wavelengths)), longest_m=float(np.max(wavelengths)), count=_SPECTRUM_NODES
-    )
-    at_nodes = np.array([_logarithm(spheres, node) for node in nodes_m])
-    basis = lagrange_basis(nodes_m=nodes_m, wavelength_m=wavelengths.ravel())
-    return np.asarray(np.exp(at_nodes @ basis).reshape(wavelengths.shape))
-
-
-def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
-    """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
-    if choice in TABULATED:
-        return frozenset(table_wavelengths_m())
-    modes = spheres_of(choice, relative_humidity=relative_humidity).modes
-    return frozenset(wavelength for mode in modes for wavelength in mode.index.wavelength_m)
-
-
 def _logarithm(spheres: MieAerosol, wavelength_m: float) -> float:
     """Logarithm of the extinction over that at 550 nm."""
     here, there = (
-        aerosol_extinction_m2(spheres, wavelength_m=float(length)) for length in (wavelength_m, REFERENCE_WAVELENGTH_M)
+        aerosol_extinction_m2(spheres, wavelength_m=float(length)) for length in (wavelength_m, _REFERENCE_WAVELENGTH_M)
     )
     return float(np.log(here / there))
 
@@ -390,70 +438,26 @@ def lagrange_basis(*, nodes_m: NDArray[np.float64], wavelength_m: NDArray[np.flo
     return basis
 
 
-# Profile of the aerosol over height: extinction at 550 nm for a visibility or an optical depth
+def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity: float) -> AerosolOptics:
+    """Optical properties of the rural or the tropospheric aerosol at one wavelength.
 
-BOUNDARY_LAYER_TOP_M = 2000.0
-# fmt: off
-_HEIGHT_M = 1e3 * np.array([
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 30, 35, 40,
-])
+    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
+    """
+    extinction, absorption, asymmetry = (float(_read(row, wavelength_m)) for row in _table(kind, relative_humidity))
+    return AerosolOptics(extinction=extinction, ssa=1.0 - absorption / extinction, g=asymmetry)
+
+
+def _table_wavelengths_m() -> tuple[float, ...]:
+    """Wavelengths of the tables, at which the properties of an aerosol over wavelength have a kink [m]."""
+    return tuple(float(entry) * 1e-6 for entry in _WAVELENGTH_UM)
+
+
 # From 5 km up: spring and summer below 10 km, background stratosphere above [km-1].
 _UPPER_PER_KM = np.array([
     9.31e-3, 7.71e-3, 6.23e-3, 3.37e-3, 1.82e-3, 1.14e-3, 7.99e-4, 6.41e-4, 5.17e-4, 4.42e-4, 3.95e-4, 3.82e-4,
     4.25e-4, 5.2e-4, 5.81e-4, 5.89e-4, 5.02e-4, 4.2e-4, 3e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6,
 ])
 _VISIBILITY_KM = np.array([50.0, 23.0, 10.0, 5.0, 2.0])
-# At 0, 1, 2, 3 and 4 km for each visibility [km-1].
-_LOWER_PER_KM = np.array([
-    [0.0662, 0.0415, 0.0260, 0.0146, 0.0102],
-    [0.158, 0.0991, 0.0621, 0.0346, 0.0185],
-    [0.379, 0.379, 0.0621, 0.0346, 0.0185],
-    [0.770, 0.770, 0.0621, 0.0346, 0.0185],
-    [1.94, 1.94, 0.0621, 0.0346, 0.0185],
-])
-# fmt: on
-_REFERENCE_VISIBILITY_M = 23e3
-
-
-@dataclass(frozen=True, kw_only=True)
-class AerosolColumn:
-    """Extinction of the aerosol at 550 nm, exponential between the heights of a table."""
-
-    height_m: NDArray[np.float64]
-    extinction_per_m: NDArray[np.float64]
-    scale: float
-
-    def optical_depth_between(self, lower_m: ArrayLike, upper_m: ArrayLike) -> NDArray[np.float64]:
-        """Optical depth at 550 nm between two heights, lower_m <= upper_m [m]."""
-        return self._below(np.asarray(upper_m, dtype=float)) - self._below(np.asarray(lower_m, dtype=float))
-
-    def _below(self, height_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Optical depth between the ground and a height."""
-        part = np.clip(height_m[..., np.newaxis] - self.height_m[:-1], 0.0, np.diff(self.height_m))
-        rate = np.diff(np.log(self.extinction_per_m)) / np.diff(self.height_m)
-        # The mean of an exponential over the part crossed; rate may be 0 where extinction does not change.
-        growth = rate * part
-        safe = np.where(growth == 0.0, 1.0, growth)
-        mean = np.where(growth == 0.0, 1.0, np.expm1(growth) / safe)
-        return np.asarray(self.scale * np.sum(self.extinction_per_m[:-1] * part * mean, axis=-1))
-
-
-def aerosol_column(*, visibility_m: float | None = None, optical_depth: float | None = None) -> AerosolColumn:
-    """Aerosol over height for a visibility at the ground, or for an optical depth at 550 nm.
-
-    Up to 4 km extinction is linear in 1/visibility between the tabulated 2, 5, 10, 23 and 50 km. The optical depth
-    that a "visibility" stands for differs by 30 % between codes: 0.324 here for 23 km, 0.226 by the rule of 6S.
-
-    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
-    """
-    if (visibility_m is None) == (optical_depth is None):
-        raise ValueError("aerosol_column: give either visibility_m or optical_depth")
-    if visibility_m is not None:
-        return _column_of_visibility(visibility_m)
-    if optical_depth is None or not 0.0 <= optical_depth < np.inf:
-        raise ValueError(f"aerosol_column: optical_depth = {optical_depth!r}, but it must be finite and 0 or more")
-    reference = _column_of_visibility(_REFERENCE_VISIBILITY_M)
-    return replace(reference, scale=optical_depth / float(reference.optical_depth_between(0.0, _HEIGHT_M[-1])))
 
 
 def _column_of_visibility(visibility_m: float) -> AerosolColumn:

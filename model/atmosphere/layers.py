@@ -1,7 +1,8 @@
 """Homogeneous layers with their scattering matrices: expansion, truncation and integration over depth.
 
 A scattering matrix enters the solver twice. Light scattered once needs its first column, exactly, at any angle; light
-scattered more often needs its coefficients in Wigner functions. A further kind of aerosol has to bring these two.
+scattered more often needs its coefficients in Wigner functions. A further kind of aerosol has to bring these two. The
+forward peak that few directions cannot hold counts as not scattered (delta-M).
 
 Each layer is cut in elements, in which the source is a parabola of optical depth through the values at the top, in
 the middle and at the bottom; the exponential of extinction is integrated exactly.
@@ -17,77 +18,7 @@ from math import ceil, comb, exp, isfinite, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-# Wigner functions, and the basis in which the scattering matrix of randomly oriented particles separates
-
 FloatArray = NDArray[np.float64]
-
-
-def wigner_d(*, degree_max: int, order_max: int, second: int, mu: FloatArray) -> FloatArray:
-    """Wigner's functions d^l_mn(arccos mu) for every degree l and first order m, at one second order n.
-
-    Upward recurrence in l from the closed form at l = max(m, |n|), which is stable.
-
-    Mishchenko, Travis & Lacis, Scattering, Absorption, and Emission of Light by Small Particles (2002), appendix B.
-    """
-    values = np.zeros((order_max + 1, degree_max + 1, mu.size))
-    for order in range(min(order_max, degree_max) + 1):
-        lowest = max(order, abs(second))
-        if lowest <= degree_max:
-            values[order, lowest] = _lowest_degree(order, second, mu)
-    for degree, rise, shift, fall in _recurrence(degree_max, order_max, second):
-        # Orders above this degree start later, from their own closed form.
-        known = slice(0, rise.shape[0])
-        values[known, degree + 1] = (rise * mu - shift) * values[known, degree]
-        values[known, degree + 1] -= fall * values[known, max(degree, 1) - 1]
-    return values
-
-
-def _lowest_degree(order: int, second: int, mu: FloatArray) -> FloatArray:
-    """d^l_mn at l = max(m, |n|)."""
-    difference, total = abs(order - second), abs(order + second)
-    sign = 1.0 if second >= order else (-1.0) ** difference
-    shape: FloatArray = ((1.0 - mu) / 2.0) ** (difference / 2) * ((1.0 + mu) / 2.0) ** (total / 2)
-    return sign * sqrt(comb(difference + total, total)) * shape
-
-
-@lru_cache(maxsize=64)
-def _recurrence(
-    degree_max: int, order_max: int, second: int
-) -> tuple[tuple[int, FloatArray, FloatArray, FloatArray], ...]:
-    """For each degree l its factors in d^(l+1) = (rise mu - shift) d^l - fall d^(l-1), by first order, shape (M, 1)."""
-    return tuple((degree, *_factors(degree, order_max, second)) for degree in range(abs(second), degree_max))
-
-
-def _factors(degree: int, order_max: int, second: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Factors of one degree; at l = 0 there is no degree before, and its factor is 0."""
-    orders = np.arange(min(order_max, degree) + 1)[:, np.newaxis]
-    upper, divisor = degree + 1, max(degree, 1)
-    scale = np.sqrt((upper**2 - orders**2) * (upper**2 - second**2))
-    earlier = np.sqrt((degree**2 - orders**2) * (degree**2 - second**2)) * (upper / divisor)
-    twice = 2 * degree + 1
-    return twice * upper / scale, twice * (orders * second / divisor) / scale, earlier / scale
-
-
-def matrix_functions(*, degree_max: int, mu: FloatArray) -> Iterator[FloatArray]:
-    """Functions in which a scattering matrix is expanded, degree by degree from 0.
-
-    de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237; recurrence as in `wigner_d`.
-    """
-    functions = np.zeros((3, 4, mu.size))
-    functions[0, 0], functions[1, 0], functions[2, 0] = 1.0, mu, 1.5 * mu**2 - 0.5
-    for row, (order, second) in enumerate(((2, 2), (2, -2), (0, 2)), start=1):
-        functions[2, row] = _lowest_degree(order, second, mu)
-    yield from functions[: degree_max + 1]
-    before, current = functions[1], functions[2]
-    first, second_order = np.array([0, 2, 2, 0])[:, np.newaxis], np.array([0, 2, -2, 2])[:, np.newaxis]
-    degree = np.arange(2.0, max(degree_max, 2))[:, np.newaxis, np.newaxis]
-    scale = degree * np.sqrt(((degree + 1) ** 2 - first**2) * ((degree + 1) ** 2 - second_order**2))
-    rise = (2 * degree + 1) * degree * (degree + 1) / scale
-    shift = (2 * degree + 1) * first * second_order / scale
-    fall = (degree + 1) * np.sqrt((degree**2 - first**2) * (degree**2 - second_order**2)) / scale
-    for factor, constant, back in zip(rise, shift, fall, strict=True):
-        before, current = current, (factor * mu - constant) * current - back * before
-        yield current
 
 
 def stokes_basis(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
@@ -107,16 +38,6 @@ def stokes_basis(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArr
     return basis
 
 
-def basis_functions(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
-    """Entries of the matrices of `stokes_basis` that are not zero: I to I, Q to Q as U to U, Q to U as U to Q.
-
-    Siewert, Astron. Astrophys. 109 (1982) 195.
-    """
-    numbers = (degree_max + 1) * (order_max + 1) * mu.size
-    kept = next((kept for most, kept in _KEPT_UP_TO if numbers <= most), _kept_functions_of_many)
-    return kept(degree_max, order_max, np.ascontiguousarray(mu, dtype=np.float64).tobytes())
-
-
 def _functions(degree_max: int, order_max: int, mu_bytes: bytes) -> FloatArray:
     mu = np.frombuffer(mu_bytes)
     plain, plus, minus = (wigner_d(degree_max=degree_max, order_max=order_max, second=n, mu=mu) for n in (0, 2, -2))
@@ -133,7 +54,15 @@ _kept_functions_of_many, _kept_functions_of_few, _kept_functions_of_some = (
 _KEPT_UP_TO = ((10_000, _kept_functions_of_some), (40_000, _kept_functions_of_few))
 
 
-# Scattering matrix of an aerosol at one wavelength, as the solver takes it
+def basis_functions(*, degree_max: int, order_max: int, mu: FloatArray) -> FloatArray:
+    """Entries of the matrices of `stokes_basis` that are not zero: I to I, Q to Q as U to U, Q to U as U to Q.
+
+    Siewert, Astron. Astrophys. 109 (1982) 195.
+    """
+    numbers = (degree_max + 1) * (order_max + 1) * mu.size
+    kept = next((kept for most, kept in _KEPT_UP_TO if numbers <= most), _kept_functions_of_many)
+    return kept(degree_max, order_max, np.ascontiguousarray(mu, dtype=np.float64).tobytes())
+
 
 _SAMPLES_PER_DEGREE = 4
 _STENCIL = np.arange(-2, 4)  # sixth-order interpolation between samples
@@ -203,26 +132,6 @@ class ScatteringMatrix:
         return np.stack([plain, (plus + minus) / 2.0, (plus - minus) / 2.0, mixed])
 
 
-def _sampled_column(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
-    """F11 and F12 at equally spaced angles from 0 to pi and, mirrored (both are even), some beyond each end."""
-    degrees = max(coefficients.shape[0], _FEWEST_DEGREES)
-    mu = np.cos(pi * np.arange(degrees + 1) / degrees)
-    total = np.zeros((2, mu.size))
-    for weight, row in zip(coefficients, matrix_functions(degree_max=len(coefficients) - 1, mu=mu), strict=True):
-        total[0] += weight[0] * row[0]
-        total[1] += weight[3] * row[3]
-    # As sums of cosines of multiples of the angle they are read between these angles exactly.
-    around = np.concatenate([total, total[:, -2:0:-1]], axis=1)
-    count = _SAMPLES_PER_DEGREE * degrees
-    dense = _SAMPLES_PER_DEGREE * np.fft.irfft(np.fft.rfft(around, axis=1), 2 * count, axis=1)[:, : count + 1]
-    return np.pad(dense, ((0, 0), (_STENCIL[-1], _STENCIL[-1])), mode="reflect")
-
-
-# Homogeneous layers: what a user says of them, and what the solver makes of them
-
-_NEGLIGIBLE = 1e-13  # of the whole depth: faces so close cannot be told apart in double precision
-
-
 @dataclass(frozen=True)
 class Layer:
     """A homogeneous layer of molecules and one aerosol.
@@ -272,10 +181,7 @@ class Layer:
         return self.tau_rayleigh + self.tau_aerosol
 
 
-def _require(name: str, value: float, allowed: bool, wanted: str) -> None:
-    """Refuse a number outside its range."""
-    if not (allowed and isfinite(value)):
-        raise ValueError(f"Layer: {name} = {value!r}, but it must be finite and {wanted}")
+_NEGLIGIBLE = 1e-13  # of the whole depth: faces so close cannot be told apart in double precision
 
 
 def merge_alike(layers: Sequence[Layer]) -> list[Layer]:
@@ -283,24 +189,6 @@ def merge_alike(layers: Sequence[Layer]) -> list[Layer]:
     least = _NEGLIGIBLE * sum(layer.depth for layer in layers)
     filled = (layer for layer in layers if layer.depth > least)
     return [_joined(list(alike)) for _, alike in groupby(filled, key=_composition)]
-
-
-def _composition(layer: Layer) -> tuple[object, ...]:
-    """Return what two layers must share to be one; rounded, since cutting a layer in parts rounds its depths."""
-    aerosol_share = float(f"{layer.tau_aerosol / layer.depth:.10g}")
-    return (aerosol_share, layer.ssa_aerosol, layer.g_aerosol, layer.delta, layer.matrix, layer.forward_share)
-
-
-def _joined(alike: list[Layer]) -> Layer:
-    """One layer of the depth of all."""
-    return replace(
-        alike[0],
-        tau_rayleigh=sum(layer.tau_rayleigh for layer in alike),
-        tau_aerosol=sum(layer.tau_aerosol for layer in alike),
-    )
-
-
-# Scattering matrices: their expansion coefficients, and exactly for light that is scattered once
 
 
 class AerosolKind(StrEnum):
@@ -344,22 +232,6 @@ def expansion_coefficients(layers: Sequence[Layer], *, degree_max: int, aerosol:
     return coefficients
 
 
-def _aerosol_expansion(layer: Layer, degree: NDArray[np.int_], aerosol: AerosolKind) -> NDArray[np.float64]:
-    """Expansion of the aerosol's scattering matrix, shape (L, 4)."""
-    series = np.zeros((degree.size, 4))
-    if layer.matrix is not None:
-        known = layer.matrix.coefficients[: degree.size]
-        series[: len(known)] = known
-        peak = layer.forward_share * (2 * degree + 1)
-        series[:, 0] -= peak
-        series[2:, 1:3] -= peak[2:, np.newaxis]
-        return series
-    series[:, 0] = (2 * degree + 1) * np.power(layer.g_aerosol, degree)
-    if aerosol is AerosolKind.POLARIZING:
-        series[2:, 1:3] = series[2:, :1]
-    return series
-
-
 def rayleigh_column(*, mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """First column (I, Q, U for unpolarized light) of the scattering matrix of isotropic dipoles, delta = 1.
 
@@ -396,20 +268,6 @@ def henyey_greenstein(
     values: NDArray[np.float64] = (1.0 - g**2) / (1.0 + g**2 - 2.0 * g * cosine) ** 1.5
     return values
 
-
-def _beam_components(
-    mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Components of the beam's direction along e_theta, e_phi and the direction of the scattered light."""
-    sine, beam_sine = np.sqrt(1.0 - mu**2), sqrt(1.0 - beam_mu**2)
-    cosine_phi = np.cos(phi_rad)
-    along_theta = mu * cosine_phi * beam_sine - sine * beam_mu
-    along_phi = -np.sin(phi_rad) * beam_sine
-    along_light = sine * cosine_phi * beam_sine + mu * beam_mu
-    return along_theta, along_phi, along_light
-
-
-# Integration of the source function along a line of sight through layers
 
 _ROUNDING = 1e-9
 _SERIES_TERMS = 18  # what the first guess leaves of an error at 1 is 2/18!
@@ -450,40 +308,6 @@ def source_weights(*, path: NDArray[np.float64], part: NDArray[np.float64]) -> N
     """
     constant, linear, square = (part**power * moment for power, moment in enumerate(_exponential_moments(path, part)))
     return np.stack([constant - 3.0 * linear + 2.0 * square, 4.0 * (linear - square), 2.0 * square - linear], axis=-1)
-
-
-def _exponential_moments(path: NDArray[np.float64], part: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Moments E_k = y * integral over z in (0, 1) of exp(-y (1 - z)) z^k, k = 0, 1, 2, for y = path * part."""
-    crossed = np.zeros(np.broadcast_shapes(path.shape, part.shape))
-    np.multiply(path, part, out=crossed, where=part > 0.0)
-    zeroth = -np.expm1(-crossed)
-    thick = np.maximum(crossed, 1.0)
-    first_thick = 1.0 - zeroth / thick
-    second_thick = 1.0 - 2.0 * first_thick / thick
-    first, second = _moments_of_thin(np.minimum(crossed, 1.0))
-    is_thick = crossed > 1.0
-    return [zeroth, np.where(is_thick, first_thick, first), np.where(is_thick, second_thick, second)]
-
-
-def _moments_of_thin(crossed: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """First and second moments by backward recurrence, which keeps all digits for arguments up to 1."""
-    moment = crossed / (_SERIES_TERMS + 1.0)
-    for power in range(_SERIES_TERMS, 2, -1):
-        moment = crossed * (1.0 - moment) / power
-    return crossed * (1.0 - moment) / 2.0, moment
-
-
-# The forward peak of a scattering matrix that few directions cannot hold: counted as not scattered
-
-
-def forward_share(layer: Layer, *, degree: int) -> float:
-    """Share of the aerosol's scattering in the peak beyond a degree; 0 where the expansion has ended or is negative.
-
-    Wiscombe, J. Atmos. Sci. 34 (1977) 1408: the first coefficient left out, over 2l + 1.
-    """
-    if layer.matrix is None or layer.matrix.coefficients.shape[0] <= degree + 1:
-        return 0.0
-    return max(float(layer.matrix.coefficients[degree + 1, 0]) / (2 * degree + 3), 0.0)
 
 
 def delta_m_truncated(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
@@ -528,6 +352,169 @@ def single_peak_irradiance(layers: Sequence[Layer], *, degree: int, mu0: float) 
 def truncated_by_absorption(layers: Sequence[Layer], *, degree: int) -> list[Layer]:
     """Layers of the same depth whose matrices end at a degree, the forward peak taken from their albedo."""
     return [_cut(layer, degree) for layer in layers]
+
+
+def forward_share(layer: Layer, *, degree: int) -> float:
+    """Share of the aerosol's scattering in the peak beyond a degree; 0 where the expansion has ended or is negative.
+
+    Wiscombe, J. Atmos. Sci. 34 (1977) 1408: the first coefficient left out, over 2l + 1.
+    """
+    if layer.matrix is None or layer.matrix.coefficients.shape[0] <= degree + 1:
+        return 0.0
+    return max(float(layer.matrix.coefficients[degree + 1, 0]) / (2 * degree + 3), 0.0)
+
+
+def matrix_functions(*, degree_max: int, mu: FloatArray) -> Iterator[FloatArray]:
+    """Functions in which a scattering matrix is expanded, degree by degree from 0.
+
+    de Rooij & van der Stap, Astron. Astrophys. 131 (1984) 237; recurrence as in `wigner_d`.
+    """
+    functions = np.zeros((3, 4, mu.size))
+    functions[0, 0], functions[1, 0], functions[2, 0] = 1.0, mu, 1.5 * mu**2 - 0.5
+    for row, (order, second) in enumerate(((2, 2), (2, -2), (0, 2)), start=1):
+        functions[2, row] = _lowest_degree(order, second, mu)
+    yield from functions[: degree_max + 1]
+    before, current = functions[1], functions[2]
+    first, second_order = np.array([0, 2, 2, 0])[:, np.newaxis], np.array([0, 2, -2, 2])[:, np.newaxis]
+    degree = np.arange(2.0, max(degree_max, 2))[:, np.newaxis, np.newaxis]
+    scale = degree * np.sqrt(((degree + 1) ** 2 - first**2) * ((degree + 1) ** 2 - second_order**2))
+    rise = (2 * degree + 1) * degree * (degree + 1) / scale
+    shift = (2 * degree + 1) * first * second_order / scale
+    fall = (degree + 1) * np.sqrt((degree**2 - first**2) * (degree**2 - second_order**2)) / scale
+    for factor, constant, back in zip(rise, shift, fall, strict=True):
+        before, current = current, (factor * mu - constant) * current - back * before
+        yield current
+
+
+def wigner_d(*, degree_max: int, order_max: int, second: int, mu: FloatArray) -> FloatArray:
+    """Wigner's functions d^l_mn(arccos mu) for every degree l and first order m, at one second order n.
+
+    Upward recurrence in l from the closed form at l = max(m, |n|), which is stable.
+
+    Mishchenko, Travis & Lacis, Scattering, Absorption, and Emission of Light by Small Particles (2002), appendix B.
+    """
+    values = np.zeros((order_max + 1, degree_max + 1, mu.size))
+    for order in range(min(order_max, degree_max) + 1):
+        lowest = max(order, abs(second))
+        if lowest <= degree_max:
+            values[order, lowest] = _lowest_degree(order, second, mu)
+    for degree, rise, shift, fall in _recurrence(degree_max, order_max, second):
+        # Orders above this degree start later, from their own closed form.
+        known = slice(0, rise.shape[0])
+        values[known, degree + 1] = (rise * mu - shift) * values[known, degree]
+        values[known, degree + 1] -= fall * values[known, max(degree, 1) - 1]
+    return values
+
+
+def _lowest_degree(order: int, second: int, mu: FloatArray) -> FloatArray:
+    """d^l_mn at l = max(m, |n|)."""
+    difference, total = abs(order - second), abs(order + second)
+    sign = 1.0 if second >= order else (-1.0) ** difference
+    shape: FloatArray = ((1.0 - mu) / 2.0) ** (difference / 2) * ((1.0 + mu) / 2.0) ** (total / 2)
+    return sign * sqrt(comb(difference + total, total)) * shape
+
+
+@lru_cache(maxsize=64)
+def _recurrence(
+    degree_max: int, order_max: int, second: int
+) -> tuple[tuple[int, FloatArray, FloatArray, FloatArray], ...]:
+    """For each degree l its factors in d^(l+1) = (rise mu - shift) d^l - fall d^(l-1), by first order, shape (M, 1)."""
+    return tuple((degree, *_factors(degree, order_max, second)) for degree in range(abs(second), degree_max))
+
+
+def _factors(degree: int, order_max: int, second: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factors of one degree; at l = 0 there is no degree before, and its factor is 0."""
+    orders = np.arange(min(order_max, degree) + 1)[:, np.newaxis]
+    upper, divisor = degree + 1, max(degree, 1)
+    scale = np.sqrt((upper**2 - orders**2) * (upper**2 - second**2))
+    earlier = np.sqrt((degree**2 - orders**2) * (degree**2 - second**2)) * (upper / divisor)
+    twice = 2 * degree + 1
+    return twice * upper / scale, twice * (orders * second / divisor) / scale, earlier / scale
+
+
+def _sampled_column(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+    """F11 and F12 at equally spaced angles from 0 to pi and, mirrored (both are even), some beyond each end."""
+    degrees = max(coefficients.shape[0], _FEWEST_DEGREES)
+    mu = np.cos(pi * np.arange(degrees + 1) / degrees)
+    total = np.zeros((2, mu.size))
+    for weight, row in zip(coefficients, matrix_functions(degree_max=len(coefficients) - 1, mu=mu), strict=True):
+        total[0] += weight[0] * row[0]
+        total[1] += weight[3] * row[3]
+    # As sums of cosines of multiples of the angle they are read between these angles exactly.
+    around = np.concatenate([total, total[:, -2:0:-1]], axis=1)
+    count = _SAMPLES_PER_DEGREE * degrees
+    dense = _SAMPLES_PER_DEGREE * np.fft.irfft(np.fft.rfft(around, axis=1), 2 * count, axis=1)[:, : count + 1]
+    return np.pad(dense, ((0, 0), (_STENCIL[-1], _STENCIL[-1])), mode="reflect")
+
+
+def _require(name: str, value: float, allowed: bool, wanted: str) -> None:
+    """Refuse a number outside its range."""
+    if not (allowed and isfinite(value)):
+        raise ValueError(f"Layer: {name} = {value!r}, but it must be finite and {wanted}")
+
+
+def _joined(alike: list[Layer]) -> Layer:
+    """One layer of the depth of all."""
+    return replace(
+        alike[0],
+        tau_rayleigh=sum(layer.tau_rayleigh for layer in alike),
+        tau_aerosol=sum(layer.tau_aerosol for layer in alike),
+    )
+
+
+def _composition(layer: Layer) -> tuple[object, ...]:
+    """Return what two layers must share to be one; rounded, since cutting a layer in parts rounds its depths."""
+    aerosol_share = float(f"{layer.tau_aerosol / layer.depth:.10g}")
+    return (aerosol_share, layer.ssa_aerosol, layer.g_aerosol, layer.delta, layer.matrix, layer.forward_share)
+
+
+def _aerosol_expansion(layer: Layer, degree: NDArray[np.int_], aerosol: AerosolKind) -> NDArray[np.float64]:
+    """Expansion of the aerosol's scattering matrix, shape (L, 4)."""
+    series = np.zeros((degree.size, 4))
+    if layer.matrix is not None:
+        known = layer.matrix.coefficients[: degree.size]
+        series[: len(known)] = known
+        peak = layer.forward_share * (2 * degree + 1)
+        series[:, 0] -= peak
+        series[2:, 1:3] -= peak[2:, np.newaxis]
+        return series
+    series[:, 0] = (2 * degree + 1) * np.power(layer.g_aerosol, degree)
+    if aerosol is AerosolKind.POLARIZING:
+        series[2:, 1:3] = series[2:, :1]
+    return series
+
+
+def _beam_components(
+    mu: NDArray[np.float64], beam_mu: float, phi_rad: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Components of the beam's direction along e_theta, e_phi and the direction of the scattered light."""
+    sine, beam_sine = np.sqrt(1.0 - mu**2), sqrt(1.0 - beam_mu**2)
+    cosine_phi = np.cos(phi_rad)
+    along_theta = mu * cosine_phi * beam_sine - sine * beam_mu
+    along_phi = -np.sin(phi_rad) * beam_sine
+    along_light = sine * cosine_phi * beam_sine + mu * beam_mu
+    return along_theta, along_phi, along_light
+
+
+def _exponential_moments(path: NDArray[np.float64], part: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Moments E_k = y * integral over z in (0, 1) of exp(-y (1 - z)) z^k, k = 0, 1, 2, for y = path * part."""
+    crossed = np.zeros(np.broadcast_shapes(path.shape, part.shape))
+    np.multiply(path, part, out=crossed, where=part > 0.0)
+    zeroth = -np.expm1(-crossed)
+    thick = np.maximum(crossed, 1.0)
+    first_thick = 1.0 - zeroth / thick
+    second_thick = 1.0 - 2.0 * first_thick / thick
+    first, second = _moments_of_thin(np.minimum(crossed, 1.0))
+    is_thick = crossed > 1.0
+    return [zeroth, np.where(is_thick, first_thick, first), np.where(is_thick, second_thick, second)]
+
+
+def _moments_of_thin(crossed: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """First and second moments by backward recurrence, which keeps all digits for arguments up to 1."""
+    moment = crossed / (_SERIES_TERMS + 1.0)
+    for power in range(_SERIES_TERMS, 2, -1):
+        moment = crossed * (1.0 - moment) / power
+    return crossed * (1.0 - moment) / 2.0, moment
 
 
 def _truncated(layer: Layer, degree: int) -> Layer:

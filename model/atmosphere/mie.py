@@ -1,4 +1,8 @@
-"""Mie scattering by one sphere and by aerosols of many spheres."""
+"""Mie scattering by one sphere and by aerosols of many spheres.
+
+An aerosol is made of modes: a refractive index over wavelength and a size distribution each. Sums over spheres are
+taken at quadrature angles and expanded in generalised spherical functions (`aerosol_scattering`).
+"""
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -10,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.layers import ScatteringMatrix, matrix_functions
-
-# Complex refractive index over wavelength
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,27 +79,7 @@ def mixed_index(*, parts: tuple[RefractiveIndex, ...], volume_shares: tuple[floa
     return RefractiveIndex(n=n, k=k, wavelength_m=parts[0].wavelength_m)
 
 
-# Size distributions: number of particles of an aerosol by radius
-
 _REACH = 8.0  # standard deviations of a log-normal distribution beyond which 1e-15 of it lies
-
-
-class SizeDistribution(Protocol):
-    """Number of particles over the logarithm of their radius."""
-
-    @property
-    def breaks_m(self) -> tuple[float, ...]:
-        """Increasing radii [m]: the ends, and those between where the number is not smooth."""
-        ...
-
-    @property
-    def ends_vanish(self) -> bool:
-        """True if the number falls off smoothly to nothing at both ends, and is smooth between."""
-        ...
-
-    def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Particles per unit of ln(radius), for one particle in all."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,7 +239,22 @@ def number_of_volume(*, volume: float, volume_median_radius_m: float, ln_sigma: 
     return volume / (4.0 / 3.0 * pi * mean_cube)
 
 
-# Modes of particles that make up an aerosol of spheres
+class SizeDistribution(Protocol):
+    """Number of particles over the logarithm of their radius."""
+
+    @property
+    def breaks_m(self) -> tuple[float, ...]:
+        """Increasing radii [m]: the ends, and those between where the number is not smooth."""
+        ...
+
+    @property
+    def ends_vanish(self) -> bool:
+        """True if the number falls off smoothly to nothing at both ends, and is smooth between."""
+        ...
+
+    def number_per_log_radius(self, radius_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Particles per unit of ln(radius), for one particle in all."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,21 +306,164 @@ class MieAerosol:
             raise ValueError(f"MieAerosol {self.name!r}: give one mode or more")
 
 
-# Scattering of a plane wave by homogeneous spheres: expansion coefficients, efficiencies and amplitudes
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AerosolScattering:
+    """Extinction and scattering of an aerosol of spheres at one wavelength."""
 
-_LARGEST_SIZE, _SMALLEST_SIZE = 2e4, 1e-8
+    extinction_m2: float
+    ssa: float
+    matrix: ScatteringMatrix
+    error_estimate: float
+
+
+def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> AerosolScattering:
+    """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; remembered.
+
+    Parameters
+    ----------
+    aerosol
+        Sizes and indices.
+    wavelength_m
+        In the air [m], above 0.
+    tolerance
+        Wanted error of cross-sections and expansion relative to the scattering, above 0. The result says what it
+        estimates to have reached; narrow resonances of spheres without absorption fall slowly.
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range, or spheres too large for the wavelength.
+
+    Notes
+    -----
+    Trapezoidal rule over size, halved until two steps agree. Both tails of the sizes that add less than a quarter of
+    the tolerance, and the degrees of the expansion that do, are left out.
+
+    References
+    ----------
+    Hansen & Travis, Space Sci. Rev. 16 (1974) 527, doi:10.1007/BF00168069, section 2.
+    """
+    _check_mie_aerosol(wavelength_m, tolerance)
+    return _scattering(aerosol, float(wavelength_m), float(tolerance))
+
+
+def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
+    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered."""
+    _check_mie_aerosol(wavelength_m, tolerance)
+    return _extinction_m2(aerosol, float(wavelength_m), float(tolerance))
+
+
+def _check_mie_aerosol(wavelength_m: float, tolerance: float) -> None:
+    """Refuse numbers without meaning."""
+    for name, value in (("wavelength_m", wavelength_m), ("tolerance", tolerance)):
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"aerosol: {name} = {value!r}, but it must be finite and above 0")
+
+
+_MOST_HALVINGS = 5
+_MEMORY = 64
+
+
+@lru_cache(maxsize=_MEMORY)
+def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> AerosolScattering:
+    """Return what `aerosol_scattering` does."""
+    ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
+    grid = angular_grid(largest_size_parameter=max(float(bounds[-1]) for bounds in ranges if bounds.size))
+    total = _sums(aerosol, ranges, wavelength_m, grid, 0, middles=False)
+    for halving in range(_MOST_HALVINGS):
+        coarse = total
+        total = (coarse + _sums(aerosol, ranges, wavelength_m, grid, halving, middles=True)) / 2.0
+        change = (total - coarse) / total[1, 0]
+        if _size_of(change) <= tolerance:
+            break
+    return AerosolScattering(
+        extinction_m2=float(total[0, 0]) / sum(mode.number_share for mode in aerosol.modes),
+        ssa=min(float(total[1, 0] / total[0, 0]), 1.0),  # rounding of spheres that do not absorb
+        matrix=_matrix(total[1:] / total[1, 0], change[1:], tolerance),
+        error_estimate=_size_of(change) + tolerance / 4.0,
+    )
+
+
+# The variable of the integral over size is ln x + x / _BEND: steps of ln x for small spheres, of x for large ones,
+# whose efficiencies ripple with a period in x.
+_BEND = 10.0
+_FIRST_STEP = 0.08
+_LARGEST_SIZE_MIE_AEROSOL = 2e3
+_SCAN_STEP = 0.05  # of ln x, to find the sizes that matter
+
+
+def _size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) -> list[NDArray[np.float64]]:
+    """For each mode the size parameters between which its distribution is smooth; empty if it adds nothing."""
+    grids = [_weighed_sizes(mode, wavelength_m) for mode in aerosol.modes]
+    least = tolerance / (8.0 * len(grids)) * sum(float(np.sum(weight)) for _, weight in grids)
+    ranges = [
+        _range(mode, size, weight, least, wavelength_m)
+        for mode, (size, weight) in zip(aerosol.modes, grids, strict=True)
+    ]
+    largest = max(float(bounds[-1]) for bounds in ranges if bounds.size)
+    if largest > _LARGEST_SIZE_MIE_AEROSOL:
+        raise ValueError(
+            f"aerosol {aerosol.name!r}: spheres up to {largest * wavelength_m / (2.0 * pi):.3g} m matter at "
+            f"{wavelength_m:.4g} m, allowed are {_LARGEST_SIZE_MIE_AEROSOL * wavelength_m / (2.0 * pi):.3g} m; "
+            "give a smaller largest_radius_m or a larger tolerance"
+        )
+    return ranges
+
+
+def _weighed_sizes(mode: ParticleMode, wavelength_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Size parameters in equal steps of their logarithm, and roughly what each adds to the extinction."""
+    first, last = mode.sizes.breaks_m[0], mode.sizes.breaks_m[-1]
+    radius = np.geomspace(first, last, ceil(log(last / first) / _SCAN_STEP) + 2)
+    size = 2.0 * pi * radius / wavelength_m
+    # Small spheres absorb like x and scatter like x^4, large ones take away twice their cross-section.
+    efficiency = np.minimum(2.0, 0.25 * size**4 + 2.0 * size * mode.index.at(wavelength_m).imag)
+    number = mode.number_share * mode.sizes.number_per_log_radius(radius)
+    return size, number * radius**2 * efficiency * log(last / first) / radius.size
+
+
+def _range(
+    mode: ParticleMode, size: NDArray[np.float64], weight: NDArray[np.float64], least: float, wavelength_m: float
+) -> NDArray[np.float64]:
+    """Range of one mode: its breaks, cut where the tails beyond add less than the least."""
+    kept = np.flatnonzero((np.cumsum(weight) > least) & (np.cumsum(weight[::-1])[::-1] > least))
+    if kept.size == 0:
+        return np.zeros(0)
+    low, high = size[max(kept[0] - 1, 0)], size[min(kept[-1] + 1, size.size - 1)]
+    breaks = 2.0 * pi * np.array(mode.sizes.breaks_m) / wavelength_m
+    inner = breaks[(breaks > low * (1.0 + 1e-9)) & (breaks < high * (1.0 - 1e-9))]
+    return np.concatenate([[low], inner, [high]])
 
 
 @dataclass(frozen=True, kw_only=True)
-class SphereEfficiencies:
-    """Cross-sections of spheres over their geometrical ones, and the asymmetry; each of shape (N,)."""
+class AngularGrid:
+    """Scattering angles for spheres in groups of like size: so many for each that integrals are exact."""
 
-    extinction: NDArray[np.float64]
-    scattering: NDArray[np.float64]
-    asymmetry: NDArray[np.float64]
+    terms: tuple[int, ...]
+    starts: tuple[int, ...]
+    mu: NDArray[np.float64]
+    weight: NDArray[np.float64]
 
 
-def sphere_terms(size_parameter: NDArray[np.float64]) -> NDArray[np.int_]:
+# Terms of the largest sphere of each group: spheres of one group share their angles.
+_GROUP_TERMS = (16, 24, 36, 54, 80, 120, 180, 270, 400, 600, 900, 1350, 2200)
+_CHUNK = 512  # spheres at once, to bound the memory
+
+
+def angular_grid(*, largest_size_parameter: float) -> AngularGrid:
+    """Angles for spheres up to a size parameter.
+
+    The matrix of a sphere of T terms is a polynomial of degree 2T: so is its expansion, and 2T + 1 nodes integrate
+    their product exactly.
+    """
+    most = int(_sphere_terms(np.array([largest_size_parameter]))[0])
+    terms = (*(limit for limit in _GROUP_TERMS if limit < most), most)
+    rules = [_gauss_legendre(2 * limit + 1) for limit in terms]
+    mu, weight = (np.concatenate(part) for part in zip(*rules, strict=True))
+    starts = np.cumsum([0, *(rule[0].size for rule in rules)])
+    return AngularGrid(terms=terms, starts=tuple(int(start) for start in starts), mu=mu, weight=weight)
+
+
+def _sphere_terms(size_parameter: NDArray[np.float64]) -> NDArray[np.int_]:
     """Terms that the series needs, for each size parameter.
 
     A term falls like exp(-(4/3) (1.26 c)^1.5) at x + c x^(1/3): for c = 6 what is left out is below 1e-11 of the sum.
@@ -331,6 +471,116 @@ def sphere_terms(size_parameter: NDArray[np.float64]) -> NDArray[np.int_]:
     Wiscombe, Appl. Opt. 19 (1980) 1505, doi:10.1364/AO.19.001505, who takes c = 4.05 for half as many digits.
     """
     return np.asarray(np.ceil(size_parameter + 6.0 * np.cbrt(size_parameter) + 4.0), dtype=np.int_)
+
+
+@cache
+def _gauss_legendre(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes and weights on (-1, 1), by Newton's method: for thousands of nodes far faster than by eigenvalues."""
+    mu = np.cos(np.pi * (np.arange(count, 0, -1) - 0.25) / (count + 0.5))
+    slope = np.ones_like(mu)
+    for _ in range(4):  # from an error of 1/count^2 of the spacing; each step squares it
+        value, before = mu.copy(), np.ones_like(mu)
+        for degree in range(1, count):
+            value, before = ((2 * degree + 1) * mu * value - degree * before) / (degree + 1), value
+        slope = count * (before - mu * value) / (1.0 - mu**2)
+        mu = mu - value / slope
+    return mu, 2.0 / ((1.0 - mu**2) * slope**2)
+
+
+def _sums(
+    aerosol: MieAerosol,
+    ranges: list[NDArray[np.float64]],
+    wavelength_m: float,
+    grid: AngularGrid,
+    halving: int,
+    *,
+    middles: bool,
+) -> NDArray[np.float64]:
+    """Integrals over size by one rule: row 0 begins with the extinction, row 1 + l is the expansion's degree l."""
+    extinction, matrix = 0.0, np.zeros((4, grid.mu.size))
+    for mode, bounds in zip(aerosol.modes, ranges, strict=True):
+        if bounds.size:
+            size, weight = _size_nodes(mode, bounds, wavelength_m=wavelength_m, halving=halving, middles=middles)
+            part = sphere_sums(grid, size_parameter=size, weight=weight, index=mode.index.at(wavelength_m))
+            extinction, matrix = extinction + part[0], matrix + part[1]
+    return np.concatenate([[[extinction, 0.0, 0.0, 0.0]], expand(grid, matrix)])
+
+
+def _size_nodes(
+    mode: ParticleMode, bounds: NDArray[np.float64], *, wavelength_m: float, halving: int, middles: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Size parameters and weights (number times geometrical cross-section [m2]) of a rule for one mode.
+
+    Korobov's transformation of a trapezoidal rule: Sidi, Practical Extrapolation Methods (2003), appendix D.
+    """
+    place, step = _steps(np.log(bounds) + bounds / _BEND, halving, middles=middles, ends_vanish=mode.sizes.ends_vanish)
+    size = _size_at(place)
+    radius = size * wavelength_m / (2.0 * pi)
+    density = mode.number_share * mode.sizes.number_per_log_radius(radius) * pi * radius**2
+    weight = density * step / (1.0 + size / _BEND)
+    return size[weight > 0.0], weight[weight > 0.0]
+
+
+def _steps(
+    bounds: NDArray[np.float64], halving: int, *, middles: bool, ends_vanish: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Abscissae and weights of a rule on neighbouring intervals."""
+    abscissae, weights = [], []
+    for low, high in pairwise(bounds):
+        count = ceil((high - low) / _FIRST_STEP) * 2**halving
+        share = (np.arange(count) + 0.5) / count if middles else np.arange(count + 1.0) / count
+        step = np.full(share.size, 1.0 / count)
+        if not middles:
+            step[[0, -1]] /= 2.0
+        if not ends_vanish:
+            # The rule then is of eighth order on an interval at whose ends the size distribution breaks off.
+            step, share = 140.0 * (share * (1.0 - share)) ** 3 * step, share**4 * np.polyval((-20, 70, -84, 35), share)
+        abscissae.append(low + (high - low) * share)
+        weights.append((high - low) * step)
+    return np.concatenate(abscissae), np.concatenate(weights)
+
+
+def _size_at(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Size parameter x of ln x + x / _BEND, by Newton's method in ln x, which is convex."""
+    logarithm = np.where(place < 1.0, place, np.log(_BEND * np.maximum(place, 1.0)))
+    for _ in range(12):
+        bend = np.exp(logarithm) / _BEND
+        logarithm = logarithm - (logarithm + bend - place) / (1.0 + bend)
+    return np.asarray(np.exp(logarithm))
+
+
+def sphere_sums(
+    grid: AngularGrid, *, size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex
+) -> tuple[float, NDArray[np.float64]]:
+    """Extinction, and scattering matrix at the angles of the grid, summed over spheres.
+
+    Bohren & Huffman, Absorption and Scattering of Light by Small Particles (1983), eq. (4.77).
+    """
+    extinction, matrix = 0.0, np.zeros((4, grid.mu.size))
+    bounds = [0, *np.searchsorted(_sphere_terms(size_parameter), grid.terms, side="right")]
+    for group, (first, stop) in enumerate(pairwise(bounds)):
+        angles = slice(*grid.starts[group : group + 2])
+        for start in range(first, stop, _CHUNK):
+            chunk = slice(start, min(start + _CHUNK, stop))
+            part = _chunk_sums(size_parameter[chunk], weight[chunk], index, grid.mu[angles])
+            extinction += part[0]
+            matrix[:, angles] += part[1]
+    return extinction, matrix
+
+
+def _chunk_sums(
+    size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex, mu: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]:
+    """Extinction and matrix of some spheres at some angles, as in `sphere_sums`."""
+    a, b = sphere_coefficients(size_parameter=size_parameter, n=index.real, k=index.imag)
+    extinction = float(weight @ efficiencies(size_parameter=size_parameter, a=a, b=b).extinction)
+    plus, minus = amplitude_sums(a, b, mu)
+    # The mean over the sphere of 4/x^2 F11 times the geometrical cross-section is that of scattering.
+    share = 2.0 * weight / size_parameter**2
+    sum_part = share @ (plus.real**2 + plus.imag**2)
+    difference_part = share @ (minus.real**2 + minus.imag**2)
+    mixed = share @ (plus.real * minus.real + plus.imag * minus.imag)
+    return extinction, np.stack([(sum_part + difference_part) / 2.0, sum_part, difference_part, -mixed])
 
 
 def sphere_coefficients(
@@ -367,7 +617,7 @@ def sphere_coefficients(
     time factor exp(-i omega t), index n + ik.
     """
     _check(size_parameter, n, k)
-    terms = sphere_terms(size_parameter)
+    terms = _sphere_terms(size_parameter)
     count = int(terms[-1])
     index = complex(n, k)
     derivative = _logarithmic_derivative(index * size_parameter, count)
@@ -389,51 +639,7 @@ def sphere_coefficients(
     return a, b
 
 
-def efficiencies(
-    *, size_parameter: NDArray[np.float64], a: NDArray[np.complex128], b: NDArray[np.complex128]
-) -> SphereEfficiencies:
-    """Efficiencies and asymmetry from the coefficients of `sphere_coefficients`.
-
-    Parameters
-    ----------
-    size_parameter
-        Circumference over wavelength, shape (K,), above 0.
-    a, b
-        Coefficients of each sphere, shape (K, T).
-
-    References
-    ----------
-    Bohren & Huffman (1983), eqs. (4.61), (4.62) and section 4.5.
-    """
-    order = np.arange(1, a.shape[1] + 1)
-    scale = 2.0 / size_parameter**2
-    degenerate = 2 * order + 1
-    power = np.abs(a) ** 2 + np.abs(b) ** 2
-    scattering = scale * (power @ degenerate)
-    lower, upper = slice(None, -1), slice(1, None)
-    neighbours = (a[:, lower] * a[:, upper].conj() + b[:, lower] * b[:, upper].conj()).real
-    crossed = (a * b.conj()).real
-    cosines = neighbours @ (order * (order + 2) / (order + 1))[lower] + crossed @ (degenerate / (order * (order + 1)))
-    return SphereEfficiencies(
-        extinction=scale * ((a + b).real @ degenerate),
-        scattering=scattering,
-        asymmetry=2.0 * scale * cosines / scattering,
-    )
-
-
-def amplitude_sums(
-    a: NDArray[np.complex128], b: NDArray[np.complex128], mu: NDArray[np.float64]
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Sum and difference of the amplitudes, S1 + S2 and S1 - S2, each of shape (N, A).
-
-    S1 is that of the field across the scattering plane, S2 of the field in it.
-
-    Bohren & Huffman (1983), eqs. (4.47), (4.74).
-    """
-    order = np.arange(1, a.shape[1] + 1)
-    weight = (2 * order + 1) / (order * (order + 1))
-    pi, tau = _angular_functions(mu, a.shape[1])
-    return _product((a + b) * weight, pi + tau), _product((a - b) * weight, pi - tau)
+_LARGEST_SIZE, _SMALLEST_SIZE = 2e4, 1e-8
 
 
 def _check(size_parameter: NDArray[np.float64], n: float, k: float) -> None:
@@ -486,6 +692,62 @@ def _coefficient(p: NDArray[np.complex128], q: NDArray[np.complex128]) -> NDArra
     return result
 
 
+@dataclass(frozen=True, kw_only=True)
+class SphereEfficiencies:
+    """Cross-sections of spheres over their geometrical ones, and the asymmetry; each of shape (N,)."""
+
+    extinction: NDArray[np.float64]
+    scattering: NDArray[np.float64]
+    asymmetry: NDArray[np.float64]
+
+
+def efficiencies(
+    *, size_parameter: NDArray[np.float64], a: NDArray[np.complex128], b: NDArray[np.complex128]
+) -> SphereEfficiencies:
+    """Efficiencies and asymmetry from the coefficients of `sphere_coefficients`.
+
+    Parameters
+    ----------
+    size_parameter
+        Circumference over wavelength, shape (K,), above 0.
+    a, b
+        Coefficients of each sphere, shape (K, T).
+
+    References
+    ----------
+    Bohren & Huffman (1983), eqs. (4.61), (4.62) and section 4.5.
+    """
+    order = np.arange(1, a.shape[1] + 1)
+    scale = 2.0 / size_parameter**2
+    degenerate = 2 * order + 1
+    power = np.abs(a) ** 2 + np.abs(b) ** 2
+    scattering = scale * (power @ degenerate)
+    lower, upper = slice(None, -1), slice(1, None)
+    neighbours = (a[:, lower] * a[:, upper].conj() + b[:, lower] * b[:, upper].conj()).real
+    crossed = (a * b.conj()).real
+    cosines = neighbours @ (order * (order + 2) / (order + 1))[lower] + crossed @ (degenerate / (order * (order + 1)))
+    return SphereEfficiencies(
+        extinction=scale * ((a + b).real @ degenerate),
+        scattering=scattering,
+        asymmetry=2.0 * scale * cosines / scattering,
+    )
+
+
+def amplitude_sums(
+    a: NDArray[np.complex128], b: NDArray[np.complex128], mu: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Sum and difference of the amplitudes, S1 + S2 and S1 - S2, each of shape (N, A).
+
+    S1 is that of the field across the scattering plane, S2 of the field in it.
+
+    Bohren & Huffman (1983), eqs. (4.47), (4.74).
+    """
+    order = np.arange(1, a.shape[1] + 1)
+    weight = (2 * order + 1) / (order * (order + 1))
+    pi, tau = _angular_functions(mu, a.shape[1])
+    return _product((a + b) * weight, pi + tau), _product((a - b) * weight, pi - tau)
+
+
 def _angular_functions(mu: NDArray[np.float64], count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Angular functions pi_n and tau_n for n = 1 to count, each of shape (count, A)."""
     pi = np.zeros((count + 1, mu.size))
@@ -499,66 +761,6 @@ def _angular_functions(mu: NDArray[np.float64], count: int) -> tuple[NDArray[np.
 def _product(coefficients: NDArray[np.complex128], functions: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Complex by real matrix product, as two real ones."""
     return np.asarray(coefficients.real @ functions + 1j * (coefficients.imag @ functions))
-
-
-# Scattering matrix of many spheres, summed at quadrature angles and expanded in generalised spherical functions
-
-# Terms of the largest sphere of each group: spheres of one group share their angles.
-_GROUP_TERMS = (16, 24, 36, 54, 80, 120, 180, 270, 400, 600, 900, 1350, 2200)
-_CHUNK = 512  # spheres at once, to bound the memory
-
-
-@dataclass(frozen=True, kw_only=True)
-class AngularGrid:
-    """Scattering angles for spheres in groups of like size: so many for each that integrals are exact."""
-
-    terms: tuple[int, ...]
-    starts: tuple[int, ...]
-    mu: NDArray[np.float64]
-    weight: NDArray[np.float64]
-
-
-def angular_grid(*, largest_size_parameter: float) -> AngularGrid:
-    """Angles for spheres up to a size parameter.
-
-    The matrix of a sphere of T terms is a polynomial of degree 2T: so is its expansion, and 2T + 1 nodes integrate
-    their product exactly.
-    """
-    most = int(sphere_terms(np.array([largest_size_parameter]))[0])
-    terms = (*(limit for limit in _GROUP_TERMS if limit < most), most)
-    rules = [_gauss_legendre(2 * limit + 1) for limit in terms]
-    mu, weight = (np.concatenate(part) for part in zip(*rules, strict=True))
-    starts = np.cumsum([0, *(rule[0].size for rule in rules)])
-    return AngularGrid(terms=terms, starts=tuple(int(start) for start in starts), mu=mu, weight=weight)
-
-
-def sphere_sums(
-    grid: AngularGrid, *, size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex
-) -> tuple[float, NDArray[np.float64]]:
-    """Extinction, and scattering matrix at the angles of the grid, summed over spheres.
-
-    Bohren & Huffman, Absorption and Scattering of Light by Small Particles (1983), eq. (4.77).
-    """
-    extinction, matrix = 0.0, np.zeros((4, grid.mu.size))
-    bounds = [0, *np.searchsorted(sphere_terms(size_parameter), grid.terms, side="right")]
-    for group, (first, stop) in enumerate(pairwise(bounds)):
-        angles = slice(*grid.starts[group : group + 2])
-        for start in range(first, stop, _CHUNK):
-            chunk = slice(start, min(start + _CHUNK, stop))
-            part = _chunk_sums(size_parameter[chunk], weight[chunk], index, grid.mu[angles])
-            extinction += part[0]
-            matrix[:, angles] += part[1]
-    return extinction, matrix
-
-
-def extinction_sum(*, size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex) -> float:
-    """Sum over spheres of their extinction alone; arguments as in `sphere_sums`."""
-    total = 0.0
-    for start in range(0, size_parameter.size, _CHUNK):
-        chunk = slice(start, start + _CHUNK)
-        a, b = sphere_coefficients(size_parameter=size_parameter[chunk], n=index.real, k=index.imag)
-        total += float(weight[chunk] @ efficiencies(size_parameter=size_parameter[chunk], a=a, b=b).extinction)
-    return total
 
 
 def expand(grid: AngularGrid, matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -576,147 +778,6 @@ def expand(grid: AngularGrid, matrix: NDArray[np.float64]) -> NDArray[np.float64
     total *= np.arange(total.shape[0])[:, np.newaxis] + 0.5
     plain, plus, minus, mixed = total.T
     return np.stack([plain, (plus + minus) / 2.0, (plus - minus) / 2.0, mixed], axis=-1)
-
-
-def _chunk_sums(
-    size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex, mu: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64]]:
-    """Extinction and matrix of some spheres at some angles, as in `sphere_sums`."""
-    a, b = sphere_coefficients(size_parameter=size_parameter, n=index.real, k=index.imag)
-    extinction = float(weight @ efficiencies(size_parameter=size_parameter, a=a, b=b).extinction)
-    plus, minus = amplitude_sums(a, b, mu)
-    # The mean over the sphere of 4/x^2 F11 times the geometrical cross-section is that of scattering.
-    share = 2.0 * weight / size_parameter**2
-    sum_part = share @ (plus.real**2 + plus.imag**2)
-    difference_part = share @ (minus.real**2 + minus.imag**2)
-    mixed = share @ (plus.real * minus.real + plus.imag * minus.imag)
-    return extinction, np.stack([(sum_part + difference_part) / 2.0, sum_part, difference_part, -mixed])
-
-
-@cache
-def _gauss_legendre(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes and weights on (-1, 1), by Newton's method: for thousands of nodes far faster than by eigenvalues."""
-    mu = np.cos(np.pi * (np.arange(count, 0, -1) - 0.25) / (count + 0.5))
-    slope = np.ones_like(mu)
-    for _ in range(4):  # from an error of 1/count^2 of the spacing; each step squares it
-        value, before = mu.copy(), np.ones_like(mu)
-        for degree in range(1, count):
-            value, before = ((2 * degree + 1) * mu * value - degree * before) / (degree + 1), value
-        slope = count * (before - mu * value) / (1.0 - mu**2)
-        mu = mu - value / slope
-    return mu, 2.0 / ((1.0 - mu**2) * slope**2)
-
-
-# Extinction and scattering of an aerosol of homogeneous spheres at one wavelength
-
-_MOST_HALVINGS = 5
-_MEMORY = 64
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AerosolScattering:
-    """Extinction and scattering of an aerosol of spheres at one wavelength."""
-
-    extinction_m2: float
-    ssa: float
-    matrix: ScatteringMatrix
-    error_estimate: float
-
-
-def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> AerosolScattering:
-    """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; remembered.
-
-    Parameters
-    ----------
-    aerosol
-        Sizes and indices.
-    wavelength_m
-        In the air [m], above 0.
-    tolerance
-        Wanted error of cross-sections and expansion relative to the scattering, above 0. The result says what it
-        estimates to have reached; narrow resonances of spheres without absorption fall slowly.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range, or spheres too large for the wavelength.
-
-    Notes
-    -----
-    Trapezoidal rule over size, halved until two steps agree. Both tails of the sizes that add less than a quarter of
-    the tolerance, and the degrees of the expansion that do, are left out.
-
-    References
-    ----------
-    Hansen & Travis, Space Sci. Rev. 16 (1974) 527, doi:10.1007/BF00168069, section 2.
-    """
-    _check_mie_aerosol(wavelength_m, tolerance)
-    return _scattering(aerosol, float(wavelength_m), float(tolerance))
-
-
-@lru_cache(maxsize=_MEMORY)
-def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> AerosolScattering:
-    """Return what `aerosol_scattering` does."""
-    ranges = size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
-    grid = angular_grid(largest_size_parameter=max(float(bounds[-1]) for bounds in ranges if bounds.size))
-    total = _sums(aerosol, ranges, wavelength_m, grid, 0, middles=False)
-    for halving in range(_MOST_HALVINGS):
-        coarse = total
-        total = (coarse + _sums(aerosol, ranges, wavelength_m, grid, halving, middles=True)) / 2.0
-        change = (total - coarse) / total[1, 0]
-        if _size_of(change) <= tolerance:
-            break
-    return AerosolScattering(
-        extinction_m2=float(total[0, 0]) / sum(mode.number_share for mode in aerosol.modes),
-        ssa=min(float(total[1, 0] / total[0, 0]), 1.0),  # rounding of spheres that do not absorb
-        matrix=_matrix(total[1:] / total[1, 0], change[1:], tolerance),
-        error_estimate=_size_of(change) + tolerance / 4.0,
-    )
-
-
-def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
-    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered."""
-    _check_mie_aerosol(wavelength_m, tolerance)
-    return _extinction_m2(aerosol, float(wavelength_m), float(tolerance))
-
-
-@lru_cache(maxsize=16 * _MEMORY)
-def _extinction_m2(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> float:
-    """Return what `aerosol_extinction_m2` does."""
-    ranges = size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
-    total = _extinction(aerosol, ranges, wavelength_m, 0, middles=False)
-    for halving in range(_MOST_HALVINGS):
-        coarse = total
-        total = (coarse + _extinction(aerosol, ranges, wavelength_m, halving, middles=True)) / 2.0
-        if abs(total - coarse) <= tolerance * total:
-            break
-    return total / sum(mode.number_share for mode in aerosol.modes)
-
-
-def _check_mie_aerosol(wavelength_m: float, tolerance: float) -> None:
-    """Refuse numbers without meaning."""
-    for name, value in (("wavelength_m", wavelength_m), ("tolerance", tolerance)):
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"aerosol: {name} = {value!r}, but it must be finite and above 0")
-
-
-def _sums(
-    aerosol: MieAerosol,
-    ranges: list[NDArray[np.float64]],
-    wavelength_m: float,
-    grid: AngularGrid,
-    halving: int,
-    *,
-    middles: bool,
-) -> NDArray[np.float64]:
-    """Integrals over size by one rule: row 0 begins with the extinction, row 1 + l is the expansion's degree l."""
-    extinction, matrix = 0.0, np.zeros((4, grid.mu.size))
-    for mode, bounds in zip(aerosol.modes, ranges, strict=True):
-        if bounds.size:
-            size, weight = size_nodes(mode, bounds, wavelength_m=wavelength_m, halving=halving, middles=middles)
-            part = sphere_sums(grid, size_parameter=size, weight=weight, index=mode.index.at(wavelength_m))
-            extinction, matrix = extinction + part[0], matrix + part[1]
-    return np.concatenate([[[extinction, 0.0, 0.0, 0.0]], expand(grid, matrix)])
 
 
 def _size_of(change: NDArray[np.float64]) -> float:
@@ -737,18 +798,6 @@ def _matrix(coefficients: NDArray[np.float64], change: NDArray[np.float64], tole
     )
 
 
-def _extinction(
-    aerosol: MieAerosol, ranges: list[NDArray[np.float64]], wavelength_m: float, halving: int, *, middles: bool
-) -> float:
-    """Integral of the extinction over size by one rule."""
-    total = 0.0
-    for mode, bounds in zip(aerosol.modes, ranges, strict=True):
-        if bounds.size:
-            size, weight = size_nodes(mode, bounds, wavelength_m=wavelength_m, halving=halving, middles=middles)
-            total += extinction_sum(size_parameter=size, weight=weight, index=mode.index.at(wavelength_m))
-    return total
-
-
 def _length(coefficients: NDArray[np.float64], tolerance: float) -> int:
     """Degrees to keep so that those left out sum to less than the tolerance, 2 at least."""
     size = np.max(np.abs(coefficients), axis=1)
@@ -756,94 +805,36 @@ def _length(coefficients: NDArray[np.float64], tolerance: float) -> int:
     return max(int(np.count_nonzero(beyond > tolerance)), 2)
 
 
-# The variable of the integral over size is ln x + x / _BEND: steps of ln x for small spheres, of x for large ones,
-# whose efficiencies ripple with a period in x.
-_BEND = 10.0
-_FIRST_STEP = 0.08
-_LARGEST_SIZE_MIE_AEROSOL = 2e3
-_SCAN_STEP = 0.05  # of ln x, to find the sizes that matter
+@lru_cache(maxsize=16 * _MEMORY)
+def _extinction_m2(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> float:
+    """Return what `aerosol_extinction_m2` does."""
+    ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
+    total = _extinction(aerosol, ranges, wavelength_m, 0, middles=False)
+    for halving in range(_MOST_HALVINGS):
+        coarse = total
+        total = (coarse + _extinction(aerosol, ranges, wavelength_m, halving, middles=True)) / 2.0
+        if abs(total - coarse) <= tolerance * total:
+            break
+    return total / sum(mode.number_share for mode in aerosol.modes)
 
 
-def size_ranges(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float) -> list[NDArray[np.float64]]:
-    """For each mode the size parameters between which its distribution is smooth; empty if it adds nothing."""
-    grids = [_weighed_sizes(mode, wavelength_m) for mode in aerosol.modes]
-    least = tolerance / (8.0 * len(grids)) * sum(float(np.sum(weight)) for _, weight in grids)
-    ranges = [
-        _range(mode, size, weight, least, wavelength_m)
-        for mode, (size, weight) in zip(aerosol.modes, grids, strict=True)
-    ]
-    largest = max(float(bounds[-1]) for bounds in ranges if bounds.size)
-    if largest > _LARGEST_SIZE_MIE_AEROSOL:
-        raise ValueError(
-            f"aerosol {aerosol.name!r}: spheres up to {largest * wavelength_m / (2.0 * pi):.3g} m matter at "
-            f"{wavelength_m:.4g} m, allowed are {_LARGEST_SIZE_MIE_AEROSOL * wavelength_m / (2.0 * pi):.3g} m; "
-            "give a smaller largest_radius_m or a larger tolerance"
-        )
-    return ranges
+def _extinction(
+    aerosol: MieAerosol, ranges: list[NDArray[np.float64]], wavelength_m: float, halving: int, *, middles: bool
+) -> float:
+    """Integral of the extinction over size by one rule."""
+    total = 0.0
+    for mode, bounds in zip(aerosol.modes, ranges, strict=True):
+        if bounds.size:
+            size, weight = _size_nodes(mode, bounds, wavelength_m=wavelength_m, halving=halving, middles=middles)
+            total += _extinction_sum(size_parameter=size, weight=weight, index=mode.index.at(wavelength_m))
+    return total
 
 
-def size_nodes(
-    mode: ParticleMode, bounds: NDArray[np.float64], *, wavelength_m: float, halving: int, middles: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size parameters and weights (number times geometrical cross-section [m2]) of a rule for one mode.
-
-    Korobov's transformation of a trapezoidal rule: Sidi, Practical Extrapolation Methods (2003), appendix D.
-    """
-    place, step = _steps(np.log(bounds) + bounds / _BEND, halving, middles=middles, ends_vanish=mode.sizes.ends_vanish)
-    size = _size_at(place)
-    radius = size * wavelength_m / (2.0 * pi)
-    density = mode.number_share * mode.sizes.number_per_log_radius(radius) * pi * radius**2
-    weight = density * step / (1.0 + size / _BEND)
-    return size[weight > 0.0], weight[weight > 0.0]
-
-
-def _weighed_sizes(mode: ParticleMode, wavelength_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size parameters in equal steps of their logarithm, and roughly what each adds to the extinction."""
-    first, last = mode.sizes.breaks_m[0], mode.sizes.breaks_m[-1]
-    radius = np.geomspace(first, last, ceil(log(last / first) / _SCAN_STEP) + 2)
-    size = 2.0 * pi * radius / wavelength_m
-    # Small spheres absorb like x and scatter like x^4, large ones take away twice their cross-section.
-    efficiency = np.minimum(2.0, 0.25 * size**4 + 2.0 * size * mode.index.at(wavelength_m).imag)
-    number = mode.number_share * mode.sizes.number_per_log_radius(radius)
-    return size, number * radius**2 * efficiency * log(last / first) / radius.size
-
-
-def _range(
-    mode: ParticleMode, size: NDArray[np.float64], weight: NDArray[np.float64], least: float, wavelength_m: float
-) -> NDArray[np.float64]:
-    """Range of one mode: its breaks, cut where the tails beyond add less than the least."""
-    kept = np.flatnonzero((np.cumsum(weight) > least) & (np.cumsum(weight[::-1])[::-1] > least))
-    if kept.size == 0:
-        return np.zeros(0)
-    low, high = size[max(kept[0] - 1, 0)], size[min(kept[-1] + 1, size.size - 1)]
-    breaks = 2.0 * pi * np.array(mode.sizes.breaks_m) / wavelength_m
-    inner = breaks[(breaks > low * (1.0 + 1e-9)) & (breaks < high * (1.0 - 1e-9))]
-    return np.concatenate([[low], inner, [high]])
-
-
-def _steps(
-    bounds: NDArray[np.float64], halving: int, *, middles: bool, ends_vanish: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Abscissae and weights of a rule on neighbouring intervals."""
-    abscissae, weights = [], []
-    for low, high in pairwise(bounds):
-        count = ceil((high - low) / _FIRST_STEP) * 2**halving
-        share = (np.arange(count) + 0.5) / count if middles else np.arange(count + 1.0) / count
-        step = np.full(share.size, 1.0 / count)
-        if not middles:
-            step[[0, -1]] /= 2.0
-        if not ends_vanish:
-            # The rule then is of eighth order on an interval at whose ends the size distribution breaks off.
-            step, share = 140.0 * (share * (1.0 - share)) ** 3 * step, share**4 * np.polyval((-20, 70, -84, 35), share)
-        abscissae.append(low + (high - low) * share)
-        weights.append((high - low) * step)
-    return np.concatenate(abscissae), np.concatenate(weights)
-
-
-def _size_at(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Size parameter x of ln x + x / _BEND, by Newton's method in ln x, which is convex."""
-    logarithm = np.where(place < 1.0, place, np.log(_BEND * np.maximum(place, 1.0)))
-    for _ in range(12):
-        bend = np.exp(logarithm) / _BEND
-        logarithm = logarithm - (logarithm + bend - place) / (1.0 + bend)
-    return np.asarray(np.exp(logarithm))
+def _extinction_sum(*, size_parameter: NDArray[np.float64], weight: NDArray[np.float64], index: complex) -> float:
+    """Sum over spheres of their extinction alone; arguments as in `sphere_sums`."""
+    total = 0.0
+    for start in range(0, size_parameter.size, _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        a, b = sphere_coefficients(size_parameter=size_parameter[chunk], n=index.real, k=index.imag)
+        total += float(weight[chunk] @ efficiencies(size_parameter=size_parameter[chunk], a=a, b=b).extinction)
+    return total

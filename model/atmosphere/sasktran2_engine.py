@@ -257,6 +257,14 @@ def _check_rays(
         raise ValueError("stokes: phi_rad must be finite")
 
 
+def _package() -> Any:
+    """Import the package."""
+    try:
+        return import_module("sasktran2")
+    except ImportError as error:
+        raise ValueError("engine 'sasktran2' is not installed: pip install sasktran2") from error
+
+
 def _configured(sk: Any, streams: int, moments: int) -> Any:
     """Return settings of its engine."""
     config = sk.Config()
@@ -267,11 +275,3 @@ def _configured(sk: Any, streams: int, moments: int) -> Any:
     config.multiple_scatter_source = sk.MultipleScatterSource.DiscreteOrdinates
     config.single_scatter_source = sk.SingleScatterSource.Exact
     return config
-
-
-def _package() -> Any:
-    """Import the package."""
-    try:
-        return import_module("sasktran2")
-    except ImportError as error:
-        raise ValueError("engine 'sasktran2' is not installed: pip install sasktran2") from error

@@ -1,7 +1,8 @@
 """Light of the sun and the sky in a band: from solved atmospheres, by formula or from a table.
 
-The radiance over the solar spectrum is smooth in the wavelength, the solar spectrum is not; so that is the measure, and
-the radiance the function that is integrated.
+`Lighting` is what a scene asks for; `compute_lighting` makes it with the effort of a level of fidelity. The radiance
+over the solar spectrum is smooth in the wavelength, the solar spectrum is not; so the spectrum is the measure, the
+radiance the function that is integrated, and few wavelengths by Gauss's rule for that measure do (`spectral_rule`).
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -26,7 +27,8 @@ from model.atmosphere.layers import (
 )
 from model.atmosphere.solver import Solution, gauss_nodes, solve
 
-# Protocol of the light of an atmosphere, from whatever source
+FloatArray = NDArray[np.float64]
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 class Lighting(Protocol):
@@ -54,9 +56,6 @@ class Lighting(Protocol):
         ...
 
 
-# Fidelity levels of an atmosphere: the effort that goes into it, and the accuracy that it buys
-
-
 class Fidelity(StrEnum):
     """Levels of effort."""
 
@@ -65,6 +64,125 @@ class Fidelity(StrEnum):
     FAST = "fast"
     STANDARD = "standard"
     TABLE = "table"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolarBand:
+    """Spectrum of the Sun outside the atmosphere in the band of a sensor.
+
+    Attributes
+    ----------
+    wavelength_m
+        Samples [m], shape (N,), increasing, two or more.
+    irradiance_w_per_m3
+        Spectral irradiance at the actual distance of the Sun [W m-2 per m of wavelength], 0 or more.
+    response
+        Relative response of the sensor, 0 to 1; 1 throughout gives the radiation in the band itself.
+    """
+
+    wavelength_m: NDArray[np.float64]
+    irradiance_w_per_m3: NDArray[np.float64]
+    response: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        count = np.size(self.wavelength_m)
+        shapes = {np.shape(self.wavelength_m), np.shape(self.irradiance_w_per_m3), np.shape(self.response)}
+        if count < 2 or shapes != {(count,)} or not np.all(np.diff(self.wavelength_m) > 0.0):
+            raise ValueError("SolarBand: wants three arrays of one length, 2 or more, over increasing wavelength_m")
+        if not np.all((self.irradiance_w_per_m3 >= 0.0) & np.isfinite(self.irradiance_w_per_m3)):
+            raise ValueError("SolarBand: irradiance_w_per_m3 must be finite and 0 or more")
+        if not np.all((self.response >= 0.0) & (self.response <= 1.0)) or not np.any(self.weighted > 0.0):
+            raise ValueError("SolarBand: response must be 0 to 1, and somewhere above 0 where the Sun shines")
+
+    @property
+    def weighted(self) -> NDArray[np.float64]:
+        """Spectral irradiance times response [W m-3]."""
+        return self.irradiance_w_per_m3 * self.response
+
+    @property
+    def limits_m(self) -> tuple[float, float]:
+        """Shortest and longest wavelength with a response, with the sample beyond on either side [m]."""
+        used = np.flatnonzero(self.response > 0.0)
+        first, last = max(used[0] - 1, 0), min(used[-1] + 1, self.response.size - 1)
+        return float(self.wavelength_m[first]), float(self.wavelength_m[last])
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]."""
+        reach = np.diff(self.wavelength_m)
+        return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
+
+    def integral(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Irradiance in the band after a spectral factor (..., N) [W m-2], by the trapezoidal rule."""
+        return np.asarray(np.sum(self.shares * factor, axis=-1))
+
+
+class DiffuseLight(Protocol):
+    """Diffuse light of one sun position, one ground and one wavelength, per unit irradiance of the beam."""
+
+    @property
+    def mu0(self) -> float:
+        """Cosine of the solar zenith angle."""
+        ...
+
+    @property
+    def depth(self) -> float:
+        """Extinction optical depth."""
+        ...
+
+    @property
+    def ground_radiance(self) -> float:
+        """Radiance that leaves the Lambertian ground [sr-1]."""
+        ...
+
+    @property
+    def diffuse_irradiance(self) -> float:
+        """Downward diffuse irradiance at the ground."""
+        ...
+
+    @property
+    def converged(self) -> bool:
+        """True if what was asked for was reached."""
+        ...
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated error of the radiance as a share of its mean."""
+        ...
+
+    def stokes(
+        self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
+    ) -> NDArray[np.float64]:
+        """Stokes radiance as `model.atmosphere.solver.Solution.stokes` has it, shape (..., 3) [sr-1]."""
+        ...
+
+
+Light = TypeVar("Light", bound=DiffuseLight, covariant=True)
+
+
+class HowToSolve(TypedDict):
+    """Scene and numerical settings of `model.atmosphere.solver.solve`, which says what they are."""
+
+    mu0: float
+    albedo: float
+    aerosol: AerosolKind
+    nodes: int
+    element_depth: float
+    tolerance: float
+
+
+class _SolverFor(Protocol[Light]):
+    """A call like that of `model.atmosphere.solver.solve`."""
+
+    def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> Light:
+        """Solve one wavelength."""
+        ...
+
+
+# The solver itself, or a store of its solutions that an application puts in its place; and, where only the light
+# counts, also another engine.
+Solver = _SolverFor[Solution]
+LightSolver = _SolverFor[DiffuseLight]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +214,126 @@ class SolverSettings:
     layer_cuts: int = 1
     extrapolated: bool = False
     face_m: float = 0.0
+
+
+# Regions of a scene are looked at along the same lines of sight, one after another.
+_KEPT = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandLighting:
+    """Light in a band from solved atmospheres; a `model.atmosphere.sky.Lighting`."""
+
+    columns: tuple[Column, ...]
+    solutions: tuple[DiffuseLight, ...]
+    irradiance: NDArray[np.float64]
+    direct_irradiance: float
+    wavelength_error: float
+    _kept: dict[Hashable, NDArray[np.float64]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated relative error of the diffuse light by solver and wavelengths; the profile has its own."""
+        return max(solution.error_estimate for solution in self.solutions) + self.wavelength_error
+
+    @property
+    def diffuse_irradiance(self) -> float:
+        """Downward diffuse irradiance at the ground [W m-2]."""
+        return float(self.irradiance @ [solution.diffuse_irradiance for solution in self.solutions])
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky at the ground without the beam, shape (..., 3) [W m-2 sr-1].
+
+        [MK14] eq. (3): the downwelled sky radiance.
+        """
+        mu = _cosine(zenith_rad)
+        return self._band([solution.stokes(solution.depth, mu, phi_rad, looking="up") for solution in self.solutions])
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor over a black target, shape (..., 3) [W m-2 sr-1].
+
+        [MK14] eq. (4).
+        """
+        mu, phi = _cosine(zenith_rad), np.asarray(phi_rad, dtype=float)
+
+        def computed() -> NDArray[np.float64]:
+            return self._band(
+                [
+                    path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi)
+                    for column, solution in zip(self.columns, self.solutions, strict=True)
+                ]
+            )
+
+        return self._once(("path", height_m, mu.shape, mu.tobytes(), phi.shape, phi.tobytes()), computed)
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
+
+        Right for a surface without colour; for another, take the solutions wavelength by wavelength.
+
+        [MK14] eq. (4).
+        """
+        mu = _cosine(zenith_rad)
+
+        def computed() -> NDArray[np.float64]:
+            beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
+            each = [
+                path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu)
+                for column in self.columns
+            ]
+            return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
+
+        return self._once(("transmittance", height_m, mu.shape, mu.tobytes()), computed)
+
+    def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return an array of its own, computed where none of the last ones is the same."""
+        found = self._kept.get(key)
+        if found is None:
+            found = compute()
+            if len(self._kept) >= _KEPT:
+                self._kept.clear()
+            self._kept[key] = found
+        return found.copy()
+
+    def _band(self, each: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Sum over the wavelengths."""
+        return np.asarray(np.tensordot(self.irradiance, np.array(each), 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalyticLighting:
+    """A sky by formula with the beam and the path of another lighting; a `model.atmosphere.sky.Lighting`."""
+
+    path_and_beam: Lighting
+    mu0: float
+    zenith_radiance: float
+    dolp_max: float
+
+    @property
+    def direct_irradiance(self) -> float:
+        """Irradiance of the beam at the ground on a plane normal to it [W m-2]."""
+        return self.path_and_beam.direct_irradiance
+
+    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
+
+        definition: see `analytic_sky`
+        """
+        return analytic_sky(
+            mu0=self.mu0,
+            zenith_radiance=self.zenith_radiance,
+            dolp_max=self.dolp_max,
+            zenith_rad=zenith_rad,
+            phi_rad=phi_rad,
+        )
+
+    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
+        """Transmittance from the ground to a sensor."""
+        return self.path_and_beam.transmittance(height_m=height_m, zenith_rad=zenith_rad)
+
+    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
+        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1]."""
+        return self.path_and_beam.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,62 +387,46 @@ FIDELITY_LEVELS: Mapping[Fidelity, FidelityFacts] = MappingProxyType(
 )
 
 
-# Diffuse light of a solved atmosphere, whoever solved it, and the irradiance of the ground by its sky
-
-
-class DiffuseLight(Protocol):
-    """Diffuse light of one sun position, one ground and one wavelength, per unit irradiance of the beam."""
-
-    @property
-    def mu0(self) -> float:
-        """Cosine of the solar zenith angle."""
-        ...
-
-    @property
-    def depth(self) -> float:
-        """Extinction optical depth."""
-        ...
-
-    @property
-    def ground_radiance(self) -> float:
-        """Radiance that leaves the Lambertian ground [sr-1]."""
-        ...
-
-    @property
-    def diffuse_irradiance(self) -> float:
-        """Downward diffuse irradiance at the ground."""
-        ...
-
-    @property
-    def converged(self) -> bool:
-        """True if what was asked for was reached."""
-        ...
-
-    @property
-    def error_estimate(self) -> float:
-        """Estimated error of the radiance as a share of its mean."""
-        ...
-
-    def stokes(
-        self, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike, *, looking: Literal["up", "down"]
-    ) -> NDArray[np.float64]:
-        """Stokes radiance as `model.atmosphere.solver.Solution.stokes` has it, shape (..., 3) [sr-1]."""
-        ...
-
-
-_NODES, _AZIMUTHS = 12, 36  # within 1e-3 for a forward peak of the aerosol that an expansion to MATRIX_DEGREE holds
-MATRIX_DEGREE = 17
-
-
-def sky_irradiance(light: DiffuseLight) -> float:
-    """Downward diffuse irradiance at the ground, per unit beam irradiance."""
-    mu, weights = gauss_nodes(_NODES)
-    phi_rad = 2.0 * pi * np.arange(_AZIMUTHS) / _AZIMUTHS
-    sky = light.stokes(light.depth, mu, phi_rad[:, np.newaxis], looking="up")
-    return 2.0 * pi * float(np.mean(sky[..., 0], axis=0) @ (weights * mu))
-
-
-# An atmosphere that weakens the beam and scatters no light anywhere: where all scattered light is left out
+def compute_lighting(
+    state: AtmosphereState,
+    *,
+    fidelity: Fidelity,
+    band: SolarBand,
+    mu0: float,
+    albedo: float,
+    aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
+    wavelengths: int = 4,
+    split_at_kinks: bool = False,
+    dolp_max: float = 0.2,
+    solver: LightSolver = solve,
+    settings: SolverSettings | None = None,
+) -> BandLighting | AnalyticLighting:
+    """Light of one sun position in a band."""
+    if fidelity is Fidelity.TABLE:
+        raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
+    kind = AerosolKind(aerosol)
+    ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
+    rule = spectral_rule(
+        wavelength_m=band.wavelength_m,
+        irradiance=band.shares * ozone,
+        count=wavelengths,
+        kinks_m=kinks_m(state, aerosol=kind) if split_at_kinks else (),
+    )
+    columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in rule.wavelength_m)
+    own = FIDELITY_LEVELS[fidelity].settings
+    solutions = tuple(
+        solve_column(
+            single_solution if own is None else solver,
+            one,
+            settings or own or STANDARD_SETTINGS,
+            mu0=mu0,
+            albedo=albedo,
+            aerosol=kind,
+        )
+        for one in columns
+    )
+    lighting = _band_lighting(state, band, ozone, rule, columns, solutions)
+    return lighting if fidelity is not Fidelity.ANALYTIC else analytic_lighting(lighting, mu0=mu0, dolp_max=dolp_max)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +453,8 @@ def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSol
     return UnlitSolution(mu0=mu0, depth=float(sum(layer.full_depth for layer in layers)))
 
 
-# The atmosphere in which light is scattered at most once
+_NODES, _AZIMUTHS = 12, 36  # within 1e-3 for a forward peak of the aerosol that an expansion to MATRIX_DEGREE holds
+MATRIX_DEGREE = 17
 
 
 def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: object) -> Solution:
@@ -252,103 +475,12 @@ def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: 
     return replace(_beam_only(merged, mu0=mu0, albedo=albedo), diffuse_irradiance=sky + peak)
 
 
-def _beam_only(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
-    """Light scattered once, its irradiance left open."""
-    edges = np.cumsum([0.0, *(layer.depth for layer in layers)])
-    return Solution(
-        layers=tuple(layers),
-        mu0=mu0,
-        edges=edges,
-        blocks=(),
-        ground_radiance=albedo / pi * mu0 * exp(-float(edges[-1]) / mu0),
-        diffuse_irradiance=0.0,
-        orders=1,
-        converged=False,
-        error_estimate=1.0,
-    )
-
-
-# A sky by formula: right in its geometry, rough in its numbers
-
-_GRADATION = (-1.0, -0.32)
-_INDICATRIX = (10.0, -3.0, 0.45)
-
-
-def analytic_sky(
-    *, mu0: float, zenith_radiance: float, dolp_max: float, zenith_rad: ArrayLike, phi_rad: ArrayLike
-) -> NDArray[np.float64]:
-    """Stokes radiance of a clear sky by formula, shape (..., 3), in the unit of the zenith radiance.
-
-    Vibration across the scattering plane, as for light scattered once: there are no neutral points beside the sun.
-
-    ISO 15469:2004 / CIE S 011, sky type 12 (radiance); Rayleigh's law (polarization).
-    """
-    zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
-    mu = np.maximum(np.cos(zenith), 0.0)
-    beam = np.sqrt(1.0 - mu0**2)
-    from_sun = np.arccos(np.clip(mu * mu0 + np.sin(zenith) * beam * np.cos(phi), -1.0, 1.0))
-    radiance = _gradation(mu) * _indicatrix(from_sun)
-    radiance *= zenith_radiance / (_gradation(np.array(1.0)) * _indicatrix(np.arccos(np.array(mu0))))
-    column = rayleigh_column(mu=-mu, beam_mu=-mu0, phi_rad=phi)
-    share = column / column[..., :1] * np.array([1.0, -dolp_max, -dolp_max])
-    return np.asarray(radiance[..., np.newaxis] * share)
-
-
-def _gradation(mu: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance over zenith angle."""
-    factor, rate = _GRADATION
-    exponent = np.full(mu.shape, -np.inf)
-    np.divide(rate, mu, out=exponent, where=mu > 0.0)
-    return np.asarray(1.0 + factor * np.exp(exponent))
-
-
-def _indicatrix(from_sun_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Radiance over the angle from the sun."""
-    factor, rate, back = _INDICATRIX
-    peak = np.exp(rate * from_sun_rad) - np.exp(rate * np.pi / 2.0)
-    return np.asarray(1.0 + factor * peak + back * np.cos(from_sun_rad) ** 2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnalyticLighting:
-    """A sky by formula with the beam and the path of another lighting; a `model.atmosphere.sky.Lighting`."""
-
-    path_and_beam: Lighting
-    mu0: float
-    zenith_radiance: float
-    dolp_max: float
-
-    @property
-    def direct_irradiance(self) -> float:
-        """Irradiance of the beam at the ground on a plane normal to it [W m-2]."""
-        return self.path_and_beam.direct_irradiance
-
-    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
-
-        definition: see `analytic_sky`
-        """
-        return analytic_sky(
-            mu0=self.mu0,
-            zenith_radiance=self.zenith_radiance,
-            dolp_max=self.dolp_max,
-            zenith_rad=zenith_rad,
-            phi_rad=phi_rad,
-        )
-
-    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
-        """Transmittance from the ground to a sensor."""
-        return self.path_and_beam.transmittance(height_m=height_m, zenith_rad=zenith_rad)
-
-    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1]."""
-        return self.path_and_beam.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad)
-
-
-# Light from a user's own table: another code's, or an all-sky camera's
-
-_TURN = 2.0 * np.pi
-_ROUNDING_RAD = 1e-9
+def sky_irradiance(light: DiffuseLight) -> float:
+    """Downward diffuse irradiance at the ground, per unit beam irradiance."""
+    mu, weights = gauss_nodes(_NODES)
+    phi_rad = 2.0 * pi * np.arange(_AZIMUTHS) / _AZIMUTHS
+    sky = light.stokes(light.depth, mu, phi_rad[:, np.newaxis], looking="up")
+    return 2.0 * pi * float(np.mean(sky[..., 0], axis=0) @ (weights * mu))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -468,75 +600,6 @@ class TableLighting:
         return np.asarray(_between((self.height_m,), table, np.array([[height_m]]))[0])
 
 
-def _check_azimuths(phi_rad: NDArray[np.float64]) -> None:
-    """Refuse azimuths that cover neither a half nor a whole turn."""
-    rising = phi_rad.ndim == 1 and phi_rad.size >= 2 and bool(np.all(np.diff(phi_rad) > 0.0))
-    if not rising or abs(phi_rad[0]) > _ROUNDING_RAD:
-        raise ValueError("TableLighting: phi_rad must increase from 0")
-    if min(abs(phi_rad[-1] - _TURN), abs(phi_rad[-1] - np.pi)) > _ROUNDING_RAD:
-        raise ValueError(f"TableLighting: phi_rad ends at {phi_rad[-1]:.6g} rad, but it must end at pi or 2 pi")
-
-
-def _whole_turn(
-    phi_rad: NDArray[np.float64], stokes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Table (Z, P, 3) over a whole turn; the other side of the principal plane has S2 of the other sign."""
-    if phi_rad[-1] > np.pi + _ROUNDING_RAD:
-        return phi_rad, stokes
-    mirrored = stokes[:, -2::-1] * np.array([1.0, 1.0, -1.0])
-    return np.concatenate([phi_rad, _TURN - phi_rad[-2::-1]]), np.concatenate([stokes, mirrored], axis=1)
-
-
-def _read_directions(
-    zenith_axis_rad: NDArray[np.float64],
-    phi_axis_rad: NDArray[np.float64],
-    stokes: NDArray[np.float64],
-    zenith_rad: ArrayLike,
-    phi_rad: ArrayLike,
-    *,
-    looking: Literal["up", "down"],
-) -> NDArray[np.float64]:
-    """Table (Z, P, 3) at directions."""
-    zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
-    sense = 1.0 if looking == "up" else -1.0
-    fixed = _turned(stokes, -sense * phi_axis_rad)
-    points = np.stack([zenith, np.mod(phi, _TURN)], axis=-1)
-    return _turned(_interpolate((zenith_axis_rad, phi_axis_rad), fixed, points), sense * phi)
-
-
-def _turned(stokes: NDArray[np.float64], angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Stokes parameters with their vibration turned counter-clockwise."""
-    cosine, sine = np.cos(2.0 * angle_rad), np.sin(2.0 * angle_rad)
-    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
-    return np.stack([s0 + 0.0 * cosine, cosine * s1 - sine * s2, sine * s1 + cosine * s2], axis=-1)
-
-
-def _interpolate(
-    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Linear interpolation that refuses to leave the table's zenith angles."""
-    zenith, axis = points[..., 0], axes[0]
-    if not np.all((zenith >= axis[0]) & (zenith <= axis[-1])):
-        raise ValueError(
-            f"zenith_rad runs from {np.min(zenith):.6g} to {np.max(zenith):.6g} rad, "
-            f"the table holds {axis[0]:.6g} to {axis[-1]:.6g} rad"
-        )
-    # The last azimuth may be short of a whole turn by rounding.
-    return _between(axes, table, points).reshape((*zenith.shape, *table.shape[len(axes) :]))
-
-
-def _between(
-    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return a table linearly between its nodes, and beyond its last ones along the same lines."""
-    from scipy.interpolate import RegularGridInterpolator
-
-    return np.asarray(RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)(points))
-
-
-# Light taken as so much of the one atmosphere and so much of another: how unsure one is of a kind of aerosol
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MixedLighting:
     """Two lights mixed linearly; a `model.atmosphere.sky.Lighting`.
@@ -575,9 +638,6 @@ class MixedLighting:
         return np.asarray((1.0 - self.share) * first + self.share * second)
 
 
-# The Sun above the atmosphere: its distance, and its spectrum in the band of a sensor
-
-
 def distance_factor(*, day_of_year: float) -> float:
     """Irradiance outside the atmosphere over that at the mean distance of the Sun, (R0/R)^2.
 
@@ -606,71 +666,16 @@ def distance_factor(*, day_of_year: float) -> float:
     return float(first + 0.000719 * np.cos(2.0 * angle) + 0.000077 * np.sin(2.0 * angle))
 
 
-@dataclass(frozen=True, kw_only=True)
-class SolarBand:
-    """Spectrum of the Sun outside the atmosphere in the band of a sensor.
-
-    Attributes
-    ----------
-    wavelength_m
-        Samples [m], shape (N,), increasing, two or more.
-    irradiance_w_per_m3
-        Spectral irradiance at the actual distance of the Sun [W m-2 per m of wavelength], 0 or more.
-    response
-        Relative response of the sensor, 0 to 1; 1 throughout gives the radiation in the band itself.
-    """
-
-    wavelength_m: NDArray[np.float64]
-    irradiance_w_per_m3: NDArray[np.float64]
-    response: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        count = np.size(self.wavelength_m)
-        shapes = {np.shape(self.wavelength_m), np.shape(self.irradiance_w_per_m3), np.shape(self.response)}
-        if count < 2 or shapes != {(count,)} or not np.all(np.diff(self.wavelength_m) > 0.0):
-            raise ValueError("SolarBand: wants three arrays of one length, 2 or more, over increasing wavelength_m")
-        if not np.all((self.irradiance_w_per_m3 >= 0.0) & np.isfinite(self.irradiance_w_per_m3)):
-            raise ValueError("SolarBand: irradiance_w_per_m3 must be finite and 0 or more")
-        if not np.all((self.response >= 0.0) & (self.response <= 1.0)) or not np.any(self.weighted > 0.0):
-            raise ValueError("SolarBand: response must be 0 to 1, and somewhere above 0 where the Sun shines")
-
-    @property
-    def weighted(self) -> NDArray[np.float64]:
-        """Spectral irradiance times response [W m-3]."""
-        return self.irradiance_w_per_m3 * self.response
-
-    @property
-    def limits_m(self) -> tuple[float, float]:
-        """Shortest and longest wavelength with a response, with the sample beyond on either side [m]."""
-        used = np.flatnonzero(self.response > 0.0)
-        first, last = max(used[0] - 1, 0), min(used[-1] + 1, self.response.size - 1)
-        return float(self.wavelength_m[first]), float(self.wavelength_m[last])
-
-    @property
-    def shares(self) -> NDArray[np.float64]:
-        """Irradiance that each sample stands for by the trapezoidal rule, shape (N,) [W m-2]."""
-        reach = np.diff(self.wavelength_m)
-        return np.asarray(self.weighted * 0.5 * (np.append(reach, 0.0) + np.append(0.0, reach)))
-
-    def integral(self, factor: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Irradiance in the band after a spectral factor (..., N) [W m-2], by the trapezoidal rule."""
-        return np.asarray(np.sum(self.shares * factor, axis=-1))
-
-
-# Quadrature rule of few wavelengths for a band: Gauss's, for the sun's spectrum itself
-
-FloatArray = NDArray[np.float64]
-
-# Of a share of the band, so that a whole one is not rounded up.
-_ROUNDING = 1e-9
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectralRule:
     """Wavelengths at which to compute the ratio of radiance to solar irradiance, and what each stands for."""
 
     wavelength_m: FloatArray
     irradiance: FloatArray
+
+
+# Of a share of the band, so that a whole one is not rounded up.
+_ROUNDING = 1e-9
 
 
 def spectral_rule(
@@ -701,6 +706,112 @@ def spectral_rule(
     )
 
 
+def solve_column(
+    solver: LightSolver, column: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
+) -> DiffuseLight:
+    """Return the diffuse light of one wavelength."""
+    if settings.extrapolated:
+        plain = replace(settings, extrapolated=False)
+        halved = replace(plain, layer_cuts=2 * plain.layer_cuts, element_depth=0.5 * plain.element_depth)
+        coarse, fine = (
+            solve_column(solver, column, one, mu0=mu0, albedo=albedo, aerosol=aerosol) for one in (plain, halved)
+        )
+        return _ExtrapolatedLight(coarse=coarse, fine=fine)
+    return solver(
+        column.layers(
+            fine=settings.fine_layers,
+            aerosol=aerosol,
+            matrix_tolerance=settings.matrix_tolerance,
+            cuts=settings.layer_cuts,
+            face_m=settings.face_m,
+        ),
+        mu0=mu0,
+        albedo=albedo,
+        aerosol=aerosol,
+        nodes=settings.nodes,
+        element_depth=settings.element_depth,
+        tolerance=settings.tolerance,
+    )
+
+
+def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:
+    """Return a sky by formula that has the radiance of another at the zenith.
+
+    definition: see `model.atmosphere.sky`
+    """
+    zenith = float(path_and_beam.sky(zenith_rad=0.0, phi_rad=0.0)[0])
+    return AnalyticLighting(path_and_beam=path_and_beam, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
+
+
+def _cosine(zenith_rad: ArrayLike) -> NDArray[np.float64]:
+    """Cosine of zenith angles that were checked; exactly 0 at the horizon."""
+    zenith = np.asarray(zenith_rad, dtype=float)
+    if not np.all((zenith >= 0.0) & (zenith <= np.pi / 2.0)):
+        raise ValueError("zenith_rad must be 0 to pi/2 rad")
+    return np.asarray(np.sin(np.pi / 2.0 - zenith))
+
+
+def path_radiance(
+    solution: DiffuseLight, *, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike
+) -> NDArray[np.float64]:
+    """Stokes radiance that the air below a sensor adds over a black target, per unit beam irradiance [sr-1].
+
+    [MK14] eq. (4): the upwelled radiance; with light from the surroundings scattered into the line of sight.
+    """
+    tau = np.asarray(tau_above, dtype=float)
+    stokes = solution.stokes(tau, mu, phi_rad, looking="down")
+    below = np.maximum(solution.depth - tau, 0.0)
+    stokes[..., 0] -= solution.ground_radiance * path_transmittance(tau_below=below, mu=mu)
+    return stokes
+
+
+def path_transmittance(*, tau_below: ArrayLike, mu: ArrayLike) -> NDArray[np.float64]:
+    """Transmittance from the ground to a sensor.
+
+    [MK14] eq. (4): the transmittance tau of direct and of diffuse reflected light.
+    """
+    return np.exp(-slant(np.asarray(tau_below, dtype=float), np.asarray(mu, dtype=float)))
+
+
+def analytic_sky(
+    *, mu0: float, zenith_radiance: float, dolp_max: float, zenith_rad: ArrayLike, phi_rad: ArrayLike
+) -> NDArray[np.float64]:
+    """Stokes radiance of a clear sky by formula, shape (..., 3), in the unit of the zenith radiance.
+
+    Vibration across the scattering plane, as for light scattered once: there are no neutral points beside the sun.
+
+    ISO 15469:2004 / CIE S 011, sky type 12 (radiance); Rayleigh's law (polarization).
+    """
+    zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
+    mu = np.maximum(np.cos(zenith), 0.0)
+    beam = np.sqrt(1.0 - mu0**2)
+    from_sun = np.arccos(np.clip(mu * mu0 + np.sin(zenith) * beam * np.cos(phi), -1.0, 1.0))
+    radiance = _gradation(mu) * _indicatrix(from_sun)
+    radiance *= zenith_radiance / (_gradation(np.array(1.0)) * _indicatrix(np.arccos(np.array(mu0))))
+    column = rayleigh_column(mu=-mu, beam_mu=-mu0, phi_rad=phi)
+    share = column / column[..., :1] * np.array([1.0, -dolp_max, -dolp_max])
+    return np.asarray(radiance[..., np.newaxis] * share)
+
+
+_GRADATION = (-1.0, -0.32)
+_INDICATRIX = (10.0, -3.0, 0.45)
+
+
+def _gradation(mu: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiance over zenith angle."""
+    factor, rate = _GRADATION
+    exponent = np.full(mu.shape, -np.inf)
+    np.divide(rate, mu, out=exponent, where=mu > 0.0)
+    return np.asarray(1.0 + factor * np.exp(exponent))
+
+
+def _indicatrix(from_sun_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiance over the angle from the sun."""
+    factor, rate, back = _INDICATRIX
+    peak = np.exp(rate * from_sun_rad) - np.exp(rate * np.pi / 2.0)
+    return np.asarray(1.0 + factor * peak + back * np.cos(from_sun_rad) ** 2)
+
+
 def _gauss(inverse: FloatArray, weight: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Gauss's nodes for a sum over samples, falling, and their weights: eigenvalues of Lanczos's tridiagonal matrix."""
     if inverse.size <= count:
@@ -722,13 +833,8 @@ def _gauss(inverse: FloatArray, weight: FloatArray, count: int) -> tuple[FloatAr
     return nodes, np.sum(weight) * eigen[0, ::-1] ** 2
 
 
-# One wavelength of an atmosphere, solved with the settings of a fidelity level
-
-Number = TypeVar("Number", float, NDArray[np.float64])
-
-
 @dataclass(frozen=True, kw_only=True)
-class ExtrapolatedLight:
+class _ExtrapolatedLight:
     """A `model.atmosphere.sky.DiffuseLight` from two others: Richardson's extrapolation.
 
     What is left of the layers' error falls as the fourth power of their thickness, at their faces. Within a layer
@@ -782,230 +888,20 @@ def _extrapolated(coarse: Number, fine: Number) -> Number:
     return fine + (fine - coarse) / 3.0
 
 
-Light = TypeVar("Light", bound=DiffuseLight, covariant=True)
-
-
-class HowToSolve(TypedDict):
-    """Scene and numerical settings of `model.atmosphere.solver.solve`, which says what they are."""
-
-    mu0: float
-    albedo: float
-    aerosol: AerosolKind
-    nodes: int
-    element_depth: float
-    tolerance: float
-
-
-class _SolverFor(Protocol[Light]):
-    """A call like that of `model.atmosphere.solver.solve`."""
-
-    def __call__(self, layers: tuple[Layer, ...], **how: Unpack[HowToSolve]) -> Light:
-        """Solve one wavelength."""
-        ...
-
-
-# The solver itself, or a store of its solutions that an application puts in its place; and, where only the light
-# counts, also another engine.
-Solver = _SolverFor[Solution]
-LightSolver = _SolverFor[DiffuseLight]
-
-
-def solve_column(
-    solver: LightSolver, column: Column, settings: SolverSettings, *, mu0: float, albedo: float, aerosol: AerosolKind
-) -> DiffuseLight:
-    """Return the diffuse light of one wavelength."""
-    if settings.extrapolated:
-        plain = replace(settings, extrapolated=False)
-        halved = replace(plain, layer_cuts=2 * plain.layer_cuts, element_depth=0.5 * plain.element_depth)
-        coarse, fine = (
-            solve_column(solver, column, one, mu0=mu0, albedo=albedo, aerosol=aerosol) for one in (plain, halved)
-        )
-        return ExtrapolatedLight(coarse=coarse, fine=fine)
-    return solver(
-        column.layers(
-            fine=settings.fine_layers,
-            aerosol=aerosol,
-            matrix_tolerance=settings.matrix_tolerance,
-            cuts=settings.layer_cuts,
-            face_m=settings.face_m,
-        ),
+def _beam_only(layers: Sequence[Layer], *, mu0: float, albedo: float) -> Solution:
+    """Light scattered once, its irradiance left open."""
+    edges = np.cumsum([0.0, *(layer.depth for layer in layers)])
+    return Solution(
+        layers=tuple(layers),
         mu0=mu0,
-        albedo=albedo,
-        aerosol=aerosol,
-        nodes=settings.nodes,
-        element_depth=settings.element_depth,
-        tolerance=settings.tolerance,
+        edges=edges,
+        blocks=(),
+        ground_radiance=albedo / pi * mu0 * exp(-float(edges[-1]) / mu0),
+        diffuse_irradiance=0.0,
+        orders=1,
+        converged=False,
+        error_estimate=1.0,
     )
-
-
-# Light in a band from a computed atmosphere: few wavelengths, each with its share of the solar spectrum
-
-# Regions of a scene are looked at along the same lines of sight, one after another.
-_KEPT = 64
-
-
-@dataclass(frozen=True, kw_only=True)
-class BandLighting:
-    """Light in a band from solved atmospheres; a `model.atmosphere.sky.Lighting`."""
-
-    columns: tuple[Column, ...]
-    solutions: tuple[DiffuseLight, ...]
-    irradiance: NDArray[np.float64]
-    direct_irradiance: float
-    wavelength_error: float
-    _kept: dict[Hashable, NDArray[np.float64]] = field(default_factory=dict, init=False, repr=False, compare=False)
-
-    @property
-    def error_estimate(self) -> float:
-        """Estimated relative error of the diffuse light by solver and wavelengths; the profile has its own."""
-        return max(solution.error_estimate for solution in self.solutions) + self.wavelength_error
-
-    @property
-    def diffuse_irradiance(self) -> float:
-        """Downward diffuse irradiance at the ground [W m-2]."""
-        return float(self.irradiance @ [solution.diffuse_irradiance for solution in self.solutions])
-
-    def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance of the sky at the ground without the beam, shape (..., 3) [W m-2 sr-1].
-
-        [MK14] eq. (3): the downwelled sky radiance.
-        """
-        mu = _cosine(zenith_rad)
-        return self._band([solution.stokes(solution.depth, mu, phi_rad, looking="up") for solution in self.solutions])
-
-    def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance added below a sensor over a black target, shape (..., 3) [W m-2 sr-1].
-
-        [MK14] eq. (4).
-        """
-        mu, phi = _cosine(zenith_rad), np.asarray(phi_rad, dtype=float)
-
-        def computed() -> NDArray[np.float64]:
-            return self._band(
-                [
-                    path_radiance(solution, tau_above=column.tau_above(height_m), mu=mu, phi_rad=phi)
-                    for column, solution in zip(self.columns, self.solutions, strict=True)
-                ]
-            )
-
-        return self._once(("path", height_m, mu.shape, mu.tobytes(), phi.shape, phi.tobytes()), computed)
-
-    def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
-        """Transmittance from the ground to a sensor, in the mean over the spectrum of the beam at the ground.
-
-        Right for a surface without colour; for another, take the solutions wavelength by wavelength.
-
-        [MK14] eq. (4).
-        """
-        mu = _cosine(zenith_rad)
-
-        def computed() -> NDArray[np.float64]:
-            beam = self.irradiance * [np.exp(-one.depth / one.mu0) for one in self.solutions]
-            each = [
-                path_transmittance(tau_below=column.depth - column.tau_above(height_m), mu=mu)
-                for column in self.columns
-            ]
-            return np.asarray(np.tensordot(beam / np.sum(beam), np.array(each), 1))
-
-        return self._once(("transmittance", height_m, mu.shape, mu.tobytes()), computed)
-
-    def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Return an array of its own, computed where none of the last ones is the same."""
-        found = self._kept.get(key)
-        if found is None:
-            found = compute()
-            if len(self._kept) >= _KEPT:
-                self._kept.clear()
-            self._kept[key] = found
-        return found.copy()
-
-    def _band(self, each: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Sum over the wavelengths."""
-        return np.asarray(np.tensordot(self.irradiance, np.array(each), 1))
-
-
-def _cosine(zenith_rad: ArrayLike) -> NDArray[np.float64]:
-    """Cosine of zenith angles that were checked; exactly 0 at the horizon."""
-    zenith = np.asarray(zenith_rad, dtype=float)
-    if not np.all((zenith >= 0.0) & (zenith <= np.pi / 2.0)):
-        raise ValueError("zenith_rad must be 0 to pi/2 rad")
-    return np.asarray(np.sin(np.pi / 2.0 - zenith))
-
-
-def path_transmittance(*, tau_below: ArrayLike, mu: ArrayLike) -> NDArray[np.float64]:
-    """Transmittance from the ground to a sensor.
-
-    [MK14] eq. (4): the transmittance tau of direct and of diffuse reflected light.
-    """
-    return np.exp(-slant(np.asarray(tau_below, dtype=float), np.asarray(mu, dtype=float)))
-
-
-def path_radiance(
-    solution: DiffuseLight, *, tau_above: ArrayLike, mu: ArrayLike, phi_rad: ArrayLike
-) -> NDArray[np.float64]:
-    """Stokes radiance that the air below a sensor adds over a black target, per unit beam irradiance [sr-1].
-
-    [MK14] eq. (4): the upwelled radiance; with light from the surroundings scattered into the line of sight.
-    """
-    tau = np.asarray(tau_above, dtype=float)
-    stokes = solution.stokes(tau, mu, phi_rad, looking="down")
-    below = np.maximum(solution.depth - tau, 0.0)
-    stokes[..., 0] -= solution.ground_radiance * path_transmittance(tau_below=below, mu=mu)
-    return stokes
-
-
-# Light in a band, computed with the effort of a fidelity level
-
-
-def compute_lighting(
-    state: AtmosphereState,
-    *,
-    fidelity: Fidelity,
-    band: SolarBand,
-    mu0: float,
-    albedo: float,
-    aerosol: AerosolKind = AerosolKind.DEPOLARIZING,
-    wavelengths: int = 4,
-    split_at_kinks: bool = False,
-    dolp_max: float = 0.2,
-    solver: LightSolver = solve,
-    settings: SolverSettings | None = None,
-) -> BandLighting | AnalyticLighting:
-    """Light of one sun position in a band."""
-    if fidelity is Fidelity.TABLE:
-        raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
-    kind = AerosolKind(aerosol)
-    ozone = np.exp(-ozone_optical_depth(wavelength_m=band.wavelength_m, ozone_m=state.ozone_m) / mu0)
-    rule = spectral_rule(
-        wavelength_m=band.wavelength_m,
-        irradiance=band.shares * ozone,
-        count=wavelengths,
-        kinks_m=kinks_m(state, aerosol=kind) if split_at_kinks else (),
-    )
-    columns = tuple(column(state, wavelength_m=float(wavelength)) for wavelength in rule.wavelength_m)
-    own = FIDELITY_LEVELS[fidelity].settings
-    solutions = tuple(
-        solve_column(
-            single_solution if own is None else solver,
-            one,
-            settings or own or STANDARD_SETTINGS,
-            mu0=mu0,
-            albedo=albedo,
-            aerosol=kind,
-        )
-        for one in columns
-    )
-    lighting = _band_lighting(state, band, ozone, rule, columns, solutions)
-    return lighting if fidelity is not Fidelity.ANALYTIC else analytic_lighting(lighting, mu0=mu0, dolp_max=dolp_max)
-
-
-def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:
-    """Return a sky by formula that has the radiance of another at the zenith.
-
-    definition: see `model.atmosphere.sky`
-    """
-    zenith = float(path_and_beam.sky(zenith_rad=0.0, phi_rad=0.0)[0])
-    return AnalyticLighting(path_and_beam=path_and_beam, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
 
 
 def _band_lighting(
@@ -1030,3 +926,73 @@ def _band_lighting(
         direct_irradiance=direct,
         wavelength_error=abs(from_nodes / direct - 1.0),
     )
+
+
+_TURN = 2.0 * np.pi
+_ROUNDING_RAD = 1e-9
+
+
+def _check_azimuths(phi_rad: NDArray[np.float64]) -> None:
+    """Refuse azimuths that cover neither a half nor a whole turn."""
+    rising = phi_rad.ndim == 1 and phi_rad.size >= 2 and bool(np.all(np.diff(phi_rad) > 0.0))
+    if not rising or abs(phi_rad[0]) > _ROUNDING_RAD:
+        raise ValueError("TableLighting: phi_rad must increase from 0")
+    if min(abs(phi_rad[-1] - _TURN), abs(phi_rad[-1] - np.pi)) > _ROUNDING_RAD:
+        raise ValueError(f"TableLighting: phi_rad ends at {phi_rad[-1]:.6g} rad, but it must end at pi or 2 pi")
+
+
+def _read_directions(
+    zenith_axis_rad: NDArray[np.float64],
+    phi_axis_rad: NDArray[np.float64],
+    stokes: NDArray[np.float64],
+    zenith_rad: ArrayLike,
+    phi_rad: ArrayLike,
+    *,
+    looking: Literal["up", "down"],
+) -> NDArray[np.float64]:
+    """Table (Z, P, 3) at directions."""
+    zenith, phi = np.broadcast_arrays(np.asarray(zenith_rad, dtype=float), np.asarray(phi_rad, dtype=float))
+    sense = 1.0 if looking == "up" else -1.0
+    fixed = _turned(stokes, -sense * phi_axis_rad)
+    points = np.stack([zenith, np.mod(phi, _TURN)], axis=-1)
+    return _turned(_interpolate((zenith_axis_rad, phi_axis_rad), fixed, points), sense * phi)
+
+
+def _turned(stokes: NDArray[np.float64], angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stokes parameters with their vibration turned counter-clockwise."""
+    cosine, sine = np.cos(2.0 * angle_rad), np.sin(2.0 * angle_rad)
+    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
+    return np.stack([s0 + 0.0 * cosine, cosine * s1 - sine * s2, sine * s1 + cosine * s2], axis=-1)
+
+
+def _interpolate(
+    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Linear interpolation that refuses to leave the table's zenith angles."""
+    zenith, axis = points[..., 0], axes[0]
+    if not np.all((zenith >= axis[0]) & (zenith <= axis[-1])):
+        raise ValueError(
+            f"zenith_rad runs from {np.min(zenith):.6g} to {np.max(zenith):.6g} rad, "
+            f"the table holds {axis[0]:.6g} to {axis[-1]:.6g} rad"
+        )
+    # The last azimuth may be short of a whole turn by rounding.
+    return _between(axes, table, points).reshape((*zenith.shape, *table.shape[len(axes) :]))
+
+
+def _between(
+    axes: tuple[NDArray[np.float64], ...], table: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return a table linearly between its nodes, and beyond its last ones along the same lines."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    return np.asarray(RegularGridInterpolator(axes, table, bounds_error=False, fill_value=None)(points))
+
+
+def _whole_turn(
+    phi_rad: NDArray[np.float64], stokes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Table (Z, P, 3) over a whole turn; the other side of the principal plane has S2 of the other sign."""
+    if phi_rad[-1] > np.pi + _ROUNDING_RAD:
+        return phi_rad, stokes
+    mirrored = stokes[:, -2::-1] * np.array([1.0, 1.0, -1.0])
+    return np.concatenate([phi_rad, _TURN - phi_rad[-2::-1]]), np.concatenate([stokes, mirrored], axis=1)

@@ -1,4 +1,9 @@
-"""Agreement of prediction and measurement: scores, propagation and update of inputs, trends."""
+"""Agreement of prediction and measurement: scores, propagation and update of inputs, trends.
+
+Uncertain inputs reach a prediction by slopes, or by quadrature where its response is curved (`propagate`). What is
+measured updates them (`update_inputs`), which also says how well the data tell one input from another. Many scores
+are judged together by Holm's rule; trends are tested by a weighted line and by the correlation of ranks.
+"""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -8,8 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.numerics import gammaincc, ndtr
-
-# Agreement of prediction and measurement: standard scores, and a decision over all of them
 
 FloatArray = NDArray[np.float64]
 
@@ -63,41 +66,6 @@ def holm_rejections(p_values: ArrayLike, *, alpha: float) -> NDArray[np.bool_]:
     return rejected
 
 
-def propagate_inputs(
-    function: Callable[[FloatArray], FloatArray], values: ArrayLike, cov: ArrayLike, *, least: Sequence[float]
-) -> FloatArray:
-    """Return the covariance of a function's results that comes from uncertain inputs.
-
-    Parameters
-    ----------
-    function
-        Takes inputs, shape (k,), and returns results, shape (m,).
-    values
-        Where the inputs stand, shape (k,).
-    cov
-        Covariance of the inputs, shape (k, k).
-    least
-        Smallest value each input may take, for instance 0; -inf where there is none.
-
-    Returns
-    -------
-    array of float64, shape (m, m)
-        J cov J' with the Jacobian J of `input_jacobian`.
-
-    Notes
-    -----
-    Linear in the inputs: where the response bends within one standard uncertainty the result is only its linear
-    part.
-
-    References
-    ----------
-    JCGM 100:2008 (GUM), section 5.
-    """
-    input_cov = np.asarray(cov, dtype=np.float64)
-    jacobian = input_jacobian(function, values, np.sqrt(np.diag(input_cov)), least=least)
-    return np.asarray(jacobian @ input_cov @ jacobian.T)
-
-
 def input_jacobian(
     function: Callable[[FloatArray], FloatArray], values: ArrayLike, deviations: ArrayLike, *, least: Sequence[float]
 ) -> FloatArray:
@@ -136,29 +104,7 @@ def input_jacobian(
     return jacobian
 
 
-def _slope(
-    function: Callable[[FloatArray], FloatArray],
-    start: FloatArray,
-    *,
-    position: int,
-    step: float,
-    least: float,
-) -> FloatArray:
-    """Return the derivative of `function` by one input."""
-    below = min(step, start[position] - least)
-    above = below if below > 0.0 else step
-    high, low = start.copy(), start.copy()
-    high[position] += above
-    low[position] -= below
-    return np.asarray((function(high) - function(low)) / (above + below))
-
-
-# Propagation of uncertain inputs to the covariance of results: by slopes, or by quadrature where curved
-
 Results = Callable[[FloatArray], FloatArray]
-
-# Gauss-Hermite rules for a normal input, in its standard uncertainties; the widest that the limits allow is taken.
-_RULES = (5, 3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,6 +189,322 @@ def propagate(
     return Propagation(
         effects=response.effects, cov=total, curved=tuple(sorted(curved)), limited=tuple(sorted(limited))
     )
+
+
+# Chance, at most, that some other input outranks the one that is to blame.
+_CONFUSION = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InputUpdate:
+    """Update of k inputs, of each alone and of all together, by n residuals.
+
+    Attributes
+    ----------
+    chi_square, degrees_of_freedom
+        Residuals in the covariance of measurement and inputs together; their rank.
+    score
+        By input: how much better the residuals fit when that input is freed, as the root of the fall in chi-square with
+        the sign of the move, shape (k,). Standard normal where model, measurement and uncertainties are right.
+    move
+        By input: how far it would have to move, in its own standard uncertainties, to remove what it can of the
+        residuals, shape (k,); 0 where the data do not see it.
+    chi_square_left
+        By input: what is left of chi-square after that move, shape (k,).
+    seen
+        By input: share of its stated variance that the data resolve, shape (k,), 0 (nothing) to 1.
+    alike
+        Correlation of the scores of any two inputs, shape (k, k).
+    order
+        Positions of the inputs from the first explanation to the last.
+    joint_move, joint_std
+        All inputs updated at once: mean and standard deviation afterwards, in the stated standard uncertainties, (k,).
+    """
+
+    chi_square: float
+    degrees_of_freedom: int
+    score: FloatArray
+    move: FloatArray
+    chi_square_left: FloatArray
+    seen: FloatArray
+    alike: FloatArray
+    order: tuple[int, ...]
+    joint_move: FloatArray
+    joint_std: FloatArray
+
+    @property
+    def p_value(self) -> float:
+        """Chance of residuals at least this large if everything stated is right."""
+        return chi_square_tail(self.chi_square, self.degrees_of_freedom)
+
+    def confused_with(self, position: int) -> tuple[int, ...]:
+        """Return the inputs that the data cannot tell from one that is off by five standard uncertainties.
+
+        They are the fewest whose absence brings the chance that any other outranks it to 5 % or below, by the sum of
+        the pairwise chances.
+        """
+        others = np.array([k for k in range(self.score.size) if k != position], dtype=np.int64)
+        chances = confusion(self.seen[position], self.alike[position, others])
+        falling = np.argsort(-chances, kind="stable")
+        left = np.cumsum(chances[falling][::-1])[::-1]
+        return tuple(sorted(int(others[k]) for k, rest in zip(falling, left, strict=True) if rest > _CONFUSION))
+
+
+# Relative eigenvalues of a covariance below this are rounding.
+_RANK = 1e-12
+
+
+def update_inputs(
+    residual: ArrayLike, *, measurement_cov: ArrayLike, effects: ArrayLike, input_correlation: ArrayLike
+) -> InputUpdate:
+    """Return how far each input would have to move to explain residuals, and an update of all of them.
+
+    Parameters
+    ----------
+    residual
+        Measured less predicted, shape (n,).
+    measurement_cov
+        Covariance of the measurement, shape (n, n).
+    effects
+        Change of the prediction by one standard uncertainty of each input alone, shape (n, k).
+    input_correlation
+        Of the inputs, shape (k, k).
+
+    Returns
+    -------
+    InputUpdate
+        Inputs in the order of their scores; of those that act alike, the one that has to move least is first.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not fit, or the covariances are all zero.
+
+    Notes
+    -----
+    With u the inputs in standard uncertainties from their values, correlation R and effects A, residuals have the
+    covariance V = C + A R A'. A single input moves along a = A R e_j: those that are correlated with it follow. Its
+    score a'V^-1 r / (a'V^-1 a)^1/2 and move a'V^-1 r / (a'V^-1 a) are the generalised least squares of the residuals on
+    a. The joint update is the Bayesian linear one: mean R A'V^-1 r, covariance R - R A'V^-1 A R; it is a fit, pulled to
+    what was stated.
+
+    References
+    ----------
+    Definition: generalised least squares (Aitken 1936) and the linear-Gaussian posterior (Tarantola 2005, Inverse
+    Problem Theory, section 3.2).
+    """
+    r, noise, a, correlation = (
+        np.asarray(x, dtype=np.float64) for x in (residual, measurement_cov, effects, input_correlation)
+    )
+    _require_shapes(r, noise, a, correlation)
+    inverse, rank = _pseudo_inverse(noise + a @ correlation @ a.T)
+    along = a @ correlation
+    pulls, seen = along.T @ (inverse @ r), np.einsum("nk,nm,mk->k", along, inverse, along)
+    blind = seen <= _RANK
+    size = np.sqrt(np.where(blind, 1.0, seen))
+    score = np.where(blind, 0.0, pulls / size)
+    chi_square = float(r @ inverse @ r)
+    spread = along.T @ inverse @ along
+    move = np.where(blind, 0.0, score / size)
+    alike = np.where(blind[:, None] | blind[None, :], np.eye(blind.size), spread / np.outer(size, size))
+    return InputUpdate(
+        chi_square=chi_square,
+        degrees_of_freedom=rank,
+        score=score,
+        move=move,
+        chi_square_left=chi_square - score**2,
+        seen=np.minimum(np.where(blind, 0.0, seen), 1.0),
+        alike=alike,
+        order=_ordered(score, move, alike),
+        joint_move=pulls,
+        joint_std=np.sqrt(np.maximum(np.diag(correlation) - seen, 0.0)),
+    )
+
+
+def chi_square_tail(chi_square: float, degrees_of_freedom: int) -> float:
+    """Return the chance that chi-square is at least as large; 1 without a degree of freedom.
+
+    Parameters
+    ----------
+    chi_square
+        Sum of squares, >= 0 but for rounding.
+    degrees_of_freedom
+        >= 0.
+    """
+    if degrees_of_freedom == 0:
+        return 1.0
+    return float(gammaincc(0.5 * degrees_of_freedom, 0.5 * max(chi_square, 0.0)))
+
+
+def deviations_cov(std_errors: ArrayLike, correlation: ArrayLike) -> FloatArray:
+    """Return the covariance of sample standard deviations of numbers that are correlated over the sample.
+
+    Parameters
+    ----------
+    std_errors
+        Of each deviation, shape (n,).
+    correlation
+        Of the numbers themselves, shape (n, n).
+
+    Notes
+    -----
+    For Gaussian numbers, cov(s_i, s_j) is proportional to the square of their correlation.
+
+    References
+    ----------
+    Anderson (2003), An Introduction to Multivariate Statistical Analysis, 3rd ed., section 3.3: moments of the Wishart
+    distribution.
+    """
+    errors = np.asarray(std_errors, dtype=np.float64)
+    return np.asarray(np.outer(errors, errors) * np.asarray(correlation, dtype=np.float64) ** 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftLine:
+    """A weighted straight line.
+
+    Attributes
+    ----------
+    slope, std_error
+        Per unit of the abscissa.
+    chi_square, degrees_of_freedom
+        Of what the line leaves.
+    """
+
+    slope: float
+    std_error: float
+    chi_square: float
+    degrees_of_freedom: int
+
+
+def drift_line(at: ArrayLike, values: ArrayLike, std_errors: ArrayLike) -> DriftLine:
+    """Return the straight line through numbers that are weighted by their errors.
+
+    Parameters
+    ----------
+    at
+        Abscissa, such as a time, shape (n,), n >= 3, not all the same.
+    values
+        Shape (n,).
+    std_errors
+        Of the values, shape (n,), > 0, independent.
+
+    Raises
+    ------
+    ValueError
+        Fewer than three numbers, one abscissa for all, or an error that is not above 0.
+    """
+    x, y, s = (np.asarray(row, dtype=np.float64) for row in (at, values, std_errors))
+    if x.size < 3 or np.ptp(x) == 0.0 or not np.all(s > 0.0):
+        raise ValueError("a drift needs three numbers or more at different places, each with an error above 0")
+    off = x - np.average(x, weights=s**-2.0)
+    line, cov = np.polyfit(off, y, 1, w=1.0 / s, cov="unscaled")
+    return DriftLine(
+        slope=float(line[0]),
+        std_error=float(np.sqrt(cov[0, 0])),
+        chi_square=float(np.sum(((y - np.polyval(line, off)) / s) ** 2)),
+        degrees_of_freedom=x.size - 2,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RankCorrelation:
+    """Kendall's tau of a prediction and a measurement over the pairs whose order is known.
+
+    Attributes
+    ----------
+    numbers
+        How many numbers were ordered.
+    pairs, known_pairs
+        Pairs of them, and those that differ by more than their error on both sides.
+    concordant
+        Known pairs that are in the same order on both sides.
+    tau
+        Of all pairs, errors aside: (concordant - discordant) / pairs; a pair that is equal on a side is neither.
+    p_value
+        Chance of so large a tau, one-sided, if both orders had nothing to do with each other.
+    """
+
+    numbers: int
+    pairs: int
+    known_pairs: int
+    concordant: int
+    tau: float
+    p_value: float
+
+    @property
+    def share_concordant(self) -> float | None:
+        """Share of the known pairs that are in the same order; None where none is known."""
+        return None if self.known_pairs == 0 else self.concordant / self.known_pairs
+
+
+def rank_correlation(
+    predicted: ArrayLike, measured: ArrayLike, *, predicted_cov: ArrayLike, measured_cov: ArrayLike, sigmas: float = 2.0
+) -> RankCorrelation:
+    """Return how well a prediction has the order of what was measured.
+
+    Parameters
+    ----------
+    predicted, measured
+        Shape (n,), n >= 2.
+    predicted_cov, measured_cov
+        Covariances, shape (n, n): what is common to two numbers does not blur their order.
+    sigmas
+        A pair is known on a side where it differs by more than so many standard errors of its difference, >= 0.
+
+    Raises
+    ------
+    ValueError
+        Shapes do not fit, or there are fewer than two numbers.
+
+    Notes
+    -----
+    With up to seven numbers the p value counts all orders, without ties 1/n! at the least: three numbers in order have
+    the chance 1/6, so "the trend" of three is weak evidence however small their errors are. Beyond, it is that of
+    `scipy.stats.kendalltau`: exact without ties, normal with them.
+
+    References
+    ----------
+    Kendall, M. G. (1938), "A new measure of rank correlation", Biometrika 30, 81-93, doi:10.1093/biomet/30.1-2.81.
+    """
+    model, data = np.asarray(predicted, dtype=np.float64), np.asarray(measured, dtype=np.float64)
+    if model.ndim != 1 or model.shape != data.shape or model.size < 2:
+        raise ValueError(f"predicted {model.shape} and measured {data.shape}; allowed are two equal rows of 2 or more")
+    first, second = np.triu_indices(model.size, k=1)
+    steps = model[second] - model[first], data[second] - data[first]
+    known = np.ones(first.size, dtype=np.bool_)
+    for step, cov in zip(steps, (predicted_cov, measured_cov), strict=True):
+        known &= np.abs(step) > sigmas * _step_errors(np.asarray(cov, dtype=np.float64), first, second)
+    agreed = np.sign(steps[0]) * np.sign(steps[1])
+    return RankCorrelation(
+        numbers=int(model.size),
+        pairs=int(first.size),
+        known_pairs=int(known.sum()),
+        concordant=int(np.sum(agreed[known] > 0.0)),
+        tau=float(agreed.mean()),
+        p_value=_p_value(model, data, float(agreed.sum())),
+    )
+
+
+def _slope(
+    function: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    *,
+    position: int,
+    step: float,
+    least: float,
+) -> FloatArray:
+    """Return the derivative of `function` by one input."""
+    below = min(step, start[position] - least)
+    above = below if below > 0.0 else step
+    high, low = start.copy(), start.copy()
+    high[position] += above
+    low[position] -= below
+    return np.asarray((function(high) - function(low)) / (above + below))
+
+
+# Gauss-Hermite rules for a normal input, in its standard uncertainties; the widest that the limits allow is taken.
+_RULES = (5, 3)
 
 
 class _Response:
@@ -351,139 +613,8 @@ class _Response:
             return None
 
 
-# Bayesian update of the inputs of a prediction by what was measured, and how well the data tell them apart
-
-
 # An error of an input that a comparison has to find the source of, in standard uncertainties of that input.
 MOVED = 5.0
-# Chance, at most, that some other input outranks the one that is to blame.
-_CONFUSION = 0.05
-# Relative eigenvalues of a covariance below this are rounding.
-_RANK = 1e-12
-# Scores that go together like this differ by less than a twentieth of their standard deviation.
-_ALIKE = 0.999
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class InputUpdate:
-    """Update of k inputs, of each alone and of all together, by n residuals.
-
-    Attributes
-    ----------
-    chi_square, degrees_of_freedom
-        Residuals in the covariance of measurement and inputs together; their rank.
-    score
-        By input: how much better the residuals fit when that input is freed, as the root of the fall in chi-square with
-        the sign of the move, shape (k,). Standard normal where model, measurement and uncertainties are right.
-    move
-        By input: how far it would have to move, in its own standard uncertainties, to remove what it can of the
-        residuals, shape (k,); 0 where the data do not see it.
-    chi_square_left
-        By input: what is left of chi-square after that move, shape (k,).
-    seen
-        By input: share of its stated variance that the data resolve, shape (k,), 0 (nothing) to 1.
-    alike
-        Correlation of the scores of any two inputs, shape (k, k).
-    order
-        Positions of the inputs from the first explanation to the last.
-    joint_move, joint_std
-        All inputs updated at once: mean and standard deviation afterwards, in the stated standard uncertainties, (k,).
-    """
-
-    chi_square: float
-    degrees_of_freedom: int
-    score: FloatArray
-    move: FloatArray
-    chi_square_left: FloatArray
-    seen: FloatArray
-    alike: FloatArray
-    order: tuple[int, ...]
-    joint_move: FloatArray
-    joint_std: FloatArray
-
-    @property
-    def p_value(self) -> float:
-        """Chance of residuals at least this large if everything stated is right."""
-        return chi_square_tail(self.chi_square, self.degrees_of_freedom)
-
-    def confused_with(self, position: int) -> tuple[int, ...]:
-        """Return the inputs that the data cannot tell from one that is off by five standard uncertainties.
-
-        They are the fewest whose absence brings the chance that any other outranks it to 5 % or below, by the sum of
-        the pairwise chances.
-        """
-        others = np.array([k for k in range(self.score.size) if k != position], dtype=np.int64)
-        chances = confusion(self.seen[position], self.alike[position, others])
-        falling = np.argsort(-chances, kind="stable")
-        left = np.cumsum(chances[falling][::-1])[::-1]
-        return tuple(sorted(int(others[k]) for k, rest in zip(falling, left, strict=True) if rest > _CONFUSION))
-
-
-def update_inputs(
-    residual: ArrayLike, *, measurement_cov: ArrayLike, effects: ArrayLike, input_correlation: ArrayLike
-) -> InputUpdate:
-    """Return how far each input would have to move to explain residuals, and an update of all of them.
-
-    Parameters
-    ----------
-    residual
-        Measured less predicted, shape (n,).
-    measurement_cov
-        Covariance of the measurement, shape (n, n).
-    effects
-        Change of the prediction by one standard uncertainty of each input alone, shape (n, k).
-    input_correlation
-        Of the inputs, shape (k, k).
-
-    Returns
-    -------
-    InputUpdate
-        Inputs in the order of their scores; of those that act alike, the one that has to move least is first.
-
-    Raises
-    ------
-    ValueError
-        Shapes do not fit, or the covariances are all zero.
-
-    Notes
-    -----
-    With u the inputs in standard uncertainties from their values, correlation R and effects A, residuals have the
-    covariance V = C + A R A'. A single input moves along a = A R e_j: those that are correlated with it follow. Its
-    score a'V^-1 r / (a'V^-1 a)^1/2 and move a'V^-1 r / (a'V^-1 a) are the generalised least squares of the residuals on
-    a. The joint update is the Bayesian linear one: mean R A'V^-1 r, covariance R - R A'V^-1 A R; it is a fit, pulled to
-    what was stated.
-
-    References
-    ----------
-    Definition: generalised least squares (Aitken 1936) and the linear-Gaussian posterior (Tarantola 2005, Inverse
-    Problem Theory, section 3.2).
-    """
-    r, noise, a, correlation = (
-        np.asarray(x, dtype=np.float64) for x in (residual, measurement_cov, effects, input_correlation)
-    )
-    _require_shapes(r, noise, a, correlation)
-    inverse, rank = _pseudo_inverse(noise + a @ correlation @ a.T)
-    along = a @ correlation
-    pulls, seen = along.T @ (inverse @ r), np.einsum("nk,nm,mk->k", along, inverse, along)
-    blind = seen <= _RANK
-    size = np.sqrt(np.where(blind, 1.0, seen))
-    score = np.where(blind, 0.0, pulls / size)
-    chi_square = float(r @ inverse @ r)
-    spread = along.T @ inverse @ along
-    move = np.where(blind, 0.0, score / size)
-    alike = np.where(blind[:, None] | blind[None, :], np.eye(blind.size), spread / np.outer(size, size))
-    return InputUpdate(
-        chi_square=chi_square,
-        degrees_of_freedom=rank,
-        score=score,
-        move=move,
-        chi_square_left=chi_square - score**2,
-        seen=np.minimum(np.where(blind, 0.0, seen), 1.0),
-        alike=alike,
-        order=_ordered(score, move, alike),
-        joint_move=pulls,
-        joint_std=np.sqrt(np.maximum(np.diag(correlation) - seen, 0.0)),
-    )
 
 
 def confusion(seen: float, alike: ArrayLike) -> FloatArray:
@@ -498,53 +629,13 @@ def confusion(seen: float, alike: ArrayLike) -> FloatArray:
     return np.asarray(above + ndtr(-reach * np.sqrt(0.5 * (1.0 + correlation))))
 
 
-def chi_square_tail(chi_square: float, degrees_of_freedom: int) -> float:
-    """Return the chance that chi-square is at least as large; 1 without a degree of freedom.
-
-    Parameters
-    ----------
-    chi_square
-        Sum of squares, >= 0 but for rounding.
-    degrees_of_freedom
-        >= 0.
-    """
-    if degrees_of_freedom == 0:
-        return 1.0
-    return float(gammaincc(0.5 * degrees_of_freedom, 0.5 * max(chi_square, 0.0)))
-
-
-def deviations_cov(std_errors: ArrayLike, correlation: ArrayLike) -> FloatArray:
-    """Return the covariance of sample standard deviations of numbers that are correlated over the sample.
-
-    Parameters
-    ----------
-    std_errors
-        Of each deviation, shape (n,).
-    correlation
-        Of the numbers themselves, shape (n, n).
-
-    Notes
-    -----
-    For Gaussian numbers, cov(s_i, s_j) is proportional to the square of their correlation.
-
-    References
-    ----------
-    Anderson (2003), An Introduction to Multivariate Statistical Analysis, 3rd ed., section 3.3: moments of the Wishart
-    distribution.
-    """
-    errors = np.asarray(std_errors, dtype=np.float64)
-    return np.asarray(np.outer(errors, errors) * np.asarray(correlation, dtype=np.float64) ** 2)
-
-
-def _ordered(score: FloatArray, move: FloatArray, alike: FloatArray) -> tuple[int, ...]:
-    left = [int(k) for k in np.argsort(-np.abs(score), kind="stable")]
-    found: list[int] = []
-    while left:
-        group = [k for k in left if abs(alike[left[0], k]) >= _ALIKE]
-        first = min(group, key=lambda k: abs(move[k]))
-        left.remove(first)
-        found.append(first)
-    return tuple(found)
+def _require_shapes(residual: FloatArray, noise: FloatArray, effects: FloatArray, correlation: FloatArray) -> None:
+    n, k = effects.shape
+    if residual.shape != (n,) or noise.shape != (n, n) or correlation.shape != (k, k):
+        raise ValueError(
+            f"residual {residual.shape}, measurement_cov {noise.shape} and input_correlation {correlation.shape} do "
+            f"not fit effects {effects.shape}; allowed are (n,), (n, n), (k, k) and (n, k)"
+        )
 
 
 def _pseudo_inverse(cov: FloatArray) -> tuple[FloatArray, int]:
@@ -559,152 +650,28 @@ def _pseudo_inverse(cov: FloatArray) -> tuple[FloatArray, int]:
     return inverse / np.outer(scale, scale), int(kept.sum())
 
 
-def _require_shapes(residual: FloatArray, noise: FloatArray, effects: FloatArray, correlation: FloatArray) -> None:
-    n, k = effects.shape
-    if residual.shape != (n,) or noise.shape != (n, n) or correlation.shape != (k, k):
-        raise ValueError(
-            f"residual {residual.shape}, measurement_cov {noise.shape} and input_correlation {correlation.shape} do "
-            f"not fit effects {effects.shape}; allowed are (n,), (n, n), (k, k) and (n, k)"
-        )
+# Scores that go together like this differ by less than a twentieth of their standard deviation.
+_ALIKE = 0.999
 
 
-# Trends in numbers with errors: a weighted straight line, and the correlation of ranks
-
-
-@dataclass(frozen=True, kw_only=True)
-class DriftLine:
-    """A weighted straight line.
-
-    Attributes
-    ----------
-    slope, std_error
-        Per unit of the abscissa.
-    chi_square, degrees_of_freedom
-        Of what the line leaves.
-    """
-
-    slope: float
-    std_error: float
-    chi_square: float
-    degrees_of_freedom: int
-
-
-def drift_line(at: ArrayLike, values: ArrayLike, std_errors: ArrayLike) -> DriftLine:
-    """Return the straight line through numbers that are weighted by their errors.
-
-    Parameters
-    ----------
-    at
-        Abscissa, such as a time, shape (n,), n >= 3, not all the same.
-    values
-        Shape (n,).
-    std_errors
-        Of the values, shape (n,), > 0, independent.
-
-    Raises
-    ------
-    ValueError
-        Fewer than three numbers, one abscissa for all, or an error that is not above 0.
-    """
-    x, y, s = (np.asarray(row, dtype=np.float64) for row in (at, values, std_errors))
-    if x.size < 3 or np.ptp(x) == 0.0 or not np.all(s > 0.0):
-        raise ValueError("a drift needs three numbers or more at different places, each with an error above 0")
-    off = x - np.average(x, weights=s**-2.0)
-    line, cov = np.polyfit(off, y, 1, w=1.0 / s, cov="unscaled")
-    return DriftLine(
-        slope=float(line[0]),
-        std_error=float(np.sqrt(cov[0, 0])),
-        chi_square=float(np.sum(((y - np.polyval(line, off)) / s) ** 2)),
-        degrees_of_freedom=x.size - 2,
-    )
-
-
-# All orders of so many numbers are counted, ties or not.
-_COUNTED = 7
-
-
-@dataclass(frozen=True, kw_only=True)
-class RankCorrelation:
-    """Kendall's tau of a prediction and a measurement over the pairs whose order is known.
-
-    Attributes
-    ----------
-    numbers
-        How many numbers were ordered.
-    pairs, known_pairs
-        Pairs of them, and those that differ by more than their error on both sides.
-    concordant
-        Known pairs that are in the same order on both sides.
-    tau
-        Of all pairs, errors aside: (concordant - discordant) / pairs; a pair that is equal on a side is neither.
-    p_value
-        Chance of so large a tau, one-sided, if both orders had nothing to do with each other.
-    """
-
-    numbers: int
-    pairs: int
-    known_pairs: int
-    concordant: int
-    tau: float
-    p_value: float
-
-    @property
-    def share_concordant(self) -> float | None:
-        """Share of the known pairs that are in the same order; None where none is known."""
-        return None if self.known_pairs == 0 else self.concordant / self.known_pairs
-
-
-def rank_correlation(
-    predicted: ArrayLike, measured: ArrayLike, *, predicted_cov: ArrayLike, measured_cov: ArrayLike, sigmas: float = 2.0
-) -> RankCorrelation:
-    """Return how well a prediction has the order of what was measured.
-
-    Parameters
-    ----------
-    predicted, measured
-        Shape (n,), n >= 2.
-    predicted_cov, measured_cov
-        Covariances, shape (n, n): what is common to two numbers does not blur their order.
-    sigmas
-        A pair is known on a side where it differs by more than so many standard errors of its difference, >= 0.
-
-    Raises
-    ------
-    ValueError
-        Shapes do not fit, or there are fewer than two numbers.
-
-    Notes
-    -----
-    With up to seven numbers the p value counts all orders, without ties 1/n! at the least: three numbers in order have
-    the chance 1/6, so "the trend" of three is weak evidence however small their errors are. Beyond, it is that of
-    `scipy.stats.kendalltau`: exact without ties, normal with them.
-
-    References
-    ----------
-    Kendall, M. G. (1938), "A new measure of rank correlation", Biometrika 30, 81-93, doi:10.1093/biomet/30.1-2.81.
-    """
-    model, data = np.asarray(predicted, dtype=np.float64), np.asarray(measured, dtype=np.float64)
-    if model.ndim != 1 or model.shape != data.shape or model.size < 2:
-        raise ValueError(f"predicted {model.shape} and measured {data.shape}; allowed are two equal rows of 2 or more")
-    first, second = np.triu_indices(model.size, k=1)
-    steps = model[second] - model[first], data[second] - data[first]
-    known = np.ones(first.size, dtype=np.bool_)
-    for step, cov in zip(steps, (predicted_cov, measured_cov), strict=True):
-        known &= np.abs(step) > sigmas * _step_errors(np.asarray(cov, dtype=np.float64), first, second)
-    agreed = np.sign(steps[0]) * np.sign(steps[1])
-    return RankCorrelation(
-        numbers=int(model.size),
-        pairs=int(first.size),
-        known_pairs=int(known.sum()),
-        concordant=int(np.sum(agreed[known] > 0.0)),
-        tau=float(agreed.mean()),
-        p_value=_p_value(model, data, float(agreed.sum())),
-    )
+def _ordered(score: FloatArray, move: FloatArray, alike: FloatArray) -> tuple[int, ...]:
+    left = [int(k) for k in np.argsort(-np.abs(score), kind="stable")]
+    found: list[int] = []
+    while left:
+        group = [k for k in left if abs(alike[left[0], k]) >= _ALIKE]
+        first = min(group, key=lambda k: abs(move[k]))
+        left.remove(first)
+        found.append(first)
+    return tuple(found)
 
 
 def _step_errors(cov: FloatArray, first: NDArray[np.intp], second: NDArray[np.intp]) -> FloatArray:
     variances = np.diag(cov)
     return np.sqrt(np.maximum(variances[first] + variances[second] - 2.0 * cov[first, second], 0.0))
+
+
+# All orders of so many numbers are counted, ties or not.
+_COUNTED = 7
 
 
 def _p_value(model: FloatArray, data: FloatArray, total: float) -> float:

@@ -1,4 +1,8 @@
-"""Diagnosis of a run from its own redundancy: each fault with its size, its error and its consequences."""
+"""Diagnosis of a run from its own redundancy: each fault with its size, its error and its consequences.
+
+`diagnose` puts the fit of `fault_fit` into terms, `consequence` says how far a fault moves the DoLP and the AoLP of a
+region, and `region_residual` gives the error of a region's mean counts from the part that no light explains.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,12 +30,7 @@ from model.processing.fault_fit import (
 from model.processing.reconstruction import Design
 from model.stokes import aolp_rad, dolp
 
-# How far a fault moves the polarization of a region, and the light of a region as it is without it
-
 FloatArray = NDArray[np.float64]
-
-# Below this degree an angle of polarization has no meaning, and none of its changes.
-_LEAST_DOLP = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +39,10 @@ class Consequence:
 
     dolp_shift: float | None
     aolp_shift_rad: float | None
+
+
+# Below this degree an angle of polarization has no meaning, and none of its changes.
+_LEAST_DOLP = 1e-6
 
 
 def consequence(
@@ -80,33 +83,17 @@ def consequence(
     )
 
 
-def stokes_without(system: FloatArray, means: FloatArray, parameters: FloatArray, *, light: float) -> FloatArray:
-    """Return the Stokes parameters of mean counts with faults taken out, shape (3,); shifts are left."""
-    faults = frame_faults(parameters, len(means))
-    design, _ = corrected_system(system, faults)
-    flat = np.repeat(means[:, None, None], 4, axis=2)
-    return np.asarray(design.inverse @ corrected_pictures(flat, faults, light=light)[:, 0, 0])
-
-
-def _shifts(parameters: FloatArray, frames: int) -> FloatArray:
-    first = PER_FRAME.index("shift x") * frames
-    return parameters[first : first + 2 * frames].reshape(2, frames).T
-
-
-# What no light gives in the mean of a region, with the error that the residual of its own pixels shows
-
-
-# Blocks of a region, the largest first: neighbours share blur, mosaics and shading.
-_SIDES_PIXELS = (32, 16, 8, 4, 2, 1)
-_LEAST_BLOCKS = 12
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RegionResidual:
     """The mean counts of a region, and the covariance of what in them is no light."""
 
     means: FloatArray
     cov: FloatArray
+
+
+# Blocks of a region, the largest first: neighbours share blur, mosaics and shading.
+_SIDES_PIXELS = (32, 16, 8, 4, 2, 1)
+_LEAST_BLOCKS = 12
 
 
 def region_residual(plan: Design, pictures: FloatArray, inside: NDArray[np.bool_]) -> RegionResidual:
@@ -135,26 +122,6 @@ def region_residual(plan: Design, pictures: FloatArray, inside: NDArray[np.bool_
     found = [cov for cov in scattered if cov is not None]
     widest = max(found, key=lambda cov: float(np.trace(cov)), default=np.zeros((len(counts),) * 2))
     return RegionResidual(means=np.asarray(counts.mean(axis=1)), cov=widest)
-
-
-def _scatter_of_mean(residual: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> FloatArray | None:
-    """Return the covariance of the mean as blocks show it; None where there are too few of them."""
-    _, block = np.unique(rows * (int(columns.max()) + 1) + columns, return_inverse=True)
-    blocks = int(block.max()) + 1
-    if blocks < _LEAST_BLOCKS:
-        return None
-    left = residual - residual.mean(axis=1, keepdims=True)
-    sums = np.array([np.bincount(block, weights=one, minlength=blocks) for one in left])
-    return np.asarray(sums @ sums.T * (blocks / (blocks - 1.0)) / residual.shape[1] ** 2)
-
-
-# Diagnosis of a run from its own redundancy: each fault with its size and error, and what explains it best
-
-
-# Correlation of what two causes do to a run, from which they are the same to it.
-_SAME = 0.99
-# Standard error, as a share of its size, of a fault too large to be undone and fitted about itself, and of others then.
-_HARDLY_KNOWN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -254,7 +221,10 @@ def diagnose(
     fit = fit_faults(plan.system, images, good, causes, light=light, step=step)
     if fit is None:
         return _untestable("too few usable pixels: residuals of a dozen tiles of 12 pixels are needed", light)
-    terms = tuple(_term(fit, index) for index in _in_order(fit))
+    terms = tuple(
+        _term(fit, index)
+        for index in (*fit.named, *np.setdiff1d(np.arange(len(fit.evidence.causes)), fit.named).tolist())
+    )
     return Diagnosis(
         terms=terms,
         first=terms[0] if fit.named else None,
@@ -264,12 +234,36 @@ def diagnose(
     )
 
 
+def _shifts(parameters: FloatArray, frames: int) -> FloatArray:
+    first = PER_FRAME.index("shift x") * frames
+    return parameters[first : first + 2 * frames].reshape(2, frames).T
+
+
+def stokes_without(system: FloatArray, means: FloatArray, parameters: FloatArray, *, light: float) -> FloatArray:
+    """Return the Stokes parameters of mean counts with faults taken out, shape (3,); shifts are left."""
+    faults = frame_faults(parameters, len(means))
+    design, _ = corrected_system(system, faults)
+    flat = np.repeat(means[:, None, None], 4, axis=2)
+    return np.asarray(design.inverse @ corrected_pictures(flat, faults, light=light)[:, 0, 0])
+
+
+def _scatter_of_mean(residual: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> FloatArray | None:
+    """Return the covariance of the mean as blocks show it; None where there are too few of them."""
+    _, block = np.unique(rows * (int(columns.max()) + 1) + columns, return_inverse=True)
+    blocks = int(block.max()) + 1
+    if blocks < _LEAST_BLOCKS:
+        return None
+    left = residual - residual.mean(axis=1, keepdims=True)
+    sums = np.array([np.bincount(block, weights=one, minlength=blocks) for one in left])
+    return np.asarray(sums @ sums.T * (blocks / (blocks - 1.0)) / residual.shape[1] ** 2)
+
+
 def _untestable(reason: str, light: float) -> Diagnosis:
     return Diagnosis(terms=(), first=None, reason=reason, faults=None, light=light)
 
 
-def _in_order(fit: JointFit) -> list[int]:
-    return [*fit.named, *(index for index in range(len(fit.evidence.causes)) if index not in fit.named)]
+# Standard error, as a share of its size, of a fault too large to be undone and fitted about itself, and of others then.
+_HARDLY_KNOWN = 0.5
 
 
 def _term(fit: JointFit, index: int) -> Term:
@@ -323,6 +317,10 @@ def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> st
     if not is_useful(cause, error):
         return "these pictures hardly determine it"
     return ""
+
+
+# Correlation of what two causes do to a run, from which they are the same to it.
+_SAME = 0.99
 
 
 def _confused(fit: JointFit, index: int) -> list[Cause]:

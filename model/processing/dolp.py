@@ -32,6 +32,8 @@ from model.processing.dolp_law import (
 )
 from model.stokes import checked_stokes, require_positive_intensity
 
+FloatArray = NDArray[np.float64]
+
 __all__ = [
     "DolpMoments",
     "always_existing",
@@ -45,17 +47,487 @@ __all__ = [
     "second_order",
 ]
 
-# Length of a Gaussian vector in a plane: mean and variance, for any mean and any two standard deviations
 
-FloatArray = NDArray[np.float64]
+@dataclass(frozen=True, kw_only=True)
+class DolpMoments:
+    """Mean and standard deviation of DoLP, each field of the broadcast leading shape.
+
+    Parameters
+    ----------
+    mean, std
+        Moments; not a number where they do not exist at the tolerance.
+    snr
+        mean / std. Unpolarized light has 1.913 with S0 known: a value below 2 is no evidence of polarization.
+    method
+        "first order", "second order", "quadrature" or "none".
+    mean_error, std_error
+        Estimated absolute errors.
+    exists
+        Whether the moments exist at the tolerance.
+    reason
+        Why they do not; empty where they do.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    snr: FloatArray
+    method: NDArray[np.str_]
+    mean_error: FloatArray
+    std_error: FloatArray
+    exists: NDArray[np.bool_]
+    reason: NDArray[np.str_]
+
+
+_FIRST, _SECOND, _EXACT, _NONE = "first order", "second order", "quadrature", "none"
+
+# Share of the tolerance that an estimated error may take, since it may be low by a factor of two.
+_MARGIN = 0.25
+_REFINEMENTS = 2
+
+
+def moments(
+    stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9, existing_to: float | None = None
+) -> DolpMoments:
+    """Return mean, standard deviation and signal-to-noise ratio of DoLP to a stated relative tolerance.
+
+    Parameters
+    ----------
+    stokes_mean
+        Mean of (S0, S1, S2), shape (..., 3), any unit.
+    stokes_cov
+        Covariance, shape (..., 3, 3), in the square of that unit, positive semi-definite; singular is allowed.
+    tolerance
+        Relative error allowed of mean and standard deviation, > 0. The cheapest of three ways that meets it is
+        taken: expansion to first order, to second order, or quadrature (error about 1e-13).
+    existing_to
+        Tolerance to which moments have to exist, where that is below the other; None for the same.
+
+    Returns
+    -------
+    DolpMoments
+        With the way taken, the errors estimated, and where there are no moments the reason.
+
+    Raises
+    ------
+    ValueError
+        If the arguments are no mean and covariance, S0 > 0 has no probability, or the tolerance is not positive.
+
+    Notes
+    -----
+    Moments exist at the tolerance if treating S0 below 1 % of its mean in another way changes them by less.
+    Where they do not, `always_existing` and `quantile` say what can be said. In the condition S0 > 0 is meant.
+
+    Differs from [MK14]: eq. (24) is DoLP at the mean, not the mean of DoLP, and eq. (25) its first-order variance;
+    both fail where S1 and S2 are few standard deviations from zero, whatever the signal-to-noise ratio of S0.
+
+    References
+    ----------
+    [MK14] eq. (24)-(29).
+    """
+    if not tolerance > 0.0:
+        raise ValueError(f"tolerance = {tolerance}; allowed is above 0")
+    frame, shape = dolp_frame(stokes_mean, stokes_cov)
+    columns = _expanded(frame, stokes_mean, stokes_cov, shape, tolerance)
+    doubt, existing_to = _ambiguity(frame), tolerance if existing_to is None else min(existing_to, tolerance)
+    pending = np.flatnonzero((columns.method == _NONE) & (frame.mean_0 > 0.0) & (doubt.dark <= existing_to))
+    for refinement in range(_REFINEMENTS + 1):
+        _quadrature(columns, frame, pending, refinement)
+        pending = pending[~_within(columns, pending, tolerance)]
+    return _result(columns, frame, doubt, shape, existing_to)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expansion:
+    """Mean and variance of DoLP from an expansion, each of shape (...)."""
+
+    mean: FloatArray
+    variance: FloatArray
+
+
+# A variance that cancels to zero, as for a common factor, is negative by no more than this share of its terms.
+_ROUNDING = 1e-12
+
+
+def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
+    """Return DoLP at the mean and its first-order variance: fast, for pictures.
+
+    Parameters
+    ----------
+    stokes_mean
+        Shape (..., 3), S0 > 0.
+    stokes_cov
+        Shape (..., 3, 3), in the square of the unit of `stokes_mean`. Not checked to be a covariance, for speed.
+
+    Returns
+    -------
+    Expansion
+        Mean P and variance a' Sigma a, a = (-P, cos 2 psi, sin 2 psi) / S0. Where P = 0 the direction has no
+        meaning: that of S1 is taken, and neither moment is of use there.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a value of S0 is not positive, or a variance comes out negative.
+
+    Notes
+    -----
+    Good where Q is many standard deviations; the relative error of the mean is about (sigma_Q / Q)^2 / 2.
+
+    Differs from [MK14]: eq. (25) as printed lacks the squares on a2 and a3, and the ordered pairs.
+
+    References
+    ----------
+    [MK14] eq. (24)-(28).
+    """
+    mean, cov = _checked(stokes_mean, stokes_cov)
+    cos, sin, p = _direction(mean)
+    own = p**2 * cov[..., 0, 0] + cos**2 * cov[..., 1, 1] + sin**2 * cov[..., 2, 2]
+    shared = cos * sin * cov[..., 1, 2] - p * (cos * cov[..., 0, 1] + sin * cov[..., 0, 2])
+    total = own + 2.0 * shared
+    # Counts that are hardly polarized share all their fluctuation but for rounding, which is a share of that of S0.
+    if np.any(total < -_ROUNDING * np.trace(cov, axis1=-2, axis2=-1)):
+        raise ValueError("stokes_cov gives a negative variance of DoLP: it is not positive semi-definite")
+    variance = np.maximum(total, 0.0) / mean[..., 0] ** 2
+    return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)
+
+
+@dataclass(kw_only=True)
+class _Columns:
+    """Results under construction, each of shape (M,)."""
+
+    mean: FloatArray
+    std: FloatArray
+    mean_error: FloatArray
+    std_error: FloatArray
+    method: NDArray[np.str_]
+
+
+# An expansion is never trusted closer to the kink at S1 = S2 = 0, or to S0 = 0, than this.
+_LEAST_SNR = 4.0
+
+
+def _expanded(
+    frame: DolpFrame, stokes_mean: ArrayLike, stokes_cov: ArrayLike, shape: tuple[int, ...], tolerance: float
+) -> _Columns:
+    """Return the results of the expansions where they meet the tolerance."""
+    count = len(frame)
+    columns = _Columns(
+        mean=np.full(count, np.nan),
+        std=np.full(count, np.nan),
+        mean_error=np.full(count, np.nan),
+        std_error=np.full(count, np.nan),
+        method=np.full(count, _NONE, dtype="<U12"),
+    )
+    index = np.flatnonzero(_least_snr(frame) > _LEAST_SNR)
+    mean, cov = checked_pair(stokes_mean, stokes_cov)
+    mean = np.broadcast_to(mean, (*shape, 3)).reshape(-1, 3)[index]
+    cov = np.broadcast_to(cov, (*shape, 3, 3)).reshape(-1, 3, 3)[index]
+    first, second = first_order(mean, cov), second_order(mean, cov)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rest = _next_order(frame[index], first, second)
+        second_errors = rest * first.mean, rest * _root(first.variance)
+        mean_error = np.abs(second.mean - first.mean) + second_errors[0]
+        std_error = np.abs(_root(second.variance) - _root(first.variance)) + second_errors[1]
+    _accept(columns, index, second, *second_errors, _SECOND, tolerance)
+    _accept(columns, index, first, mean_error, std_error, _FIRST, tolerance)
+    return columns
+
+
+def _least_snr(frame: DolpFrame) -> FloatArray:
+    """Return the smaller distance, in standard deviations, to S1 = S2 = 0 and to S0 = 0."""
+    bright = np.maximum(frame.mean_0, frame.sigma_0)
+    common = np.hypot(frame.excess_1, frame.excess_2) / bright
+    spread = np.sqrt(common**2 + frame.radius_1**2 + frame.radius_2**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        polarized = np.where(frame.polarized > 0.0, frame.polarized / spread, 0.0)
+    return np.asarray(np.minimum(polarized, frame.snr_0))
+
+
+def _checked(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    mean, cov = checked_pair(stokes_mean, stokes_cov)
+    require_positive_intensity(checked_stokes(mean))
+    return mean, cov
+
+
+def _direction(mean: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return cosine and sine of the doubled polarization angle and DoLP; the direction of S1 where DoLP is 0."""
+    length = np.hypot(mean[..., 1], mean[..., 2])
+    none = length == 0.0
+    safe = np.where(none, 1.0, length)
+    return np.where(none, 1.0, mean[..., 1] / safe), mean[..., 2] / safe, length / mean[..., 0]
+
+
+def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
+    """Return mean and variance of DoLP with all terms of second order in the covariance.
+
+    Parameters
+    ----------
+    stokes_mean
+        Shape (..., 3), S0 > 0 and (S1, S2) not zero.
+    stokes_cov
+        Shape (..., 3, 3), in the square of the unit of `stokes_mean`.
+
+    Returns
+    -------
+    Expansion
+        The variance may be negative: then the expansion has broken down. Infinite or not a number where P = 0.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or a value of S0 is not positive.
+
+    Notes
+    -----
+    Never to be used where Q is below three standard deviations.
+
+    References
+    ----------
+    Definition (Taylor expansion to fourth order in the deviations).
+    """
+    mean, cov = _checked(stokes_mean, stokes_cov)
+    local = _local(mean, cov)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return Expansion(mean=_second_mean(local), variance=_first_variance(local) + _variance_excess(local))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Local:
+    """Covariance relative to S0, in axes along S0, along the polarization (e) and across it (t)."""
+
+    p: FloatArray
+    v00: FloatArray
+    v0e: FloatArray
+    v0t: FloatArray
+    vee: FloatArray
+    vet: FloatArray
+    vtt: FloatArray
+
+
+def _local(mean: FloatArray, cov: FloatArray) -> _Local:
+    cos, sin, p = _direction(mean)
+    v = cov / (mean[..., 0] ** 2)[..., None, None]
+    v01, v02, v11, v12, v22 = v[..., 0, 1], v[..., 0, 2], v[..., 1, 1], v[..., 1, 2], v[..., 2, 2]
+    return _Local(
+        p=p,
+        v00=v[..., 0, 0],
+        v0e=cos * v01 + sin * v02,
+        v0t=cos * v02 - sin * v01,
+        vee=cos**2 * v11 + 2.0 * cos * sin * v12 + sin**2 * v22,
+        vet=cos * sin * (v22 - v11) + (cos**2 - sin**2) * v12,
+        vtt=sin**2 * v11 - 2.0 * cos * sin * v12 + cos**2 * v22,
+    )
+
+
+def _second_mean(v: _Local) -> FloatArray:
+    return np.asarray(v.p + v.p * v.v00 - v.v0e + v.vtt / (2.0 * v.p))
+
+
+def _first_variance(v: _Local) -> FloatArray:
+    return np.asarray(v.p**2 * v.v00 - 2.0 * v.p * v.v0e + v.vee)
+
+
+def _variance_excess(v: _Local) -> FloatArray:
+    """Return tr(H V H V) / 2 + g_i T_jkl V_ij V_kl with the derivatives of sqrt((P + e)^2 + t^2) / (1 + d0)."""
+    p = v.p
+    a0, ae, at = v.v0e - p * v.v00, v.vee - p * v.v0e, v.vet - p * v.v0t
+    third = a0 * (4.0 * v.v0e - 6.0 * p * v.v00 - v.vtt / p)
+    third = third + ae * (2.0 * v.v00 - v.vtt / p**2) - 2.0 * at * (v.v0t / p + v.vet / p**2)
+    return np.asarray(0.5 * _hessian_square(v) + third)
+
+
+def _hessian_square(v: _Local) -> FloatArray:
+    """Return tr(H V H V), H having the entries 2P (00), -1 (0e) and 1/P (tt)."""
+    p = v.p
+    b00, b0e, b0t = 2.0 * p * v.v00 - v.v0e, 2.0 * p * v.v0e - v.vee, 2.0 * p * v.v0t - v.vet
+    be0, bee, bet = -v.v00, -v.v0e, -v.v0t
+    bt0, bte, btt = v.v0t / p, v.vet / p, v.vtt / p
+    diagonal = b00**2 + bee**2 + btt**2
+    return np.asarray(diagonal + 2.0 * (b0e * be0 + b0t * bt0 + bet * bte))
+
+
+# What is left out beyond second order, over the square of the largest relative correction.
+_NEXT_ORDER = 4.0
+
+
+def _next_order(frame: DolpFrame, first: Expansion, second: Expansion) -> FloatArray:
+    """Return an estimate of the relative size of what second order leaves out; not a number if there is none."""
+    mean_change = np.abs(second.mean / first.mean - 1.0)
+    std_change = np.abs(_root(second.variance) / _root(first.variance) - 1.0)
+    far = 1.0 / _least_snr(frame) ** 2
+    return np.asarray(_NEXT_ORDER * np.maximum(np.maximum(mean_change, std_change), far) ** 2)
+
+
+def _root(variance: FloatArray) -> FloatArray:
+    """Return the square root; not a number, without a warning, where an expansion has broken down."""
+    return np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+
+
+def _accept(
+    columns: _Columns,
+    index: NDArray[np.int64],
+    found: Expansion,
+    mean_error: FloatArray,
+    std_error: FloatArray,
+    method: str,
+    tolerance: float,
+) -> None:
+    std = _root(found.variance)
+    good = (mean_error <= _MARGIN * tolerance * found.mean) & (std_error <= _MARGIN * tolerance * std)
+    chosen = index[good]
+    columns.mean[chosen], columns.std[chosen] = found.mean[good], std[good]
+    columns.mean_error[chosen], columns.std_error[chosen] = mean_error[good], std_error[good]
+    columns.method[chosen] = method
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Ambiguity:
+    """Change by the choice of a cut-off near S0 = 0, each of shape (M,)."""
+
+    mean: FloatArray
+    square: FloatArray
+    dark: FloatArray
+
+
+# Cut-offs between this share of the mean of S0 and the mean itself are taken to be equally good.
+_CUT_OFF = 0.01
+_PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
+
+
+def _ambiguity(frame: DolpFrame) -> _Ambiguity:
+    """Return how far the moments of DoLP depend on how S0 near zero is treated."""
+    sigma = np.where(frame.sigma_0 > 0.0, frame.sigma_0, 1.0)
+    snr = np.where(frame.sigma_0 > 0.0, frame.mean_0 / sigma, np.inf)
+    at_zero = np.exp(-0.5 * np.minimum(snr**2, 1500.0)) / (sigma * np.sqrt(2.0 * np.pi))
+    # (S1, S2) given S0 = 0 is the excess over a common factor, in units of sigma_0.
+    square = (frame.excess_1**2 + frame.excess_2**2) / sigma**2 + frame.radius_1**2 + frame.radius_2**2
+    bright = np.maximum(frame.mean_0, 1e-300)
+    known = frame.sigma_0 == 0.0
+    return _Ambiguity(
+        mean=np.where(known, 0.0, -at_zero * np.sqrt(square) * np.log(_CUT_OFF)),
+        square=np.where(known, 0.0, at_zero * square / (_CUT_OFF * bright)),
+        dark=np.where(known, 0.0, ndtr(-snr)),
+    )
+
+
+def _quadrature(columns: _Columns, frame: DolpFrame, index: NDArray[np.int64], refinement: int) -> None:
+    found = _exact_moments(frame[index], refinement=refinement)
+    columns.mean[index], columns.std[index] = found.mean, found.std
+    columns.mean_error[index], columns.std_error[index] = found.mean_error, found.std_error
+    columns.method[index] = _EXACT
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ExactMoments:
+    """Mean and standard deviation of DoLP, each of shape (M,), with estimated absolute errors."""
+
+    mean: FloatArray
+    std: FloatArray
+    mean_error: FloatArray
+    std_error: FloatArray
+
+
+# Share of its mean down to which S0 is followed: moments that depend on what is below do not exist.
+_LEAST_INTENSITY = 0.01
+_LOG_STEP_MOMENT_QUADRATURE = 0.1
+_NODE_CLASSES = (1, 40, 80, 160, 512, 1024, 2048)
+
+
+def _exact_moments(frame: DolpFrame, *, refinement: int = 0) -> _ExactMoments:
+    """Return mean and standard deviation of DoLP by quadrature."""
+    centre, width = _outer_map(frame)
+    low, high = _outer_ends(centre, width)
+    needed = 2.0**refinement * (high - low) / _LOG_STEP_MOMENT_QUADRATURE + 1.0
+    needed[frame.sigma_0 == 0.0] = 1.0
+    columns = np.zeros((4, len(frame)))
+    previous = 0.0
+    for count in _NODE_CLASSES:
+        chosen = np.flatnonzero((needed > previous) & ((needed <= count) | (count == _NODE_CLASSES[-1])))
+        for part in _chunks_moment_quadrature(chosen, count):
+            rule = _outer_rule(frame[part], centre[part], width[part], count)
+            columns[:, part] = _with_outer_rule(frame[part], *rule)
+        previous = count
+    return _ExactMoments(mean=columns[0], std=columns[1], mean_error=columns[2], std_error=columns[3])
+
+
+# Standard deviations of S0 that are covered; a normal variable is farther out with probability 2e-21.
+_REACH = 9.5
+
+
+def _outer_map(frame: DolpFrame) -> tuple[FloatArray, FloatArray]:
+    """Return centre and scale of z = centre + scale sinh(tau): where (S1, S2) given S0 passes close to zero."""
+    slope_squared = frame.slope_1**2 + frame.slope_2**2
+    moving = slope_squared > 0.0
+    safe = np.where(moving, slope_squared, 1.0)
+    nearest = -(frame.mean_1 * frame.slope_1 + frame.mean_2 * frame.slope_2) / safe
+    miss = (frame.mean_1 * frame.slope_2 - frame.mean_2 * frame.slope_1) / np.sqrt(safe)
+    scale = np.hypot(miss, frame.radius_2) / np.sqrt(safe)
+    passes = moving & (np.abs(nearest) < _REACH) & (scale < 3.0)
+    return np.where(passes, nearest, 0.0), np.where(passes, np.clip(scale, 1e-8, 3.0), 3.0)
+
+
+def _outer_ends(centre: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.arcsinh((-_REACH - centre) / width), np.arcsinh((_REACH - centre) / width)
+
+
+def _chunks_moment_quadrature(index: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
+    size = max(1, 16384 // count)
+    return [index[start : start + size] for start in range(0, index.size, size)]
+
+
+def _outer_rule(frame: DolpFrame, centre: FloatArray, width: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes z and weights, shape (M, count), for the mean over a standard normal z with S0 > 0."""
+    if count == 1:
+        return np.zeros((len(frame), 1)), np.ones((len(frame), 1))
+    low, high = _outer_ends(centre, width)
+    tau = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, count)
+    z = centre[:, None] + width[:, None] * np.sinh(tau)
+    weights = np.exp(-0.5 * z**2) * np.cosh(tau)
+    return z, np.where(z > -(1.0 - _LEAST_INTENSITY) * frame.snr_0[:, None], weights, 0.0)
+
+
+def _with_outer_rule(frame: DolpFrame, z: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return mean, standard deviation and their estimated errors, shape (4, M)."""
+    p0 = (frame.polarized / frame.mean_0)[:, None]
+    deviation, variance = _given_intensity(frame, z, weights, p0)
+    mean, std = _combined(deviation, variance, weights)
+    every_other = np.zeros_like(weights)
+    every_other[:, ::2] = weights[:, ::2]
+    coarse_mean, coarse_std = _combined(deviation, variance, every_other)
+    rounding = 1e-15 * p0[:, 0]
+    return np.stack(
+        [
+            p0[:, 0] + mean,
+            std,
+            np.abs(mean - coarse_mean) + 1e-14 * np.abs(mean) + rounding,
+            np.abs(std - coarse_std) + 1e-13 * std,
+        ]
+    )
+
+
+def _given_intensity(
+    frame: DolpFrame, z: FloatArray, weights: FloatArray, p0: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return E[P | z] - p0 and var(P | z), shape (M, count)."""
+    used = weights > 0.0
+    s0 = np.where(used, frame.mean_0[:, None] + frame.sigma_0[:, None] * z, 1.0)
+    first = frame.mean_1[:, None] + frame.slope_1[:, None] * z
+    second = frame.mean_2[:, None] + frame.slope_2[:, None] * z
+    length = np.hypot(first, second)
+    row, column = np.nonzero(used)
+    pulled, spread = np.zeros_like(z), np.zeros_like(z)
+    pulled[row, column], spread[row, column] = rice_moments(
+        first[row, column], second[row, column], frame.radius_1[row], frame.radius_2[row]
+    )
+    slide = _slide(frame, z, length, p0, s0)
+    return (slide + pulled) / s0, spread / s0**2
+
 
 # From this many standard deviations on, the kink of the length at the origin is out of reach of the Hermite rule.
 _SMOOTH = 10.0
 _HERMITE_NODES = 12
 _LOG_STEP = 0.28
 _LOG_TIMES = np.arange(-26.0, 40.0, _LOG_STEP)
-# Rows at once: the arrays then stay in the cache.
-_CHUNK = 128
 
 
 def rice_moments(
@@ -78,6 +550,10 @@ def rice_moments(
     for index in _chunks(np.flatnonzero(~far)):
         excess[index], variance[index] = _near(mean_1[index], mean_2[index], sigma_1[index], sigma_2[index])
     return excess, variance
+
+
+# Rows at once: the arrays then stay in the cache.
+_CHUNK = 128
 
 
 def _chunks(index: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -130,281 +606,6 @@ def _log1p_remainder(x: FloatArray) -> FloatArray:
     return np.where(small, series, x - np.log1p(x))
 
 
-# Mean and variance of DoLP by expansion around the mean Stokes parameters, first and second order
-
-
-# A variance that cancels to zero, as for a common factor, is negative by no more than this share of its terms.
-_ROUNDING = 1e-12
-
-
-@dataclass(frozen=True, kw_only=True)
-class Expansion:
-    """Mean and variance of DoLP from an expansion, each of shape (...)."""
-
-    mean: FloatArray
-    variance: FloatArray
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Local:
-    """Covariance relative to S0, in axes along S0, along the polarization (e) and across it (t)."""
-
-    p: FloatArray
-    v00: FloatArray
-    v0e: FloatArray
-    v0t: FloatArray
-    vee: FloatArray
-    vet: FloatArray
-    vtt: FloatArray
-
-
-def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
-    """Return DoLP at the mean and its first-order variance: fast, for pictures.
-
-    Parameters
-    ----------
-    stokes_mean
-        Shape (..., 3), S0 > 0.
-    stokes_cov
-        Shape (..., 3, 3), in the square of the unit of `stokes_mean`. Not checked to be a covariance, for speed.
-
-    Returns
-    -------
-    Expansion
-        Mean P and variance a' Sigma a, a = (-P, cos 2 psi, sin 2 psi) / S0. Where P = 0 the direction has no
-        meaning: that of S1 is taken, and neither moment is of use there.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit, a value of S0 is not positive, or a variance comes out negative.
-
-    Notes
-    -----
-    Good where Q is many standard deviations; the relative error of the mean is about (sigma_Q / Q)^2 / 2.
-
-    Differs from [MK14]: eq. (25) as printed lacks the squares on a2 and a3, and the ordered pairs.
-
-    References
-    ----------
-    [MK14] eq. (24)-(28).
-    """
-    mean, cov = _checked(stokes_mean, stokes_cov)
-    cos, sin, p = _direction(mean)
-    own = p**2 * cov[..., 0, 0] + cos**2 * cov[..., 1, 1] + sin**2 * cov[..., 2, 2]
-    shared = cos * sin * cov[..., 1, 2] - p * (cos * cov[..., 0, 1] + sin * cov[..., 0, 2])
-    total = own + 2.0 * shared
-    # Counts that are hardly polarized share all their fluctuation but for rounding, which is a share of that of S0.
-    if np.any(total < -_ROUNDING * np.trace(cov, axis1=-2, axis2=-1)):
-        raise ValueError("stokes_cov gives a negative variance of DoLP: it is not positive semi-definite")
-    variance = np.maximum(total, 0.0) / mean[..., 0] ** 2
-    return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)
-
-
-def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
-    """Return mean and variance of DoLP with all terms of second order in the covariance.
-
-    Parameters
-    ----------
-    stokes_mean
-        Shape (..., 3), S0 > 0 and (S1, S2) not zero.
-    stokes_cov
-        Shape (..., 3, 3), in the square of the unit of `stokes_mean`.
-
-    Returns
-    -------
-    Expansion
-        The variance may be negative: then the expansion has broken down. Infinite or not a number where P = 0.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not fit or a value of S0 is not positive.
-
-    Notes
-    -----
-    Never to be used where Q is below three standard deviations.
-
-    References
-    ----------
-    Definition (Taylor expansion to fourth order in the deviations).
-    """
-    mean, cov = _checked(stokes_mean, stokes_cov)
-    local = _local(mean, cov)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return Expansion(mean=_second_mean(local), variance=_first_variance(local) + _variance_excess(local))
-
-
-def _checked(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    mean, cov = checked_pair(stokes_mean, stokes_cov)
-    require_positive_intensity(checked_stokes(mean))
-    return mean, cov
-
-
-def _direction(mean: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return cosine and sine of the doubled polarization angle and DoLP; the direction of S1 where DoLP is 0."""
-    length = np.hypot(mean[..., 1], mean[..., 2])
-    none = length == 0.0
-    safe = np.where(none, 1.0, length)
-    return np.where(none, 1.0, mean[..., 1] / safe), mean[..., 2] / safe, length / mean[..., 0]
-
-
-def _local(mean: FloatArray, cov: FloatArray) -> _Local:
-    cos, sin, p = _direction(mean)
-    v = cov / (mean[..., 0] ** 2)[..., None, None]
-    v01, v02, v11, v12, v22 = v[..., 0, 1], v[..., 0, 2], v[..., 1, 1], v[..., 1, 2], v[..., 2, 2]
-    return _Local(
-        p=p,
-        v00=v[..., 0, 0],
-        v0e=cos * v01 + sin * v02,
-        v0t=cos * v02 - sin * v01,
-        vee=cos**2 * v11 + 2.0 * cos * sin * v12 + sin**2 * v22,
-        vet=cos * sin * (v22 - v11) + (cos**2 - sin**2) * v12,
-        vtt=sin**2 * v11 - 2.0 * cos * sin * v12 + cos**2 * v22,
-    )
-
-
-def _first_variance(v: _Local) -> FloatArray:
-    return np.asarray(v.p**2 * v.v00 - 2.0 * v.p * v.v0e + v.vee)
-
-
-def _second_mean(v: _Local) -> FloatArray:
-    return np.asarray(v.p + v.p * v.v00 - v.v0e + v.vtt / (2.0 * v.p))
-
-
-def _variance_excess(v: _Local) -> FloatArray:
-    """Return tr(H V H V) / 2 + g_i T_jkl V_ij V_kl with the derivatives of sqrt((P + e)^2 + t^2) / (1 + d0)."""
-    p = v.p
-    a0, ae, at = v.v0e - p * v.v00, v.vee - p * v.v0e, v.vet - p * v.v0t
-    third = a0 * (4.0 * v.v0e - 6.0 * p * v.v00 - v.vtt / p)
-    third = third + ae * (2.0 * v.v00 - v.vtt / p**2) - 2.0 * at * (v.v0t / p + v.vet / p**2)
-    return np.asarray(0.5 * _hessian_square(v) + third)
-
-
-def _hessian_square(v: _Local) -> FloatArray:
-    """Return tr(H V H V), H having the entries 2P (00), -1 (0e) and 1/P (tt)."""
-    p = v.p
-    b00, b0e, b0t = 2.0 * p * v.v00 - v.v0e, 2.0 * p * v.v0e - v.vee, 2.0 * p * v.v0t - v.vet
-    be0, bee, bet = -v.v00, -v.v0e, -v.v0t
-    bt0, bte, btt = v.v0t / p, v.vet / p, v.vtt / p
-    diagonal = b00**2 + bee**2 + btt**2
-    return np.asarray(diagonal + 2.0 * (b0e * be0 + b0t * bt0 + bet * bte))
-
-
-# Mean and variance of DoLP by quadrature: an outer rule over S0, an inner one over (S1, S2) given S0
-
-
-# Standard deviations of S0 that are covered; a normal variable is farther out with probability 2e-21.
-_REACH = 9.5
-# Share of its mean down to which S0 is followed: moments that depend on what is below do not exist.
-_LEAST_INTENSITY = 0.01
-_LOG_STEP_MOMENT_QUADRATURE = 0.1
-_NODE_CLASSES = (1, 40, 80, 160, 512, 1024, 2048)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExactMoments:
-    """Mean and standard deviation of DoLP, each of shape (M,), with estimated absolute errors."""
-
-    mean: FloatArray
-    std: FloatArray
-    mean_error: FloatArray
-    std_error: FloatArray
-
-
-def exact_moments(frame: DolpFrame, *, refinement: int = 0) -> ExactMoments:
-    """Return mean and standard deviation of DoLP by quadrature."""
-    centre, width = _outer_map(frame)
-    low, high = _outer_ends(centre, width)
-    needed = 2.0**refinement * (high - low) / _LOG_STEP_MOMENT_QUADRATURE + 1.0
-    needed[frame.sigma_0 == 0.0] = 1.0
-    columns = np.zeros((4, len(frame)))
-    previous = 0.0
-    for count in _NODE_CLASSES:
-        chosen = np.flatnonzero((needed > previous) & ((needed <= count) | (count == _NODE_CLASSES[-1])))
-        for part in _chunks_moment_quadrature(chosen, count):
-            rule = _outer_rule(frame[part], centre[part], width[part], count)
-            columns[:, part] = _with_outer_rule(frame[part], *rule)
-        previous = count
-    return ExactMoments(mean=columns[0], std=columns[1], mean_error=columns[2], std_error=columns[3])
-
-
-def _chunks_moment_quadrature(index: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
-    size = max(1, 16384 // count)
-    return [index[start : start + size] for start in range(0, index.size, size)]
-
-
-def _outer_map(frame: DolpFrame) -> tuple[FloatArray, FloatArray]:
-    """Return centre and scale of z = centre + scale sinh(tau): where (S1, S2) given S0 passes close to zero."""
-    slope_squared = frame.slope_1**2 + frame.slope_2**2
-    moving = slope_squared > 0.0
-    safe = np.where(moving, slope_squared, 1.0)
-    nearest = -(frame.mean_1 * frame.slope_1 + frame.mean_2 * frame.slope_2) / safe
-    miss = (frame.mean_1 * frame.slope_2 - frame.mean_2 * frame.slope_1) / np.sqrt(safe)
-    scale = np.hypot(miss, frame.radius_2) / np.sqrt(safe)
-    passes = moving & (np.abs(nearest) < _REACH) & (scale < 3.0)
-    return np.where(passes, nearest, 0.0), np.where(passes, np.clip(scale, 1e-8, 3.0), 3.0)
-
-
-def _outer_ends(centre: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return np.arcsinh((-_REACH - centre) / width), np.arcsinh((_REACH - centre) / width)
-
-
-def _outer_rule(frame: DolpFrame, centre: FloatArray, width: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return nodes z and weights, shape (M, count), for the mean over a standard normal z with S0 > 0."""
-    if count == 1:
-        return np.zeros((len(frame), 1)), np.ones((len(frame), 1))
-    low, high = _outer_ends(centre, width)
-    tau = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, count)
-    z = centre[:, None] + width[:, None] * np.sinh(tau)
-    weights = np.exp(-0.5 * z**2) * np.cosh(tau)
-    return z, np.where(z > -(1.0 - _LEAST_INTENSITY) * frame.snr_0[:, None], weights, 0.0)
-
-
-def _with_outer_rule(frame: DolpFrame, z: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return mean, standard deviation and their estimated errors, shape (4, M)."""
-    p0 = (frame.polarized / frame.mean_0)[:, None]
-    deviation, variance = _given_intensity(frame, z, weights, p0)
-    mean, std = _combined(deviation, variance, weights)
-    every_other = np.zeros_like(weights)
-    every_other[:, ::2] = weights[:, ::2]
-    coarse_mean, coarse_std = _combined(deviation, variance, every_other)
-    rounding = 1e-15 * p0[:, 0]
-    return np.stack(
-        [
-            p0[:, 0] + mean,
-            std,
-            np.abs(mean - coarse_mean) + 1e-14 * np.abs(mean) + rounding,
-            np.abs(std - coarse_std) + 1e-13 * std,
-        ]
-    )
-
-
-def _combined(deviation: FloatArray, variance: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    share = weights / np.sum(weights, axis=1, keepdims=True)
-    mean = np.sum(share * deviation, axis=1)
-    spread = np.sum(share * (variance + (deviation - mean[:, None]) ** 2), axis=1)
-    return mean, np.sqrt(spread)
-
-
-def _given_intensity(
-    frame: DolpFrame, z: FloatArray, weights: FloatArray, p0: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return E[P | z] - p0 and var(P | z), shape (M, count)."""
-    used = weights > 0.0
-    s0 = np.where(used, frame.mean_0[:, None] + frame.sigma_0[:, None] * z, 1.0)
-    first = frame.mean_1[:, None] + frame.slope_1[:, None] * z
-    second = frame.mean_2[:, None] + frame.slope_2[:, None] * z
-    length = np.hypot(first, second)
-    row, column = np.nonzero(used)
-    pulled, spread = np.zeros_like(z), np.zeros_like(z)
-    pulled[row, column], spread[row, column] = rice_moments(
-        first[row, column], second[row, column], frame.radius_1[row], frame.radius_2[row]
-    )
-    slide = _slide(frame, z, length, p0, s0)
-    return (slide + pulled) / s0, spread / s0**2
-
-
 def _slide(frame: DolpFrame, z: FloatArray, length: FloatArray, p0: FloatArray, s0: FloatArray) -> FloatArray:
     """Return |mean of (S1, S2) given S0| - p0 S0 as a difference of squares, from the excess over a common factor."""
     excess = frame.mean_1 * frame.excess_1 + frame.mean_2 * frame.excess_2
@@ -425,21 +626,50 @@ def _slope_square(frame: DolpFrame) -> FloatArray:
     return total
 
 
-# Existence of the moments of DoLP, and what exists without them
+def _combined(deviation: FloatArray, variance: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    share = weights / np.sum(weights, axis=1, keepdims=True)
+    mean = np.sum(share * deviation, axis=1)
+    spread = np.sum(share * (variance + (deviation - mean[:, None]) ** 2), axis=1)
+    return mean, np.sqrt(spread)
 
 
-# Cut-offs between this share of the mean of S0 and the mean itself are taken to be equally good.
-_CUT_OFF = 0.01
-_PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
+def _within(columns: _Columns, index: NDArray[np.int64], tolerance: float) -> NDArray[np.bool_]:
+    mean_good = columns.mean_error[index] <= tolerance * columns.mean[index]
+    return np.asarray(mean_good & (columns.std_error[index] <= tolerance * columns.std[index]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ambiguity:
-    """Change by the choice of a cut-off near S0 = 0, each of shape (M,)."""
+def _result(
+    columns: _Columns, frame: DolpFrame, doubt: _Ambiguity, shape: tuple[int, ...], existing_to: float
+) -> DolpMoments:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        std_doubt = np.where(doubt.square > 0.0, doubt.square / (2.0 * columns.std), 0.0)
+        defined = (doubt.mean <= existing_to * columns.mean) & (std_doubt <= existing_to * columns.std)
+        exists = defined & (doubt.dark <= existing_to) & (frame.mean_0 > 0.0)
+        snr = columns.mean / columns.std
 
-    mean: FloatArray
-    square: FloatArray
-    dark: FloatArray
+    def shaped(values: FloatArray) -> FloatArray:
+        return np.where(exists, values, np.nan).reshape(shape)[()]
+
+    return DolpMoments(
+        mean=shaped(columns.mean),
+        std=shaped(columns.std),
+        snr=shaped(snr),
+        method=np.where(exists, columns.method, _NONE).reshape(shape)[()],
+        mean_error=shaped(columns.mean_error + doubt.mean),
+        std_error=shaped(columns.std_error + std_doubt),
+        exists=exists.reshape(shape)[()],
+        reason=_reasons(frame, exists, existing_to).reshape(shape)[()],
+    )
+
+
+def _reasons(frame: DolpFrame, exists: NDArray[np.bool_], tolerance: float) -> NDArray[np.str_]:
+    reasons = np.full(exists.shape, "", dtype="<U128")
+    for index in np.flatnonzero(~exists):
+        reasons[index] = (
+            f"S0 is not bounded away from 0 (SNR of S0 is {frame.snr_0[index]:.3g}): DoLP has no moments "
+            f"to {tolerance:g}; quantiles exist"
+        )
+    return reasons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -451,22 +681,6 @@ class AlwaysExisting:
     quantiles: FloatArray
     clipped_mean: FloatArray
     clipped_std: FloatArray
-
-
-def ambiguity(frame: DolpFrame) -> Ambiguity:
-    """Return how far the moments of DoLP depend on how S0 near zero is treated."""
-    sigma = np.where(frame.sigma_0 > 0.0, frame.sigma_0, 1.0)
-    snr = np.where(frame.sigma_0 > 0.0, frame.mean_0 / sigma, np.inf)
-    at_zero = np.exp(-0.5 * np.minimum(snr**2, 1500.0)) / (sigma * np.sqrt(2.0 * np.pi))
-    # (S1, S2) given S0 = 0 is the excess over a common factor, in units of sigma_0.
-    square = (frame.excess_1**2 + frame.excess_2**2) / sigma**2 + frame.radius_1**2 + frame.radius_2**2
-    bright = np.maximum(frame.mean_0, 1e-300)
-    known = frame.sigma_0 == 0.0
-    return Ambiguity(
-        mean=np.where(known, 0.0, -at_zero * np.sqrt(square) * np.log(_CUT_OFF)),
-        square=np.where(known, 0.0, at_zero * square / (_CUT_OFF * bright)),
-        dark=np.where(known, 0.0, ndtr(-snr)),
-    )
 
 
 def always_existing(
@@ -505,221 +719,3 @@ def _clipped(frame: DolpFrame, ends: FloatArray) -> tuple[FloatArray, FloatArray
     found = integrate_panels(integrand, cuts=cuts, tolerance=1e-9, noise=np.full(len(frame), 1e-13))
     shift, square = found.value[:, 0], found.value[:, 1]
     return centre + shift, np.sqrt(np.maximum(square - shift**2, 0.0))
-
-
-# Degree of linear polarization of Gaussian Stokes parameters: moments to a stated tolerance, and its distribution
-
-FIRST, SECOND, EXACT, NONE = "first order", "second order", "quadrature", "none"
-
-# An expansion is never trusted closer to the kink at S1 = S2 = 0, or to S0 = 0, than this.
-_LEAST_SNR = 4.0
-# What is left out beyond second order, over the square of the largest relative correction.
-_NEXT_ORDER = 4.0
-# Share of the tolerance that an estimated error may take, since it may be low by a factor of two.
-_MARGIN = 0.25
-_REFINEMENTS = 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class DolpMoments:
-    """Mean and standard deviation of DoLP, each field of the broadcast leading shape.
-
-    Parameters
-    ----------
-    mean, std
-        Moments; not a number where they do not exist at the tolerance.
-    snr
-        mean / std. Unpolarized light has 1.913 with S0 known: a value below 2 is no evidence of polarization.
-    method
-        "first order", "second order", "quadrature" or "none".
-    mean_error, std_error
-        Estimated absolute errors.
-    exists
-        Whether the moments exist at the tolerance.
-    reason
-        Why they do not; empty where they do.
-    """
-
-    mean: FloatArray
-    std: FloatArray
-    snr: FloatArray
-    method: NDArray[np.str_]
-    mean_error: FloatArray
-    std_error: FloatArray
-    exists: NDArray[np.bool_]
-    reason: NDArray[np.str_]
-
-
-@dataclass(kw_only=True)
-class _Columns:
-    """Results under construction, each of shape (M,)."""
-
-    mean: FloatArray
-    std: FloatArray
-    mean_error: FloatArray
-    std_error: FloatArray
-    method: NDArray[np.str_]
-
-
-def moments(
-    stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9, existing_to: float | None = None
-) -> DolpMoments:
-    """Return mean, standard deviation and signal-to-noise ratio of DoLP to a stated relative tolerance.
-
-    Parameters
-    ----------
-    stokes_mean
-        Mean of (S0, S1, S2), shape (..., 3), any unit.
-    stokes_cov
-        Covariance, shape (..., 3, 3), in the square of that unit, positive semi-definite; singular is allowed.
-    tolerance
-        Relative error allowed of mean and standard deviation, > 0. The cheapest of three ways that meets it is
-        taken: expansion to first order, to second order, or quadrature (error about 1e-13).
-    existing_to
-        Tolerance to which moments have to exist, where that is below the other; None for the same.
-
-    Returns
-    -------
-    DolpMoments
-        With the way taken, the errors estimated, and where there are no moments the reason.
-
-    Raises
-    ------
-    ValueError
-        If the arguments are no mean and covariance, S0 > 0 has no probability, or the tolerance is not positive.
-
-    Notes
-    -----
-    Moments exist at the tolerance if treating S0 below 1 % of its mean in another way changes them by less.
-    Where they do not, `always_existing` and `quantile` say what can be said. In the condition S0 > 0 is meant.
-
-    Differs from [MK14]: eq. (24) is DoLP at the mean, not the mean of DoLP, and eq. (25) its first-order variance;
-    both fail where S1 and S2 are few standard deviations from zero, whatever the signal-to-noise ratio of S0.
-
-    References
-    ----------
-    [MK14] eq. (24)-(29).
-    """
-    if not tolerance > 0.0:
-        raise ValueError(f"tolerance = {tolerance}; allowed is above 0")
-    frame, shape = dolp_frame(stokes_mean, stokes_cov)
-    columns = _expanded(frame, stokes_mean, stokes_cov, shape, tolerance)
-    doubt, existing_to = ambiguity(frame), tolerance if existing_to is None else min(existing_to, tolerance)
-    pending = np.flatnonzero((columns.method == NONE) & (frame.mean_0 > 0.0) & (doubt.dark <= existing_to))
-    for refinement in range(_REFINEMENTS + 1):
-        _quadrature(columns, frame, pending, refinement)
-        pending = pending[~_within(columns, pending, tolerance)]
-    return _result(columns, frame, doubt, shape, existing_to)
-
-
-def _expanded(
-    frame: DolpFrame, stokes_mean: ArrayLike, stokes_cov: ArrayLike, shape: tuple[int, ...], tolerance: float
-) -> _Columns:
-    """Return the results of the expansions where they meet the tolerance."""
-    count = len(frame)
-    columns = _Columns(
-        mean=np.full(count, np.nan),
-        std=np.full(count, np.nan),
-        mean_error=np.full(count, np.nan),
-        std_error=np.full(count, np.nan),
-        method=np.full(count, NONE, dtype="<U12"),
-    )
-    index = np.flatnonzero(_least_snr(frame) > _LEAST_SNR)
-    mean, cov = checked_pair(stokes_mean, stokes_cov)
-    mean = np.broadcast_to(mean, (*shape, 3)).reshape(-1, 3)[index]
-    cov = np.broadcast_to(cov, (*shape, 3, 3)).reshape(-1, 3, 3)[index]
-    first, second = first_order(mean, cov), second_order(mean, cov)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rest = _next_order(frame[index], first, second)
-        second_errors = rest * first.mean, rest * _root(first.variance)
-        mean_error = np.abs(second.mean - first.mean) + second_errors[0]
-        std_error = np.abs(_root(second.variance) - _root(first.variance)) + second_errors[1]
-    _accept(columns, index, second, *second_errors, SECOND, tolerance)
-    _accept(columns, index, first, mean_error, std_error, FIRST, tolerance)
-    return columns
-
-
-def _least_snr(frame: DolpFrame) -> FloatArray:
-    """Return the smaller distance, in standard deviations, to S1 = S2 = 0 and to S0 = 0."""
-    bright = np.maximum(frame.mean_0, frame.sigma_0)
-    common = np.hypot(frame.excess_1, frame.excess_2) / bright
-    spread = np.sqrt(common**2 + frame.radius_1**2 + frame.radius_2**2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        polarized = np.where(frame.polarized > 0.0, frame.polarized / spread, 0.0)
-    return np.asarray(np.minimum(polarized, frame.snr_0))
-
-
-def _next_order(frame: DolpFrame, first: Expansion, second: Expansion) -> FloatArray:
-    """Return an estimate of the relative size of what second order leaves out; not a number if there is none."""
-    mean_change = np.abs(second.mean / first.mean - 1.0)
-    std_change = np.abs(_root(second.variance) / _root(first.variance) - 1.0)
-    far = 1.0 / _least_snr(frame) ** 2
-    return np.asarray(_NEXT_ORDER * np.maximum(np.maximum(mean_change, std_change), far) ** 2)
-
-
-def _root(variance: FloatArray) -> FloatArray:
-    """Return the square root; not a number, without a warning, where an expansion has broken down."""
-    return np.sqrt(np.where(variance >= 0.0, variance, np.nan))
-
-
-def _accept(
-    columns: _Columns,
-    index: NDArray[np.int64],
-    found: Expansion,
-    mean_error: FloatArray,
-    std_error: FloatArray,
-    method: str,
-    tolerance: float,
-) -> None:
-    std = _root(found.variance)
-    good = (mean_error <= _MARGIN * tolerance * found.mean) & (std_error <= _MARGIN * tolerance * std)
-    chosen = index[good]
-    columns.mean[chosen], columns.std[chosen] = found.mean[good], std[good]
-    columns.mean_error[chosen], columns.std_error[chosen] = mean_error[good], std_error[good]
-    columns.method[chosen] = method
-
-
-def _quadrature(columns: _Columns, frame: DolpFrame, index: NDArray[np.int64], refinement: int) -> None:
-    found = exact_moments(frame[index], refinement=refinement)
-    columns.mean[index], columns.std[index] = found.mean, found.std
-    columns.mean_error[index], columns.std_error[index] = found.mean_error, found.std_error
-    columns.method[index] = EXACT
-
-
-def _within(columns: _Columns, index: NDArray[np.int64], tolerance: float) -> NDArray[np.bool_]:
-    mean_good = columns.mean_error[index] <= tolerance * columns.mean[index]
-    return np.asarray(mean_good & (columns.std_error[index] <= tolerance * columns.std[index]))
-
-
-def _result(
-    columns: _Columns, frame: DolpFrame, doubt: Ambiguity, shape: tuple[int, ...], existing_to: float
-) -> DolpMoments:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        std_doubt = np.where(doubt.square > 0.0, doubt.square / (2.0 * columns.std), 0.0)
-        defined = (doubt.mean <= existing_to * columns.mean) & (std_doubt <= existing_to * columns.std)
-        exists = defined & (doubt.dark <= existing_to) & (frame.mean_0 > 0.0)
-        snr = columns.mean / columns.std
-
-    def shaped(values: FloatArray) -> FloatArray:
-        return np.where(exists, values, np.nan).reshape(shape)[()]
-
-    return DolpMoments(
-        mean=shaped(columns.mean),
-        std=shaped(columns.std),
-        snr=shaped(snr),
-        method=np.where(exists, columns.method, NONE).reshape(shape)[()],
-        mean_error=shaped(columns.mean_error + doubt.mean),
-        std_error=shaped(columns.std_error + std_doubt),
-        exists=exists.reshape(shape)[()],
-        reason=_reasons(frame, exists, existing_to).reshape(shape)[()],
-    )
-
-
-def _reasons(frame: DolpFrame, exists: NDArray[np.bool_], tolerance: float) -> NDArray[np.str_]:
-    reasons = np.full(exists.shape, "", dtype="<U128")
-    for index in np.flatnonzero(~exists):
-        reasons[index] = (
-            f"S0 is not bounded away from 0 (SNR of S0 is {frame.snr_0[index]:.3g}): DoLP has no moments "
-            f"to {tolerance:g}; quantiles exist"
-        )
-    return reasons

@@ -1,4 +1,16 @@
-"""Joint fit of all faults of a run to the residuals of its redundant angles."""
+"""Joint fit of all faults of a run to the residuals of its redundant angles.
+
+With more than three polarizer angles, frames contradict each other where something is wrong: a throughput, an angle, a
+dark level, a shift, a bent response. Each fault that is looked for is a `Cause`, one or more directions in the space of
+parameters of single frames and of the response (`PER_FRAME`, `SHARED`). `fit_faults` works in four steps:
+
+1. Means over blocks of 4 x 4 pixels of the residual, and of what each fault would make of it (`_Samples`).
+2. Normal equations of every tile of blocks, and how much their right side scatters from tile to tile (`_Scores`).
+3. The set of causes with the highest evidence; a cause more has to be worth its cost (`Weigher`).
+4. The named faults are taken out of pictures and design, and all is repeated until nothing changes.
+
+Rounding to whole counts acts like a fault where the noise is below a third of a step, and is allowed for.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,22 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from model.numerics import fdtrc, fdtri
 from model.processing.reconstruction import Design, design_from_system
 
-# The faults that redundant angles can show, as directions in the space of what may be wrong with single frames
-
 FloatArray = NDArray[np.float64]
-
-# Kinds of what may be wrong with one frame, in the order in which parameters stand; then what all frames share.
-PER_FRAME = ("throughput", "angle", "dark level", "shift x", "shift y")
-SHARED = ("response curvature", "response power law")
-# How large faults of rigs are before anything is known (standard deviations), in the units of the parameters.
-_THROUGHPUT, _ANGLE_RAD, _DARK_SHARE, _SHIFT_PIXELS, _CURVATURE, _POWER = 0.02, 0.0175, 0.01, 0.7, 0.2, 0.15
-# Planes of a mosaic lie a quarter of their pixel to each side.
-_PLANES_PIXELS = 0.25
-# Of explanations that fit alike, what the pair sums say in any case is said first. A dark level of one frame alone is
-# rare, and two frames off by opposite shares, where one turned polarizer does the same, rarer.
-_PAIRS_LOG_ODDS, _DARK_LOG_ODDS, _WITHIN_LOG_ODDS = 4.0, -0.7, -2.0
-# Of angles that are the same, or a quarter turn apart, to the resolution of what people write [rad].
-_SAME_RAD = np.radians(0.5)
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,18 +38,6 @@ class Cause:
     expected: FloatArray
     log_odds: float = 0.0
     is_fault: bool = True
-
-
-def parameter_count(frames: int) -> int:
-    """Return the number of parameters of single frames and of the response."""
-    return len(PER_FRAME) * frames + len(SHARED)
-
-
-def place(kind: str, frame: int, frames: int) -> int:
-    """Return where a parameter stands: of one frame, or (frame 0) of all."""
-    if kind in SHARED:
-        return len(PER_FRAME) * frames + SHARED.index(kind)
-    return PER_FRAME.index(kind) * frames + frame
 
 
 def known_causes(angles_rad: FloatArray, order: Sequence[float], *, light: float) -> tuple[Cause, ...]:
@@ -77,339 +63,6 @@ def known_causes(angles_rad: FloatArray, order: Sequence[float], *, light: float
     )
 
 
-def _of_single_frames(frames: int, light: float) -> Iterator[Cause]:
-    kinds = (
-        ("throughput", _THROUGHPUT, "share", 0.0),
-        ("angle", _ANGLE_RAD, "rad", 0.0),
-        ("dark level", _DARK_SHARE * light, "DN", _DARK_LOG_ODDS),
-    )
-    for kind, expected, unit, log_odds in kinds:
-        for frame in range(frames):
-            one = _cause(kind, [(place(kind, frame, frames), 1.0)], expected, unit, frames, frame=frame)
-            yield replace(one, log_odds=log_odds)
-    for frame in range(frames):
-        along = [_unit_vector(place(kind, frame, frames), frames) for kind in ("shift x", "shift y")]
-        yield Cause(
-            name="shift",
-            frame=frame,
-            frames=(frame,),
-            unit="pixel",
-            directions=np.column_stack(along),
-            expected=np.full(2, _SHIFT_PIXELS),
-        )
-
-
-def _of_pairs(angles_rad: FloatArray) -> Iterator[Cause]:
-    """Give the light of orthogonal pairs against one another, and of the two of a pair."""
-    frames, quarter = len(angles_rad), np.pi / 2
-    groups = _groups(angles_rad, quarter)
-    complete = [group for group in groups if len(_groups(angles_rad[group], np.pi)) == 2]
-    if len(groups) > 1 and len(complete) == len(groups):
-        for group in groups[: 1 if len(groups) == 2 else None]:
-            others = [frame for frame in range(frames) if frame not in group]
-            shares = dict.fromkeys(group, 0.5) | dict.fromkeys(others, -0.5)
-            one = None if len(groups) == 2 else int(group[0])
-            yield _of_throughputs(
-                "throughput of pairs", shares, frames, 2**0.5 * _THROUGHPUT, frame=one, log_odds=_PAIRS_LOG_ODDS
-            )
-    for group in complete:
-        halves = _groups(angles_rad[group], np.pi)
-        shares = {int(group[at]): sign for half, sign in zip(halves, (0.5, -0.5), strict=True) for at in half}
-        yield _of_throughputs(
-            "throughput within a pair",
-            shares,
-            frames,
-            2**0.5 * _THROUGHPUT,
-            frame=int(group[0]),
-            log_odds=_WITHIN_LOG_ODDS,
-        )
-
-
-def _of_mosaics(angles_rad: FloatArray) -> Iterator[Cause]:
-    """Give opposite shifts of the two of each pair, as the four planes of a mosaic of polarizers lie."""
-    frames = len(angles_rad)
-    pairs = _groups(angles_rad, np.pi / 2)
-    if frames != 4 or [len(pair) for pair in pairs] != [2, 2] or len(_groups(angles_rad, np.pi)) < frames:
-        return
-    moved = np.zeros((parameter_count(frames), 4))
-    for number, (one, other) in enumerate(pairs):
-        for way, kind in enumerate(("shift x", "shift y")):
-            moved[place(kind, int(one), frames), 2 * number + way] = 1.0
-            moved[place(kind, int(other), frames), 2 * number + way] = -1.0
-    yield Cause(
-        name="planes of a mosaic",
-        frame=None,
-        frames=tuple(range(frames)),
-        unit="pixel",
-        directions=moved,
-        expected=np.full(4, _PLANES_PIXELS),
-        is_fault=False,
-    )
-
-
-def _of_all(frames: int) -> Iterator[Cause]:
-    for kind, expected in zip(SHARED, (_CURVATURE, _POWER), strict=True):
-        unit = "share at the mean light" if kind == "response curvature" else "exponent - 1"
-        yield _cause(kind, [(place(kind, 0, frames), 1.0)], expected, unit, frames)
-
-
-def _of_time(order: FloatArray) -> Iterator[Cause]:
-    span = float(np.ptp(order))
-    if span > 0.0:
-        late = (order - order.mean()) / span
-        yield _of_throughputs("drift", dict(enumerate(late)), len(order), _THROUGHPUT)
-
-
-def _of_whole_turns(angles_rad: FloatArray) -> Iterator[Cause]:
-    """Give what comes once a turn and not twice: a wedge in the light and a wobble of the picture."""
-    frames = len(angles_rad)
-    if len(_groups(angles_rad, 2 * np.pi)) < len(_groups(angles_rad, np.pi)) + 2:
-        return
-    once = np.array([np.cos(angles_rad), np.sin(angles_rad)])
-    yield Cause(
-        name="wedge",
-        frame=None,
-        frames=tuple(range(frames)),
-        unit="share",
-        directions=np.vstack([once.T, np.zeros((parameter_count(frames) - frames, 2))]),
-        expected=np.full(2, _THROUGHPUT),
-    )
-    moved = np.zeros((parameter_count(frames), 4))
-    for column, kind in enumerate(("shift x", "shift y")):
-        start = place(kind, 0, frames)
-        moved[start : start + frames, 2 * column : 2 * column + 2] = once.T
-    yield Cause(
-        name="wobble",
-        frame=None,
-        frames=tuple(range(frames)),
-        unit="pixel",
-        directions=moved,
-        expected=np.full(4, _SHIFT_PIXELS),
-    )
-
-
-def _of_throughputs(
-    name: str,
-    shares: dict[int, float],
-    frames: int,
-    expected: float,
-    *,
-    frame: int | None = None,
-    log_odds: float = 0.0,
-) -> Cause:
-    parts = [(place("throughput", index, frames), share) for index, share in shares.items()]
-    cause = _cause(name, parts, expected, "share", frames, frame=frame, changed=tuple(shares))
-    return replace(cause, log_odds=log_odds)
-
-
-def _cause(
-    name: str,
-    parts: Sequence[tuple[int, float]],
-    expected: float,
-    unit: str,
-    frames: int,
-    *,
-    frame: int | None = None,
-    changed: tuple[int, ...] | None = None,
-) -> Cause:
-    direction = np.zeros(parameter_count(frames))
-    for at, size in parts:
-        direction[at] = size
-    all_changed = tuple(range(frames)) if frame is None else (frame,)
-    return Cause(
-        name=name,
-        frame=frame,
-        frames=changed or all_changed,
-        unit=unit,
-        directions=direction[:, None],
-        expected=np.array([expected]),
-    )
-
-
-def _unit_vector(at: int, frames: int) -> FloatArray:
-    vector = np.zeros(parameter_count(frames))
-    vector[at] = 1.0
-    return vector
-
-
-def _groups(angles_rad: FloatArray, period_rad: float) -> list[NDArray[np.intp]]:
-    """Return the numbers of the angles that are the same modulo a period."""
-    left, groups = list(range(len(angles_rad))), []
-    while left:
-        apart = np.mod(angles_rad[left] - angles_rad[left[0]] + period_rad / 2, period_rad) - period_rad / 2
-        group = [frame for frame, distance in zip(left, apart, strict=True) if abs(distance) < _SAME_RAD]
-        groups.append(np.array(group))
-        left = [frame for frame in left if frame not in group]
-    return groups
-
-
-# Pictures and system matrix with faults of a known size taken out
-
-
-# Shifts below this change nothing that is seen [pixel].
-_LEAST_SHIFT_PIXELS = 1e-4
-_LARGEST_CURVATURE, _LARGEST_POWER, _LARGEST_SHARE, _LARGEST_SHIFT_PIXELS = 0.9, 0.8, 0.7, 12.0
-# A response that is bent further down has turned where the light is twice its mean: none does.
-_LEAST_CURVATURE = -0.15
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FrameFaults:
-    """How large each fault of single frames is."""
-
-    throughput: FloatArray
-    angle_rad: FloatArray
-    dark_dn: FloatArray
-    shift_pixels: FloatArray
-    curvature: float
-    power: float
-
-
-def frame_faults(parameters: FloatArray, frames: int) -> FrameFaults:
-    """Return parameters as faults of frames, held within what a correction can undo."""
-    if parameters.shape != (parameter_count(frames),):
-        raise ValueError(f"parameters has shape {parameters.shape}; allowed is ({parameter_count(frames)},)")
-    parts = parameters[: len(PER_FRAME) * frames].reshape(len(PER_FRAME), frames)
-    return FrameFaults(
-        throughput=np.clip(parts[0], -_LARGEST_SHARE, _LARGEST_SHARE),
-        angle_rad=np.clip(parts[1], -_LARGEST_SHARE, _LARGEST_SHARE),
-        dark_dn=parts[2],
-        shift_pixels=np.clip(parts[3:5].T, -_LARGEST_SHIFT_PIXELS, _LARGEST_SHIFT_PIXELS),
-        curvature=float(np.clip(parameters[-2], -_LARGEST_CURVATURE, _LARGEST_CURVATURE)),
-        power=float(np.clip(parameters[-1], -_LARGEST_POWER, _LARGEST_POWER)),
-    )
-
-
-def can_be_undone(parameters: FloatArray) -> bool:
-    """Return whether faults are so small that a correction undoes all of them."""
-    frames = (len(parameters) - len(SHARED)) // len(PER_FRAME)
-    faults = frame_faults(parameters, frames)
-    held = np.concatenate([faults.throughput, faults.angle_rad, faults.shift_pixels.T.ravel(), [faults.power]])
-    asked = np.delete(parameters, np.s_[2 * frames : 3 * frames])
-    return bool(np.array_equal(held, np.delete(asked, -2)) and _LEAST_CURVATURE <= parameters[-2] <= _LARGEST_CURVATURE)
-
-
-def corrected_system(system: FloatArray, faults: FrameFaults) -> tuple[Design, FloatArray]:
-    """Return the design with throughputs and angles as they are, and how its rows change with the angle.
-
-    A turned polarizer turns S1 and S2 of its row.
-    """
-    cosine, sine = np.cos(2 * faults.angle_rad), np.sin(2 * faults.angle_rad)
-    gain = 1.0 + faults.throughput
-    rows = np.column_stack(
-        [
-            gain * system[:, 0],
-            gain * (cosine * system[:, 1] - sine * system[:, 2]),
-            gain * (sine * system[:, 1] + cosine * system[:, 2]),
-        ]
-    )
-    turned = np.column_stack([np.zeros(len(rows)), -2.0 * rows[:, 2], 2.0 * rows[:, 1]])
-    return design_from_system(rows), turned
-
-
-def corrected_pictures(pictures: FloatArray, faults: FrameFaults, *, light: float) -> FloatArray:
-    """Return pictures with dark levels, response and shifts undone, shape as given."""
-    straight = _straightened(pictures - faults.dark_dn[:, None, None], faults, light)
-    for index, (x, y) in enumerate(faults.shift_pixels):
-        if max(abs(x), abs(y)) > _LEAST_SHIFT_PIXELS:
-            straight[index] = _moved_back(_moved_back(straight[index], x, axis=1), y, axis=0)
-    return straight
-
-
-def _straightened(pictures: FloatArray, faults: FrameFaults, light: float) -> FloatArray:
-    straight = pictures
-    if faults.power:
-        straight = light * np.sign(straight) * np.abs(straight / light) ** (1.0 / (1.0 + faults.power))
-    if faults.curvature:
-        root = np.maximum(1.0 + 4.0 * faults.curvature * straight / light, 0.01)
-        straight = 2.0 * straight / (1.0 + np.sqrt(root))
-    return np.array(straight)
-
-
-def _moved_back(picture: FloatArray, shift_pixels: float, *, axis: int) -> FloatArray:
-    """Return a picture moved back along an axis, by cubic convolution; edges are repeated (Keys 1981)."""
-    whole = int(np.floor(shift_pixels))
-    part = shift_pixels - whole
-    taps = (
-        0.5 * part * (part * (2.0 - part) - 1.0),
-        0.5 * (part**2 * (3.0 * part - 5.0) + 2.0),
-        0.5 * part * (part * (4.0 - 3.0 * part) + 1.0),
-        0.5 * part**2 * (part - 1.0),
-    )
-    size = picture.shape[axis]
-    pad = [(0, 0), (0, 0)]
-    pad[axis] = (abs(whole) + 2, abs(whole) + 2)
-    wide = np.pad(picture, pad, mode="edge")
-    start = abs(whole) + 2 + whole - 1
-    cuts = [[slice(None), slice(None)] for _ in taps]
-    for step, cut in enumerate(cuts):
-        cut[axis] = slice(start + step, start + step + size)
-    return np.asarray(sum(tap * wide[tuple(cut)] for tap, cut in zip(taps, cuts, strict=True)))
-
-
-# How far rounding to whole steps moves levels, where the noise is smaller than a step
-
-
-# Waves of the periodic error that are summed: the last is below 1e-16 where noise is a third of a step, and a share of
-# 1/40 of the first without any.
-_WAVES = np.arange(1, 41)
-# Noise from which on rounding moves a mean by less than a fortieth of a step.
-_HARMLESS_STEPS = 0.35
-
-
-def rounding_error_rms(std: ArrayLike) -> FloatArray:
-    """Return how far rounding moves a mean, root mean square over where the mean lies between two steps.
-
-    Widrow and Kollar, Quantization Noise (2008), chapter 4: the error is a sum of waves that noise damps.
-    """
-    waves = np.exp(-2.0 * (np.pi * _WAVES * np.asarray(std, dtype=np.float64)[..., None]) ** 2) / (np.pi * _WAVES)
-    return np.asarray(np.sqrt(0.5 * np.sum(waves**2, axis=-1)))
-
-
-def frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step: float) -> FloatArray:
-    """Return the noise of one pixel of each frame before rounding, in steps, from where the picture is smoothest."""
-    whole = usable[:, 2:] & usable[:, 1:-1] & usable[:, :-2]
-    bends = pictures[:, :, 2:] - 2.0 * pictures[:, :, 1:-1] + pictures[:, :, :-2]
-    found = np.zeros(len(pictures))
-    for index, bend in enumerate(bends):
-        squares = _row_pieces(np.where(whole, bend**2, np.nan)) / (6.0 * step**2)
-        kept = squares[np.isfinite(squares)]
-        found[index] = np.sqrt(max(float(np.quantile(kept, 0.2)) - 1.0 / 12.0, 0.0)) if kept.size else 0.0
-    return found
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RoundedParts:
-    """Parts of a set of pictures whose rounding is the same."""
-
-    numbers: NDArray[np.intp]
-    errors: FloatArray
-
-
-def rounded_parts(
-    pictures: FloatArray, usable: NDArray[np.bool_], *, null_basis: FloatArray, step: float
-) -> RoundedParts | None:
-    """Return the pixels with the same counts in every frame; where there is no noise, their rounding is the same."""
-    if not step > 0.0 or not usable.any():
-        return None
-    onto = null_basis @ null_basis.T
-    kept = np.sqrt(np.diag(onto))
-    left = np.tensordot(onto[kept > 0.0] / kept[kept > 0.0, None], pictures, axes=1)
-    noise = frame_noise_steps(pictures, usable, step=step)
-    noise = np.minimum(noise, np.sqrt(np.mean(frame_noise_steps(left, usable, step=step) ** 2)))
-    if noise.min() >= _HARMLESS_STEPS:
-        return None
-    counts = np.rint(pictures[:, usable] / step).astype(np.int64)
-    # Numbers of the sets of counts, made frame by frame so that they stay small.
-    together = np.zeros(counts.shape[1], dtype=np.int64)
-    for one in counts:
-        spread = int(np.ptp(one)) + 1
-        together = np.unique(together * spread + (one - one.min()), return_inverse=True)[1]
-    numbers = np.full(usable.shape, -1, dtype=np.intp)
-    numbers[usable] = together
-    return RoundedParts(numbers=numbers, errors=np.asarray(step * rounding_error_rms(noise)))
-
-
 def rounding_offsets(pictures: FloatArray, usable: NDArray[np.bool_], *, step: float) -> FloatArray:
     """Return by how much rounding may have moved the level of each frame (standard deviation), unit of the pictures.
 
@@ -419,438 +72,9 @@ def rounding_offsets(pictures: FloatArray, usable: NDArray[np.bool_], *, step: f
     """
     if not usable.any() or not step > 0.0:
         return np.zeros(len(pictures))
-    error = step * rounding_error_rms(frame_noise_steps(pictures, usable, step=step))
+    error = step * rounding_error_rms(_frame_noise_steps(pictures, usable, step=step))
     spread = np.array([np.subtract(*np.quantile(picture[usable], [0.95, 0.05])) for picture in pictures]) / step
     return np.asarray(error / np.sqrt(1.0 + np.maximum(spread, 0.0)))
-
-
-def _row_pieces(squares: FloatArray) -> FloatArray:
-    """Return the means of pieces of 32 pixels of a row."""
-    width = squares.shape[1] - squares.shape[1] % 32
-    return np.asarray(squares[:, :width].reshape(-1, 32).mean(axis=1))
-
-
-# Sums over blocks of pictures of what a joint fit of faults needs, tile by tile
-
-BoolArray = NDArray[np.bool_]
-
-# Side of a block [pixel]: its means hold the edges that show shifts, and little of the noise.
-BLOCK_PIXELS = 4
-# Pixels at the end of a picture into which resampling may have mixed what is beyond it, and whose slopes reach there.
-_EDGE_PIXELS = 3
-# Light below this share of the mean has no logarithm worth having.
-_DARKEST_SHARE = 0.01
-# Of 16 in a block: with fewer it is left out.
-_LEAST_PIXELS = 4.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Samples:
-    """Residuals and what faults would make of them, block by block on a grid."""
-
-    residual: FloatArray
-    features: FloatArray
-    instruments: FloatArray
-    residual_slopes: FloatArray
-    light: FloatArray
-    steepness: FloatArray
-    pixels: FloatArray
-
-
-def usable_with_neighbours(usable: BoolArray) -> BoolArray:
-    """Return the pixels that are usable and whose four neighbours are, away from where the picture ends.
-
-    Resampling mixes nothings from beyond the picture, or from a border that holds none, into its outer pixels: such an
-    edge is steep and does not walk with the scene, so that some pixels more are left out there.
-    """
-    inner = usable[1:-1, 1:-1] & usable[:-2, 1:-1] & usable[2:, 1:-1] & usable[1:-1, :-2] & usable[1:-1, 2:]
-    if not inner.size:
-        return np.zeros_like(usable)
-    return np.asarray(np.pad(inner, 1) & ~_near_the_end(~usable))
-
-
-def _near_the_end(unusable: BoolArray) -> BoolArray:
-    """Return the pixels that are near a side of the picture, or near what is unusable from there on."""
-    wide = np.pad(unusable, _EDGE_PIXELS, constant_values=True)
-    beyond = np.zeros_like(wide)
-    for axis in (0, 1):
-        beyond |= np.logical_and.accumulate(wide, axis=axis)
-        beyond |= np.flip(np.logical_and.accumulate(np.flip(wide, axis), axis=axis), axis)
-    for axis in (0, 1):
-        rows = np.moveaxis(beyond, axis, 0).copy()
-        near = rows.copy()
-        for step in range(1, _EDGE_PIXELS + 1):
-            near[step:] |= rows[:-step]
-            near[:-step] |= rows[step:]
-        beyond = np.moveaxis(near, 0, axis)
-    return beyond[_EDGE_PIXELS:-_EDGE_PIXELS, _EDGE_PIXELS:-_EDGE_PIXELS]
-
-
-def block_samples(
-    plan: Design,
-    slopes_of_angle: FloatArray,
-    pictures: FloatArray,
-    usable: BoolArray,
-    *,
-    faults: FrameFaults,
-    light: float,
-) -> Samples:
-    """Return the block means of residuals and features."""
-    height, width = (side - side % BLOCK_PIXELS for side in usable.shape)
-    good = usable[:height, :width]
-    images = np.where(usable, pictures, 0.0)[:, :height, :width]
-    pixels = _block_sums(good.astype(np.float64))
-    pixels = np.where(pixels < _LEAST_PIXELS, 0.0, pixels)
-    per_pixel = np.where(pixels > 0.0, 1.0 / np.maximum(pixels, _LEAST_PIXELS), 0.0)
-    onto_light = plan.system @ plan.inverse
-    means = _block_sums(images) * per_pixel
-    fitted = np.asarray(np.tensordot(onto_light, means, axes=1))
-    # Picture by picture: what is made of one stays in the cache until it is summed.
-    slopes = np.swapaxes([_slope_sums(picture, good) for picture in pictures], 0, 1) * per_pixel
-    walks = [np.tensordot(onto_light, slope, axes=1) for slope in slopes]
-    turned = np.tensordot(slopes_of_angle @ plan.inverse, means, axes=1)
-    gain = 1.0 + faults.throughput[:, None, None]
-    # Of light before the throughputs: bent after them, it would bend the throughputs, and could stand in their place.
-    bent = _responses(np.tensordot(onto_light, images, axes=1) / gain, faults, light, per_pixel)
-    features = np.concatenate(
-        [fitted / gain, turned, np.ones_like(fitted), -walks[0], -walks[1], *(gain * one for one in bent)]
-    )
-    features = np.asarray(features * (pixels > 0))
-    return Samples(
-        residual=means - fitted,
-        features=features,
-        instruments=_instruments(features, pixels),
-        residual_slopes=slopes - np.array(walks),
-        light=np.asarray(fitted.mean(axis=0)),
-        steepness=np.asarray(np.mean(walks[0] ** 2 + walks[1] ** 2, axis=0)),
-        pixels=pixels,
-    )
-
-
-def kinds() -> tuple[str, ...]:
-    """Return the kinds of features, in their order."""
-    return (*PER_FRAME, *SHARED)
-
-
-def _instruments(features: FloatArray, pixels: FloatArray) -> FloatArray:
-    held = (pixels > 0).astype(np.float64)
-    around = _sums_around(held[None])[0]
-    smooth = _sums_around(features) * (held / np.maximum(around, 1.0))
-    frames = len(features) // len(kinds())
-    for kind in ("shift x", "shift y"):
-        own = slice(kinds().index(kind) * frames, (kinds().index(kind) + 1) * frames)
-        smooth[own] = features[own]
-    return np.asarray(smooth)
-
-
-def _sums_around(images: FloatArray) -> FloatArray:
-    """Return the sums of the eight neighbours of each block."""
-    wide = np.pad(images, ((0, 0), (1, 1), (1, 1)))
-    across = wide[:, :, :-2] + wide[:, :, 1:-1] + wide[:, :, 2:]
-    return np.asarray(across[:, :-2] + across[:, 1:-1] + across[:, 2:] - images)
-
-
-def _responses(
-    fitted: FloatArray, faults: FrameFaults, light: float, per_pixel: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    square, logarithm = np.swapaxes([_response_sums(picture, faults, light) for picture in fitted], 0, 1) * per_pixel
-    return square, logarithm / (1.0 + faults.power)
-
-
-def _response_sums(fitted: FloatArray, faults: FrameFaults, light: float) -> FloatArray:
-    """Return the block sums of a picture as a parabola and as a power bend it, shape (2, h, w)."""
-    relative = fitted / light
-    rising = np.maximum(1.0 + 2.0 * faults.curvature * relative, _DARKEST_SHARE)
-    logarithm = np.log(np.maximum(relative, _DARKEST_SHARE))
-    return np.array([_block_sums(fitted * relative / rising), _block_sums(fitted * logarithm)])
-
-
-def _slope_sums(picture: FloatArray, good: BoolArray) -> FloatArray:
-    """Return the block sums of a picture's slopes across and down, shape (2, h, w)."""
-    height, width = good.shape
-    sums = []
-    for axis in (1, 0):
-        turned = np.moveaxis(picture, axis, 1)
-        slope = np.zeros_like(picture)
-        np.moveaxis(slope, axis, 1)[:, 1:-1] = 0.5 * (turned[:, 2:] - turned[:, :-2])
-        sums.append(_block_sums(np.where(good, slope[:height, :width], 0.0)))
-    return np.array(sums)
-
-
-def _block_sums(pictures: FloatArray) -> FloatArray:
-    """Return sums over blocks, weighted 1/4, 1/2, 1/4 first: what mosaics leave from pixel to pixel is gone."""
-    return _summed_along(_summed_along(pictures, -1), -2)
-
-
-def _summed_along(pictures: FloatArray, axis: int) -> FloatArray:
-    moved = np.moveaxis(pictures, axis, -1)
-    cut = moved.reshape(*moved.shape[:-1], -1, BLOCK_PIXELS)
-    first, last = cut[..., 0], cut[..., -1]
-    sums = cut.sum(axis=-1) - 0.25 * (first + last)
-    # A block's weights reach one pixel into its neighbours; at the border its own pixel stands for the one outside.
-    before = np.concatenate([first[..., :1], last[..., :-1]], axis=-1)
-    after = np.concatenate([first[..., 1:], last[..., -1:]], axis=-1)
-    return np.asarray(np.moveaxis(sums + 0.25 * (before + after), -1, axis))
-
-
-# Normal equations of the joint fit of all faults, and how much their right side scatters from tile to tile
-
-
-# Tiles are this many blocks wide: wider than blur and mosaics reach; in large pictures wider, so that they stay few.
-_TILE_BLOCKS, _LARGE_TILE_BLOCKS, _LARGE_BLOCKS = 3, 5, 8000
-# Coarser tiles are made of 2 x 2, 4 x 4 ... of them while there are at least so many.
-_LEAST_COARSE_TILES = 4
-# That coarse tiles of nothing but noise scatter by more than is taken for chance.
-_CHANCE = 0.01
-# Of the scaled covariance of scores: directions below are sums of others, to rounding.
-_RANK_TOLERANCE = 1e-8
-# Of the information of a shift that can be taken for noise of slopes.
-_MOST_NOISE = 0.98
-# Of the light: pictures without any noise are computed ones, whose residual is that of rounding.
-_LEAST_NOISE = 1e-7
-# Times the number of tiles that a covariance is known at most.
-_MOST_FREEDOM = 10.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scores:
-    """Sums over tiles: information A and right side b of A x = b."""
-
-    information: FloatArray
-    right: FloatArray
-    expected_covariance: FloatArray
-    rounding_covariance: FloatArray
-    grid: tuple[int, int]
-
-    @property
-    def tiles(self) -> int:
-        """Number of tiles that hold anything."""
-        return int(np.count_nonzero(np.einsum("tii->t", self.information) > 0.0))
-
-
-def tile_scores(null_basis: FloatArray, samples: Samples, parts: RoundedParts | None = None) -> Scores:
-    """Return the normal equations of every tile, weighted by the noise that the residual shows."""
-    frames = len(null_basis)
-    side = _LARGE_TILE_BLOCKS if samples.pixels.size > _LARGE_BLOCKS else _TILE_BLOCKS
-    weights = samples.pixels / _variance_of_a_pixel(samples)
-    features, grid = _tiled(samples.features, side)
-    instruments, _ = _tiled(samples.instruments, side)
-    residual, _ = _tiled(samples.residual, side)
-    weight, _ = _tiled(weights[None], side)
-    onto = null_basis @ null_basis.T
-    repeats = features.shape[1] // frames
-    products = np.matmul(instruments * weight, features.transpose(0, 2, 1)) * np.tile(onto, (repeats, repeats))
-    products -= _of_noise_in_slopes(samples, weights, onto, products, np.count_nonzero(weight[:, 0] > 0.0, axis=1))
-    rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
-    gather = _gathered(frames)
-    rounded = 0.0 * products[0] if parts is None else _rounding_covariance(samples, weights, onto, parts)
-    return Scores(
-        information=np.asarray(gather @ products @ gather.T),
-        right=np.asarray(rights @ gather.T),
-        expected_covariance=np.asarray(gather @ _expected_covariance(samples, weights) @ gather.T),
-        rounding_covariance=np.asarray(gather @ rounded @ gather.T),
-        grid=grid,
-    )
-
-
-def _of_noise_in_slopes(
-    samples: Samples, weights: FloatArray, onto: FloatArray, products: FloatArray, blocks: NDArray[np.intp]
-) -> FloatArray:
-    """Return what the noise of slopes, which are their own instruments, adds to the information of each tile."""
-    frames, held = len(onto), weights > 0.0
-    added = np.zeros_like(products)
-    redundancy = round(float(np.trace(onto)))
-    first = PER_FRAME.index("shift x") * frames
-    for way, slopes in enumerate(samples.residual_slopes):
-        squares = np.sum(slopes[:, held] ** 2, axis=0) * weights[held] / redundancy
-        # The median of a mean of squares (Wilson and Hilferty 1931): blocks with edges of their own do not count.
-        noise = float(np.median(squares)) / (1.0 - 2.0 / (9.0 * redundancy)) ** 3 if held.any() else 0.0
-        own = slice(first + way * frames, first + (way + 1) * frames)
-        share = noise * (np.eye(frames) - onto) * onto
-        most = _MOST_NOISE * np.maximum(np.diag(products[:, own, own].sum(axis=0)), 0.0)
-        wanted = np.diag(share) * blocks.sum()
-        kept = np.divide(most, wanted, out=np.ones_like(wanted), where=wanted > most)
-        added[:, own, own] = blocks[:, None, None] * share * float(kept.min())
-    return added
-
-
-def _expected_covariance(samples: Samples, weights: FloatArray) -> FloatArray:
-    """Return the covariance of the right sides of independent blocks, the frames correlated as residuals are."""
-    held = weights > 0.0
-    residual = samples.residual[:, held] * np.sqrt(weights[held])
-    between = residual @ residual.T / max(int(np.count_nonzero(held)), 1)
-    instruments = samples.instruments[:, held]
-    repeats = len(instruments) // len(between)
-    return np.asarray((instruments * weights[held]) @ instruments.T * np.tile(between, (repeats, repeats)))
-
-
-def _rounding_covariance(samples: Samples, weights: FloatArray, onto: FloatArray, parts: RoundedParts) -> FloatArray:
-    """Return the covariance of the right sides by rounding: pixels of the same counts in all frames are off alike."""
-    height, width = (BLOCK_PIXELS * side for side in weights.shape)
-    rows, columns = np.nonzero(parts.numbers[:height, :width] >= 0)
-    block = (rows // BLOCK_PIXELS) * weights.shape[1] + columns // BLOCK_PIXELS
-    each = np.divide(weights, samples.pixels, out=np.zeros_like(weights), where=weights > 0.0).ravel()[block]
-    part = parts.numbers[rows, columns]
-    instruments = samples.instruments.reshape(len(samples.instruments), -1)
-    sums = np.array([np.bincount(part, weights=each * row[block]) for row in instruments])
-    repeats = len(instruments) // len(onto)
-    return np.asarray(sums @ sums.T * np.tile((onto * parts.errors**2) @ onto, (repeats, repeats)))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ScoreCovariance:
-    """Covariance of the sum of the right sides, shape (P, P), and of how many tiles' worth it is known."""
-
-    covariance: FloatArray
-    freedom: float
-
-
-def score_covariance(scores: Scores, parameters: FloatArray, fitted: FloatArray) -> ScoreCovariance:
-    """Return the covariance of the sum of the right sides, from what a fit leaves in tiles.
-
-    Few tiles cannot tell the covariance of many parameters: what they show is shrunk towards that of independent
-    blocks, the more the less the tiles agree (Ledoit and Wolf 2004, J. Multivariate Anal. 88, 365). Tiles are taken as
-    independent. Where coarser tiles scatter by more than that allows (shading, fringes), the errors of the parameters
-    concerned are widened to what the coarser ones show.
-    """
-    left = _left_out(scores.information, scores.right - scores.information @ parameters, fitted)
-    shrunk = _shrunk(left, scores.expected_covariance)
-    factor = _widening(left.reshape(*scores.grid, -1), np.diag(_scatter(left)))
-    return replace(shrunk, covariance=shrunk.covariance * factor[:, None] * factor[None, :])
-
-
-def _left_out(information: FloatArray, left: FloatArray, fitted: FloatArray) -> FloatArray:
-    """Return what a fit to all other tiles leaves in each (the jackknife, without a fit for each)."""
-    if not fitted.shape[1]:
-        return left
-    of_tiles = information @ fitted
-    own = fitted.T @ of_tiles
-    others = own.sum(axis=0) - own
-    size = np.sqrt(np.abs(np.diag(own.sum(axis=0))))
-    if not np.all(size > 0.0):
-        return left
-    scaled = others / np.outer(size, size)
-    moved = np.linalg.pinv(scaled, rcond=1e-6) @ ((left @ fitted) / size)[:, :, None]
-    return np.asarray(left + np.einsum("tpq,tq->tp", of_tiles / size, moved[:, :, 0]))
-
-
-def _shrunk(left: FloatArray, expected: FloatArray) -> ScoreCovariance:
-    """Return the scatter of tiles, shrunk towards what is expected of them."""
-    held = left[np.any(left != 0.0, axis=1)]
-    count = len(held)
-    size = np.sqrt(np.maximum(np.diag(expected), 0.0))
-    if count < 2 or not np.any(size > 0.0):
-        return ScoreCovariance(covariance=np.zeros_like(expected), freedom=1.0)
-    scale = np.where(size > 0.0, size, np.inf)
-    values, vectors = np.linalg.eigh(expected / np.outer(scale, scale))
-    kept = values > _RANK_TOLERANCE * float(values[-1])
-    back = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-    white = (held - held.mean(axis=0)) / scale @ (vectors[:, kept] / np.sqrt(values[kept]))
-    white *= np.sqrt(count / (count - 1.0))
-    scatter = white.T @ white
-    level = float(np.trace(scatter)) / len(scatter)
-    even = level * np.eye(len(scatter))
-    chance = float(np.sum(np.sum(white**2, axis=1) ** 2)) - float(np.sum(scatter**2)) / count
-    apart = float(np.sum((scatter - even) ** 2))
-    share = float(np.clip(chance / apart, 0.0, 1.0)) if apart > 0.0 else 1.0
-    return ScoreCovariance(
-        covariance=np.asarray(back @ ((1.0 - share) * scatter + share * even) @ back.T),
-        freedom=min(count / max((1.0 - share) ** 2, 1e-9), _MOST_FREEDOM * count),
-    )
-
-
-def _widening(coarse: FloatArray, own: FloatArray) -> FloatArray:
-    """Return the factor of each parameter's error, from the scatter of coarser tiles."""
-    widening, tiles = np.ones(len(own)), int(np.count_nonzero(np.any(coarse != 0.0, axis=2)))
-    while (coarse := _merged(coarse)).shape[0] * coarse.shape[1] >= _LEAST_COARSE_TILES:
-        flat = coarse.reshape(-1, coarse.shape[-1])
-        ratio = np.diag(_scatter(flat)) / np.where(own > 0.0, own, np.inf)
-        # What independent tiles exceed by chance is no widening.
-        by_chance = float(fdtri(len(flat) - 1, max(tiles - 1, 1), 1.0 - _CHANCE))
-        widening = np.where(ratio > by_chance, np.maximum(widening, ratio), widening)
-    return np.sqrt(widening)
-
-
-def _scatter(scores: FloatArray) -> FloatArray:
-    held = scores[np.any(scores != 0.0, axis=1)]
-    count = len(held)
-    if count < 2:
-        return np.zeros((scores.shape[1], scores.shape[1]))
-    centred = held - held.mean(axis=0)
-    return np.asarray(centred.T @ centred * (count / (count - 1.0)))
-
-
-def _merged(scores: FloatArray) -> FloatArray:
-    padded = np.pad(scores, ((0, scores.shape[0] % 2), (0, scores.shape[1] % 2), (0, 0)))
-    rows, columns = padded.shape[0] // 2, padded.shape[1] // 2
-    return np.asarray(padded.reshape(rows, 2, columns, 2, -1).sum(axis=(1, 3)))
-
-
-def _variance_of_a_pixel(samples: Samples) -> FloatArray:
-    """Return the variance that one pixel's residual shows, block by block: of a level, of the light and at edges."""
-    held = samples.pixels > 0
-    squares = (np.mean(samples.residual**2, axis=0) * samples.pixels)[held]
-    light = np.clip(samples.light[held], 0.0, None)
-    parts = np.column_stack([np.ones_like(light), light, light**2, samples.steepness[held]])
-    if not held.any():
-        return np.full(samples.pixels.shape, np.inf)
-    level = float(np.median(squares)) / 0.455 + (_LEAST_NOISE * float(light.max())) ** 2 + 1e-300
-    sizes = parts.max(axis=0) + (parts.max(axis=0) == 0.0)
-    expected = np.full_like(light, level)
-    for _ in range(3):
-        # Blocks far off what is expected (things that moved) do not make the noise.
-        kept = np.minimum(squares, 9.0 * expected)
-        found = _nonnegative_fit(parts / sizes / expected[:, None], kept / expected)
-        expected = np.maximum(parts / sizes @ found, 0.05 * level)
-    variance = np.full(samples.pixels.shape, np.inf)
-    variance[held] = expected
-    return variance
-
-
-def _nonnegative_fit(system: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the least-squares solution without negative parts; of so few parts every choice can be tried."""
-    count = system.shape[1]
-    gram, right = system.T @ system, system.T @ values
-    best, least = np.zeros(count), 0.0
-    for size in range(1, count + 1):
-        for chosen in map(list, combinations(range(count), size)):
-            part = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], right[chosen], rcond=None)[0]
-            # Less the square of the values, which all choices share.
-            square = float(part @ gram[np.ix_(chosen, chosen)] @ part - 2.0 * part @ right[chosen])
-            if square < least and np.all(part >= 0.0):
-                best, least = np.zeros(count), square
-                best[chosen] = part
-    return best
-
-
-def _gathered(frames: int) -> FloatArray:
-    """Return the matrix that sums features of all frames for what frames share."""
-    alone = len(PER_FRAME) * frames
-    matrix = np.zeros((alone + len(SHARED), alone + len(SHARED) * frames))
-    matrix[:alone, :alone] = np.eye(alone)
-    for index in range(len(SHARED)):
-        matrix[alone + index, alone + index * frames : alone + (index + 1) * frames] = 1.0
-    return matrix
-
-
-def _tiled(images: FloatArray, side: int) -> tuple[FloatArray, tuple[int, int]]:
-    """Return images (P, R, C) cut into tiles (T, P, side^2), filled up with nothing at the far edges."""
-    rows, columns = images.shape[1:]
-    padded = np.pad(images, ((0, 0), (0, -rows % side), (0, -columns % side)))
-    down, across = padded.shape[1] // side, padded.shape[2] // side
-    cut = padded.reshape(len(images), down, side, across, side).transpose(1, 3, 0, 2, 4)
-    return np.ascontiguousarray(cut).reshape(down * across, len(images), side * side), (down, across)
-
-
-# What a run says of all faults at once: sizes of some with their errors, and how sure each is
-
-
-# Errors of a fault that are this much larger than any rig's faults tell nothing.
-_USELESS = 4.0
-# Curvature, or exponent less 1, of a response whose counts are not light.
-_BENT = 0.1
-# Share of a regressor's size that is left after others, below which it is one of them.
-_NOTHING_LEFT = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -876,121 +100,11 @@ class Evidence:
     freedom: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Estimates:
-    """Sizes of the faults of a set, together."""
-
-    values: FloatArray
-    covariance: FloatArray
-    parts: tuple[slice, ...]
-    is_determined: bool
-
-    def size_of(self, which: int) -> tuple[float, float]:
-        """Return a number with its error, or the length of a vector with the error along it."""
-        part = self.parts[which]
-        values, covariance = self.values[part], self.covariance[part, part]
-        if len(values) == 1:
-            return float(values[0]), _root(covariance[0, 0])
-        length = float(np.linalg.norm(values))
-        if not length > 0.0:
-            return length, _root(np.max(np.diag(covariance)))
-        along = values / length
-        return length, _root(float(along @ covariance @ along))
-
-
-def estimates(evidence: Evidence, chosen: Sequence[int]) -> Estimates:
-    """Return the sizes of some causes, fitted together, the others being nothing.
-
-    Parameters
-    ----------
-    evidence
-        Of the run.
-    chosen
-        Numbers of causes.
-    """
-    directions, parts = _stacked(evidence.causes, chosen)
-    normal = directions.T @ evidence.information @ directions
-    size = np.sqrt(np.abs(np.diag(normal)))
-    if not np.all(size > 0.0) or np.linalg.svd(normal / np.outer(size, size), compute_uv=False)[-1] < _NOTHING_LEFT:
-        return _undetermined(directions.shape[1], parts)
-    inverse = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
-    found = inverse @ (directions.T @ evidence.right)
-    spread = inverse @ (directions.T @ evidence.covariance @ directions) @ inverse.T
-    return Estimates(values=found, covariance=spread, parts=parts, is_determined=True)
-
-
-def significances(evidence: Evidence, chosen: tuple[int, ...]) -> list[float]:
-    """Return the chance of each estimate of a set, so far from nothing, were there nothing; 1 if hardly determined."""
-    fitted = estimates(evidence, chosen)
-    freedom = max(evidence.freedom - len(fitted.values) - 1, 1)
-    return [
-        float(fdtrc(part.stop - part.start, freedom, _statistic(fitted, which)))
-        if is_useful(evidence.causes[index], fitted.size_of(which)[1])
-        else 1.0
-        for which, (index, part) in enumerate(zip(chosen, fitted.parts, strict=True))
-    ]
-
-
-def is_useful(cause: Cause, error: float) -> bool:
-    """Return whether the error of a fault is below what tells nothing."""
-    return error < _USELESS * float(cause.expected.max())
-
-
-def _root(variance: float) -> float:
-    """Return a standard error; infinite where rounding left no variance of a fault that is hardly there."""
-    return float(np.sqrt(variance)) if variance >= 0.0 else np.inf
-
-
-def _statistic(fitted: Estimates, which: int) -> float:
-    """Return the square of an estimate in its errors, by its dimension."""
-    part = fitted.parts[which]
-    value, spread = fitted.values[part], fitted.covariance[part, part]
-    if not fitted.is_determined or np.linalg.eigvalsh(spread)[0] <= 0.0:
-        return 0.0
-    return float(value @ np.linalg.solve(spread, value)) / len(value)
-
-
-def by_size(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the causes by how many of its errors each is off, the most first.
-
-    What is too large to be undone comes first, then a response far off a line, for all others were measured in counts
-    that are not light; what is no fault comes last.
-    """
-    if not chosen:
-        return ()
-    fitted = estimates(evidence, chosen)
-
-    def rank(at: int) -> tuple[bool, bool, bool, float]:
-        cause = evidence.causes[chosen[at]]
-        made = cause.directions @ fitted.values[fitted.parts[at]]
-        is_bent = cause.name in SHARED and abs(fitted.size_of(at)[0]) > _BENT
-        return not cause.is_fault, can_be_undone(made), not is_bent, -_statistic(fitted, at)
-
-    return tuple(chosen[at] for at in sorted(range(len(chosen)), key=rank))
-
-
-def _stacked(causes: Sequence[Cause], chosen: Sequence[int]) -> tuple[FloatArray, tuple[slice, ...]]:
-    widths = [causes[index].directions.shape[1] for index in chosen]
-    ends = np.cumsum(widths)
-    parts = tuple(slice(int(end - width), int(end)) for end, width in zip(ends, widths, strict=True))
-    return np.column_stack([causes[index].directions for index in chosen]), parts
-
-
-def _undetermined(count: int, parts: tuple[slice, ...]) -> Estimates:
-    return Estimates(
-        values=np.zeros(count), covariance=np.full((count, count), np.inf), parts=parts, is_determined=False
-    )
-
-
-# The evidence for sets of causes, and the search for the best
-
-
-# Scores are trusted to this share of their variance: regressors have noise of their own.
-_SCORE_FLOOR = 0.01
-# Faults are as large as is expected of rigs, or (the tail) some times that.
-_TIMES_EXPECTED = (1.0, 6.0)
 # Least eigenvalue of the correlations of regressors that are fitted together: below, two would only undo one another.
 _ALIKE = 0.03
+
+# Faults are as large as is expected of rigs, or (the tail) some times that.
+_TIMES_EXPECTED = (1.0, 6.0)
 
 
 class Weigher:
@@ -1037,10 +151,6 @@ class Weigher:
         odds = 0.0 if is_even else self._odds[sets].sum(axis=1)
         return np.asarray(heights + odds + sets.shape[1] * self._per_cause)
 
-    def with_each(self, chosen: Sequence[int], others: NDArray[np.intp]) -> FloatArray:
-        """Return the logarithm of the evidence of a set with each of some causes; -inf where they are too alike."""
-        return self.of_sets(_each_with(chosen, others[:, None]))
-
     def _of_columns(self, columns: NDArray[np.intp]) -> FloatArray:
         gram, along = self._gram[columns[:, :, None], columns[:, None, :]], self._along[columns]
         heights = [self._of_sizes(gram * times**2, along * times) for times in _TIMES_EXPECTED]
@@ -1057,151 +167,6 @@ class Weigher:
         """Return how far two causes do the same to a run, from 0 to 1 (the largest canonical correlation)."""
         mine, its = (slice(self._starts[at], self._starts[at] + self._widths[at]) for at in (one, other))
         return min(float(np.linalg.norm(self._close[mine, its], 2)), 1.0)
-
-
-def best_set(weigher: Weigher, candidates: NDArray[np.intp], *, most: int) -> tuple[int, ...]:
-    """Return the causes that explain a run best.
-
-    A cause is added while that raises the evidence, and each is exchanged for a better one as long as there is any. All
-    pairs are tried against a single cause that does not stand alone, and against nothing: faults of frames that stand
-    close to one another can hide each other.
-    """
-    chosen: tuple[int, ...] = ()
-    best = weigher.log_evidence(chosen)
-    while len(chosen) < most:
-        larger, value = _grown(weigher, candidates, chosen)
-        if len(larger) == 2 or (len(larger) == 1 < len(candidates) and value <= best):
-            larger, value = max([(larger, value), _best_pair(weigher, candidates)], key=lambda found: found[1])
-        larger, value = _exchanged(weigher, candidates, larger, value)
-        if value <= best:
-            break
-        chosen, best = larger, value
-    return chosen
-
-
-def larger_set(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the best set of one cause more, all pairs tried against a single cause; as given where there is none."""
-    larger, value = _grown(weigher, candidates, chosen)
-    if len(larger) == 2 and len(candidates) > 1:
-        larger, value = max([(larger, value), _best_pair(weigher, candidates)], key=lambda found: found[1])
-    return larger if np.isfinite(value) else chosen
-
-
-def _grown(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...]) -> tuple[tuple[int, ...], float]:
-    others = np.setdiff1d(candidates, chosen)
-    if not others.size:
-        return chosen, -np.inf
-    heights = weigher.with_each(chosen, others)
-    top = int(np.argmax(heights))
-    return (*chosen, int(others[top])), float(heights[top])
-
-
-def _best_pair(weigher: Weigher, candidates: NDArray[np.intp]) -> tuple[tuple[int, ...], float]:
-    pairs = _pairs(candidates)
-    heights = weigher.of_sets(pairs)
-    top = int(np.argmax(heights))
-    return (int(pairs[top, 0]), int(pairs[top, 1])), float(heights[top])
-
-
-def _exchanged(
-    weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...], value: float
-) -> tuple[tuple[int, ...], float]:
-    for _ in range(3 * len(chosen)):
-        sets = [
-            _grown(weigher, np.setdiff1d(candidates, chosen), chosen[:at] + chosen[at + 1 :])
-            for at in range(len(chosen))
-        ]
-        better, height = max(sets, key=lambda found: found[1])
-        if height <= value + 1e-6:
-            break
-        chosen, value = better, height
-    return chosen, value
-
-
-def stand_ins(
-    weigher: Weigher, named: tuple[int, ...], candidates: NDArray[np.intp], *, margin: float
-) -> dict[int, set[int]]:
-    """Return, for each cause of a set, those that could stand in its place, alone or with others.
-
-    One or two of the set are exchanged for one or two others; of two for two, each stands in for what it is most like.
-    """
-    found: dict[int, set[int]] = {index: set() for index in named}
-    others = np.setdiff1d(candidates, named)
-    if not others.size:
-        return found
-    least = weigher.log_evidence(named, is_even=True) - margin
-    added = (others[:, None], _pairs(others))
-    taken = [(1, added[0]), (2, added[0]), (2, added[1]), *([(1, added[1])] if len(named) == 1 else [])]
-    for count, sets in taken:
-        for leaving in combinations(named, count):
-            staying = tuple(index for index in named if index not in leaving)
-            alike = sets[weigher.of_sets(_each_with(staying, sets), is_even=True) > least] if sets.size else sets
-            for arriving in alike.tolist():
-                for index, other in _in_place_of(weigher, leaving, tuple(arriving)):
-                    found[index].add(other)
-    return found
-
-
-def _in_place_of(weigher: Weigher, leaving: tuple[int, ...], arriving: tuple[int, ...]) -> Iterable[tuple[int, int]]:
-    if len(leaving) != len(arriving):
-        return product(leaving, arriving)
-    ways = (tuple(zip(leaving, order, strict=True)) for order in permutations(arriving))
-    return max(ways, key=lambda way: sum(weigher.correlation(*pair) for pair in way))
-
-
-def _pairs(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
-    first, second = np.triu_indices(len(numbers), 1)
-    return np.column_stack([numbers[first], numbers[second]])
-
-
-def _each_with(chosen: Sequence[int], others: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return a set with each of some others, shape (M, K)."""
-    same = np.tile(np.array(chosen, dtype=np.intp), (len(others), 1))
-    return np.hstack([same, others])
-
-
-def _collinearity(gram: FloatArray, starts: NDArray[np.intp], widths: NDArray[np.intp]) -> FloatArray:
-    """Return the correlations of the regressors of all causes, those of one cause made independent."""
-    scaled = np.zeros_like(gram)
-    for start, width in zip(starts, widths, strict=True):
-        own = slice(start, start + width)
-        values, vectors = np.linalg.eigh(gram[own, own])
-        kept = values > _NOTHING_LEFT * max(float(values[-1]), 0.0)
-        scaled[own, own] = (vectors[:, kept] / np.sqrt(values[kept])) @ vectors[:, kept].T
-    return np.asarray(scaled @ gram @ scaled)
-
-
-def _whitener(covariance: FloatArray) -> FloatArray:
-    size = np.sqrt(np.diag(covariance))
-    size = np.where(size > 0.0, size, np.inf)
-    held = np.isfinite(size)
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size) + _SCORE_FLOOR * np.diag(held))
-    kept = values > 0.5 * _SCORE_FLOOR
-    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T / size)
-
-
-# The joint fit of all faults of a run to what its redundant angles leave over
-
-
-# Chance of finding anything where nothing is wrong.
-FALSE_FINDING_RATE = 0.01
-# Of the regressor of a curved response, root mean square, that is left after throughputs, angles and dark levels.
-LEAST_SHARE_LEFT = 0.05
-# What fine structure between pixels feigns as a curved response (standard deviation).
-_RESPONSE_FLOOR = 0.01
-# Of the information of a throughput: less is what numbers of a computer round.
-_NUMBERS = 1e-13
-# Of the variance that weights allow scores: pictures without any noise leave what numbers of a computer round.
-_LEAST_SCATTER = 1e-6
-_PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
-# Loss of evidence (natural logarithm) up to which other causes could stand in place of those named: one in a hundred.
-CONFUSED_MARGIN = 4.6
-# Gain of evidence (natural logarithm) below which causes are not exchanged for others once they were taken out.
-_HARDLY_BETTER = 3.0
-# Times the chance of the first cause that others may have: something is wrong, and the question is what.
-_MORE_LENIENT = 5.0
-# Last steps of a fit are below this share of a standard error.
-_SETTLED = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -1235,6 +200,11 @@ class JointFit:
     light: float
 
 
+# Of the variance that weights allow scores: pictures without any noise leave what numbers of a computer round.
+_LEAST_SCATTER = 1e-6
+_PASSES, _ROUNDS, _MOST_CAUSES, _LEAST_TILES = 8, 4, 6, 12
+
+
 def fit_faults(
     system: FloatArray,
     pictures: FloatArray,
@@ -1266,7 +236,7 @@ def fit_faults(
     Gauss and Newton: faults found are taken out of the pictures and the design, and the fit is made about them, until
     neither the set nor its sizes change.
     """
-    near = usable_with_neighbours(usable)
+    near = _usable_with_neighbours(usable)
     parts = rounded_parts(pictures, usable, null_basis=design_from_system(system).null_basis, step=step)
     parameters = np.zeros(parameter_count(len(pictures)))
     named: tuple[int, ...] | None = None
@@ -1282,15 +252,139 @@ def fit_faults(
     return _with_twins(fit, before)
 
 
-def _with_twins(fit: JointFit, before: tuple[int, ...]) -> JointFit:
-    """Return a fit whose causes cannot be told from those of the pass before, where these are others.
+# Kinds of what may be wrong with one frame, in the order in which parameters stand; then what all frames share.
+PER_FRAME = ("throughput", "angle", "dark level", "shift x", "shift y")
+SHARED = ("response curvature", "response power law")
 
-    Sets that follow one another, each the best once the other was taken out, are the same to a run.
+# A response that is bent further down has turned where the light is twice its mean: none does.
+_LEAST_CURVATURE = -0.15
+
+# Shifts below this change nothing that is seen [pixel].
+_LEAST_SHIFT_PIXELS = 1e-4
+_LARGEST_CURVATURE, _LARGEST_POWER, _LARGEST_SHARE, _LARGEST_SHIFT_PIXELS = 0.9, 0.8, 0.7, 12.0
+
+
+def can_be_undone(parameters: FloatArray) -> bool:
+    """Return whether faults are so small that a correction undoes all of them."""
+    frames = (len(parameters) - len(SHARED)) // len(PER_FRAME)
+    faults = frame_faults(parameters, frames)
+    held = np.concatenate([faults.throughput, faults.angle_rad, faults.shift_pixels.T.ravel(), [faults.power]])
+    asked = np.delete(parameters, np.s_[2 * frames : 3 * frames])
+    return bool(np.array_equal(held, np.delete(asked, -2)) and _LEAST_CURVATURE <= parameters[-2] <= _LARGEST_CURVATURE)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameFaults:
+    """How large each fault of single frames is."""
+
+    throughput: FloatArray
+    angle_rad: FloatArray
+    dark_dn: FloatArray
+    shift_pixels: FloatArray
+    curvature: float
+    power: float
+
+
+def frame_faults(parameters: FloatArray, frames: int) -> FrameFaults:
+    """Return parameters as faults of frames, held within what a correction can undo."""
+    if parameters.shape != (parameter_count(frames),):
+        raise ValueError(f"parameters has shape {parameters.shape}; allowed is ({parameter_count(frames)},)")
+    parts = parameters[: len(PER_FRAME) * frames].reshape(len(PER_FRAME), frames)
+    return FrameFaults(
+        throughput=np.clip(parts[0], -_LARGEST_SHARE, _LARGEST_SHARE),
+        angle_rad=np.clip(parts[1], -_LARGEST_SHARE, _LARGEST_SHARE),
+        dark_dn=parts[2],
+        shift_pixels=np.clip(parts[3:5].T, -_LARGEST_SHIFT_PIXELS, _LARGEST_SHIFT_PIXELS),
+        curvature=float(np.clip(parameters[-2], -_LARGEST_CURVATURE, _LARGEST_CURVATURE)),
+        power=float(np.clip(parameters[-1], -_LARGEST_POWER, _LARGEST_POWER)),
+    )
+
+
+def corrected_system(system: FloatArray, faults: FrameFaults) -> tuple[Design, FloatArray]:
+    """Return the design with throughputs and angles as they are, and how its rows change with the angle.
+
+    A turned polarizer turns S1 and S2 of its row.
     """
-    same = {index: set(others) for index, others in fit.stand_ins.items()}
-    for twin in set(before) - set(fit.named) if fit.named else ():
-        same[max(fit.named, key=lambda index: fit.weigher.correlation(index, twin))].add(twin)
-    return replace(fit, stand_ins=same)
+    cosine, sine = np.cos(2 * faults.angle_rad), np.sin(2 * faults.angle_rad)
+    gain = 1.0 + faults.throughput
+    rows = np.column_stack(
+        [
+            gain * system[:, 0],
+            gain * (cosine * system[:, 1] - sine * system[:, 2]),
+            gain * (sine * system[:, 1] + cosine * system[:, 2]),
+        ]
+    )
+    turned = np.column_stack([np.zeros(len(rows)), -2.0 * rows[:, 2], 2.0 * rows[:, 1]])
+    return design_from_system(rows), turned
+
+
+def corrected_pictures(pictures: FloatArray, faults: FrameFaults, *, light: float) -> FloatArray:
+    """Return pictures with dark levels, response and shifts undone, shape as given."""
+    straight = _straightened(pictures - faults.dark_dn[:, None, None], faults, light)
+    for index, (x, y) in enumerate(faults.shift_pixels):
+        if max(abs(x), abs(y)) > _LEAST_SHIFT_PIXELS:
+            straight[index] = _moved_back(_moved_back(straight[index], x, axis=1), y, axis=0)
+    return straight
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimates:
+    """Sizes of the faults of a set, together."""
+
+    values: FloatArray
+    covariance: FloatArray
+    parts: tuple[slice, ...]
+    is_determined: bool
+
+    def size_of(self, which: int) -> tuple[float, float]:
+        """Return a number with its error, or the length of a vector with the error along it."""
+        part = self.parts[which]
+        values, covariance = self.values[part], self.covariance[part, part]
+        if len(values) == 1:
+            return float(values[0]), _root(covariance[0, 0])
+        length = float(np.linalg.norm(values))
+        if not length > 0.0:
+            return length, _root(np.max(np.diag(covariance)))
+        along = values / length
+        return length, _root(float(along @ covariance @ along))
+
+
+# Share of a regressor's size that is left after others, below which it is one of them.
+_NOTHING_LEFT = 1e-6
+
+
+def estimates(evidence: Evidence, chosen: Sequence[int]) -> Estimates:
+    """Return the sizes of some causes, fitted together, the others being nothing.
+
+    Parameters
+    ----------
+    evidence
+        Of the run.
+    chosen
+        Numbers of causes.
+    """
+    directions, parts = _stacked(evidence.causes, chosen)
+    normal = directions.T @ evidence.information @ directions
+    size = np.sqrt(np.abs(np.diag(normal)))
+    if not np.all(size > 0.0) or np.linalg.svd(normal / np.outer(size, size), compute_uv=False)[-1] < _NOTHING_LEFT:
+        return _undetermined(directions.shape[1], parts)
+    inverse = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
+    found = inverse @ (directions.T @ evidence.right)
+    spread = inverse @ (directions.T @ evidence.covariance @ directions) @ inverse.T
+    return Estimates(values=found, covariance=spread, parts=parts, is_determined=True)
+
+
+# Errors of a fault that are this much larger than any rig's faults tell nothing.
+_USELESS = 4.0
+
+
+def is_useful(cause: Cause, error: float) -> bool:
+    """Return whether the error of a fault is below what tells nothing."""
+    return error < _USELESS * float(cause.expected.max())
+
+
+# Of the information of a throughput: less is what numbers of a computer round.
+_NUMBERS = 1e-13
 
 
 def share_left(evidence: Evidence, index: int) -> float:
@@ -1311,6 +405,344 @@ def share_left(evidence: Evidence, index: int) -> float:
     return float(np.sqrt(max(0.0, 1.0 - float(np.sum(along**2 / values[kept])) / own)))
 
 
+# How large faults of rigs are before anything is known (standard deviations), in the units of the parameters.
+_THROUGHPUT, _ANGLE_RAD, _DARK_SHARE, _SHIFT_PIXELS, _CURVATURE, _POWER = 0.02, 0.0175, 0.01, 0.7, 0.2, 0.15
+
+# Of explanations that fit alike, what the pair sums say in any case is said first. A dark level of one frame alone is
+# rare, and two frames off by opposite shares, where one turned polarizer does the same, rarer.
+_PAIRS_LOG_ODDS, _DARK_LOG_ODDS, _WITHIN_LOG_ODDS = 4.0, -0.7, -2.0
+
+
+def _of_single_frames(frames: int, light: float) -> Iterator[Cause]:
+    kinds = (
+        ("throughput", _THROUGHPUT, "share", 0.0),
+        ("angle", _ANGLE_RAD, "rad", 0.0),
+        ("dark level", _DARK_SHARE * light, "DN", _DARK_LOG_ODDS),
+    )
+    for kind, expected, unit, log_odds in kinds:
+        for frame in range(frames):
+            yield _single_cause(
+                kind, {place(kind, frame, frames): 1.0}, expected, unit, frames, frame=frame, log_odds=log_odds
+            )
+    for frame in range(frames):
+        directions = np.zeros((parameter_count(frames), 2))
+        for way, kind in enumerate(("shift x", "shift y")):
+            directions[place(kind, frame, frames), way] = 1.0
+        yield Cause(
+            name="shift",
+            frame=frame,
+            frames=(frame,),
+            unit="pixel",
+            directions=directions,
+            expected=np.full(2, _SHIFT_PIXELS),
+        )
+
+
+def _single_cause(
+    name: str,
+    parts: dict[int, float],
+    expected: float,
+    unit: str,
+    frames: int,
+    *,
+    frame: int | None = None,
+    log_odds: float = 0.0,
+) -> Cause:
+    """Return a cause of one size: so much of some parameters, by their places."""
+    direction = np.zeros((parameter_count(frames), 1))
+    direction[list(parts), 0] = list(parts.values())
+    return Cause(
+        name=name,
+        frame=frame,
+        frames=tuple(range(frames)) if frame is None else (frame,),
+        unit=unit,
+        directions=direction,
+        expected=np.array([expected]),
+        log_odds=log_odds,
+    )
+
+
+def parameter_count(frames: int) -> int:
+    """Return the number of parameters of single frames and of the response."""
+    return len(PER_FRAME) * frames + len(SHARED)
+
+
+def place(kind: str, frame: int, frames: int) -> int:
+    """Return where a parameter stands: of one frame, or (frame 0) of all."""
+    if kind in SHARED:
+        return len(PER_FRAME) * frames + SHARED.index(kind)
+    return PER_FRAME.index(kind) * frames + frame
+
+
+def _of_pairs(angles_rad: FloatArray) -> Iterator[Cause]:
+    """Give the light of orthogonal pairs against one another, and of the two of a pair."""
+    frames, quarter = len(angles_rad), np.pi / 2
+    groups = _groups(angles_rad, quarter)
+    complete = [group for group in groups if len(_groups(angles_rad[group], np.pi)) == 2]
+    if len(groups) > 1 and len(complete) == len(groups):
+        for group in groups[: 1 if len(groups) == 2 else None]:
+            others = [frame for frame in range(frames) if frame not in group]
+            shares = dict.fromkeys(group, 0.5) | dict.fromkeys(others, -0.5)
+            one = None if len(groups) == 2 else int(group[0])
+            yield _of_throughputs(
+                "throughput of pairs", shares, frames, 2**0.5 * _THROUGHPUT, frame=one, log_odds=_PAIRS_LOG_ODDS
+            )
+    for group in complete:
+        halves = _groups(angles_rad[group], np.pi)
+        shares = {int(group[at]): sign for half, sign in zip(halves, (0.5, -0.5), strict=True) for at in half}
+        yield _of_throughputs(
+            "throughput within a pair",
+            shares,
+            frames,
+            2**0.5 * _THROUGHPUT,
+            frame=int(group[0]),
+            log_odds=_WITHIN_LOG_ODDS,
+        )
+
+
+# Of angles that are the same, or a quarter turn apart, to the resolution of what people write [rad].
+_SAME_RAD = np.radians(0.5)
+
+
+def _groups(angles_rad: FloatArray, period_rad: float) -> list[NDArray[np.intp]]:
+    """Return the numbers of the angles that are the same modulo a period."""
+    left, groups = list(range(len(angles_rad))), []
+    while left:
+        apart = np.mod(angles_rad[left] - angles_rad[left[0]] + period_rad / 2, period_rad) - period_rad / 2
+        group = [frame for frame, distance in zip(left, apart, strict=True) if abs(distance) < _SAME_RAD]
+        groups.append(np.array(group))
+        left = [frame for frame in left if frame not in group]
+    return groups
+
+
+def _of_throughputs(
+    name: str,
+    shares: dict[int, float],
+    frames: int,
+    expected: float,
+    *,
+    frame: int | None = None,
+    log_odds: float = 0.0,
+) -> Cause:
+    # Throughputs stand first among the parameters: their places are the numbers of the frames.
+    cause = _single_cause(name, shares, expected, "share", frames, frame=frame, log_odds=log_odds)
+    return replace(cause, frames=tuple(shares))
+
+
+# Planes of a mosaic lie a quarter of their pixel to each side.
+_PLANES_PIXELS = 0.25
+
+
+def _of_mosaics(angles_rad: FloatArray) -> Iterator[Cause]:
+    """Give opposite shifts of the two of each pair, as the four planes of a mosaic of polarizers lie."""
+    frames = len(angles_rad)
+    pairs = _groups(angles_rad, np.pi / 2)
+    if frames != 4 or [len(pair) for pair in pairs] != [2, 2] or len(_groups(angles_rad, np.pi)) < frames:
+        return
+    moved = np.zeros((parameter_count(frames), 4))
+    for number, (one, other) in enumerate(pairs):
+        for way, kind in enumerate(("shift x", "shift y")):
+            moved[place(kind, int(one), frames), 2 * number + way] = 1.0
+            moved[place(kind, int(other), frames), 2 * number + way] = -1.0
+    yield Cause(
+        name="planes of a mosaic",
+        frame=None,
+        frames=tuple(range(frames)),
+        unit="pixel",
+        directions=moved,
+        expected=np.full(4, _PLANES_PIXELS),
+        is_fault=False,
+    )
+
+
+def _of_all(frames: int) -> Iterator[Cause]:
+    units = ("share at the mean light", "exponent - 1")
+    for kind, expected, unit in zip(SHARED, (_CURVATURE, _POWER), units, strict=True):
+        yield _single_cause(kind, {place(kind, 0, frames): 1.0}, expected, unit, frames)
+
+
+def _of_time(order: FloatArray) -> Iterator[Cause]:
+    span = float(np.ptp(order))
+    if span > 0.0:
+        late = (order - order.mean()) / span
+        yield _of_throughputs("drift", dict(enumerate(late)), len(order), _THROUGHPUT)
+
+
+def _of_whole_turns(angles_rad: FloatArray) -> Iterator[Cause]:
+    """Give what comes once a turn and not twice: a wedge in the light and a wobble of the picture."""
+    frames = len(angles_rad)
+    if len(_groups(angles_rad, 2 * np.pi)) < len(_groups(angles_rad, np.pi)) + 2:
+        return
+    once = np.array([np.cos(angles_rad), np.sin(angles_rad)])
+    yield Cause(
+        name="wedge",
+        frame=None,
+        frames=tuple(range(frames)),
+        unit="share",
+        directions=np.vstack([once.T, np.zeros((parameter_count(frames) - frames, 2))]),
+        expected=np.full(2, _THROUGHPUT),
+    )
+    moved = np.zeros((parameter_count(frames), 4))
+    for column, kind in enumerate(("shift x", "shift y")):
+        start = place(kind, 0, frames)
+        moved[start : start + frames, 2 * column : 2 * column + 2] = once.T
+    yield Cause(
+        name="wobble",
+        frame=None,
+        frames=tuple(range(frames)),
+        unit="pixel",
+        directions=moved,
+        expected=np.full(4, _SHIFT_PIXELS),
+    )
+
+
+# Waves of the periodic error that are summed: the last is below 1e-16 where noise is a third of a step, and a share of
+# 1/40 of the first without any.
+_WAVES = np.arange(1, 41)
+
+
+def rounding_error_rms(std: ArrayLike) -> FloatArray:
+    """Return how far rounding moves a mean, root mean square over where the mean lies between two steps.
+
+    Widrow and Kollar, Quantization Noise (2008), chapter 4: the error is a sum of waves that noise damps.
+    """
+    waves = np.exp(-2.0 * (np.pi * _WAVES * np.asarray(std, dtype=np.float64)[..., None]) ** 2) / (np.pi * _WAVES)
+    return np.asarray(np.sqrt(0.5 * np.sum(waves**2, axis=-1)))
+
+
+def _frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step: float) -> FloatArray:
+    """Return the noise of one pixel of each frame before rounding, in steps, from where the picture is smoothest."""
+    whole = usable[:, 2:] & usable[:, 1:-1] & usable[:, :-2]
+    bends = pictures[:, :, 2:] - 2.0 * pictures[:, :, 1:-1] + pictures[:, :, :-2]
+    found = np.zeros(len(pictures))
+    for index, bend in enumerate(bends):
+        squares = _row_pieces(np.where(whole, bend**2, np.nan)) / (6.0 * step**2)
+        kept = squares[np.isfinite(squares)]
+        found[index] = np.sqrt(max(float(np.quantile(kept, 0.2)) - 1.0 / 12.0, 0.0)) if kept.size else 0.0
+    return found
+
+
+def _row_pieces(squares: FloatArray) -> FloatArray:
+    """Return the means of pieces of 32 pixels of a row."""
+    width = squares.shape[1] - squares.shape[1] % 32
+    return np.asarray(squares[:, :width].reshape(-1, 32).mean(axis=1))
+
+
+# Scores are trusted to this share of their variance: regressors have noise of their own.
+_SCORE_FLOOR = 0.01
+
+
+def _whitener(covariance: FloatArray) -> FloatArray:
+    size = np.sqrt(np.diag(covariance))
+    size = np.where(size > 0.0, size, np.inf)
+    held = np.isfinite(size)
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size) + _SCORE_FLOOR * np.diag(held))
+    kept = values > 0.5 * _SCORE_FLOOR
+    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T / size)
+
+
+def _collinearity(gram: FloatArray, starts: NDArray[np.intp], widths: NDArray[np.intp]) -> FloatArray:
+    """Return the correlations of the regressors of all causes, those of one cause made independent."""
+    scaled = np.zeros_like(gram)
+    for start, width in zip(starts, widths, strict=True):
+        own = slice(start, start + width)
+        values, vectors = np.linalg.eigh(gram[own, own])
+        kept = values > _NOTHING_LEFT * max(float(values[-1]), 0.0)
+        scaled[own, own] = (vectors[:, kept] / np.sqrt(values[kept])) @ vectors[:, kept].T
+    return np.asarray(scaled @ gram @ scaled)
+
+
+def _each_with(chosen: Sequence[int], others: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return a set with each of some others, shape (M, K)."""
+    same = np.tile(np.array(chosen, dtype=np.intp), (len(others), 1))
+    return np.hstack([same, others])
+
+
+def _usable_with_neighbours(usable: BoolArray) -> BoolArray:
+    """Return the pixels that are usable and whose four neighbours are, away from where the picture ends.
+
+    Resampling mixes nothings from beyond the picture, or from a border that holds none, into its outer pixels: such an
+    edge is steep and does not walk with the scene, so that some pixels more are left out there.
+    """
+    inner = usable[1:-1, 1:-1] & usable[:-2, 1:-1] & usable[2:, 1:-1] & usable[1:-1, :-2] & usable[1:-1, 2:]
+    if not inner.size:
+        return np.zeros_like(usable)
+    return np.asarray(np.pad(inner, 1) & ~_near_the_end(~usable))
+
+
+# Pixels at the end of a picture into which resampling may have mixed what is beyond it, and whose slopes reach there.
+_EDGE_PIXELS = 3
+
+
+def _near_the_end(unusable: BoolArray) -> BoolArray:
+    """Return the pixels that are near a side of the picture, or near what is unusable from there on."""
+    wide = np.pad(unusable, _EDGE_PIXELS, constant_values=True)
+    beyond = np.zeros_like(wide)
+    for axis in (0, 1):
+        beyond |= np.logical_and.accumulate(wide, axis=axis)
+        beyond |= np.flip(np.logical_and.accumulate(np.flip(wide, axis), axis=axis), axis)
+    for axis in (0, 1):
+        rows = np.moveaxis(beyond, axis, 0).copy()
+        near = rows.copy()
+        for step in range(1, _EDGE_PIXELS + 1):
+            near[step:] |= rows[:-step]
+            near[:-step] |= rows[step:]
+        beyond = np.moveaxis(near, 0, axis)
+    return beyond[_EDGE_PIXELS:-_EDGE_PIXELS, _EDGE_PIXELS:-_EDGE_PIXELS]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RoundedParts:
+    """Parts of a set of pictures whose rounding is the same."""
+
+    numbers: NDArray[np.intp]
+    errors: FloatArray
+
+
+# Noise from which on rounding moves a mean by less than a fortieth of a step.
+_HARMLESS_STEPS = 0.35
+
+
+def rounded_parts(
+    pictures: FloatArray, usable: NDArray[np.bool_], *, null_basis: FloatArray, step: float
+) -> RoundedParts | None:
+    """Return the pixels with the same counts in every frame; where there is no noise, their rounding is the same."""
+    if not step > 0.0 or not usable.any():
+        return None
+    onto = null_basis @ null_basis.T
+    kept = np.sqrt(np.diag(onto))
+    left = np.tensordot(onto[kept > 0.0] / kept[kept > 0.0, None], pictures, axes=1)
+    noise = _frame_noise_steps(pictures, usable, step=step)
+    noise = np.minimum(noise, np.sqrt(np.mean(_frame_noise_steps(left, usable, step=step) ** 2)))
+    if noise.min() >= _HARMLESS_STEPS:
+        return None
+    counts = np.rint(pictures[:, usable] / step).astype(np.int64)
+    # Numbers of the sets of counts, made frame by frame so that they stay small.
+    together = np.zeros(counts.shape[1], dtype=np.int64)
+    for one in counts:
+        spread = int(np.ptp(one)) + 1
+        together = np.unique(together * spread + (one - one.min()), return_inverse=True)[1]
+    numbers = np.full(usable.shape, -1, dtype=np.intp)
+    numbers[usable] = together
+    return RoundedParts(numbers=numbers, errors=np.asarray(step * rounding_error_rms(noise)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Scores:
+    """Sums over tiles: information A and right side b of A x = b."""
+
+    information: FloatArray
+    right: FloatArray
+    expected_covariance: FloatArray
+    rounding_covariance: FloatArray
+    grid: tuple[int, int]
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles that hold anything."""
+        return int(np.count_nonzero(np.einsum("tii->t", self.information) > 0.0))
+
+
 def _scores_about(
     system: FloatArray,
     pictures: FloatArray,
@@ -1318,16 +750,317 @@ def _scores_about(
     parameters: FloatArray,
     light: float,
     parts: RoundedParts | None,
-) -> Scores:
+) -> _Scores:
     faults = frame_faults(parameters, len(pictures))
     design, turned = corrected_system(system, faults)
     straight = corrected_pictures(pictures, faults, light=light)
-    samples = block_samples(design, turned, straight, near, faults=faults, light=light)
-    return tile_scores(design.null_basis, samples, parts)
+    samples = _block_samples(design, turned, straight, near, faults=faults, light=light)
+    return _tile_scores(design.null_basis, samples, parts)
+
+
+def _straightened(pictures: FloatArray, faults: FrameFaults, light: float) -> FloatArray:
+    straight = pictures
+    if faults.power:
+        straight = light * np.sign(straight) * np.abs(straight / light) ** (1.0 / (1.0 + faults.power))
+    if faults.curvature:
+        root = np.maximum(1.0 + 4.0 * faults.curvature * straight / light, 0.01)
+        straight = 2.0 * straight / (1.0 + np.sqrt(root))
+    return np.array(straight)
+
+
+def _moved_back(picture: FloatArray, shift_pixels: float, *, axis: int) -> FloatArray:
+    """Return a picture moved back along an axis, by cubic convolution; edges are repeated (Keys 1981)."""
+    whole = int(np.floor(shift_pixels))
+    part = shift_pixels - whole
+    taps = (
+        0.5 * part * (part * (2.0 - part) - 1.0),
+        0.5 * (part**2 * (3.0 * part - 5.0) + 2.0),
+        0.5 * part * (part * (4.0 - 3.0 * part) + 1.0),
+        0.5 * part**2 * (part - 1.0),
+    )
+    size = picture.shape[axis]
+    pad = [(0, 0), (0, 0)]
+    pad[axis] = (abs(whole) + 2, abs(whole) + 2)
+    wide = np.pad(picture, pad, mode="edge")
+    start = abs(whole) + 2 + whole - 1
+    cuts = [[slice(None), slice(None)] for _ in taps]
+    for step, cut in enumerate(cuts):
+        cut[axis] = slice(start + step, start + step + size)
+    return np.asarray(sum(tap * wide[tuple(cut)] for tap, cut in zip(taps, cuts, strict=True)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Samples:
+    """Residuals and what faults would make of them, block by block on a grid."""
+
+    residual: FloatArray
+    features: FloatArray
+    instruments: FloatArray
+    residual_slopes: FloatArray
+    light: FloatArray
+    steepness: FloatArray
+    pixels: FloatArray
+
+
+# Side of a block [pixel]: its means hold the edges that show shifts, and little of the noise.
+_BLOCK_PIXELS = 4
+
+# Of 16 in a block: with fewer it is left out.
+_LEAST_PIXELS = 4.0
+
+
+def _block_samples(
+    plan: Design,
+    slopes_of_angle: FloatArray,
+    pictures: FloatArray,
+    usable: BoolArray,
+    *,
+    faults: FrameFaults,
+    light: float,
+) -> _Samples:
+    """Return the block means of residuals and features."""
+    height, width = (side - side % _BLOCK_PIXELS for side in usable.shape)
+    good = usable[:height, :width]
+    images = np.where(usable, pictures, 0.0)[:, :height, :width]
+    pixels = _block_sums(good.astype(np.float64))
+    pixels = np.where(pixels < _LEAST_PIXELS, 0.0, pixels)
+    per_pixel = np.where(pixels > 0.0, 1.0 / np.maximum(pixels, _LEAST_PIXELS), 0.0)
+    onto_light = plan.system @ plan.inverse
+    means = _block_sums(images) * per_pixel
+    fitted = np.asarray(np.tensordot(onto_light, means, axes=1))
+    # Picture by picture: what is made of one stays in the cache until it is summed.
+    slopes = np.swapaxes([_slope_sums(picture, good) for picture in pictures], 0, 1) * per_pixel
+    walks = [np.tensordot(onto_light, slope, axes=1) for slope in slopes]
+    turned = np.tensordot(slopes_of_angle @ plan.inverse, means, axes=1)
+    gain = 1.0 + faults.throughput[:, None, None]
+    # Of light before the throughputs: bent after them, it would bend the throughputs, and could stand in their place.
+    bent = _responses(np.tensordot(onto_light, images, axes=1) / gain, faults, light, per_pixel)
+    features = np.concatenate(
+        [fitted / gain, turned, np.ones_like(fitted), -walks[0], -walks[1], *(gain * one for one in bent)]
+    )
+    features = np.asarray(features * (pixels > 0))
+    return _Samples(
+        residual=means - fitted,
+        features=features,
+        instruments=_instruments(features, pixels),
+        residual_slopes=slopes - np.array(walks),
+        light=np.asarray(fitted.mean(axis=0)),
+        steepness=np.asarray(np.mean(walks[0] ** 2 + walks[1] ** 2, axis=0)),
+        pixels=pixels,
+    )
+
+
+def _block_sums(pictures: FloatArray) -> FloatArray:
+    """Return sums over blocks, weighted 1/4, 1/2, 1/4 first: what mosaics leave from pixel to pixel is gone."""
+    return _summed_along(_summed_along(pictures, -1), -2)
+
+
+def _summed_along(pictures: FloatArray, axis: int) -> FloatArray:
+    moved = np.moveaxis(pictures, axis, -1)
+    cut = moved.reshape(*moved.shape[:-1], -1, _BLOCK_PIXELS)
+    first, last = cut[..., 0], cut[..., -1]
+    sums = cut.sum(axis=-1) - 0.25 * (first + last)
+    # A block's weights reach one pixel into its neighbours; at the border its own pixel stands for the one outside.
+    before = np.concatenate([first[..., :1], last[..., :-1]], axis=-1)
+    after = np.concatenate([first[..., 1:], last[..., -1:]], axis=-1)
+    return np.asarray(np.moveaxis(sums + 0.25 * (before + after), -1, axis))
+
+
+def _slope_sums(picture: FloatArray, good: BoolArray) -> FloatArray:
+    """Return the block sums of a picture's slopes across and down, shape (2, h, w)."""
+    height, width = good.shape
+    sums = []
+    for axis in (1, 0):
+        turned = np.moveaxis(picture, axis, 1)
+        slope = np.zeros_like(picture)
+        np.moveaxis(slope, axis, 1)[:, 1:-1] = 0.5 * (turned[:, 2:] - turned[:, :-2])
+        sums.append(_block_sums(np.where(good, slope[:height, :width], 0.0)))
+    return np.array(sums)
+
+
+def _responses(
+    fitted: FloatArray, faults: FrameFaults, light: float, per_pixel: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    square, logarithm = np.swapaxes([_response_sums(picture, faults, light) for picture in fitted], 0, 1) * per_pixel
+    return square, logarithm / (1.0 + faults.power)
+
+
+# Light below this share of the mean has no logarithm worth having.
+_DARKEST_SHARE = 0.01
+
+
+def _response_sums(fitted: FloatArray, faults: FrameFaults, light: float) -> FloatArray:
+    """Return the block sums of a picture as a parabola and as a power bend it, shape (2, h, w)."""
+    relative = fitted / light
+    rising = np.maximum(1.0 + 2.0 * faults.curvature * relative, _DARKEST_SHARE)
+    logarithm = np.log(np.maximum(relative, _DARKEST_SHARE))
+    return np.array([_block_sums(fitted * relative / rising), _block_sums(fitted * logarithm)])
+
+
+def _instruments(features: FloatArray, pixels: FloatArray) -> FloatArray:
+    held = (pixels > 0).astype(np.float64)
+    around = _sums_around(held[None])[0]
+    smooth = _sums_around(features) * (held / np.maximum(around, 1.0))
+    frames = len(features) // (len(PER_FRAME) + len(SHARED))
+    for kind in ("shift x", "shift y"):
+        own = slice(place(kind, 0, frames), place(kind, frames, frames))
+        smooth[own] = features[own]
+    return np.asarray(smooth)
+
+
+def _sums_around(images: FloatArray) -> FloatArray:
+    """Return the sums of the eight neighbours of each block."""
+    wide = np.pad(images, ((0, 0), (1, 1), (1, 1)))
+    across = wide[:, :, :-2] + wide[:, :, 1:-1] + wide[:, :, 2:]
+    return np.asarray(across[:, :-2] + across[:, 1:-1] + across[:, 2:] - images)
+
+
+# Tiles are this many blocks wide: wider than blur and mosaics reach; in large pictures wider, so that they stay few.
+_TILE_BLOCKS, _LARGE_TILE_BLOCKS, _LARGE_BLOCKS = 3, 5, 8000
+
+
+def _tile_scores(null_basis: FloatArray, samples: _Samples, parts: RoundedParts | None = None) -> _Scores:
+    """Return the normal equations of every tile, weighted by the noise that the residual shows."""
+    frames = len(null_basis)
+    side = _LARGE_TILE_BLOCKS if samples.pixels.size > _LARGE_BLOCKS else _TILE_BLOCKS
+    weights = samples.pixels / _variance_of_a_pixel(samples)
+    features, grid = _tiled(samples.features, side)
+    instruments, _ = _tiled(samples.instruments, side)
+    residual, _ = _tiled(samples.residual, side)
+    weight, _ = _tiled(weights[None], side)
+    onto = null_basis @ null_basis.T
+    repeats = features.shape[1] // frames
+    products = np.matmul(instruments * weight, features.transpose(0, 2, 1)) * np.tile(onto, (repeats, repeats))
+    products -= _of_noise_in_slopes(samples, weights, onto, products, np.count_nonzero(weight[:, 0] > 0.0, axis=1))
+    rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
+    gather = _gathered(frames)
+    rounded = 0.0 * products[0] if parts is None else _rounding_covariance(samples, weights, onto, parts)
+    return _Scores(
+        information=np.asarray(gather @ products @ gather.T),
+        right=np.asarray(rights @ gather.T),
+        expected_covariance=np.asarray(gather @ _expected_covariance(samples, weights) @ gather.T),
+        rounding_covariance=np.asarray(gather @ rounded @ gather.T),
+        grid=grid,
+    )
+
+
+# Of the light: pictures without any noise are computed ones, whose residual is that of rounding.
+_LEAST_NOISE = 1e-7
+
+
+def _variance_of_a_pixel(samples: _Samples) -> FloatArray:
+    """Return the variance that one pixel's residual shows, block by block: of a level, of the light and at edges."""
+    held = samples.pixels > 0
+    squares = (np.mean(samples.residual**2, axis=0) * samples.pixels)[held]
+    light = np.clip(samples.light[held], 0.0, None)
+    parts = np.column_stack([np.ones_like(light), light, light**2, samples.steepness[held]])
+    if not held.any():
+        return np.full(samples.pixels.shape, np.inf)
+    level = float(np.median(squares)) / 0.455 + (_LEAST_NOISE * float(light.max())) ** 2 + 1e-300
+    sizes = parts.max(axis=0) + (parts.max(axis=0) == 0.0)
+    expected = np.full_like(light, level)
+    for _ in range(3):
+        # Blocks far off what is expected (things that moved) do not make the noise.
+        kept = np.minimum(squares, 9.0 * expected)
+        found = _nonnegative_fit(parts / sizes / expected[:, None], kept / expected)
+        expected = np.maximum(parts / sizes @ found, 0.05 * level)
+    variance = np.full(samples.pixels.shape, np.inf)
+    variance[held] = expected
+    return variance
+
+
+def _nonnegative_fit(system: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the least-squares solution without negative parts; of so few parts every choice can be tried."""
+    count = system.shape[1]
+    gram, right = system.T @ system, system.T @ values
+    best, least = np.zeros(count), 0.0
+    for size in range(1, count + 1):
+        for chosen in map(list, combinations(range(count), size)):
+            part = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], right[chosen], rcond=None)[0]
+            # Less the square of the values, which all choices share.
+            square = float(part @ gram[np.ix_(chosen, chosen)] @ part - 2.0 * part @ right[chosen])
+            if square < least and np.all(part >= 0.0):
+                best, least = np.zeros(count), square
+                best[chosen] = part
+    return best
+
+
+def _tiled(images: FloatArray, side: int) -> tuple[FloatArray, tuple[int, int]]:
+    """Return images (P, R, C) cut into tiles (T, P, side^2), filled up with nothing at the far edges."""
+    rows, columns = images.shape[1:]
+    padded = np.pad(images, ((0, 0), (0, -rows % side), (0, -columns % side)))
+    down, across = padded.shape[1] // side, padded.shape[2] // side
+    cut = padded.reshape(len(images), down, side, across, side).transpose(1, 3, 0, 2, 4)
+    return np.ascontiguousarray(cut).reshape(down * across, len(images), side * side), (down, across)
+
+
+# Of the information of a shift that can be taken for noise of slopes.
+_MOST_NOISE = 0.98
+
+
+def _of_noise_in_slopes(
+    samples: _Samples, weights: FloatArray, onto: FloatArray, products: FloatArray, blocks: NDArray[np.intp]
+) -> FloatArray:
+    """Return what the noise of slopes, which are their own instruments, adds to the information of each tile."""
+    frames, held = len(onto), weights > 0.0
+    added = np.zeros_like(products)
+    redundancy = round(float(np.trace(onto)))
+    first = PER_FRAME.index("shift x") * frames
+    for way, slopes in enumerate(samples.residual_slopes):
+        squares = np.sum(slopes[:, held] ** 2, axis=0) * weights[held] / redundancy
+        # The median of a mean of squares (Wilson and Hilferty 1931): blocks with edges of their own do not count.
+        noise = float(np.median(squares)) / (1.0 - 2.0 / (9.0 * redundancy)) ** 3 if held.any() else 0.0
+        own = slice(first + way * frames, first + (way + 1) * frames)
+        share = noise * (np.eye(frames) - onto) * onto
+        most = _MOST_NOISE * np.maximum(np.diag(products[:, own, own].sum(axis=0)), 0.0)
+        wanted = np.diag(share) * blocks.sum()
+        kept = np.divide(most, wanted, out=np.ones_like(wanted), where=wanted > most)
+        added[:, own, own] = blocks[:, None, None] * share * float(kept.min())
+    return added
+
+
+def _gathered(frames: int) -> FloatArray:
+    """Return the matrix that sums features of all frames for what frames share."""
+    alone = len(PER_FRAME) * frames
+    matrix = np.zeros((alone + len(SHARED), alone + len(SHARED) * frames))
+    matrix[:alone, :alone] = np.eye(alone)
+    for index in range(len(SHARED)):
+        matrix[alone + index, alone + index * frames : alone + (index + 1) * frames] = 1.0
+    return matrix
+
+
+def _rounding_covariance(samples: _Samples, weights: FloatArray, onto: FloatArray, parts: RoundedParts) -> FloatArray:
+    """Return the covariance of the right sides by rounding: pixels of the same counts in all frames are off alike."""
+    height, width = (_BLOCK_PIXELS * side for side in weights.shape)
+    rows, columns = np.nonzero(parts.numbers[:height, :width] >= 0)
+    block = (rows // _BLOCK_PIXELS) * weights.shape[1] + columns // _BLOCK_PIXELS
+    each = np.divide(weights, samples.pixels, out=np.zeros_like(weights), where=weights > 0.0).ravel()[block]
+    part = parts.numbers[rows, columns]
+    instruments = samples.instruments.reshape(len(samples.instruments), -1)
+    sums = np.array([np.bincount(part, weights=each * row[block]) for row in instruments])
+    repeats = len(instruments) // len(onto)
+    return np.asarray(sums @ sums.T * np.tile((onto * parts.errors**2) @ onto, (repeats, repeats)))
+
+
+def _expected_covariance(samples: _Samples, weights: FloatArray) -> FloatArray:
+    """Return the covariance of the right sides of independent blocks, the frames correlated as residuals are."""
+    held = weights > 0.0
+    residual = samples.residual[:, held] * np.sqrt(weights[held])
+    between = residual @ residual.T / max(int(np.count_nonzero(held)), 1)
+    instruments = samples.instruments[:, held]
+    repeats = len(instruments) // len(between)
+    return np.asarray((instruments * weights[held]) @ instruments.T * np.tile(between, (repeats, repeats)))
+
+
+# Chance of finding anything where nothing is wrong.
+FALSE_FINDING_RATE = 0.01
+
+# Loss of evidence (natural logarithm) up to which other causes could stand in place of those named: one in a hundred.
+_CONFUSED_MARGIN = 4.6
 
 
 def _fit_about(
-    scores: Scores,
+    scores: _Scores,
     parameters: FloatArray,
     causes: tuple[Cause, ...],
     light: float,
@@ -1353,65 +1086,18 @@ def _fit_about(
         evidence=evidence,
         weigher=weigher,
         candidates=candidates,
-        named=by_size(evidence, named),
+        named=_by_size(evidence, named),
         # A response that polarization is too alike to test may be what is wrong all the same.
-        stand_ins=stand_ins(weigher, named, np.arange(len(causes)), margin=CONFUSED_MARGIN),
+        stand_ins=_stand_ins(weigher, named, np.arange(len(causes)), margin=_CONFUSED_MARGIN),
         parameters=_sum_of(evidence, named),
         light=light,
     )
 
 
-def _best_causes(
-    sums: "_Sums", evidence: Evidence, left_out: set[int], kept: tuple[int, ...]
-) -> tuple[Evidence, NDArray[np.intp], tuple[int, ...]]:
-    """Return the causes that explain a run best, some left out, with the errors that are left about them."""
-    named: tuple[int, ...] | None = None
-    for _ in range(_ROUNDS):
-        candidates, weigher = _candidates(evidence), Weigher(evidence)
-        before, named = named, best_set(weigher, np.setdiff1d(candidates, [*left_out]), most=_MOST_CAUSES)
-        if kept and not left_out & set(kept):
-            gained = weigher.log_evidence(named) - weigher.log_evidence(kept)
-            named = kept if gained < _HARDLY_BETTER else named
-        if named == before:
-            break
-        evidence = sums.evidence_of(named)
-    return evidence, candidates, named or ()
-
-
-def _with_its_own_errors(
-    sums: "_Sums", evidence: Evidence, candidates: NDArray[np.intp], named: tuple[int, ...]
-) -> tuple[Evidence, tuple[int, ...]]:
-    """Return a larger set where it explains a run better by the errors that it leaves itself.
-
-    The errors about a set hold what the set leaves unexplained, and so speak for it.
-    """
-    larger = larger_set(Weigher(evidence), candidates, named)
-    if len(larger) > _MOST_CAUSES or larger == named:
-        return evidence, named
-    about = sums.evidence_of(larger)
-    weigher = Weigher(about)
-    is_better = weigher.log_evidence(larger) > weigher.log_evidence(named)
-    return (about, larger) if is_better else (evidence, named)
-
-
-def _that_stand(
-    sums: "_Sums", evidence: Evidence, named: tuple[int, ...], level: float
-) -> tuple[Evidence, tuple[int, ...]]:
-    """Return the causes left when the least significant is taken away, one after the other, with errors about them."""
-    while named:
-        chances = significances(evidence, named)
-        worst = int(np.argmax(chances))
-        if min(chances) <= level and chances[worst] <= (_MORE_LENIENT * level if len(named) > 1 else level):
-            break
-        named = named[:worst] + named[worst + 1 :]
-        evidence = sums.evidence_of(named)
-    return evidence, named
-
-
 class _Sums:
     """Sums over tiles, made about some parameters, and the evidence that they are."""
 
-    def __init__(self, *, scores: Scores, parameters: FloatArray, causes: tuple[Cause, ...]) -> None:
+    def __init__(self, *, scores: _Scores, parameters: FloatArray, causes: tuple[Cause, ...]) -> None:
         self._scores, self._parameters, self._causes = scores, parameters, causes
         self.information = scores.information.sum(axis=0)
         self.right = scores.right.sum(axis=0) + self.information @ parameters
@@ -1429,8 +1115,10 @@ class _Sums:
         """Return the evidence with the scatter of what faults of a known size leave, some of them fitted."""
         directions = [self._causes[index].directions for index in fitted]
         nothing = np.zeros((len(self.right), 0))
-        scattered = score_covariance(self._scores, about - self._parameters, np.hstack([nothing, *directions]))
-        return self._evidence(scattered.covariance + self._unseen, scattered.freedom)
+        covariance, freedom = _score_covariance(
+            self._scores, about - self._parameters, np.hstack([nothing, *directions])
+        )
+        return self._evidence(covariance + self._unseen, freedom)
 
     def _evidence(self, covariance: FloatArray, freedom: float) -> Evidence:
         return Evidence(
@@ -1442,19 +1130,41 @@ class _Sums:
         )
 
 
+# What fine structure between pixels feigns as a curved response (standard deviation).
+_RESPONSE_FLOOR = 0.01
+
+
 def _unseen(information: FloatArray) -> FloatArray:
     """Return the covariance of scores by what feigns a curved response, and by the rounding of numbers."""
     feigned = information[:, -len(SHARED) :] * _RESPONSE_FLOOR
     return np.asarray(feigned @ feigned.T + np.diag(_LEAST_SCATTER * np.abs(np.diag(information))))
 
 
-def _candidates(evidence: Evidence) -> NDArray[np.intp]:
-    testable = [
-        index
-        for index, cause in enumerate(evidence.causes)
-        if cause.name not in SHARED or share_left(evidence, index) > LEAST_SHARE_LEFT
-    ]
-    return np.array(testable, dtype=np.intp)
+def _sum_of(evidence: Evidence, chosen: tuple[int, ...]) -> FloatArray:
+    total = np.zeros(len(evidence.right))
+    if chosen:
+        fitted = estimates(evidence, chosen)
+        for index, part in zip(chosen, fitted.parts, strict=True):
+            total += evidence.causes[index].directions @ fitted.values[part]
+    return total
+
+
+def _root(variance: float) -> float:
+    """Return a standard error; infinite where rounding left no variance of a fault that is hardly there."""
+    return float(np.sqrt(variance)) if variance >= 0.0 else np.inf
+
+
+def _stacked(causes: Sequence[Cause], chosen: Sequence[int]) -> tuple[FloatArray, tuple[slice, ...]]:
+    widths = [causes[index].directions.shape[1] for index in chosen]
+    ends = np.cumsum(widths)
+    parts = tuple(slice(int(end - width), int(end)) for end, width in zip(ends, widths, strict=True))
+    return np.column_stack([causes[index].directions for index in chosen]), parts
+
+
+def _undetermined(count: int, parts: tuple[slice, ...]) -> Estimates:
+    return Estimates(
+        values=np.zeros(count), covariance=np.full((count, count), np.inf), parts=parts, is_determined=False
+    )
 
 
 def _everything(causes: tuple[Cause, ...], information: FloatArray, right: FloatArray, noise: FloatArray) -> FloatArray:
@@ -1470,15 +1180,320 @@ def _everything(causes: tuple[Cause, ...], information: FloatArray, right: Float
     return np.asarray(expected @ (done.T @ (np.linalg.lstsq(scaled, right / size, rcond=None)[0] / size)))
 
 
-def _sum_of(evidence: Evidence, chosen: tuple[int, ...]) -> FloatArray:
-    total = np.zeros(len(evidence.right))
-    if chosen:
-        fitted = estimates(evidence, chosen)
-        for index, part in zip(chosen, fitted.parts, strict=True):
-            total += evidence.causes[index].directions @ fitted.values[part]
-    return total
+def _score_covariance(scores: _Scores, parameters: FloatArray, fitted: FloatArray) -> tuple[FloatArray, float]:
+    """Return the covariance of the sum of the right sides, shape (P, P), and how many tiles' worth it is known.
+
+    Few tiles cannot tell the covariance of many parameters: what they show is shrunk towards that of independent
+    blocks, the more the less the tiles agree (Ledoit and Wolf 2004, J. Multivariate Anal. 88, 365). Tiles are taken as
+    independent. Where coarser tiles scatter by more than that allows (shading, fringes), the errors of the parameters
+    concerned are widened to what the coarser ones show.
+    """
+    left = _left_out(scores.information, scores.right - scores.information @ parameters, fitted)
+    covariance, freedom = _shrunk(left, scores.expected_covariance)
+    factor = _widening(left.reshape(*scores.grid, -1), np.diag(_scatter(left)))
+    return covariance * factor[:, None] * factor[None, :], freedom
+
+
+def _left_out(information: FloatArray, left: FloatArray, fitted: FloatArray) -> FloatArray:
+    """Return what a fit to all other tiles leaves in each (the jackknife, without a fit for each)."""
+    if not fitted.shape[1]:
+        return left
+    of_tiles = information @ fitted
+    own = fitted.T @ of_tiles
+    others = own.sum(axis=0) - own
+    size = np.sqrt(np.abs(np.diag(own.sum(axis=0))))
+    if not np.all(size > 0.0):
+        return left
+    scaled = others / np.outer(size, size)
+    moved = np.linalg.pinv(scaled, rcond=1e-6) @ ((left @ fitted) / size)[:, :, None]
+    return np.asarray(left + np.einsum("tpq,tq->tp", of_tiles / size, moved[:, :, 0]))
+
+
+# Of the scaled covariance of scores: directions below are sums of others, to rounding.
+_RANK_TOLERANCE = 1e-8
+
+# Times the number of tiles that a covariance is known at most.
+_MOST_FREEDOM = 10.0
+
+
+def _shrunk(left: FloatArray, expected: FloatArray) -> tuple[FloatArray, float]:
+    """Return the scatter of tiles, shrunk towards what is expected of them."""
+    held = left[np.any(left != 0.0, axis=1)]
+    count = len(held)
+    size = np.sqrt(np.maximum(np.diag(expected), 0.0))
+    if count < 2 or not np.any(size > 0.0):
+        return np.zeros_like(expected), 1.0
+    scale = np.where(size > 0.0, size, np.inf)
+    values, vectors = np.linalg.eigh(expected / np.outer(scale, scale))
+    kept = values > _RANK_TOLERANCE * float(values[-1])
+    back = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    white = (held - held.mean(axis=0)) / scale @ (vectors[:, kept] / np.sqrt(values[kept]))
+    white *= np.sqrt(count / (count - 1.0))
+    scatter = white.T @ white
+    level = float(np.trace(scatter)) / len(scatter)
+    even = level * np.eye(len(scatter))
+    chance = float(np.sum(np.sum(white**2, axis=1) ** 2)) - float(np.sum(scatter**2)) / count
+    apart = float(np.sum((scatter - even) ** 2))
+    share = float(np.clip(chance / apart, 0.0, 1.0)) if apart > 0.0 else 1.0
+    covariance = np.asarray(back @ ((1.0 - share) * scatter + share * even) @ back.T)
+    return covariance, min(count / max((1.0 - share) ** 2, 1e-9), _MOST_FREEDOM * count)
+
+
+# Coarser tiles are made of 2 x 2, 4 x 4 ... of them while there are at least so many.
+_LEAST_COARSE_TILES = 4
+# That coarse tiles of nothing but noise scatter by more than is taken for chance.
+_CHANCE = 0.01
+
+
+def _widening(coarse: FloatArray, own: FloatArray) -> FloatArray:
+    """Return the factor of each parameter's error, from the scatter of coarser tiles."""
+    widening, tiles = np.ones(len(own)), int(np.count_nonzero(np.any(coarse != 0.0, axis=2)))
+    while (coarse := _merged(coarse)).shape[0] * coarse.shape[1] >= _LEAST_COARSE_TILES:
+        flat = coarse.reshape(-1, coarse.shape[-1])
+        ratio = np.diag(_scatter(flat)) / np.where(own > 0.0, own, np.inf)
+        # What independent tiles exceed by chance is no widening.
+        by_chance = float(fdtri(len(flat) - 1, max(tiles - 1, 1), 1.0 - _CHANCE))
+        widening = np.where(ratio > by_chance, np.maximum(widening, ratio), widening)
+    return np.sqrt(widening)
+
+
+def _merged(scores: FloatArray) -> FloatArray:
+    padded = np.pad(scores, ((0, scores.shape[0] % 2), (0, scores.shape[1] % 2), (0, 0)))
+    rows, columns = padded.shape[0] // 2, padded.shape[1] // 2
+    return np.asarray(padded.reshape(rows, 2, columns, 2, -1).sum(axis=(1, 3)))
+
+
+def _scatter(scores: FloatArray) -> FloatArray:
+    held = scores[np.any(scores != 0.0, axis=1)]
+    count = len(held)
+    if count < 2:
+        return np.zeros((scores.shape[1], scores.shape[1]))
+    centred = held - held.mean(axis=0)
+    return np.asarray(centred.T @ centred * (count / (count - 1.0)))
+
+
+# Gain of evidence (natural logarithm) below which causes are not exchanged for others once they were taken out.
+_HARDLY_BETTER = 3.0
+
+
+def _best_causes(
+    sums: _Sums, evidence: Evidence, left_out: set[int], kept: tuple[int, ...]
+) -> tuple[Evidence, NDArray[np.intp], tuple[int, ...]]:
+    """Return the causes that explain a run best, some left out, with the errors that are left about them."""
+    named: tuple[int, ...] | None = None
+    for _ in range(_ROUNDS):
+        candidates, weigher = _candidates(evidence), Weigher(evidence)
+        before, named = named, _best_set(weigher, np.setdiff1d(candidates, [*left_out]), most=_MOST_CAUSES)
+        if kept and not left_out & set(kept):
+            gained = weigher.log_evidence(named) - weigher.log_evidence(kept)
+            named = kept if gained < _HARDLY_BETTER else named
+        if named == before:
+            break
+        evidence = sums.evidence_of(named)
+    return evidence, candidates, named or ()
+
+
+# Of the regressor of a curved response, root mean square, that is left after throughputs, angles and dark levels.
+LEAST_SHARE_LEFT = 0.05
+
+
+def _candidates(evidence: Evidence) -> NDArray[np.intp]:
+    testable = [
+        index
+        for index, cause in enumerate(evidence.causes)
+        if cause.name not in SHARED or share_left(evidence, index) > LEAST_SHARE_LEFT
+    ]
+    return np.array(testable, dtype=np.intp)
+
+
+def _best_set(weigher: Weigher, candidates: NDArray[np.intp], *, most: int) -> tuple[int, ...]:
+    """Return the causes that explain a run best.
+
+    A cause is added while that raises the evidence, and each is exchanged for a better one as long as there is any. All
+    pairs are tried against a single cause that does not stand alone, and against nothing: faults of frames that stand
+    close to one another can hide each other.
+    """
+    chosen: tuple[int, ...] = ()
+    best = weigher.log_evidence(chosen)
+    while len(chosen) < most:
+        larger, value = _grown(weigher, candidates, chosen)
+        if len(larger) == 2 or (len(larger) == 1 < len(candidates) and value <= best):
+            larger, value = max([(larger, value), _best_pair(weigher, candidates)], key=lambda found: found[1])
+        larger, value = _exchanged(weigher, candidates, larger, value)
+        if value <= best:
+            break
+        chosen, best = larger, value
+    return chosen
+
+
+def _grown(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...]) -> tuple[tuple[int, ...], float]:
+    others = np.setdiff1d(candidates, chosen)
+    if not others.size:
+        return chosen, -np.inf
+    heights = weigher.of_sets(_each_with(chosen, others[:, None]))
+    top = int(np.argmax(heights))
+    return (*chosen, int(others[top])), float(heights[top])
+
+
+def _best_pair(weigher: Weigher, candidates: NDArray[np.intp]) -> tuple[tuple[int, ...], float]:
+    pairs = _pairs(candidates)
+    heights = weigher.of_sets(pairs)
+    top = int(np.argmax(heights))
+    return (int(pairs[top, 0]), int(pairs[top, 1])), float(heights[top])
+
+
+def _pairs(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+    first, second = np.triu_indices(len(numbers), 1)
+    return np.column_stack([numbers[first], numbers[second]])
+
+
+def _exchanged(
+    weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...], value: float
+) -> tuple[tuple[int, ...], float]:
+    for _ in range(3 * len(chosen)):
+        sets = [
+            _grown(weigher, np.setdiff1d(candidates, chosen), chosen[:at] + chosen[at + 1 :])
+            for at in range(len(chosen))
+        ]
+        better, height = max(sets, key=lambda found: found[1])
+        if height <= value + 1e-6:
+            break
+        chosen, value = better, height
+    return chosen, value
+
+
+def _with_its_own_errors(
+    sums: _Sums, evidence: Evidence, candidates: NDArray[np.intp], named: tuple[int, ...]
+) -> tuple[Evidence, tuple[int, ...]]:
+    """Return a larger set where it explains a run better by the errors that it leaves itself.
+
+    The errors about a set hold what the set leaves unexplained, and so speak for it.
+    """
+    larger = _larger_set(Weigher(evidence), candidates, named)
+    if len(larger) > _MOST_CAUSES or larger == named:
+        return evidence, named
+    about = sums.evidence_of(larger)
+    weigher = Weigher(about)
+    is_better = weigher.log_evidence(larger) > weigher.log_evidence(named)
+    return (about, larger) if is_better else (evidence, named)
+
+
+def _larger_set(weigher: Weigher, candidates: NDArray[np.intp], chosen: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the best set of one cause more, all pairs tried against a single cause; as given where there is none."""
+    larger, value = _grown(weigher, candidates, chosen)
+    if len(larger) == 2 and len(candidates) > 1:
+        larger, value = max([(larger, value), _best_pair(weigher, candidates)], key=lambda found: found[1])
+    return larger if np.isfinite(value) else chosen
+
+
+# Times the chance of the first cause that others may have: something is wrong, and the question is what.
+_MORE_LENIENT = 5.0
+
+
+def _that_stand(
+    sums: _Sums, evidence: Evidence, named: tuple[int, ...], level: float
+) -> tuple[Evidence, tuple[int, ...]]:
+    """Return the causes left when the least significant is taken away, one after the other, with errors about them."""
+    while named:
+        chances = _significances(evidence, named)
+        worst = int(np.argmax(chances))
+        if min(chances) <= level and chances[worst] <= (_MORE_LENIENT * level if len(named) > 1 else level):
+            break
+        named = named[:worst] + named[worst + 1 :]
+        evidence = sums.evidence_of(named)
+    return evidence, named
+
+
+def _significances(evidence: Evidence, chosen: tuple[int, ...]) -> list[float]:
+    """Return the chance of each estimate of a set, so far from nothing, were there nothing; 1 if hardly determined."""
+    fitted = estimates(evidence, chosen)
+    freedom = max(evidence.freedom - len(fitted.values) - 1, 1)
+    return [
+        float(fdtrc(part.stop - part.start, freedom, _statistic(fitted, which)))
+        if is_useful(evidence.causes[index], fitted.size_of(which)[1])
+        else 1.0
+        for which, (index, part) in enumerate(zip(chosen, fitted.parts, strict=True))
+    ]
+
+
+def _statistic(fitted: Estimates, which: int) -> float:
+    """Return the square of an estimate in its errors, by its dimension."""
+    part = fitted.parts[which]
+    value, spread = fitted.values[part], fitted.covariance[part, part]
+    if not fitted.is_determined or np.linalg.eigvalsh(spread)[0] <= 0.0:
+        return 0.0
+    return float(value @ np.linalg.solve(spread, value)) / len(value)
+
+
+# Curvature, or exponent less 1, of a response whose counts are not light.
+_BENT = 0.1
+
+
+def _by_size(evidence: Evidence, chosen: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the causes by how many of its errors each is off, the most first.
+
+    What is too large to be undone comes first, then a response far off a line, for all others were measured in counts
+    that are not light; what is no fault comes last.
+    """
+    if not chosen:
+        return ()
+    fitted = estimates(evidence, chosen)
+
+    def rank(at: int) -> tuple[bool, bool, bool, float]:
+        cause = evidence.causes[chosen[at]]
+        made = cause.directions @ fitted.values[fitted.parts[at]]
+        is_bent = cause.name in SHARED and abs(fitted.size_of(at)[0]) > _BENT
+        return not cause.is_fault, can_be_undone(made), not is_bent, -_statistic(fitted, at)
+
+    return tuple(chosen[at] for at in sorted(range(len(chosen)), key=rank))
+
+
+def _stand_ins(
+    weigher: Weigher, named: tuple[int, ...], candidates: NDArray[np.intp], *, margin: float
+) -> dict[int, set[int]]:
+    """Return, for each cause of a set, those that could stand in its place, alone or with others.
+
+    One or two of the set are exchanged for one or two others; of two for two, each stands in for what it is most like.
+    """
+    found: dict[int, set[int]] = {index: set() for index in named}
+    others = np.setdiff1d(candidates, named)
+    if not others.size:
+        return found
+    least = weigher.log_evidence(named, is_even=True) - margin
+    added = (others[:, None], _pairs(others))
+    taken = [(1, added[0]), (2, added[0]), (2, added[1]), *([(1, added[1])] if len(named) == 1 else [])]
+    for count, sets in taken:
+        for leaving in combinations(named, count):
+            staying = tuple(index for index in named if index not in leaving)
+            alike = sets[weigher.of_sets(_each_with(staying, sets), is_even=True) > least] if sets.size else sets
+            for arriving in alike.tolist():
+                for index, other in _in_place_of(weigher, leaving, tuple(arriving)):
+                    found[index].add(other)
+    return found
+
+
+def _in_place_of(weigher: Weigher, leaving: tuple[int, ...], arriving: tuple[int, ...]) -> Iterable[tuple[int, int]]:
+    if len(leaving) != len(arriving):
+        return product(leaving, arriving)
+    ways = (tuple(zip(leaving, order, strict=True)) for order in permutations(arriving))
+    return max(ways, key=lambda way: sum(weigher.correlation(*pair) for pair in way))
+
+
+# Last steps of a fit are below this share of a standard error.
+_SETTLED = 0.05
 
 
 def _is_settled(fit: JointFit, before: FloatArray) -> bool:
     moved = fit.evidence.information @ (fit.parameters - before)
     return bool(np.all(np.abs(moved) <= _SETTLED * np.sqrt(np.diag(fit.evidence.covariance)) + 1e-300))
+
+
+def _with_twins(fit: JointFit, before: tuple[int, ...]) -> JointFit:
+    """Return a fit whose causes cannot be told from those of the pass before, where these are others.
+
+    Sets that follow one another, each the best once the other was taken out, are the same to a run.
+    """
+    same = {index: set(others) for index, others in fit.stand_ins.items()}
+    for twin in set(before) - set(fit.named) if fit.named else ():
+        same[max(fit.named, key=lambda index: fit.weigher.correlation(index, twin))].add(twin)
+    return replace(fit, stand_ins=same)

@@ -8,15 +8,6 @@ from scipy.fft import dctn
 
 FloatArray = NDArray[np.float64]
 
-_BLOCK = 8
-# Coefficients of low frequency, which hold most of a picture and are coarsest against its noise.
-_COEFFICIENTS = ((0, 1), (1, 0), (1, 1), (0, 2), (2, 0), (1, 2), (2, 1))
-_PERIODS = 80
-_LEAST_BLOCKS = 64
-# Difference of the regularity of aligned and of displaced blocks, above which nothing but coding explains it.
-_LEAST_EXCESS = 0.25
-_SIGMAS = 6.0
-
 
 @dataclass(frozen=True, kw_only=True)
 class Compression:
@@ -25,6 +16,16 @@ class Compression:
     aligned: float
     displaced: float
     is_found: bool
+
+
+# Coefficients of low frequency, which hold most of a picture and are coarsest against its noise.
+_COEFFICIENTS = ((0, 1), (1, 0), (1, 1), (0, 2), (2, 0), (1, 2), (2, 1))
+_PERIODS = 80
+_LEAST_BLOCKS = 64
+
+# Difference of the regularity of aligned and of displaced blocks, above which nothing but coding explains it.
+_LEAST_EXCESS = 0.25
+_SIGMAS = 6.0
 
 
 def jpeg_traces(picture: ArrayLike) -> Compression | None:
@@ -52,6 +53,9 @@ def jpeg_traces(picture: ArrayLike) -> Compression | None:
     own, other = (float(np.median([pair[side] for pair in known])) for side in (0, 1))
     chance = _SIGMAS / np.sqrt(len(aligned))
     return Compression(aligned=own, displaced=other, is_found=bool(own - other > max(_LEAST_EXCESS, chance)))
+
+
+_BLOCK = 8
 
 
 def _coefficients(counts: FloatArray) -> FloatArray:

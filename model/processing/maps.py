@@ -22,21 +22,6 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 Engine = Literal["numpy", "fast"]
 
-# Pixels that go through at once: 0.9 MB a plane, for the cache that all cores share. In blocks of an eighth the product
-# of matrices takes half as long again, and each call has its fixed time.
-BLOCK_PIXELS = 229_376
-# Deviations make many planes in between: those of a block stay in the second-level cache.
-_DEVIATION_PIXELS = 32_768
-# Up to 2448 x 2048 one thread keeps the memory busy: two took half as much again of the processor for a tenth.
-_PIXELS_A_THREAD, _MOST_THREADS = 8_000_000, 4
-# Infinity as whole number: all that is below, as a number without sign, is finite and not negative.
-_INFINITY_BITS = np.float32(np.inf).view(np.uint32)
-# The memory of the last result that nobody holds any more, and the largest that is kept: maps of 2448 x 2048.
-_SPARE: deque[NDArray[np.uint8]] = deque(maxlen=1)
-_MOST_SPARE_BYTES = 160 << 20
-# The direction pi is the direction 0, and single precision rounds pi itself up.
-_BELOW_HALF = np.nextafter(np.float32(0.5), np.float32(0.0))
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizationMaps:
@@ -149,14 +134,9 @@ def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray
     return array.reshape(shape[0], -1)
 
 
-class _Lent:
-    """Memory of a result, which comes back when its last view is gone."""
-
-    def __init__(self, memory: NDArray[np.uint8]) -> None:
-        self.__array_interface__ = memory.__array_interface__
-        self._memory = memory
-        if memory.nbytes <= _MOST_SPARE_BYTES:
-            weakref.finalize(self, _SPARE.append, memory).atexit = False
+# The memory of the last result that nobody holds any more, and the largest that is kept: maps of 2448 x 2048.
+_SPARE: deque[NDArray[np.uint8]] = deque(maxlen=1)
+_MOST_SPARE_BYTES = 160 << 20
 
 
 def _planes(count: int, shape: tuple[int, ...]) -> tuple[Float32Array, NDArray[np.bool_]]:
@@ -175,7 +155,40 @@ def _planes(count: int, shape: tuple[int, ...]) -> tuple[Float32Array, NDArray[n
     return numbers.view(np.float32).reshape(count, *shape), truths.view(np.bool_).reshape(shape)
 
 
-def split_dark(dark: FloatArray | Float32Array) -> tuple[Float32Array, Float32Array]:
+class _Lent:
+    """Memory of a result, which comes back when its last view is gone."""
+
+    def __init__(self, memory: NDArray[np.uint8]) -> None:
+        self.__array_interface__ = memory.__array_interface__
+        self._memory = memory
+        if memory.nbytes <= _MOST_SPARE_BYTES:
+            weakref.finalize(self, _SPARE.append, memory).atexit = False
+
+
+def _by_numba(
+    frames: NDArray[np.uint16] | Float32Array,
+    design: Design,
+    dark: FloatArray | Float32Array,
+    planes: Float32Array,
+    valid: NDArray[np.bool_],
+) -> None:
+    from model.processing.compiled_maps import GROUP, fill_maps
+
+    counts = frames.reshape(frames.shape[0], -1)
+    if dark.ndim == 2:
+        counts, dark = np.subtract(counts, dark, dtype=np.float64).astype(np.float32), np.zeros(counts.shape[0])
+    inverse, together = design.inverse.astype(np.float32), np.ascontiguousarray(counts)
+    whole, rest = _split_dark(dark)
+    padded = np.zeros((4, len(whole) + -len(whole) % GROUP), dtype=np.float32)
+    padded[:3, : len(whole)], padded[3, : len(whole)] = inverse, whole
+
+    def fill(first: int, last: int) -> None:
+        fill_maps(first, last, together, padded[:3], padded[3], inverse @ rest, planes, valid)
+
+    _in_threads(fill, valid.size)
+
+
+def _split_dark(dark: FloatArray | Float32Array) -> tuple[Float32Array, Float32Array]:
     """Return whole counts and the rest of dark levels, shape (N,) each.
 
     Whole counts come off without rounding, the rest comes off Stokes parameters that are no larger than the light: so
@@ -184,6 +197,32 @@ def split_dark(dark: FloatArray | Float32Array) -> tuple[Float32Array, Float32Ar
     levels = np.asarray(dark, dtype=np.float64)
     whole = np.rint(levels)
     return whole.astype(np.float32), (levels - whole).astype(np.float32)
+
+
+# Up to 2448 x 2048 one thread keeps the memory busy: two took half as much again of the processor for a tenth.
+_PIXELS_A_THREAD, _MOST_THREADS = 8_000_000, 4
+
+
+def _in_threads(fill: Callable[[int, int], None], pixels: int) -> None:
+    """Fill all pixels; those of large pictures by a thread for each processor, this one among them."""
+    wanted = min(pixels // _PIXELS_A_THREAD, _MOST_THREADS)
+    threads = wanted if wanted < 2 else min(wanted, os.cpu_count() or 1)
+    if threads < 2:
+        fill(0, pixels)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    edges = np.linspace(0, pixels, threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = pool.map(fill, edges[1:-1], edges[2:])
+        fill(edges[0], edges[1])
+        for _ in others:
+            pass
+
+
+# Pixels that go through at once: 0.9 MB a plane, for the cache that all cores share. In blocks of an eighth the product
+# of matrices takes half as long again, and each call has its fixed time.
+BLOCK_PIXELS = 229_376
 
 
 def _by_numpy(
@@ -210,23 +249,6 @@ def _by_numpy(
     _in_threads(fill, valid.size)
 
 
-def _in_threads(fill: Callable[[int, int], None], pixels: int) -> None:
-    """Fill all pixels; those of large pictures by a thread for each processor, this one among them."""
-    wanted = min(pixels // _PIXELS_A_THREAD, _MOST_THREADS)
-    threads = wanted if wanted < 2 else min(wanted, os.cpu_count() or 1)
-    if threads < 2:
-        fill(0, pixels)
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    edges = np.linspace(0, pixels, threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads - 1) as pool:
-        others = pool.map(fill, edges[1:-1], edges[2:])
-        fill(edges[0], edges[1])
-        for _ in others:
-            pass
-
-
 def _stokes_of(
     counts: NDArray[np.uint16] | Float32Array,
     dark: FloatArray | Float32Array,
@@ -239,7 +261,7 @@ def _stokes_of(
         np.subtract(counts, dark, out=signal, casting="same_kind")
         np.matmul(inverse, signal, out=stokes)
         return
-    whole, rest = split_dark(dark)
+    whole, rest = _split_dark(dark)
     if counts.dtype == np.float32 and not whole.any():
         np.matmul(inverse, counts, out=stokes)
     else:
@@ -249,6 +271,13 @@ def _stokes_of(
         np.matmul(inverse, signal, out=stokes)
     if np.any(rest):
         stokes -= (inverse @ rest)[:, np.newaxis]
+
+
+# The direction pi is the direction 0, and single precision rounds pi itself up.
+_BELOW_HALF = np.nextafter(np.float32(0.5), np.float32(0.0))
+
+# Infinity as whole number: all that is below, as a number without sign, is finite and not negative.
+_INFINITY_BITS = np.float32(np.inf).view(np.uint32)
 
 
 def _polar(planes: Float32Array, valid: NDArray[np.bool_], spare: Float32Array) -> None:
@@ -269,27 +298,8 @@ def _polar(planes: Float32Array, valid: NDArray[np.bool_], spare: Float32Array) 
     np.less(dolp.view(np.uint32), _INFINITY_BITS, out=valid)
 
 
-def _by_numba(
-    frames: NDArray[np.uint16] | Float32Array,
-    design: Design,
-    dark: FloatArray | Float32Array,
-    planes: Float32Array,
-    valid: NDArray[np.bool_],
-) -> None:
-    from model.processing.compiled_maps import GROUP, fill_maps
-
-    counts = frames.reshape(frames.shape[0], -1)
-    if dark.ndim == 2:
-        counts, dark = np.subtract(counts, dark, dtype=np.float64).astype(np.float32), np.zeros(counts.shape[0])
-    inverse, together = design.inverse.astype(np.float32), np.ascontiguousarray(counts)
-    whole, rest = split_dark(dark)
-    padded = np.zeros((4, len(whole) + -len(whole) % GROUP), dtype=np.float32)
-    padded[:3, : len(whole)], padded[3, : len(whole)] = inverse, whole
-
-    def fill(first: int, last: int) -> None:
-        fill_maps(first, last, together, padded[:3], padded[3], inverse @ rest, planes, valid)
-
-    _in_threads(fill, valid.size)
+# Deviations make many planes in between: those of a block stay in the second-level cache.
+_DEVIATION_PIXELS = 32_768
 
 
 def _fill_deviations(planes: Float32Array, design: Design, sigma: FloatArray | Float32Array) -> None:

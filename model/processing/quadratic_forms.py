@@ -1,8 +1,9 @@
 """Tail probabilities of quadratic forms Q = sum_j w_j (z_j + b_j)^2 of standard normal z.
 
-The tail P(Q > level) of a quadratic form is an integral over a path that leaves the real axis between the
-pole at 0 and the first singularity to the right. Everything here is made dimensionless with that singularity
-at 1, so weights in any unit and of any spread look alike.
+This is the distribution behind the RX detector. The tail P(Q > level) is an integral over a path that leaves the real
+axis between the pole at 0 and the first singularity to the right: a hyperbola through the saddle point, with the
+trapezoidal rule on it. Everything is made dimensionless with that singularity at 1, so weights in any unit and of any
+spread look alike. Equal weights give the chi-square distribution, in closed form.
 """
 
 from dataclasses import dataclass
@@ -13,15 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.numerics import erfcx, gamma, gammainccinv, gammaincinv
 
-# The chi-square distribution in closed form, to full relative accuracy in both tails
-
 FloatArray = NDArray[np.float64]
-
-_POLISHES = 2  # Newton steps; the start is good to 1e-8 or better in every release of SciPy
-# Beyond so many degrees of freedom powers and factorials leave the range of a double: the start stays as it is.
-_MOST_POLISHED = 200
-
-_SERIES_TERMS = 30  # and two a degree of freedom: the last is below 1e-17 of the sum
+ComplexArray = NDArray[np.complex128]
+LongArray = NDArray[np.longdouble]
 
 
 def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
@@ -45,430 +40,6 @@ def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
         half[common] = _half_of_common(p[common], degrees)
     return 2.0 * half
 
-
-def _polishes(degrees: int) -> int:
-    return _POLISHES if degrees <= _MOST_POLISHED else 0
-
-
-def _scaled_tail(half: FloatArray, degrees: int) -> FloatArray:
-    """Return exp(half) P(chi-square > 2 half): all terms are positive."""
-    if degrees % 2:
-        total, power, term = erfcx(np.sqrt(half)), 0.5, np.sqrt(half) / gamma(1.5)
-    else:
-        total, power, term = np.zeros_like(half), 0.0, np.ones_like(half)
-    while power < 0.5 * degrees - 0.75:
-        total = total + term
-        power += 1.0
-        term = term * half / power
-    return np.asarray(total, dtype=np.float64)
-
-
-def _density(half: FloatArray, degrees: int) -> FloatArray:
-    """Return exp(half) times the density of the half."""
-    return np.asarray(half ** (0.5 * degrees - 1.0) / gamma(0.5 * degrees), dtype=np.float64)
-
-
-def _half_of_rare(p: FloatArray, degrees: int) -> FloatArray:
-    half = np.asarray(gammainccinv(0.5 * degrees, p), dtype=np.float64)
-    for _ in range(_polishes(degrees)):
-        scaled = _scaled_tail(half, degrees)
-        excess = (np.exp(-0.5 * half) / p) * (scaled * np.exp(-0.5 * half)) - 1.0
-        half = half + np.log1p(excess) * scaled / _density(half, degrees)
-    return half
-
-
-def _half_of_common(p: FloatArray, degrees: int) -> FloatArray:
-    q = 1.0 - p
-    half = np.asarray(gammaincinv(0.5 * degrees, q), dtype=np.float64)
-    for _ in range(_polishes(degrees)):
-        scaled = _scaled_lower_tail(half, degrees)
-        excess = np.exp(-half) * scaled / q - 1.0
-        half = half * (1.0 - excess * scaled / (half * _density(half, degrees)))
-    return half
-
-
-def _scaled_lower_tail(half: FloatArray, degrees: int) -> FloatArray:
-    """Return exp(half) P(chi-square <= 2 half) for a half below the median, by its power series."""
-    order = 0.5 * degrees
-    term = half**order / gamma(order + 1.0)
-    total = term
-    for k in range(1, _SERIES_TERMS + 2 * degrees):
-        term = term * half / (order + k)
-        total = total + term
-    return np.asarray(total, dtype=np.float64)
-
-
-# Saddle point of the contour integral of a tail probability, where the contour crosses the real axis
-
-
-_BRACKET = 80.0  # |logit| of the saddle: exp(-80) is far below any ratio that double precision can form
-_ENOUGH = 0.05  # distance from the saddle, in widths of the saddle, that costs the integral nothing
-_MAX_STEPS = 200
-
-
-@dataclass(frozen=True, kw_only=True)
-class UpperTail:
-    """P(Q > level) for many forms at once, level not below the mean, in dimensionless variables.
-
-    The cumulant function is K(s) = sum_j [ -degrees_j/2 ln(1 - ratio_j s) + shift_j s / (1 - ratio_j s) ].
-    `bounded` says that some ratio is positive; the largest is then 1 and s lies in (0, 1), else in (0, inf).
-    Rows are forms, columns are components. Extended precision where the platform has it: the exponent of a
-    deep tail is a small difference of large terms.
-    """
-
-    ratio: NDArray[np.longdouble]
-    shift: NDArray[np.longdouble]
-    level: NDArray[np.longdouble]
-    degrees: FloatArray
-    bounded: NDArray[np.bool_]
-
-    def rows(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the same for the chosen forms only."""
-        return type(self)(
-            ratio=self.ratio[chosen],
-            shift=self.shift[chosen],
-            level=self.level[chosen],
-            degrees=self.degrees,
-            bounded=self.bounded[chosen],
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Saddle:
-    """The crossing point s = `at`, its distance to the singularity at 1, and 1 - ratio_j s there.
-
-    The three agree with each other to extended precision, also where `at` rounds to 1.
-    """
-
-    at: NDArray[np.longdouble]
-    to_pole: FloatArray
-    factor: NDArray[np.longdouble]
-
-    def rows(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the same for the chosen forms only."""
-        return type(self)(at=self.at[chosen], to_pole=self.to_pole[chosen], factor=self.factor[chosen])
-
-
-def find_saddle(tail: UpperTail) -> Saddle:
-    """Return a point close to the real minimum of K(s) - s level - ln s, for every form.
-
-    The condition K'(s) = level + 1/s is written as a balance of positive terms, growing against falling, and
-    solved for ln or logit of s, where both sides are nearly power laws: Newton's method on the logarithm of
-    their quotient takes 3 to 6 steps, a bracket catches what it overshoots. The integral does not depend on
-    the point chosen, so a twentieth of the width of the saddle is near enough.
-    """
-    ratio, shift, level = (np.asarray(part, dtype=float) for part in (tail.ratio, tail.shift, tail.level))
-    low, high = _bracket(tail)
-    logit = np.clip(_first_guess(ratio, shift, level, tail), low, high)
-    for _ in range(_MAX_STEPS):
-        gap, slope, distance = _balance(ratio, shift, level, tail.degrees, _point(ratio, tail.bounded, logit))
-        if bool(np.all(distance < _ENOUGH)):
-            break
-        low = np.where(gap < 0.0, logit, low)
-        high = np.where(gap < 0.0, high, logit)
-        step = logit - gap / slope
-        inside = (step > low) & (step < high)
-        moved = np.where(inside, step, 0.5 * (low + high))
-        logit = np.where(distance < _ENOUGH, logit, moved)
-    return _exact_point(tail, logit)
-
-
-def _bracket(tail: UpperTail) -> tuple[FloatArray, FloatArray]:
-    """Return limits of logit s (bounded forms) or of ln s, from upper bounds of each term (others)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.asarray(np.abs(tail.level), dtype=float)
-        offsets = np.where(tail.ratio != 0.0, 2.0 * tail.shift / tail.ratio, 0.0)
-        terms = 1.0 + 0.5 * np.sum(tail.degrees + offsets.astype(float), axis=1)
-        lowest = np.where(tail.bounded, -_BRACKET, -np.log(size))
-        highest = np.where(tail.bounded, _BRACKET, np.log(terms) - np.log(size))
-    return lowest, highest
-
-
-def _first_guess(ratio: FloatArray, shift: FloatArray, level: FloatArray, tail: UpperTail) -> FloatArray:
-    """Return logit s of one standard deviation of Q (bounded), or ln s of a chi-square lower tail."""
-    one_sided = np.where(tail.bounded[:, None], ratio, 0.0)
-    variance: FloatArray = np.sum((0.5 * tail.degrees * one_sided + 2.0 * shift) * one_sided, axis=1)
-    with np.errstate(divide="ignore"):
-        unbounded = np.log1p(0.5 * np.sum(tail.degrees)) - np.log(np.abs(level))
-    guess: FloatArray = np.where(tail.bounded, -0.5 * np.log(1.0 + variance), unbounded)
-    return guess
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Point:
-    at: FloatArray
-    chain: FloatArray  # ds/d(logit)
-    factor: FloatArray
-
-
-def _point(ratio: FloatArray, bounded: NDArray[np.bool_], logit: FloatArray) -> _Point:
-    inverse = np.exp(-logit)
-    to_pole = inverse / (1.0 + inverse)
-    at = np.where(bounded, 1.0 / (1.0 + inverse), 1.0 / inverse)
-    # for poles on the right written with the distance to the first, so that nothing cancels close to it
-    near = (1.0 - ratio) + ratio * to_pole[:, None]
-    factor = np.where(ratio > 0.0, near, 1.0 - ratio * at[:, None])
-    return _Point(at=at, chain=np.where(bounded, at * to_pole, at), factor=factor)
-
-
-def _exact_point(tail: UpperTail, logit: FloatArray) -> Saddle:
-    one = np.longdouble(1.0)
-    inverse = np.asarray(np.exp(-logit), dtype=np.longdouble)
-    to_pole = inverse / (one + inverse)
-    at = np.where(tail.bounded, one / (one + inverse), one / inverse)
-    near = (one - tail.ratio) + tail.ratio * to_pole[:, None]
-    factor = np.where(tail.ratio > 0.0, near, one - tail.ratio * at[:, None])
-    return Saddle(at=at, to_pole=np.asarray(to_pole, dtype=np.float64), factor=factor)
-
-
-def _balance(
-    ratio: FloatArray, shift: FloatArray, level: FloatArray, degrees: FloatArray, point: _Point
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return ln(growing/falling), its slope in the logit, and the distance to the saddle in widths."""
-    central = 0.5 * degrees * ratio / point.factor
-    shifted = shift / point.factor / point.factor
-    first = central + shifted
-    second = (central + 2.0 * shifted) * ratio / point.factor
-    positive = ratio > 0.0
-    growing = np.sum(first, axis=1, where=positive) + np.maximum(-level, 0.0)
-    falling = 1.0 / point.at + np.maximum(level, 0.0) - np.sum(first, axis=1, where=~positive)
-    growth = np.sum(second, axis=1, where=positive)
-    fall = -1.0 / point.at**2 - np.sum(second, axis=1, where=~positive)
-    slope = (growth / growing - fall / falling) * point.chain
-    distance = np.abs(growing - falling) / np.sqrt(growth - fall)
-    return np.log(growing / falling), slope, distance
-
-
-# The contour integral of a tail probability: a hyperbola through the saddle and the trapezoidal rule on it
-
-ComplexArray = NDArray[np.complex128]
-
-# Asymptotes of the hyperbola stand atan(1/0.7) = 55 degrees off the real axis: 10 degrees on the safe side of
-# 45, where the modulus of every factor stops falling, and 35 from 90, where exp(-s level) stops falling.
-_SLOPE = 0.7
-# Of more, such as counts behind 500 angles, the product leaves the range of a double: their logarithms are summed.
-_MOST_FACTORS = 32
-_NEGLIGIBLE = 1e-17  # of the integrand at the saddle; the path ends there
-_NEAR_ENDS = np.arange(2.0, 9.0)  # sinh of 3 ends a Gaussian, of 7 a chi-square
-_FAR_ENDS = np.arange(9.0, 100.0)  # weights of both signs and a zero level: a power law is all that ends it
-_FEWEST_NODES, _FIRST_NODES = 8, 24
-_NODES_PER_DIGIT = 2.4
-_MOST_NODES = 1536
-_TALLEST = 10.0  # times the saddle: beyond, the path climbs a wrong hill and cancellation costs digits
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contour:
-    """The integrand relative to its saddle and the path, per form, in units of the width of the saddle.
-
-    With z the way from the saddle in widths, the integrand is
-    prod_j (1 - pole_j z)^(-degrees_j/2) exp(linear z + z^2 sum_j quadratic_j/(1 - pole_j z)) / (1 + origin z);
-    the linear parts of all components and of the level are summed first, so that large offsets do not cancel.
-    `bend` is +1 (right), -1 (left) or 0 (a vertical line), `straight` the length of the straight middle.
-    """
-
-    pole: FloatArray
-    quadratic: FloatArray
-    linear: FloatArray
-    origin: FloatArray
-    width: FloatArray
-    bend: FloatArray
-    straight: FloatArray
-    degrees: FloatArray
-
-    def rows(self, chosen: NDArray[np.intp]) -> Self:
-        """Return the same for the chosen forms only."""
-        return type(self)(
-            pole=self.pole[chosen],
-            quadratic=self.quadratic[chosen],
-            linear=self.linear[chosen],
-            origin=self.origin[chosen],
-            width=self.width[chosen],
-            bend=self.bend[chosen],
-            straight=self.straight[chosen],
-            degrees=self.degrees,
-        )
-
-
-def contour_through(tail: UpperTail, saddle: Saddle, bend: float | None) -> Contour:
-    """Return the contour through the saddle."""
-    at = np.asarray(saddle.at, dtype=float)
-    ratio = np.asarray(tail.ratio / saddle.factor, dtype=float)
-    shifted = np.asarray(tail.shift / saddle.factor / saddle.factor, dtype=float)
-    central = 0.5 * tail.degrees * ratio
-    second = np.sum((central + 2.0 * shifted) * ratio, axis=1) + at**-2
-    third = np.sum((2.0 * central + 6.0 * shifted) * ratio**2, axis=1) - 2.0 * at**-3
-    width = second**-0.5
-    turn = third * width / (6.0 * second)
-    way = _natural_bend(tail, turn) if bend is None else np.full_like(width, bend)
-    linear = np.sum(tail.shift / saddle.factor**2, axis=1) - tail.level
-    return Contour(
-        pole=ratio * width[:, None],
-        quadratic=shifted * ratio * width[:, None] ** 2,
-        linear=np.asarray(linear, dtype=float) * width,
-        origin=width / at,
-        width=width,
-        bend=way,
-        straight=_straight(turn * way, _reach(tail, saddle, way) / width),
-        degrees=tail.degrees,
-    )
-
-
-def integrate(contour: Contour, tolerance: float, *, two_sided: bool) -> tuple[FloatArray, FloatArray]:
-    """Return the integral over the path, in units of the integrand at the saddle, and its relative error.
-
-    The trapezoidal rule in v, z = x(sinh v) + i sinh v, converges geometrically. The error given is the
-    difference to half the nodes, thus that of the coarser rule, plus what was cut off and the rounding.
-    """
-    end, tallest = _end(contour)
-    cut_off = _beyond(contour, end) if two_sided else np.zeros_like(end)
-    usable = np.flatnonzero((tallest < _TALLEST) & np.isfinite(end))
-    value, error = np.ones_like(end), np.full_like(end, np.inf)
-    value[usable], error[usable] = _trapezoid(contour.rows(usable), end[usable], tolerance)
-    rounding = 4.0 * np.finfo(float).eps * (1.0 + tallest / np.abs(value))
-    return value, error + rounding + cut_off / np.abs(value)
-
-
-def _natural_bend(tail: UpperTail, turn: FloatArray) -> FloatArray:
-    left_free = ~np.any(tail.ratio < 0.0, axis=1)
-    either = np.where(turn >= 0.0, 1.0, -1.0)
-    return np.where(~tail.bounded, -1.0, np.where(left_free, 1.0, either))
-
-
-def _reach(tail: UpperTail, saddle: Saddle, way: FloatArray) -> FloatArray:
-    """Return the distance to the first singularity on the side the path bends to, 0 not counted."""
-    most_negative = np.asarray(np.minimum(np.min(tail.ratio, axis=1), 0.0), dtype=float)
-    with np.errstate(divide="ignore"):
-        left = np.asarray(saddle.at, dtype=float) + np.where(most_negative < 0.0, -1.0 / most_negative, np.inf)
-    right = np.where(tail.bounded, saddle.to_pole, np.inf)
-    return np.where(way > 0.0, right, left)
-
-
-def _straight(turn: FloatArray, reach: FloatArray) -> FloatArray:
-    """Return the length of the straight middle from the curvature of steepest descent, within bounds."""
-    curvature = np.clip(turn, 0.0625 / reach, 0.5 / reach)
-    with np.errstate(divide="ignore"):
-        return np.maximum(0.5 * _SLOPE / curvature, 1.0)
-
-
-def _path(contour: Contour, v: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return z(v) and (dz/dv)/i."""
-    height = np.sinh(v)
-    middle = np.where(np.isfinite(contour.straight), contour.straight, 1.0)[:, None]
-    slope = (_SLOPE * contour.bend * np.isfinite(contour.straight))[:, None]
-    radius = np.sqrt(height * height + middle * middle)
-    steepness = slope * height / radius
-    aside = height * steepness * radius / (radius + middle)
-    speed = np.sqrt(1.0 + height * height)
-    return aside + 1j * height, speed - 1j * (speed * steepness)
-
-
-def _relative_integrand(contour: Contour, z: ComplexArray) -> ComplexArray:
-    """Return the integrand at z over that at the saddle."""
-    exponent = contour.linear[:, None] * z
-    denominator = 1.0 + contour.origin[:, None] * z
-    square = z * z
-    for j, degrees in enumerate(contour.degrees):
-        step = contour.pole[:, j, None] * z
-        factor = 1.0 - step
-        if np.any(contour.quadratic[:, j]):
-            exponent += square * (contour.quadratic[:, j, None] / factor)
-        if degrees == 1.0 and len(contour.degrees) <= _MOST_FACTORS:
-            denominator *= np.sqrt(factor)
-        else:
-            exponent -= (0.5 * degrees) * _log_one_minus(step)
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        return np.asarray(np.exp(exponent) / denominator, dtype=np.complex128)
-
-
-def _log_one_minus(step: ComplexArray) -> ComplexArray:
-    """Return log(1 - step), without loss where the step is small: it is multiplied by up to millions of degrees."""
-    x, y = step.real, step.imag
-    return 0.5 * np.log1p(x * (x - 2.0) + y * y) - 1j * np.arctan2(y, 1.0 - x)
-
-
-def _height(contour: Contour, v: FloatArray) -> FloatArray:
-    """Return the modulus of integrand times dz/dv; infinite where it overflows."""
-    z, speed = _path(contour, v)
-    with np.errstate(over="ignore", invalid="ignore"):
-        modulus = np.abs(_relative_integrand(contour, z) * speed)
-    return np.where(np.isfinite(modulus), modulus, np.inf)
-
-
-def _end(contour: Contour) -> tuple[FloatArray, FloatArray]:
-    """Return the v where the integrand becomes negligible, and the greatest height on the way there."""
-    end, tallest = _first_crossing(contour, _NEAR_ENDS)
-    far = np.flatnonzero(~np.isfinite(end))
-    if far.size:
-        further, higher = _first_crossing(contour.rows(far), _FAR_ENDS)
-        end[far], tallest[far] = further, np.maximum(tallest[far], higher)
-    return end, tallest
-
-
-def _first_crossing(contour: Contour, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
-    count = contour.linear.size
-    height = _height(contour, np.broadcast_to(ends, (count, ends.size)))
-    small = height < _NEGLIGIBLE
-    first = np.argmax(small, axis=1)
-    found = np.any(small, axis=1)
-    before = np.arange(ends.size) < np.where(found, first, ends.size)[:, None]
-    tallest = np.max(height, axis=1, where=before, initial=1.0)
-    end = _between(height, ends, first)
-    return np.where(found, end, np.inf), tallest
-
-
-def _between(height: FloatArray, ends: FloatArray, first: NDArray[np.intp]) -> FloatArray:
-    """Return the crossing between grid points: ln(-ln height) is all but linear in v."""
-    last = np.maximum(first - 1, 0)
-    rows = np.arange(first.size)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        here = np.log(np.clip(-np.log(height[rows, last]), 1.0, None))
-        there = np.log(np.clip(-np.log(np.maximum(height[rows, first], 1e-300)), 1.0, None))
-        share = (np.log(-np.log(_NEGLIGIBLE)) - here) / (there - here)
-    share = np.where(first > 0, np.clip(share, 0.0, 1.0), 1.0)
-    return np.asarray(ends[last] + share * (ends[first] - ends[last]), dtype=np.float64)
-
-
-def _beyond(contour: Contour, end: FloatArray) -> FloatArray:
-    """Return a bound of what the end of the path leaves out.
-
-    The path may be closed by a vertical line from its end: no singularity is off the real axis, and far up
-    the integrand falls as a power. The greatest |integrand z| there bounds the remainder to a factor of ten.
-    """
-    finite = np.where(np.isfinite(end), end, 1.0)
-    z, _ = _path(contour, finite[:, None])
-    up = np.abs(z) * 2.0 ** np.arange(-3.0, 60.0, 1.5)
-    height = np.abs(_relative_integrand(contour, z + 1j * up)) * (np.abs(z) + up)
-    return np.asarray(np.max(np.where(np.isfinite(height), height, np.inf), axis=1), dtype=np.float64)
-
-
-def _trapezoid(contour: Contour, end: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
-    nodes = round(np.clip(-_NODES_PER_DIGIT * np.log10(tolerance), _FEWEST_NODES, _FIRST_NODES))
-    step = end / nodes
-    value = step * (0.5 + _sum(contour, step, np.arange(1.0, nodes + 1)))
-    error = np.full_like(value, np.inf)
-    open_rows = np.arange(value.size)
-    while open_rows.size and nodes < _MOST_NODES:
-        part, width = contour.rows(open_rows), step[open_rows]
-        middle = width * _sum(part, width, np.arange(0.5, nodes))
-        refined = 0.5 * (value[open_rows] + middle)
-        error[open_rows] = np.abs(refined - value[open_rows]) / np.abs(refined)
-        value[open_rows], step[open_rows] = refined, 0.5 * width
-        nodes *= 2
-        open_rows = open_rows[error[open_rows] > tolerance]
-    return value / np.pi, error
-
-
-def _sum(contour: Contour, step: FloatArray, numbers: FloatArray) -> FloatArray:
-    z, speed = _path(contour, step[:, None] * numbers)
-    integrand = _relative_integrand(contour, z)
-    total: FloatArray = np.sum(integrand.real * speed.real - integrand.imag * speed.imag, axis=1)
-    return total
-
-
-# Tail probabilities of Q = sum_j w_j (z_j + b_j)^2, z standard normal: the distribution behind RX and behind DoLP
-
-LongArray = NDArray[np.longdouble]
 
 _BLOCK = 256  # forms at once: what their nodes need stays in the cache
 _TOLERANCE = 1e-10
@@ -528,18 +99,69 @@ def tail_probabilities(
     return _both(log_tail, above, error)
 
 
+def _half_of_rare(p: FloatArray, degrees: int) -> FloatArray:
+    half = np.asarray(gammainccinv(0.5 * degrees, p), dtype=np.float64)
+    for _ in range(_polishes(degrees)):
+        scaled = _scaled_tail(half, degrees)
+        excess = (np.exp(-0.5 * half) / p) * (scaled * np.exp(-0.5 * half)) - 1.0
+        half = half + np.log1p(excess) * scaled / _density(half, degrees)
+    return half
+
+
+_POLISHES = 2  # Newton steps; the start is good to 1e-8 or better in every release of SciPy
+# Beyond so many degrees of freedom powers and factorials leave the range of a double: the start stays as it is.
+_MOST_POLISHED = 200
+
+
+def _polishes(degrees: int) -> int:
+    return _POLISHES if degrees <= _MOST_POLISHED else 0
+
+
+def _scaled_tail(half: FloatArray, degrees: int) -> FloatArray:
+    """Return exp(half) P(chi-square > 2 half): all terms are positive."""
+    if degrees % 2:
+        total, power, term = erfcx(np.sqrt(half)), 0.5, np.sqrt(half) / gamma(1.5)
+    else:
+        total, power, term = np.zeros_like(half), 0.0, np.ones_like(half)
+    while power < 0.5 * degrees - 0.75:
+        total = total + term
+        power += 1.0
+        term = term * half / power
+    return np.asarray(total, dtype=np.float64)
+
+
+def _density(half: FloatArray, degrees: int) -> FloatArray:
+    """Return exp(half) times the density of the half."""
+    return np.asarray(half ** (0.5 * degrees - 1.0) / gamma(0.5 * degrees), dtype=np.float64)
+
+
+def _half_of_common(p: FloatArray, degrees: int) -> FloatArray:
+    q = 1.0 - p
+    half = np.asarray(gammaincinv(0.5 * degrees, q), dtype=np.float64)
+    for _ in range(_polishes(degrees)):
+        scaled = _scaled_lower_tail(half, degrees)
+        excess = np.exp(-half) * scaled / q - 1.0
+        half = half * (1.0 - excess * scaled / (half * _density(half, degrees)))
+    return half
+
+
+_SERIES_TERMS = 30  # and two a degree of freedom: the last is below 1e-17 of the sum
+
+
+def _scaled_lower_tail(half: FloatArray, degrees: int) -> FloatArray:
+    """Return exp(half) P(chi-square <= 2 half) for a half below the median, by its power series."""
+    order = 0.5 * degrees
+    term = half**order / gamma(order + 1.0)
+    total = term
+    for k in range(1, _SERIES_TERMS + 2 * degrees):
+        term = term * half / (order + k)
+        total = total + term
+    return np.asarray(total, dtype=np.float64)
+
+
 def _require_tolerance(tolerance: float) -> None:
     if not _SMALLEST_TOLERANCE <= tolerance <= 0.01:
         raise ValueError(f"tolerance is {tolerance}; allowed is {_SMALLEST_TOLERANCE:g} to 0.01 (relative)")
-
-
-def _require_converged(error: FloatArray, tolerance: float) -> None:
-    if np.any(error > tolerance):
-        raise ArithmeticError(
-            f"the contour integral reached a relative error of {np.max(error):.3g} only, asked were {tolerance:g}, "
-            f"at {np.sum(error > tolerance)} of {error.size} points; try a larger tolerance, or leave out weights "
-            "that are more than 12 decades below the largest"
-        )
 
 
 def _broadcast(
@@ -586,7 +208,34 @@ def _block(
     return log_tail, above, error
 
 
-def _dimensionless(w: FloatArray, b: FloatArray, level: FloatArray, nu: FloatArray) -> UpperTail:
+@dataclass(frozen=True, kw_only=True)
+class _UpperTail:
+    """P(Q > level) for many forms at once, level not below the mean, in dimensionless variables.
+
+    The cumulant function is K(s) = sum_j [ -degrees_j/2 ln(1 - ratio_j s) + shift_j s / (1 - ratio_j s) ].
+    `bounded` says that some ratio is positive; the largest is then 1 and s lies in (0, 1), else in (0, inf).
+    Rows are forms, columns are components. Extended precision where the platform has it: the exponent of a
+    deep tail is a small difference of large terms.
+    """
+
+    ratio: NDArray[np.longdouble]
+    shift: NDArray[np.longdouble]
+    level: NDArray[np.longdouble]
+    degrees: FloatArray
+    bounded: NDArray[np.bool_]
+
+    def rows(self, chosen: NDArray[np.intp]) -> Self:
+        """Return the same for the chosen forms only."""
+        return type(self)(
+            ratio=self.ratio[chosen],
+            shift=self.shift[chosen],
+            level=self.level[chosen],
+            degrees=self.degrees,
+            bounded=self.bounded[chosen],
+        )
+
+
+def _dimensionless(w: FloatArray, b: FloatArray, level: FloatArray, nu: FloatArray) -> _UpperTail:
     """Return the problem in units of the first singularity on the right, or else of the level or the weights."""
     weight = np.asarray(w, dtype=np.longdouble)
     top = np.max(weight, axis=1)
@@ -597,21 +246,21 @@ def _dimensionless(w: FloatArray, b: FloatArray, level: FloatArray, nu: FloatArr
     shift = 0.5 * ratio * np.asarray(b, dtype=np.longdouble) ** 2
     unit_level = np.asarray(level, dtype=np.longdouble) / (2.0 * scale)
     used = np.any(w != 0.0, axis=0)
-    return UpperTail(ratio=ratio[:, used], shift=shift[:, used], level=unit_level, degrees=nu[used], bounded=bounded)
+    return _UpperTail(ratio=ratio[:, used], shift=shift[:, used], level=unit_level, degrees=nu[used], bounded=bounded)
 
 
-def _upper_tail(tail: UpperTail, tolerance: float) -> tuple[LongArray, FloatArray]:
+def _upper_tail(tail: _UpperTail, tolerance: float) -> tuple[LongArray, FloatArray]:
     """Return log P(Q > level) and its relative error, by the first contour that reaches the tolerance."""
-    saddle = find_saddle(tail)
+    saddle = _find_saddle(tail)
     two_sided = bool(np.any(tail.bounded & np.any(tail.ratio < 0.0, axis=1)))
-    contour = contour_through(tail, saddle, None)
-    value, error = integrate(contour, tolerance, two_sided=two_sided)
+    contour = _contour_through(tail, saddle, None)
+    value, error = _integrate(contour, tolerance, two_sided=two_sided)
     for bend in (1.0, -1.0, 0.0):
         failed = np.flatnonzero(error > tolerance)
         if not failed.size:
             break
-        other = contour_through(tail.rows(failed), saddle.rows(failed), bend)
-        again, error_again = integrate(other, tolerance, two_sided=True)
+        other = _contour_through(tail.rows(failed), saddle.rows(failed), bend)
+        again, error_again = _integrate(other, tolerance, two_sided=True)
         better = error_again < error[failed]
         value[failed[better]], error[failed[better]] = again[better], error_again[better]
     exponent, rounding = _exponent(tail, saddle)
@@ -620,7 +269,343 @@ def _upper_tail(tail: UpperTail, tolerance: float) -> tuple[LongArray, FloatArra
     return np.minimum(log_tail, np.longdouble(0.0)), error + rounding
 
 
-def _exponent(tail: UpperTail, saddle: Saddle) -> tuple[LongArray, FloatArray]:
+@dataclass(frozen=True, kw_only=True)
+class _Saddle:
+    """The crossing point s = `at`, its distance to the singularity at 1, and 1 - ratio_j s there.
+
+    The three agree with each other to extended precision, also where `at` rounds to 1.
+    """
+
+    at: NDArray[np.longdouble]
+    to_pole: FloatArray
+    factor: NDArray[np.longdouble]
+
+    def rows(self, chosen: NDArray[np.intp]) -> Self:
+        """Return the same for the chosen forms only."""
+        return type(self)(at=self.at[chosen], to_pole=self.to_pole[chosen], factor=self.factor[chosen])
+
+
+_BRACKET = 80.0  # |logit| of the saddle: exp(-80) is far below any ratio that double precision can form
+_ENOUGH = 0.05  # distance from the saddle, in widths of the saddle, that costs the integral nothing
+_MAX_STEPS = 200
+
+
+def _find_saddle(tail: _UpperTail) -> _Saddle:
+    """Return a point close to the real minimum of K(s) - s level - ln s, for every form.
+
+    The condition K'(s) = level + 1/s is written as a balance of positive terms, growing against falling, and
+    solved for ln or logit of s, where both sides are nearly power laws: Newton's method on the logarithm of
+    their quotient takes 3 to 6 steps, a bracket catches what it overshoots. The integral does not depend on
+    the point chosen, so a twentieth of the width of the saddle is near enough.
+    """
+    ratio, shift, level = (np.asarray(part, dtype=float) for part in (tail.ratio, tail.shift, tail.level))
+    low, high = _bracket(tail)
+    logit = np.clip(_first_guess(ratio, shift, level, tail), low, high)
+    for _ in range(_MAX_STEPS):
+        gap, slope, distance = _balance(ratio, shift, level, tail.degrees, _point(ratio, tail.bounded, logit))
+        if bool(np.all(distance < _ENOUGH)):
+            break
+        low = np.where(gap < 0.0, logit, low)
+        high = np.where(gap < 0.0, high, logit)
+        step = logit - gap / slope
+        inside = (step > low) & (step < high)
+        moved = np.where(inside, step, 0.5 * (low + high))
+        logit = np.where(distance < _ENOUGH, logit, moved)
+    return _exact_point(tail, logit)
+
+
+def _bracket(tail: _UpperTail) -> tuple[FloatArray, FloatArray]:
+    """Return limits of logit s (bounded forms) or of ln s, from upper bounds of each term (others)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.asarray(np.abs(tail.level), dtype=float)
+        offsets = np.where(tail.ratio != 0.0, 2.0 * tail.shift / tail.ratio, 0.0)
+        terms = 1.0 + 0.5 * np.sum(tail.degrees + offsets.astype(float), axis=1)
+        lowest = np.where(tail.bounded, -_BRACKET, -np.log(size))
+        highest = np.where(tail.bounded, _BRACKET, np.log(terms) - np.log(size))
+    return lowest, highest
+
+
+def _first_guess(ratio: FloatArray, shift: FloatArray, level: FloatArray, tail: _UpperTail) -> FloatArray:
+    """Return logit s of one standard deviation of Q (bounded), or ln s of a chi-square lower tail."""
+    one_sided = np.where(tail.bounded[:, None], ratio, 0.0)
+    variance: FloatArray = np.sum((0.5 * tail.degrees * one_sided + 2.0 * shift) * one_sided, axis=1)
+    with np.errstate(divide="ignore"):
+        unbounded = np.log1p(0.5 * np.sum(tail.degrees)) - np.log(np.abs(level))
+    guess: FloatArray = np.where(tail.bounded, -0.5 * np.log(1.0 + variance), unbounded)
+    return guess
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Point:
+    at: FloatArray
+    chain: FloatArray  # ds/d(logit)
+    factor: FloatArray
+
+
+def _balance(
+    ratio: FloatArray, shift: FloatArray, level: FloatArray, degrees: FloatArray, point: _Point
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return ln(growing/falling), its slope in the logit, and the distance to the saddle in widths."""
+    central = 0.5 * degrees * ratio / point.factor
+    shifted = shift / point.factor / point.factor
+    first = central + shifted
+    second = (central + 2.0 * shifted) * ratio / point.factor
+    positive = ratio > 0.0
+    growing = np.sum(first, axis=1, where=positive) + np.maximum(-level, 0.0)
+    falling = 1.0 / point.at + np.maximum(level, 0.0) - np.sum(first, axis=1, where=~positive)
+    growth = np.sum(second, axis=1, where=positive)
+    fall = -1.0 / point.at**2 - np.sum(second, axis=1, where=~positive)
+    slope = (growth / growing - fall / falling) * point.chain
+    distance = np.abs(growing - falling) / np.sqrt(growth - fall)
+    return np.log(growing / falling), slope, distance
+
+
+def _point(ratio: FloatArray, bounded: NDArray[np.bool_], logit: FloatArray) -> _Point:
+    inverse = np.exp(-logit)
+    to_pole = inverse / (1.0 + inverse)
+    at = np.where(bounded, 1.0 / (1.0 + inverse), 1.0 / inverse)
+    # for poles on the right written with the distance to the first, so that nothing cancels close to it
+    near = (1.0 - ratio) + ratio * to_pole[:, None]
+    factor = np.where(ratio > 0.0, near, 1.0 - ratio * at[:, None])
+    return _Point(at=at, chain=np.where(bounded, at * to_pole, at), factor=factor)
+
+
+def _exact_point(tail: _UpperTail, logit: FloatArray) -> _Saddle:
+    one = np.longdouble(1.0)
+    inverse = np.asarray(np.exp(-logit), dtype=np.longdouble)
+    to_pole = inverse / (one + inverse)
+    at = np.where(tail.bounded, one / (one + inverse), one / inverse)
+    near = (one - tail.ratio) + tail.ratio * to_pole[:, None]
+    factor = np.where(tail.ratio > 0.0, near, one - tail.ratio * at[:, None])
+    return _Saddle(at=at, to_pole=np.asarray(to_pole, dtype=np.float64), factor=factor)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Contour:
+    """The integrand relative to its saddle and the path, per form, in units of the width of the saddle.
+
+    With z the way from the saddle in widths, the integrand is
+    prod_j (1 - pole_j z)^(-degrees_j/2) exp(linear z + z^2 sum_j quadratic_j/(1 - pole_j z)) / (1 + origin z);
+    the linear parts of all components and of the level are summed first, so that large offsets do not cancel.
+    `bend` is +1 (right), -1 (left) or 0 (a vertical line), `straight` the length of the straight middle.
+    """
+
+    pole: FloatArray
+    quadratic: FloatArray
+    linear: FloatArray
+    origin: FloatArray
+    width: FloatArray
+    bend: FloatArray
+    straight: FloatArray
+    degrees: FloatArray
+
+    def rows(self, chosen: NDArray[np.intp]) -> Self:
+        """Return the same for the chosen forms only."""
+        return type(self)(
+            pole=self.pole[chosen],
+            quadratic=self.quadratic[chosen],
+            linear=self.linear[chosen],
+            origin=self.origin[chosen],
+            width=self.width[chosen],
+            bend=self.bend[chosen],
+            straight=self.straight[chosen],
+            degrees=self.degrees,
+        )
+
+
+def _contour_through(tail: _UpperTail, saddle: _Saddle, bend: float | None) -> _Contour:
+    """Return the contour through the saddle."""
+    at = np.asarray(saddle.at, dtype=float)
+    ratio = np.asarray(tail.ratio / saddle.factor, dtype=float)
+    shifted = np.asarray(tail.shift / saddle.factor / saddle.factor, dtype=float)
+    central = 0.5 * tail.degrees * ratio
+    second = np.sum((central + 2.0 * shifted) * ratio, axis=1) + at**-2
+    third = np.sum((2.0 * central + 6.0 * shifted) * ratio**2, axis=1) - 2.0 * at**-3
+    width = second**-0.5
+    turn = third * width / (6.0 * second)
+    way = _natural_bend(tail, turn) if bend is None else np.full_like(width, bend)
+    linear = np.sum(tail.shift / saddle.factor**2, axis=1) - tail.level
+    return _Contour(
+        pole=ratio * width[:, None],
+        quadratic=shifted * ratio * width[:, None] ** 2,
+        linear=np.asarray(linear, dtype=float) * width,
+        origin=width / at,
+        width=width,
+        bend=way,
+        straight=_straight(turn * way, _reach(tail, saddle, way) / width),
+        degrees=tail.degrees,
+    )
+
+
+def _natural_bend(tail: _UpperTail, turn: FloatArray) -> FloatArray:
+    left_free = ~np.any(tail.ratio < 0.0, axis=1)
+    either = np.where(turn >= 0.0, 1.0, -1.0)
+    return np.where(~tail.bounded, -1.0, np.where(left_free, 1.0, either))
+
+
+# Asymptotes of the hyperbola stand atan(1/0.7) = 55 degrees off the real axis: 10 degrees on the safe side of
+# 45, where the modulus of every factor stops falling, and 35 from 90, where exp(-s level) stops falling.
+_SLOPE = 0.7
+
+
+def _straight(turn: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return the length of the straight middle from the curvature of steepest descent, within bounds."""
+    curvature = np.clip(turn, 0.0625 / reach, 0.5 / reach)
+    with np.errstate(divide="ignore"):
+        return np.maximum(0.5 * _SLOPE / curvature, 1.0)
+
+
+def _reach(tail: _UpperTail, saddle: _Saddle, way: FloatArray) -> FloatArray:
+    """Return the distance to the first singularity on the side the path bends to, 0 not counted."""
+    most_negative = np.asarray(np.minimum(np.min(tail.ratio, axis=1), 0.0), dtype=float)
+    with np.errstate(divide="ignore"):
+        left = np.asarray(saddle.at, dtype=float) + np.where(most_negative < 0.0, -1.0 / most_negative, np.inf)
+    right = np.where(tail.bounded, saddle.to_pole, np.inf)
+    return np.where(way > 0.0, right, left)
+
+
+# Of more, such as counts behind 500 angles, the product leaves the range of a double: their logarithms are summed.
+_MOST_FACTORS = 32
+_NEGLIGIBLE = 1e-17  # of the integrand at the saddle; the path ends there
+_NEAR_ENDS = np.arange(2.0, 9.0)  # sinh of 3 ends a Gaussian, of 7 a chi-square
+_FAR_ENDS = np.arange(9.0, 100.0)  # weights of both signs and a zero level: a power law is all that ends it
+_FEWEST_NODES, _FIRST_NODES = 8, 24
+_NODES_PER_DIGIT = 2.4
+_MOST_NODES = 1536
+_TALLEST = 10.0  # times the saddle: beyond, the path climbs a wrong hill and cancellation costs digits
+
+
+def _integrate(contour: _Contour, tolerance: float, *, two_sided: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the integral over the path, in units of the integrand at the saddle, and its relative error.
+
+    The trapezoidal rule in v, z = x(sinh v) + i sinh v, converges geometrically. The error given is the
+    difference to half the nodes, thus that of the coarser rule, plus what was cut off and the rounding.
+    """
+    end, tallest = _end(contour)
+    cut_off = _beyond(contour, end) if two_sided else np.zeros_like(end)
+    usable = np.flatnonzero((tallest < _TALLEST) & np.isfinite(end))
+    value, error = np.ones_like(end), np.full_like(end, np.inf)
+    value[usable], error[usable] = _trapezoid(contour.rows(usable), end[usable], tolerance)
+    rounding = 4.0 * np.finfo(float).eps * (1.0 + tallest / np.abs(value))
+    return value, error + rounding + cut_off / np.abs(value)
+
+
+def _end(contour: _Contour) -> tuple[FloatArray, FloatArray]:
+    """Return the v where the integrand becomes negligible, and the greatest height on the way there."""
+    end, tallest = _first_crossing(contour, _NEAR_ENDS)
+    far = np.flatnonzero(~np.isfinite(end))
+    if far.size:
+        further, higher = _first_crossing(contour.rows(far), _FAR_ENDS)
+        end[far], tallest[far] = further, np.maximum(tallest[far], higher)
+    return end, tallest
+
+
+def _first_crossing(contour: _Contour, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
+    count = contour.linear.size
+    height = _height(contour, np.broadcast_to(ends, (count, ends.size)))
+    small = height < _NEGLIGIBLE
+    first = np.argmax(small, axis=1)
+    found = np.any(small, axis=1)
+    before = np.arange(ends.size) < np.where(found, first, ends.size)[:, None]
+    tallest = np.max(height, axis=1, where=before, initial=1.0)
+    end = _between(height, ends, first)
+    return np.where(found, end, np.inf), tallest
+
+
+def _height(contour: _Contour, v: FloatArray) -> FloatArray:
+    """Return the modulus of integrand times dz/dv; infinite where it overflows."""
+    z, speed = _path(contour, v)
+    with np.errstate(over="ignore", invalid="ignore"):
+        modulus = np.abs(_relative_integrand(contour, z) * speed)
+    return np.where(np.isfinite(modulus), modulus, np.inf)
+
+
+def _path(contour: _Contour, v: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return z(v) and (dz/dv)/i."""
+    height = np.sinh(v)
+    middle = np.where(np.isfinite(contour.straight), contour.straight, 1.0)[:, None]
+    slope = (_SLOPE * contour.bend * np.isfinite(contour.straight))[:, None]
+    radius = np.sqrt(height * height + middle * middle)
+    steepness = slope * height / radius
+    aside = height * steepness * radius / (radius + middle)
+    speed = np.sqrt(1.0 + height * height)
+    return aside + 1j * height, speed - 1j * (speed * steepness)
+
+
+def _relative_integrand(contour: _Contour, z: ComplexArray) -> ComplexArray:
+    """Return the integrand at z over that at the saddle."""
+    exponent = contour.linear[:, None] * z
+    denominator = 1.0 + contour.origin[:, None] * z
+    square = z * z
+    for j, degrees in enumerate(contour.degrees):
+        step = contour.pole[:, j, None] * z
+        factor = 1.0 - step
+        if np.any(contour.quadratic[:, j]):
+            exponent += square * (contour.quadratic[:, j, None] / factor)
+        if degrees == 1.0 and len(contour.degrees) <= _MOST_FACTORS:
+            denominator *= np.sqrt(factor)
+        else:
+            exponent -= (0.5 * degrees) * _log_one_minus(step)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        return np.asarray(np.exp(exponent) / denominator, dtype=np.complex128)
+
+
+def _log_one_minus(step: ComplexArray) -> ComplexArray:
+    """Return log(1 - step), without loss where the step is small: it is multiplied by up to millions of degrees."""
+    x, y = step.real, step.imag
+    return 0.5 * np.log1p(x * (x - 2.0) + y * y) - 1j * np.arctan2(y, 1.0 - x)
+
+
+def _between(height: FloatArray, ends: FloatArray, first: NDArray[np.intp]) -> FloatArray:
+    """Return the crossing between grid points: ln(-ln height) is all but linear in v."""
+    last = np.maximum(first - 1, 0)
+    rows = np.arange(first.size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        here = np.log(np.clip(-np.log(height[rows, last]), 1.0, None))
+        there = np.log(np.clip(-np.log(np.maximum(height[rows, first], 1e-300)), 1.0, None))
+        share = (np.log(-np.log(_NEGLIGIBLE)) - here) / (there - here)
+    share = np.where(first > 0, np.clip(share, 0.0, 1.0), 1.0)
+    return np.asarray(ends[last] + share * (ends[first] - ends[last]), dtype=np.float64)
+
+
+def _beyond(contour: _Contour, end: FloatArray) -> FloatArray:
+    """Return a bound of what the end of the path leaves out.
+
+    The path may be closed by a vertical line from its end: no singularity is off the real axis, and far up
+    the integrand falls as a power. The greatest |integrand z| there bounds the remainder to a factor of ten.
+    """
+    finite = np.where(np.isfinite(end), end, 1.0)
+    z, _ = _path(contour, finite[:, None])
+    up = np.abs(z) * 2.0 ** np.arange(-3.0, 60.0, 1.5)
+    height = np.abs(_relative_integrand(contour, z + 1j * up)) * (np.abs(z) + up)
+    return np.asarray(np.max(np.where(np.isfinite(height), height, np.inf), axis=1), dtype=np.float64)
+
+
+def _trapezoid(contour: _Contour, end: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
+    nodes = round(np.clip(-_NODES_PER_DIGIT * np.log10(tolerance), _FEWEST_NODES, _FIRST_NODES))
+    step = end / nodes
+    value = step * (0.5 + _sum(contour, step, np.arange(1.0, nodes + 1)))
+    error = np.full_like(value, np.inf)
+    open_rows = np.arange(value.size)
+    while open_rows.size and nodes < _MOST_NODES:
+        part, width = contour.rows(open_rows), step[open_rows]
+        middle = width * _sum(part, width, np.arange(0.5, nodes))
+        refined = 0.5 * (value[open_rows] + middle)
+        error[open_rows] = np.abs(refined - value[open_rows]) / np.abs(refined)
+        value[open_rows], step[open_rows] = refined, 0.5 * width
+        nodes *= 2
+        open_rows = open_rows[error[open_rows] > tolerance]
+    return value / np.pi, error
+
+
+def _sum(contour: _Contour, step: FloatArray, numbers: FloatArray) -> FloatArray:
+    z, speed = _path(contour, step[:, None] * numbers)
+    integrand = _relative_integrand(contour, z)
+    total: FloatArray = np.sum(integrand.real * speed.real - integrand.imag * speed.imag, axis=1)
+    return total
+
+
+def _exponent(tail: _UpperTail, saddle: _Saddle) -> tuple[LongArray, FloatArray]:
     """Return K(s) - s level at the saddle, in extended precision, and what rounding does to it."""
     shifted = tail.shift * saddle.at[:, None] / saddle.factor
     central = -0.5 * tail.degrees * np.log(saddle.factor)
@@ -628,6 +613,15 @@ def _exponent(tail: UpperTail, saddle: Saddle) -> tuple[LongArray, FloatArray]:
     exponent = np.sum(shifted + central, axis=1) - linear
     size = np.sum(np.abs(shifted) + np.abs(central), axis=1) + np.abs(linear)
     return exponent, np.asarray(np.finfo(np.longdouble).eps * size, dtype=np.float64)
+
+
+def _require_converged(error: FloatArray, tolerance: float) -> None:
+    if np.any(error > tolerance):
+        raise ArithmeticError(
+            f"the contour integral reached a relative error of {np.max(error):.3g} only, asked were {tolerance:g}, "
+            f"at {np.sum(error > tolerance)} of {error.size} points; try a larger tolerance, or leave out weights "
+            "that are more than 12 decades below the largest"
+        )
 
 
 def _both(long_log: LongArray, above: NDArray[np.bool_], error: FloatArray) -> TailProbabilities:

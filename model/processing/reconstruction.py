@@ -1,5 +1,8 @@
 """Stokes parameters from intensities behind a polarizer: design, inversion, ratios and redundancy.
 
+A `Design` holds the polarizer angles, the system matrix and its inverse. Ratios (s1, s2, AoLP, counts over their mean)
+have first-order moments. With more than three angles, pair sums and the residual of the fit are checks.
+
 Channels (one per polarizer angle) stand on the FIRST axis here, as frames come from a camera: (N, H, W) gives
 Stokes images (3, H, W). Moments keep their components last.
 """
@@ -12,20 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from model.moments import Moments, propagate_first_order, propagate_linear
 from model.stokes import analyzer_row, aolp_rad
 
-# Stokes parameters from intensities behind a polarizer: design of the angles, and the inversion
-
 FloatArray = NDArray[np.float64]
 
 MODIFIED_PICKERING_RAD = (0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4)
-
-# Beyond this the error of an angle's calibration outgrows every noise.
-_CONDITION_LIMIT = 1e6
-# The best possible is sqrt 2; beyond this, angles are worth another look.
-_CONDITION_FLAG = 5.0
-# Quantile of the standard normal distribution to which a two-sided interval of 95 % reaches.
-_TWO_SIDED_95 = 1.959964
-# Relative size of a singular value that is rounding of sine and cosine.
-_RANK_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,34 +59,6 @@ class Design:
     def redundancy(self) -> int:
         """Number of channels beyond three: degrees of freedom of the residual."""
         return int(self.null_basis.shape[1])
-
-
-def equispaced_rad(frames: int, *, start_rad: float = 0.0) -> FloatArray:
-    """Return angles that are equally spaced over 180 deg, shape (frames,) [rad].
-
-    Parameters
-    ----------
-    frames
-        Number of frames, at least 3.
-    start_rad
-        First angle [rad].
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than three frames.
-
-    Notes
-    -----
-    Condition number sqrt 2 and equally weighted variance 20 / N for unit noise, whatever N and the start.
-
-    References
-    ----------
-    J. S. Tyo, Appl. Opt. 41 (2002) 619, doi:10.1364/AO.41.000619.
-    """
-    if frames < 3:
-        raise ValueError(f"frames = {frames}; allowed is 3 or more")
-    return start_rad + np.pi * np.arange(frames) / frames
 
 
 def design(
@@ -143,6 +107,34 @@ def design(
     return _inverted(rows, angles, variances)
 
 
+def equispaced_rad(frames: int, *, start_rad: float = 0.0) -> FloatArray:
+    """Return angles that are equally spaced over 180 deg, shape (frames,) [rad].
+
+    Parameters
+    ----------
+    frames
+        Number of frames, at least 3.
+    start_rad
+        First angle [rad].
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three frames.
+
+    Notes
+    -----
+    Condition number sqrt 2 and equally weighted variance 20 / N for unit noise, whatever N and the start.
+
+    References
+    ----------
+    J. S. Tyo, Appl. Opt. 41 (2002) 619, doi:10.1364/AO.41.000619.
+    """
+    if frames < 3:
+        raise ValueError(f"frames = {frames}; allowed is 3 or more")
+    return start_rad + np.pi * np.arange(frames) / frames
+
+
 def design_from_system(system: ArrayLike) -> Design:
     """Return the least-squares inverse of a measured system matrix; it has no angles.
 
@@ -179,7 +171,7 @@ def reconstruct(plan: Design, channels: ArrayLike) -> FloatArray:
     ----------
     [MK14] eq. (21).
     """
-    intensities = checked_channels(plan, channels)
+    intensities = _checked_channels(plan, channels)
     flat = intensities.reshape(intensities.shape[0], -1)
     stokes = plan.inverse.astype(intensities.dtype) @ flat
     return np.asarray(stokes.reshape(3, *intensities.shape[1:]))
@@ -205,71 +197,6 @@ def stokes_moments(plan: Design, channel_moments: Moments) -> Moments:
     [MK14] eq. (21), (22).
     """
     return propagate_linear(channel_moments, plan.inverse)
-
-
-def checked_channels(plan: Design, channels: ArrayLike) -> FloatArray:
-    """Return intensities as floating point with the angles of a design on the first axis."""
-    array = np.asarray(channels)
-    if array.ndim == 0 or array.shape[0] != plan.system.shape[0]:
-        raise ValueError(
-            f"channels has shape {array.shape}; the first axis must hold the {plan.system.shape[0]} angles"
-        )
-    return array if array.dtype == np.float32 else array.astype(np.float64)
-
-
-def _inverted(rows: FloatArray, angles: FloatArray, variances: ArrayLike | None) -> Design:
-    singular = np.linalg.svd(rows, compute_uv=False)
-    condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
-    _require_condition(condition, angles)
-    weights = _inverse_deviations(variances, rows.shape[0])
-    q, r = np.linalg.qr(weights[:, None] * rows, mode="complete")
-    inverse = np.linalg.solve(r[:3], q[:, :3].T) * weights
-    null_basis = np.linalg.qr(rows, mode="complete")[0][:, 3:]
-    return Design(
-        angles_rad=angles,
-        system=rows,
-        inverse=inverse,
-        null_basis=null_basis,
-        condition=condition,
-        ewv=float(np.sum((inverse / weights) ** 2)),
-        warnings=_condition_warnings(condition, angles),
-    )
-
-
-def _inverse_deviations(variances: ArrayLike | None, channels: int) -> FloatArray:
-    if variances is None:
-        return np.ones(channels)
-    values = np.asarray(variances, dtype=np.float64)
-    if values.shape != (channels,) or np.any(~(values > 0.0)) or not np.all(np.isfinite(values)):
-        raise ValueError(f"variances = {variances}; allowed are {channels} finite values above 0")
-    return np.asarray(1.0 / np.sqrt(values))
-
-
-def _require_condition(condition: float, angles: FloatArray) -> None:
-    if condition * _RANK_TOLERANCE > 1.0:
-        raise ValueError(f"rank is below 3{_named(angles)}; three angles that differ modulo 180 deg are needed")
-    if condition > _CONDITION_LIMIT:
-        raise ValueError(
-            f"condition number is {condition:.3g}{_named(angles)}; allowed is at most {_CONDITION_LIMIT:g}: "
-            "spread the angles over 180 deg"
-        )
-
-
-def _condition_warnings(condition: float, angles: FloatArray) -> tuple[str, ...]:
-    if condition <= _CONDITION_FLAG:
-        return ()
-    advice = "noise and angle errors grow: spread the angles over 180 deg"
-    return (f"condition number is {condition:.3g}{_named(angles)}, above {_CONDITION_FLAG:g}; {advice}",)
-
-
-def _named(angles: FloatArray) -> str:
-    if angles.size == 0:
-        return " of the measured system matrix"
-    reduced = ", ".join(f"{angle:.6g}" for angle in np.rad2deg(np.mod(angles, np.pi)))
-    return f" for angles (modulo 180 deg) {reduced} deg"
-
-
-# Ratios that do not depend on scale, to first order: s1 = S1/S0, s2 = S2/S0, AoLP, and counts over their mean
 
 
 def normalized_moments(stokes: Moments) -> Moments:
@@ -325,29 +252,6 @@ def aolp_moments_rad(stokes: Moments) -> Moments:
     return propagate_first_order(stokes, np.array([float(aolp_rad(stokes.mean))]), jacobian)
 
 
-def aolp_is_defined(std_rad: ArrayLike) -> NDArray[np.bool_]:
-    """Return whether an AoLP means anything: whether its 95 % interval is shorter than the half turn of all angles.
-
-    Parameters
-    ----------
-    std_rad
-        First-order standard deviation of the angle, any shape [rad]; 1.96 times it to either side is the interval.
-
-    Returns
-    -------
-    array of bool
-        False from 0.80 rad (45.9 deg) on, and where the deviation is not a number. Outputs for people then say
-        "undefined" in place of a number with its error.
-    """
-    return np.asarray(_TWO_SIDED_95 * np.asarray(std_rad, dtype=np.float64) < 0.5 * np.pi)
-
-
-def _with_light(stokes: Moments) -> FloatArray:
-    if not stokes.mean[0] > 0.0:
-        raise ValueError(f"S0 is {stokes.mean[0]:g}; normalised Stokes parameters need S0 above 0")
-    return stokes.mean
-
-
 def channel_ratios(channels: Moments) -> tuple[FloatArray, FloatArray]:
     """Return the counts of each channel over the mean of all channels, and their standard errors to first order.
 
@@ -374,9 +278,6 @@ def channel_ratios(channels: Moments) -> tuple[FloatArray, FloatArray]:
     variances = np.einsum("ij,jk,ik->i", jacobian, channels.cov, jacobian)
     # Of an error that is common to all channels only rounding is left, of either sign.
     return ratios, np.sqrt(np.maximum(variances, 0.0))
-
-
-# Checks by the redundancy of more than three polarizer angles: pair sums, and the residual of the fit
 
 
 def pair_sum_excess(plan: Design, channels: ArrayLike, cov: ArrayLike) -> tuple[float, float]:
@@ -441,3 +342,103 @@ def residual_chi_square(plan: Design, mean: ArrayLike, cov: ArrayLike) -> tuple[
     if not np.all(np.linalg.eigvalsh(spread) > 0.0):
         raise ValueError("cov gives a residual no variance; every direction without a Stokes vector needs one")
     return float(residual @ np.linalg.solve(spread, residual)), residual.size
+
+
+def _inverted(rows: FloatArray, angles: FloatArray, variances: ArrayLike | None) -> Design:
+    singular = np.linalg.svd(rows, compute_uv=False)
+    condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
+    _require_condition(condition, angles)
+    weights = _inverse_deviations(variances, rows.shape[0])
+    q, r = np.linalg.qr(weights[:, None] * rows, mode="complete")
+    inverse = np.linalg.solve(r[:3], q[:, :3].T) * weights
+    null_basis = np.linalg.qr(rows, mode="complete")[0][:, 3:]
+    return Design(
+        angles_rad=angles,
+        system=rows,
+        inverse=inverse,
+        null_basis=null_basis,
+        condition=condition,
+        ewv=float(np.sum((inverse / weights) ** 2)),
+        warnings=_condition_warnings(condition, angles),
+    )
+
+
+# Relative size of a singular value that is rounding of sine and cosine.
+_RANK_TOLERANCE = 1e-12
+
+# Beyond this the error of an angle's calibration outgrows every noise.
+_CONDITION_LIMIT = 1e6
+
+
+def _require_condition(condition: float, angles: FloatArray) -> None:
+    if condition * _RANK_TOLERANCE > 1.0:
+        raise ValueError(f"rank is below 3{_named(angles)}; three angles that differ modulo 180 deg are needed")
+    if condition > _CONDITION_LIMIT:
+        raise ValueError(
+            f"condition number is {condition:.3g}{_named(angles)}; allowed is at most {_CONDITION_LIMIT:g}: "
+            "spread the angles over 180 deg"
+        )
+
+
+def _named(angles: FloatArray) -> str:
+    if angles.size == 0:
+        return " of the measured system matrix"
+    reduced = ", ".join(f"{angle:.6g}" for angle in np.rad2deg(np.mod(angles, np.pi)))
+    return f" for angles (modulo 180 deg) {reduced} deg"
+
+
+def _inverse_deviations(variances: ArrayLike | None, channels: int) -> FloatArray:
+    if variances is None:
+        return np.ones(channels)
+    values = np.asarray(variances, dtype=np.float64)
+    if values.shape != (channels,) or np.any(~(values > 0.0)) or not np.all(np.isfinite(values)):
+        raise ValueError(f"variances = {variances}; allowed are {channels} finite values above 0")
+    return np.asarray(1.0 / np.sqrt(values))
+
+
+# The best possible is sqrt 2; beyond this, angles are worth another look.
+_CONDITION_FLAG = 5.0
+
+
+def _condition_warnings(condition: float, angles: FloatArray) -> tuple[str, ...]:
+    if condition <= _CONDITION_FLAG:
+        return ()
+    advice = "noise and angle errors grow: spread the angles over 180 deg"
+    return (f"condition number is {condition:.3g}{_named(angles)}, above {_CONDITION_FLAG:g}; {advice}",)
+
+
+def _checked_channels(plan: Design, channels: ArrayLike) -> FloatArray:
+    """Return intensities as floating point with the angles of a design on the first axis."""
+    array = np.asarray(channels)
+    if array.ndim == 0 or array.shape[0] != plan.system.shape[0]:
+        raise ValueError(
+            f"channels has shape {array.shape}; the first axis must hold the {plan.system.shape[0]} angles"
+        )
+    return array if array.dtype == np.float32 else array.astype(np.float64)
+
+
+def _with_light(stokes: Moments) -> FloatArray:
+    if not stokes.mean[0] > 0.0:
+        raise ValueError(f"S0 is {stokes.mean[0]:g}; normalised Stokes parameters need S0 above 0")
+    return stokes.mean
+
+
+# Quantile of the standard normal distribution to which a two-sided interval of 95 % reaches.
+_TWO_SIDED_95 = 1.959964
+
+
+def aolp_is_defined(std_rad: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether an AoLP means anything: whether its 95 % interval is shorter than the half turn of all angles.
+
+    Parameters
+    ----------
+    std_rad
+        First-order standard deviation of the angle, any shape [rad]; 1.96 times it to either side is the interval.
+
+    Returns
+    -------
+    array of bool
+        False from 0.80 rad (45.9 deg) on, and where the deviation is not a number. Outputs for people then say
+        "undefined" in place of a number with its error.
+    """
+    return np.asarray(_TWO_SIDED_95 * np.asarray(std_rad, dtype=np.float64) < 0.5 * np.pi)

@@ -23,7 +23,7 @@ from model.accuracy.plan import NUMERICAL_SETTINGS
 from model.accuracy.predict import SMALLEST, Predicted, predict
 from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
 from model.prediction import Quantities, RegionPrediction, predict_region
-from model.processing.agreement import Propagation, propagate_inputs
+from model.processing.agreement import Propagation, input_jacobian
 from model.processing.samples import Sample, check_dolp_distribution, deviation
 from model.quantities import SHARES, angle_of, counts_name, is_counts
 from model.scene.field import FieldLight
@@ -743,5 +743,6 @@ class _RegionLoop:
 
 
 def _errors(noise: TemporalNoise, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    cov = propagate_inputs(function, noise.values, noise.cov, least=(0.0, 0.0, 0.0))
+    slopes = input_jacobian(function, noise.values, np.sqrt(np.diag(noise.cov)), least=(0.0, 0.0, 0.0))
+    cov = slopes @ noise.cov @ slopes.T
     return np.asarray(np.sqrt(np.diag(cov)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import bdtr, bdtrc, chdtrc
 
-from model.surface.fit import Observation, fit_surface, gauss_interval, information, profile_interval, sunlit
+from model.surface.fit import Observation, fit_surface, gauss_interval, profile_interval, sunlit
 from model.surface.pbrdf import Surface, mueller
 
 # Sun zenith, camera zenith, phi [deg]: glint, its flanks, and directions without it.
@@ -220,12 +220,6 @@ def test_a_bound_is_noticed() -> None:
     assert any("n ends at its upper bound" in words for words in fit.findings)
 
 
-def test_as_many_parameters_as_numbers_cannot_be_checked() -> None:
-    fit = fit_surface(regions(PAINT, WIDE[:1], relative=0.003, seed=7), start=PAINT)
-    assert fit.degrees_of_freedom == 0
-    assert any("cannot be checked" in words for words in fit.findings)
-
-
 def test_profile_agrees_with_first_order_where_the_model_is_straight() -> None:
     fit = fit_surface(regions(PAINT, WIDE, relative=1e-3, seed=8), start=PAINT)
     for name in fit.names:
@@ -297,11 +291,6 @@ def test_questions_are_checked(arguments: dict, word: str) -> None:
         fit_surface(regions(PAINT, WIDE, relative=0.01, seed=1), **{"start": PAINT, **arguments})
 
 
-def test_no_observation_is_refused() -> None:
-    with pytest.raises(ValueError, match="observations is empty"):
-        fit_surface([], start=PAINT)
-
-
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
@@ -333,22 +322,3 @@ def test_intervals_are_of_fitted_parameters(name: str) -> None:
         gauss_interval(fit, name)
     with pytest.raises(ValueError, match="level"):
         gauss_interval(fit, "n", level=1.0)
-
-
-def test_information_of_independent_parameters() -> None:
-    jacobian = np.array([[10.0, 0.0], [0.0, 20.0]])
-    found = information(jacobian, names=("a", "b"), ranges=np.ones(2))
-    np.testing.assert_allclose(found.standard_uncertainty, [0.1, 0.05])
-    np.testing.assert_allclose(found.correlation, np.eye(2), atol=1e-15)
-    assert found.words == ()
-
-
-def test_information_names_a_strong_correlation() -> None:
-    found = information(np.array([[100.0, 100.0], [0.0, 10.0]]), names=("a", "b"), ranges=np.ones(2))
-    assert found.correlation[0, 1] == pytest.approx(-100.0 / np.hypot(100.0, 10.0), rel=1e-12)
-    assert any("a and b are told apart badly" in words for words in found.words)
-
-
-def test_information_of_fewer_numbers_than_parameters() -> None:
-    found = information(np.array([[5.0, 0.0, 0.0]]), names=("a", "b", "c"), ranges=np.ones(3))
-    np.testing.assert_array_equal(found.standard_uncertainty, [0.2, np.inf, np.inf])

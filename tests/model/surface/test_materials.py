@@ -10,7 +10,6 @@ from model.surface.materials import (
     assumed_properties,
     constant,
     material,
-    properties,
     surface_of,
 )
 from model.surface.pbrdf import findings
@@ -36,10 +35,6 @@ def test_nothing_is_extrapolated(wavelength_m: float) -> None:
     table = Property(values=(1.0, 2.0), wavelengths_m=(400e-9, 600e-9), **PLAIN)
     with pytest.raises(ValueError, match="400 to 600 nm"):
         table.at(wavelength_m)
-
-
-def test_a_constant_holds_everywhere() -> None:
-    assert constant(1.5, **PLAIN).at(10e-6) == 1.5
 
 
 @pytest.mark.parametrize(
@@ -81,10 +76,6 @@ def test_glass_follows_its_dispersion_formula() -> None:
 def test_what_is_assumed_is_said() -> None:
     assert assumed_properties(material("black-paint")) == ("n", "k", "slope_rms", "dhr", "specular_weight")
     assert assumed_properties(material("glass")) == ("slope_rms", "specular_weight")
-
-
-def test_properties_leave_out_a_missing_dhr() -> None:
-    assert tuple(properties(material("aluminium"))) == ("n", "k", "slope_rms", "specular_weight")
 
 
 def test_an_unknown_material_names_the_known() -> None:

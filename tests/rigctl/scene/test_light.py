@@ -11,7 +11,7 @@ from model.atmosphere.air import AtmosphereState, column
 from model.atmosphere.layers import AerosolKind
 from model.atmosphere.sky import Fidelity
 from model.atmosphere.solver import solve
-from model.processing.agreement import propagate_inputs
+from model.processing.agreement import input_jacobian
 from model.scene.scene import Air
 from model.stokes import aolp_rad
 from rigctl.cli import main
@@ -192,7 +192,8 @@ def dolp_std(found):
     inputs = found.inputs
     of_air = np.array([name.startswith("atmosphere.") for name in inputs.names])
     cov = inputs.cov * np.outer(of_air, of_air)
-    return float(np.sqrt(propagate_inputs(dolp_at, inputs.values, cov, least=tuple(inputs.least))[0, 0]))
+    slopes = input_jacobian(dolp_at, inputs.values, np.sqrt(np.diag(cov)), least=tuple(inputs.least))
+    return float(np.sqrt((slopes @ cov @ slopes.T)[0, 0]))
 
 
 def test_uncertain_depth_of_the_aerosol_makes_dolp_uncertain(tmp_path, store):

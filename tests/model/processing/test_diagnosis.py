@@ -4,8 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from model.processing.diagnosis import Diagnosis, Term, diagnose
+from model.processing.diagnosis import Diagnosis, Term, consequence, diagnose, region_residual, stokes_without
+from model.processing.fault_fit import (
+    Cause,
+    known_causes,
+    parameter_count,
+    place,
+    rounded_parts,
+    rounding_error_rms,
+    rounding_offsets,
+)
 from model.processing.reconstruction import design
 from tests.worldlike import Faults, World, expose, other_world, random_world
 
@@ -238,3 +248,157 @@ def test_a_response_far_off_a_line_is_said_before_what_was_measured_with_it() ->
     assert {name for name, _ in _named(found)} >= {"throughput of pairs"}
     assert found.first is not None
     assert found.first.name.startswith("response")
+
+
+PLAN = design(np.radians([0.0, 45.0, 90.0, 135.0]))
+STOKES = np.array([200.0, 40.0, -30.0])
+
+
+def _parameters(kind: str, frame: int, size: float) -> np.ndarray:
+    found = np.zeros(parameter_count(4))
+    found[place(kind, frame, 4)] = size
+    return found
+
+
+def test_a_throughput_taken_out_gives_the_light_back() -> None:
+    counts = PLAN.system @ STOKES * np.array([1.03, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(
+        stokes_without(PLAN.system, counts, _parameters("throughput", 0, 0.03), light=100.0), STOKES, rtol=1e-12
+    )
+
+
+def test_a_curved_response_taken_out_gives_the_light_back() -> None:
+    straight = PLAN.system @ STOKES
+    counts = straight - 0.05 * straight**2 / 100.0
+    parameters = _parameters("response curvature", 0, -0.05)
+    np.testing.assert_allclose(stokes_without(PLAN.system, counts, parameters, light=100.0), STOKES, rtol=1e-12)
+
+
+def test_a_turned_angle_moves_the_polarization_by_what_it_says() -> None:
+    turned = design(np.radians([0.0, 47.0, 90.0, 135.0]))
+    counts = turned.system @ STOKES
+    found = consequence(PLAN.system, counts, _parameters("angle", 1, np.radians(2.0)), light=100.0)
+    wrong = PLAN.inverse @ counts
+    assert found.dolp_shift == pytest.approx(np.hypot(*wrong[1:]) / wrong[0] - 0.25, abs=1e-12)
+    assert found.aolp_shift_rad == pytest.approx(
+        0.5 * (np.arctan2(wrong[2], wrong[1]) - np.arctan2(STOKES[2], STOKES[1])), abs=1e-12
+    )
+
+
+def test_a_shift_moves_the_polarization_of_a_slope_and_of_nothing_even() -> None:
+    counts, moved = PLAN.system @ STOKES, _parameters("shift x", 2, 0.5)
+    slopes = np.column_stack([np.full(4, 3.0), np.full(4, 7.0)])
+    # A picture that walks to the right brings what was half a pixel to the left: less, where it rises to the right.
+    counts_walked = counts - np.array([0.0, 0.0, 1.5, 0.0])
+    wrong = PLAN.inverse @ counts_walked
+    found = consequence(PLAN.system, counts_walked, moved, light=100.0, slopes=slopes)
+    assert found.dolp_shift == pytest.approx(np.hypot(*wrong[1:]) / wrong[0] - 0.25, abs=1e-12)
+    assert consequence(PLAN.system, counts, moved, light=100.0).dolp_shift == pytest.approx(0.0, abs=1e-15)
+
+
+def test_light_without_polarization_has_no_angle_to_move() -> None:
+    found = consequence(PLAN.system, np.full(4, 100.0), _parameters("dark level", 0, 0.0), light=100.0)
+    assert found.dolp_shift == pytest.approx(0.0, abs=1e-15)
+    assert found.aolp_shift_rad is None
+
+
+def test_texture_that_cancels_in_the_residual_makes_no_error() -> None:
+    draws = np.random.default_rng(4)
+    texture = draws.uniform(0.5, 1.5, (64, 64))
+    pictures = (PLAN.system @ STOKES)[:, None, None] * texture
+    found = region_residual(PLAN, pictures, np.ones((64, 64), dtype=bool))
+    assert np.max(np.abs(found.cov)) < 1e-20
+
+
+def test_error_of_a_residual_is_that_of_its_noise() -> None:
+    draws = np.random.default_rng(6)
+    pictures = 100.0 + draws.normal(0.0, 2.0, (4, 96, 96))
+    found = region_residual(PLAN, pictures, np.ones((96, 96), dtype=bool))
+    # The widest of several estimates from a few dozen blocks: up to about half more than the truth.
+    assert 1.0 <= np.trace(found.cov) / (4.0 / 96**2) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [("response curvature", -0.54), ("response power law", -3.4), ("throughput", -1.4), ("angle", 20.0)],
+)
+def test_a_fault_too_large_to_be_undone_moves_the_polarization_by_nobody_knows_what(kind: str, size: float) -> None:
+    counts = PLAN.system @ STOKES
+    found = consequence(PLAN.system, counts, _parameters(kind, 0, size), light=100.0)
+    assert found.dolp_shift is None
+    assert found.aolp_shift_rad is None
+
+
+FOUR = np.radians([0.0, 45.0, 90.0, 135.0])
+
+
+def _names(angles_deg: list[float]) -> list[tuple[str, int | None]]:
+    causes = known_causes(np.radians(angles_deg), range(len(angles_deg)), light=100.0)
+    return [(cause.name, cause.frame) for cause in causes]
+
+
+def _left_over(cause: Cause) -> np.ndarray:
+    """Return what a cause leaves in the residual, for light of three kinds, at four angles."""
+    plan = design(FOUR)
+    turned = np.column_stack([np.zeros(4), -2.0 * plan.system[:, 2], 2.0 * plan.system[:, 1]])
+    effect = cause.directions[:4, 0, None] * plan.system + cause.directions[4:8, 0, None] * turned
+    return np.asarray(plan.null_basis.T @ effect).ravel()
+
+
+def test_two_orthogonal_pairs_are_held_against_one_another_once() -> None:
+    assert _names([0, 45, 90, 135]).count(("throughput of pairs", None)) == 1
+
+
+def test_whole_turns_show_a_wedge_and_a_wobble_and_half_turns_do_not() -> None:
+    assert ("wobble", None) in _names(list(range(0, 360, 45)))
+    assert ("wobble", None) not in _names([0, 45, 90, 135])
+
+
+def test_frames_of_the_same_time_show_no_drift() -> None:
+    causes = known_causes(FOUR, [1.0, 1.0, 1.0, 1.0], light=100.0)
+    assert not any(cause.name == "drift" for cause in causes)
+
+
+def test_the_two_of_a_pair_against_one_another_are_a_turn_of_either_of_the_other_two() -> None:
+    causes = {(cause.name, cause.frame): cause for cause in known_causes(FOUR, range(4), light=100.0)}
+    left = [_left_over(causes[which]) for which in (("throughput within a pair", 0), ("angle", 1), ("angle", 3))]
+    unit = [one / np.linalg.norm(one) for one in left]
+    assert abs(abs(unit[0] @ unit[1]) - 1.0) < 1e-12
+    assert abs(unit[1] @ unit[2] + 1.0) < 1e-12
+
+
+@pytest.mark.parametrize("std", [0.05, 0.2, 0.45])
+def test_error_of_a_rounded_mean_is_the_root_mean_square_over_where_it_lies(std: float) -> None:
+    means = np.arange(0.0, 1.0, 1e-3) + 5e-4
+    steps = np.arange(-6, 8)[:, None]
+    shares = norm.cdf(steps + 0.5, means, std) - norm.cdf(steps - 0.5, means, std)
+    errors = (shares * steps).sum(axis=0) - means
+    assert rounding_error_rms(std) == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-6)
+
+
+def test_rounding_without_noise_moves_a_level_by_a_step_over_the_root_of_twelve() -> None:
+    flat = np.full((4, 64, 64), 7.0)
+    offsets = rounding_offsets(flat, np.ones((64, 64), dtype=bool), step=2.0)
+    np.testing.assert_allclose(offsets, 2.0 / 12.0**0.5, rtol=0.02)
+
+
+def test_noise_above_half_a_step_makes_rounding_harmless() -> None:
+    noisy = np.rint(np.random.default_rng(5).normal(50.0, 1.0, (4, 64, 64)))
+    assert np.all(rounding_offsets(noisy, np.ones((64, 64), dtype=bool), step=1.0) < 1e-3)
+
+
+def test_pixels_of_the_same_counts_in_all_frames_are_one_part_and_texture_is_no_noise() -> None:
+    rows, columns = np.mgrid[:64, :96]
+    squares = np.where((rows // 2 + columns // 2) % 2, 80.0, 30.0)
+    frames = np.array([squares, squares, squares + 1.0, squares])
+    null_basis = 0.5 * np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    parts = rounded_parts(frames, np.ones((64, 96), dtype=bool), null_basis=null_basis, step=1.0)
+    assert parts is not None
+    np.testing.assert_array_equal(parts.numbers, squares == 80.0)
+    np.testing.assert_allclose(parts.errors, 12.0**-0.5, rtol=0.02)
+
+
+def test_frames_with_noise_have_no_parts() -> None:
+    frames = np.rint(np.random.default_rng(7).normal(90.0, 0.6, (4, 64, 96)))
+    null_basis = 0.5 * np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    assert rounded_parts(frames, np.ones((64, 96), dtype=bool), null_basis=null_basis, step=1.0) is None

@@ -1,9 +1,15 @@
+"""The law of DoLP: references, both tails, singular covariances."""
+
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import ndtr
 
 from model.processing import dolp
+from model.processing.dolp_law import product
 from tests.model.oracles import covariance, dolp_tails
 from tests.model.processing.dolp_reference import case_id, dolp_cases
 
@@ -139,21 +145,6 @@ def test_density_is_the_derivative_of_the_cdf():
     np.testing.assert_allclose(dolp.pdf(x, mean, cov), slope, rtol=1e-7, atol=1e-11)
 
 
-def test_ends_of_the_range():
-    mean, cov = (1.0, 0.4, 0.1), covariance((0.2, 0.2, 0.05))
-    np.testing.assert_array_equal(dolp.cdf([-1.0, 0.0, np.inf], mean, cov), [0.0, 0.0, 1.0])
-    np.testing.assert_array_equal(dolp.quantile([0.0, 1.0], mean, cov), [0.0, np.inf])
-
-
-def test_arguments_broadcast():
-    means = np.array([[1.0, 0.4, 0.1], [1.0, 0.1, 0.0]])
-    cov = covariance((0.1, 0.1, 0.05))
-    x = np.array([[0.1], [0.3], [0.5]])
-    found = dolp.cdf(x, means, cov)
-    assert found.shape == (3, 2)
-    np.testing.assert_allclose(found[1, 1], dolp.cdf(0.3, means[1], cov), rtol=1e-14)
-
-
 @settings(deadline=None, max_examples=20)
 @given(angle=st.floats(-3.0, 3.0), x=st.floats(0.01, 2.0))
 def test_turning_the_axes_changes_nothing(angle, x):
@@ -192,3 +183,74 @@ def test_s0_that_is_never_positive_is_refused():
 def test_value_that_is_not_a_number_is_refused():
     with pytest.raises(ValueError, match="not a number"):
         dolp.cdf(np.nan, (1.0, 0.1, 0.0), np.eye(3))
+
+
+MEAN = np.array([1.0, 0.3, 0.1])
+
+
+def test_common_factor_leaves_one_value():
+    cov = 0.01 * np.outer(MEAN, MEAN)
+    np.testing.assert_allclose(dolp.quantile([0.01, 0.5, 0.99], MEAN, cov), np.hypot(0.3, 0.1), rtol=1e-8)
+
+
+def test_line_of_fluctuation_against_sampling_the_line():
+    direction = np.array([0.1, 0.05, -0.02])
+    z = np.linspace(-9.9, 12.0, 2_000_001)
+    points = MEAN + z[:, None] * direction
+    degree = np.hypot(points[:, 1], points[:, 2]) / points[:, 0]
+    weight = np.exp(-0.5 * z**2)
+    x = np.array([0.35, 0.4, 0.6])
+    expected = [np.sum(weight[degree <= value]) / np.sum(weight) for value in x]
+    # One step of the line carries up to 1.1e-5 / sqrt(2 pi) of the probability, and there are two ends.
+    np.testing.assert_allclose(dolp.cdf(x, MEAN, np.outer(direction, direction)), expected, atol=1e-5)
+
+
+def test_s0_and_one_direction_without_noise_is_a_normal_interval():
+    cov = np.diag([0.0, 0.01, 0.0])
+    half = np.sqrt(0.25**2 - 0.2**2)
+    expected = ndtr((half - 0.3) / 0.1) - ndtr((-half - 0.3) / 0.1)
+    np.testing.assert_allclose(dolp.cdf(0.25, (1.0, 0.3, 0.2), cov), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("x", [0.05, 0.2, 0.3, 0.5])
+def test_plane_through_zero_is_the_limit_of_a_thin_law(x):
+    cov = np.diag([0.01, 0.01, 0.0])
+    # Width 1e-5 across changes the law by about (1e-5 / 0.05)^2.
+    thin = cov + np.diag([0.0, 0.0, 1e-10])
+    np.testing.assert_allclose(dolp.cdf(x, (1.0, 0.3, 0.0), cov), dolp.cdf(x, (1.0, 0.3, 0.0), thin), rtol=1e-7)
+
+
+def test_plane_through_zero_has_small_quantiles_in_proportion():
+    found = dolp.quantile([1e-12, 1e-9], (1.0, 0.0, 0.0), np.diag([0.01, 0.01, 0.0]))
+    # The density of |S1| / S0 is flat at zero.
+    np.testing.assert_allclose(found[1] / found[0], 1e3, rtol=1e-9)
+
+
+def test_rounding_of_a_singular_covariance_does_not_matter():
+    factor = np.array([[0.1, 0.02], [0.03, 0.05], [0.01, 0.04]])
+    cov = factor @ factor.T
+    nudged = cov + 1e-18 * np.eye(3)
+    x = np.array([0.25, 0.3, 0.5])
+    # The width across of 1e-9 enters in square.
+    np.testing.assert_allclose(dolp.cdf(x, MEAN, cov), dolp.cdf(x, MEAN, nudged), rtol=1e-9)
+
+
+number = st.floats(-1e20, 1e20).filter(lambda value: value == 0.0 or abs(value) > 1e-20)
+
+
+@settings(deadline=None)
+@given(number, number, number, number)
+def test_difference_of_products_keeps_its_digits(a, b, c, d):
+    found = (product(np.array(a), np.array(b)) - product(np.array(c), np.array(d))).value
+    exact = Fraction(a) * Fraction(b) - Fraction(c) * Fraction(d)
+    size = abs(Fraction(a) * Fraction(b)) + abs(Fraction(c) * Fraction(d))
+    # Twice the precision: 2^-104 of the terms, and the rounding of the result.
+    assert abs(Fraction(float(found)) - exact) <= abs(exact) * Fraction(2) ** -52 + size * Fraction(2) ** -100
+
+
+@settings(deadline=None)
+@given(number, number)
+def test_product_of_sums_keeps_its_digits(first, second):
+    a, b = product(np.array(first), np.array(1.1)), product(np.array(second), np.array(0.7))
+    exact = Fraction(first) * Fraction(1.1) * Fraction(second) * Fraction(0.7)
+    assert abs(Fraction(float((a * b).value)) - exact) <= abs(exact) * Fraction(2) ** -52
