@@ -221,10 +221,8 @@ def diagnose(
     fit = fit_faults(plan.system, images, good, causes, light=light, step=step)
     if fit is None:
         return _untestable("too few usable pixels: residuals of a dozen tiles of 12 pixels are needed", light)
-    terms = tuple(
-        _term(fit, index)
-        for index in (*fit.named, *np.setdiff1d(np.arange(len(fit.evidence.causes)), fit.named).tolist())
-    )
+    others = (index for index in range(len(causes)) if index not in fit.named)
+    terms = tuple(_term(fit, index) for index in (*fit.named, *others))
     return Diagnosis(
         terms=terms,
         first=terms[0] if fit.named else None,
