@@ -219,7 +219,7 @@ _PANELS: dict[Verb, tuple[_Panel, ...]] = {
 
 SCHEMA_VERSION = 1
 _TITLES: dict[Verb, str] = {
-    "compare": "beside the model",
+    "compare": "compared with the model",
     "stokes": "measured",
     "verify": "verified",
     "recalibrate": "measured anew with other calibrations",

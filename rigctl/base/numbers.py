@@ -1,10 +1,9 @@
 """Numbers, angles and times as text: allowed range, as many digits as are known, one form of UTC."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from datetime import UTC, date, datetime, timedelta
-from functools import wraps
 from math import floor, isfinite, log10
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rigctl.errors import ConfigError
 
@@ -68,19 +67,6 @@ def shown(value: object) -> str:
 
 
 _SHOWN = 200
-
-
-def with_options_in_range(command: Callable[..., Any], refuse: Callable[[str], Exception]) -> Callable[..., Any]:
-    """Return a command that refuses options whose numbers are out of range, before it does anything."""
-
-    @wraps(command)
-    def checked(*arguments: Any, **options: Any) -> Any:
-        problems = [f"--{name.partition('.')[0].replace('_', '-')}: {text}" for name, text in wild_numbers(options)]
-        if problems:
-            raise refuse("\n  ".join(problems))
-        return command(*arguments, **options)
-
-    return checked
 
 
 # Where there is no number.

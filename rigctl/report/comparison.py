@@ -130,8 +130,8 @@ ROW_COLUMNS: tuple[Column[Row], ...] = (
     Column(title="region", key="region", left=True, shown=Shown.TERMINAL | Shown.PROGRAMS),
     Column(title="quantity", key="quantity", left=True),
     Column(title="statistic", key="statistic", left=True),
-    Column(title="predicted", key="predicted", text=predicted_text, brief=lambda row: f"{row.predicted:.6g}"),
-    Column(title="measured", key="measured", text=measured_text, brief=lambda row: f"{row.measured:.6g}"),
+    Column(title="predicted", key="predicted", text=predicted_text),
+    Column(title="measured", key="measured", text=measured_text),
     Column(
         title="error, measured",
         key="std_error",

@@ -1,4 +1,3 @@
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -85,17 +84,6 @@ def test_help_imports_nothing_heavy():
 def test_version_is_that_of_the_package(capsys):
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("rigctl 0.")
-
-
-def test_predict_answers_in_the_shape_that_is_documented(capsys):
-    assert cli.main(["predict", str(EXAMPLES / "scene-panels.toml"), "--json"]) == 0
-    regions = json.loads(capsys.readouterr().out)["regions"]
-    assert set(regions) == {"black_panel", "white_panel", "asphalt"}
-    assert set(regions["asphalt"]) == {
-        "dn_0", "dn_45", "dn_90", "dn_135", "s0", "s1", "s2", "s1n", "s2n", "dolp", "dolp_pixels", "aolp_deg",
-        "dolp_snr",
-    }  # fmt: skip
-    assert all("mean" in quantity for quantity in regions["asphalt"].values())
 
 
 def test_wrong_files_are_one_message_with_all_problems_and_exit_2(tmp_path, capsys):

@@ -169,7 +169,7 @@ def test_people_read_numbers_to_the_digits_of_their_error():
     (texts,) = row_table([ROW]).texts(Shown.PAGE)
     assert texts == ("dolp", "mean", "0.1235", "0.2000", "0.0012", "0.0005", "+63.80", "+58.90", "DISAGREES", "0.004")
     (texts,) = row_table([ROW]).texts(Shown.TERMINAL)
-    assert texts == ("road", "dolp", "mean", "0.123456", "0.2", "+58.9")
+    assert texts == ("road", "dolp", "mean", "0.1235", "0.2000", "+58.9")
     assert mixed_row_table([ROW]).texts()[0][0] == "road: dolp"
     (texts,) = row_table([UNTESTED]).texts(Shown.PAGE)
     assert texts[4:] == ("–", "–", "–", "–", "no test", "–")

@@ -91,7 +91,7 @@ def test_compared_runs_are_what_single_ones_are_and_damaged_ones_are_rows(root, 
     update_index(root)
     assert {row["run"] for row in find(root, "region = 'left' and dolp > 0.3")} >= {"a", "deep/b"}
     page = (root / "compared" / "archive.html").read_text()
-    assert "7 runs beside the model" in page
+    assert "7 runs compared with the model" in page
     assert "damaged or replaced" in page
     lines = (root / "compared" / "archive.csv").read_text().splitlines()
     assert len(lines) == 1 + 5 + 2 * 2
