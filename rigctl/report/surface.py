@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -98,6 +98,49 @@ def _principal_plane(sheet: SurfaceSheet) -> Table[ReflectedLight]:
         "camera zenith: positive towards the glint, negative on the sun's side"
     )
     return Table(title=title, columns=columns, rows=sheet.principal_plane)
+
+
+def most_polarized(sheets: Sequence[SurfaceSheet]) -> str:
+    """Return which of several materials polarizes most, and where the camera has to stand for it, as a sentence."""
+    sheet, light = max(((sheet, _peak(sheet)) for sheet in sheets), key=lambda one: one[1].dolp or 0.0)
+    return (
+        f"{sheet.material} polarizes most: DoLP {_or_dash(light.dolp, '.3f')} at a camera zenith of "
+        f"{light.camera_zenith_deg:+.0f} deg"
+    )
+
+
+def beside_one_another(sheets: Sequence[SurfaceSheet]) -> Table[SurfaceSheet]:
+    """Return a line for each material: light in the mirror direction, its highest DoLP, and reflectance."""
+    columns: tuple[Column[SurfaceSheet], ...] = (
+        Column(title="material", text=lambda sheet: sheet.material, left=True, unbroken=True),
+        Column(title="F00 [1/sr]", text=lambda sheet: f"{_mirror(sheet).f00_per_sr:.4g}"),
+        Column(title="DoLP", text=lambda sheet: _or_dash(_mirror(sheet).dolp)),
+        Column(title="most DoLP", text=lambda sheet: _or_dash(_peak(sheet).dolp)),
+        Column(title="at [deg]", text=lambda sheet: f"{_peak(sheet).camera_zenith_deg:+.0f}"),
+        Column(title="DHR", text=lambda sheet: f"{_at_sun(sheet).total:.4f}"),
+    )
+    first = sheets[0]
+    where = "F00, DoLP nearest the mirror; + is towards the glint"
+    title = f"sun {first.sun_zenith_deg:g} deg, {first.wavelength_nm:g} nm; {where}"
+    return Table(title=title, columns=columns, rows=tuple(sheets))
+
+
+def _peak(sheet: SurfaceSheet) -> ReflectedLight:
+    return max(_seen(sheet), key=lambda light: light.dolp or 0.0)
+
+
+def _seen(sheet: SurfaceSheet) -> list[ReflectedLight]:
+    """Return the light that a camera sees beside the brightest: that of the tail of a lobe is polarized and dark."""
+    most = max(light.f00_per_sr for light in sheet.principal_plane)
+    return [light for light in sheet.principal_plane if light.f00_per_sr >= _LEAST_SEEN * most]
+
+
+def _mirror(sheet: SurfaceSheet) -> ReflectedLight:
+    return min(sheet.principal_plane, key=lambda light: abs(light.camera_zenith_deg - sheet.sun_zenith_deg))
+
+
+def _at_sun(sheet: SurfaceSheet) -> Reflectance:
+    return min(sheet.reflectance, key=lambda given: abs(given.zenith_deg - sheet.sun_zenith_deg))
 
 
 def _reflectance(sheet: SurfaceSheet) -> Table[Reflectance]:
@@ -206,6 +249,8 @@ def _parameter(fitted: FittedMaterial, index: int) -> dict[str, Json]:
 _UNPOLARISED, _POLARISED, _SPECULAR = PREDICTED, MEASURED, "0.45"
 # Decades of F00 below its largest value that are shown.
 _DECADES_OF_HEMISPHERE, _DECADES_OF_CURVE = 4.0, 8.0
+# A share of the brightest light, that of 12 bits.
+_LEAST_SEEN = 2.0**-12
 _MARGIN = 1.2
 _LEAST_DEGREE = 0.01
 
@@ -227,6 +272,27 @@ def surface_picture(sheet: SurfaceSheet, maps: ReflectedMaps) -> bytes:
         _mark_sun(ax, sheet.sun_zenith_deg)
     _draw_reflectance(reflectance, sheet)
     figure.suptitle(_title(sheet))
+    return png(figure)
+
+
+def surfaces_picture(sheets: Sequence[SurfaceSheet]) -> bytes:
+    """Return F00 and DoLP of several materials in the principal plane, a curve each, where a camera sees light."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 3.9), layout="constrained")
+    intensity, polarization = figure.subplots(1, 2)
+    for sheet in sheets:
+        seen = _seen(sheet)
+        at = [light.camera_zenith_deg for light in seen]
+        intensity.semilogy(at, [light.f00_per_sr for light in seen], ".-", label=sheet.material)
+        polarization.plot(at, [light.dolp for light in seen], ".-")
+    intensity.set_ylabel("F00 [1/sr]")
+    polarization.set_ylabel("DoLP of unpolarised light")
+    polarization.set_ylim(-0.02, 1.02)
+    for ax in (intensity, polarization):
+        _mark_sun(ax, sheets[0].sun_zenith_deg)
+    legend_beside(intensity)
+    figure.suptitle(f"{sheets[0].wavelength_nm:g} nm, sun at {sheets[0].sun_zenith_deg:g} deg")
     return png(figure)
 
 

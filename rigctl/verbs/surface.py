@@ -26,14 +26,14 @@ _EXAMPLES = "paper/rough-*.toml"
 def surface(
     material: str | None = None,
     /,
-    *,
+    *more: str,
     listed: Annotated[bool, Parameter(name="--list")] = False,
     wavelength_nm: float = 550.0,
     sun_zenith_deg: float = 45.0,
     shadowing: Shadowing = "v-cavity",
     diffuse: DiffuseKind = "coupled",
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
-) -> "SurfaceResult | MaterialList":
+) -> "SurfaceResult | ManySurfaces | MaterialList":
     """Print DoLP and reflectance of a material against angle, and the source of each of its values.
 
     In a scene file, name the material as `material`, and for the diagonal texture of [MK14] eq. (10) give
@@ -44,10 +44,14 @@ def surface(
 
     Example: rigctl surface black-paint --sun-zenith-deg 50 --out black-paint
 
+    Example: rigctl surface black-paint white-paint asphalt --out paints
+
     Parameters
     ----------
     material : str
         Material file, or a name of the library such as black-paint, white-paint or asphalt.
+    more : str
+        Further materials, set beside the first: a line each, and one picture with all curves.
     listed : bool
         List all materials that come with the program: values, uncertainties, sources, and what is assumed.
     wavelength_nm : float
@@ -63,8 +67,8 @@ def surface(
 
     Returns
     -------
-    SurfaceResult or MaterialList
-        Reflected light of the material; the materials that there are, where they were to be listed.
+    SurfaceResult, ManySurfaces or MaterialList
+        Reflected light of the material, or of several; the materials that there are, where they were to be listed.
 
     Raises
     ------
@@ -77,20 +81,29 @@ def surface(
         raise ConfigError("MATERIAL: which? rigctl surface --list names those that come with the program")
     if not 0.0 <= sun_zenith_deg < 90.0:
         raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
+    sheets = tuple(
+        _sheet(str(one), wavelength_nm, sun_zenith_deg, shadowing=shadowing, diffuse=diffuse)
+        for one in (material, *more)
+    )
+    found = ManySurfaces(sheets=sheets) if more else SurfaceResult(sheet=sheets[0])
+    if out is not None:
+        note(f"{', '.join(found.write(Path(out)))} in {out}")
+    return found
+
+
+def _sheet(
+    name: str, wavelength_nm: float, sun_zenith_deg: float, *, shadowing: Shadowing, diffuse: DiffuseKind
+) -> "SurfaceSheet":
     from model.surface.materials import surface_of
     from rigctl.files.materials import NM_PER_M, find_material
     from rigctl.scene.reflected_light import surface_sheet
 
-    stated = find_material(str(material), beside=Path())
+    stated = find_material(name, beside=Path())
     try:
         own = surface_of(stated, wavelength_m=wavelength_nm / NM_PER_M, shadowing=shadowing, diffuse=diffuse)
-        sheet = surface_sheet(stated, own, wavelength_nm=wavelength_nm, sun_zenith_deg=sun_zenith_deg)
+        return surface_sheet(stated, own, wavelength_nm=wavelength_nm, sun_zenith_deg=sun_zenith_deg)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    found = SurfaceResult(sheet=sheet)
-    if out is not None:
-        note(f"{', '.join(found.write(Path(out)))} in {out}")
-    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,6 +156,38 @@ class SurfaceResult(Result):
         keys = ("camera_zenith_deg", "f00_per_sr", "s1n", "dolp")
         columns = tuple(Column[Any](key=key) for key in keys)
         return data_frame(Table(columns=columns, rows=self.sheet.principal_plane), backend)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ManySurfaces(Result):
+    """Light that several materials reflect, side by side."""
+
+    sheets: "tuple[SurfaceSheet, ...]"
+
+    def content(self) -> Iterable[Part]:
+        """Return which material polarizes most, then a line for each."""
+        from rigctl.report.surface import beside_one_another, most_polarized
+
+        yield most_polarized(self.sheets)
+        yield beside_one_another(self.sheets)
+        for sheet in self.sheets:
+            yield from (f"{sheet.material}: finding: {finding}" for finding in sheet.findings)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what surface.json holds: of each material what a single one has."""
+        from rigctl.report.surface import surface_json
+
+        return {"materials": [surface_json(sheet) for sheet in self.sheets]}
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write one picture of all and the numbers into a folder; return the names of the files."""
+        from rigctl.report.data_files import json_file
+        from rigctl.report.output import write_folder
+        from rigctl.report.surface import surfaces_picture
+
+        return write_folder(
+            folder, {"surface.png": surfaces_picture(self.sheets), "surface.json": json_file(self.as_json())}
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -134,3 +134,19 @@ def test_every_material_is_listed_with_its_sources(capsys):
 def test_a_surface_needs_a_material(capsys):
     assert main(["surface"]) == 2
     assert "--list" in capsys.readouterr().err
+
+
+def test_several_materials_stand_side_by_side_and_in_one_picture(tmp_path, capsys):
+    materials = ("black-paint", "asphalt", "glass")
+    assert main(["surface", *materials, "--out", str(tmp_path / "out")]) == 0
+    first, *lines = capsys.readouterr().out.splitlines()
+    single = {name: _answer(capsys, name) for name in materials}
+    peaks = {}
+    for name, one in single.items():
+        f00, dolp = np.array([(light["f00_per_sr"], light["dolp"] or 0.0) for light in one["principal_plane"]]).T
+        peaks[name] = dolp[f00 >= f00.max() / 4096].max()  # what 12 bits see beside the brightest
+    best = max(peaks, key=lambda name: peaks[name])
+    assert first.startswith(f"{single[best]['material']} polarizes most: DoLP {peaks[best]:.3f}")
+    assert all(len(line) <= 80 for line in lines)
+    assert (tmp_path / "out" / "surface.png").read_bytes().startswith(PNG)
+    assert json.loads((tmp_path / "out" / "surface.json").read_text())["materials"] == list(single.values())
