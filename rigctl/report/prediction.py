@@ -38,6 +38,8 @@ _STATISTICS = ("mean", "std", "std_temporal", "std_spatial_mean")
 Statistics = Mapping[str, float]
 # Probabilities at which the law of DoLP is stated.
 _QUANTILES = ("DoLP 2.5 %", "median", "97.5 %")
+# A mean below this share of its deviation is the rounding of a sum that cancels.
+_LEAST_SHARE = 1e-9
 # Pairs of inputs whose errors go together, and the least correlation of them that is shown.
 _PAIRS, _WORTH_A_LINE = 6, 0.1
 # Of as many inputs as make the uncertainty; the rest is in the JSON.
@@ -73,6 +75,8 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
     value = statistics[statistic]
     if not isfinite(value):
         return NO_NUMBER
+    if abs(value) < _LEAST_SHARE * statistics.get("std", 0.0):
+        return "0"
     return f"{value:.6g}" if error is None else f"{to_digits(value, error)} ± {to_digits(error, error)}"
 
 
