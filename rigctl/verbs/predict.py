@@ -62,7 +62,8 @@ def predict(
 
     Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
 
-    Example: rigctl predict examples/scene-airborne.toml --set sun.zenith_deg=25 --roc black_paint,asphalt --out noon
+    Example: rigctl predict examples/scene-airborne.toml --set acquisition.exposure_ms=0.0003 --roc black_paint,asphalt
+    --out dim
 
     Parameters
     ----------
