@@ -1174,9 +1174,11 @@ def _everything(causes: tuple[Cause, ...], information: FloatArray, right: Float
     """
     expected = np.column_stack([cause.directions * cause.expected for cause in causes])
     done = information @ expected
-    size = np.sqrt(np.diag(noise + done @ done.T))
-    size = np.where(size > 0.0, size, np.inf)
-    scaled = (noise + done @ done.T) / np.outer(size, size)
+    covariance = noise + done @ done.T
+    variance = np.diag(covariance)
+    # Rounding leaves a little on either side of 0 where nothing is known.
+    size = np.where(variance > 0.0, np.sqrt(np.abs(variance)), np.inf)
+    scaled = covariance / np.outer(size, size)
     return np.asarray(expected @ (done.T @ (np.linalg.lstsq(scaled, right / size, rcond=None)[0] / size)))
 
 

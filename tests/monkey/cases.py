@@ -76,6 +76,7 @@ sim stage nothing --link OUT
 import OUT images/0.png images/1.png images/2.png images/3.png --angles 0,45,90,135 --same-exposure --black-level-dn 64
 import OUT images/0.png --mosaic 90,45,135,0 --exposure-s 0.01 --black-level-dn 64 --bit-depth 12 --max-frame-mb 1
 import OUT images/ours.fits --angle-key POLANG --exposure-key EXPTIME --black-level-dn 64 --bit-depth 12
+look images/0.png images/1.png images/2.png images/3.png --angles 0,45,90,135 --out OUT.png --json
 preview rig.toml --frames 1 --picture OUT.jpg --exposure-ms 0.03
 devices --json
 """

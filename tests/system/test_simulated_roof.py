@@ -58,7 +58,8 @@ _REAL_STAGE, _REAL_CAMERA = ("sim:ellx?speed=20", "/dev/ttyUSB0"), ("sim:gc780",
 
 
 @pytest.mark.parametrize("others", [("--dry-run",), ()], ids=["rehearsed", "taken"])
-@pytest.mark.parametrize("changes", [(_REAL_STAGE, _REAL_CAMERA), (_REAL_STAGE,), (_REAL_CAMERA,)])
+# A real stage before a simulated camera is refused where the rig file is read.
+@pytest.mark.parametrize("changes", [(_REAL_STAGE, _REAL_CAMERA), (_REAL_CAMERA,)])
 def test_a_real_rig_has_no_clock_to_choose(tmp_path, capsys, monkeypatch, changes, others):
     monkeypatch.setattr(preparation, "open_rig", lambda *_, **__: pytest.fail("devices were opened"))
     examples = Path(__file__).parents[2] / "examples"

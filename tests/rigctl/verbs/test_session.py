@@ -82,14 +82,15 @@ def test_grouping_is_warned_about_with_its_cost(tmp_path, capsys):
     assert "shows a false DoLP of" in " ".join(answer.err.split())
 
 
-@pytest.mark.parametrize(("angles", "is_warned"), [("[0, 180]", True), ("[0, 60, 120]", False)])
-def test_too_few_axes_are_warned_about(tmp_path, capsys, angles, is_warned):
+@pytest.mark.parametrize(("angles", "is_too_few"), [("[0, 180]", True), ("[0, 60, 120]", False)])
+def test_too_few_axes_are_refused_and_a_plan_warns_of_them(tmp_path, capsys, angles, is_too_few):
     session = tmp_path / "session.toml"
     session.write_text(f'name = "x"\n[[take]]\nkind = "scene"\nexposure_ms = 1\nangles_deg = {angles}\n')
-    commands = (("acquire", "--out", tmp_path / "run", "--dry-run"), ("plan",))
-    for verb, *options in commands:
-        answer = _said(capsys, verb, EXAMPLES / "rig-sim.toml", session, *options)
-        assert ("need 3" in " ".join(answer.err.split())) is is_warned
+    rig, run = EXAMPLES / "rig-sim.toml", tmp_path / "run"
+    code = main([str(word) for word in ("acquire", rig, session, "--out", run, "--dry-run")])
+    assert code == (2 if is_too_few else 0)
+    assert ("polarimetry = false" in " ".join(capsys.readouterr().err.split())) is is_too_few
+    assert ("need 3" in " ".join(_said(capsys, "plan", rig, session).err.split())) is is_too_few
 
 
 def test_a_plan_has_the_sun_at_every_step_against_the_camera(capsys):
