@@ -28,10 +28,11 @@ print(time.process_time() - start)
 """
 _OURS = """
 import sys, time
+from pathlib import Path
 from rigctl.calibrations.noise_calibration import calibrate_frames
 from rigctl.calibrations.noise_frames import emva_frames
 start = time.process_time()
-calibrate_frames(emva_frames(sys.argv[1]))
+calibrate_frames(emva_frames(Path(sys.argv[1])))
 print(time.process_time() - start)
 """
 _PEAK = """

@@ -116,7 +116,7 @@ def _sky() -> Iterator[Row]:
 
     truth, peer_error = ours(20), 0.0
     peer_error = error(theirs())
-    nodes = next(nodes for nodes in (2, 3, 4, 5, 6, 8, 12, 16) if error(ours(nodes)) <= peer_error)
+    nodes = next(nodes for nodes in (4, 5, 6, 8, 12, 16) if error(ours(nodes)) <= peer_error)
     own_s, peer_s = least_s(lambda: ours(nodes), theirs, rounds=3)
     yield Row(
         work=f"one wavelength of the sky to {peer_error:.0e} of S0, warm", ours=_MS * own_s, unit="ms",
