@@ -81,7 +81,7 @@ def _promised(name: str, file: Path) -> Iterator[Row]:
 
 
 def _by_hand(start: Plan, error: Callable[[Plan], float], seconds: Callable[[Plan], float]) -> Plan:
-    """Lower one setting at a time, each time the one that saves most, as long as the true error allows it."""
+    """Return the fastest plan found by lowering single settings while the true error is within the tolerance."""
     plan, least = dict(start), seconds(start)
     while True:
         lower = [{**plan, name: plan[name] - 1} for name in NUMERICAL_SETTINGS if plan[name] > 0]
