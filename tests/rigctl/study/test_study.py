@@ -194,20 +194,44 @@ def test_a_folder_takes_one_study_at_a_time(tmp_path, scheduler):
 _SLOW = '\nkind = "random"\nn = 600\n[cases.parameters]\n"acquisition.exposure_ms" = { range = [0.01, 0.03] }\n'
 
 
+# The command, whose every part after the first waits until the test has sent its signal.
+_GATED = """
+import sys, time
+from pathlib import Path
+from rigctl import study
+from rigctl.cli import main
+
+go, write_part, written = Path(sys.argv.pop(1)), study.write_part, []
+
+def gated(*args):
+    while written and not go.exists():
+        time.sleep(0.01)
+    write_part(*args)
+    written.append(args)
+
+study.write_part = gated
+sys.exit(main())
+"""
+
+
 @pytest.mark.slow
 def test_a_study_is_stopped_killed_and_gone_on_with(tmp_path):
     path, out = study_file(tmp_path, _SLOW), tmp_path / "out"
-    words = [sys.executable, "-m", "rigctl", "study", str(path), "--out", str(out), "--workers", "1", "--json"]
+    words = ["study", str(path), "--out", str(out), "--workers", "1", "--json"]
     for ended_by, code in ((signal.SIGINT, 75), (signal.SIGKILL, -signal.SIGKILL)):
         before = len(list((out / PARTS_FOLDER).glob("*.npz")))
-        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        go = tmp_path / ended_by.name
+        gated = [sys.executable, "-c", _GATED, str(go), *words]
+        with subprocess.Popen(gated, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
             end_s = time.monotonic() + 120.0
             while len(list((out / PARTS_FOLDER).glob("*.npz"))) == before:
                 assert process.poll() is None
                 assert time.monotonic() < end_s
                 time.sleep(0.01)
             process.send_signal(ended_by)
+            go.touch()
             assert process.wait(60) == code
+    words = [sys.executable, "-m", "rigctl", *words]
     kept = {part: part.stat().st_mtime_ns for part in (out / PARTS_FOLDER).glob("*.npz")}
     done = subprocess.run(words, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
