@@ -1,6 +1,7 @@
 """Light that a material reflects: in the principal plane, over the hemisphere, and in all; with its sources."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ _SUN_ZENITHS_DEG = np.append(np.arange(0.0, 81.0, 10.0), [85.0, 89.0])
 _CURVE_DEG = np.linspace(-89.0, 89.0, 713)
 _RINGS_DEG = np.linspace(0.0, 89.0, 179)
 _ROUND_DEG = np.linspace(-180.0, 180.0, 361)
+# Of a standard uncertainty: a difference quotient.
+_STEP = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +117,39 @@ def principal_plane(surface: Surface, camera_zenith_rad: FloatArray, *, sun_zeni
     """Return Stokes radiance by irradiance of unpolarised light, shape (N, 3) [sr^-1]; see `ReflectedLight`."""
     phi = np.where(camera_zenith_rad >= 0.0, np.pi, 0.0)
     return mueller(sun_zenith_rad, np.abs(camera_zenith_rad), phi, surface=surface)[..., 0]
+
+
+def readings_at(
+    material: Material,
+    incidence_rad: FloatArray,
+    reflection_rad: FloatArray,
+    azimuth_rad: FloatArray,
+    *,
+    surface_of: Callable[[Material], Surface],
+) -> tuple[FloatArray, FloatArray]:
+    """Return f00, S1/S0, S2/S0 and DoLP of reflected unpolarised light, shape (N, 4), and their standard uncertainty.
+
+    To first order from the properties' own, which count as independent. `surface_of` makes the surface of a material.
+    """
+
+    def readings(changed: Material) -> FloatArray:
+        stokes = mueller(incidence_rad, reflection_rad, azimuth_rad, surface=surface_of(changed))[..., 0]
+        f00 = np.where(stokes[:, 0] > 0.0, stokes[:, 0], np.nan)
+        ratios = stokes[:, 1:] / f00[:, None]
+        return np.column_stack([stokes[:, 0], ratios, np.hypot(*ratios.T)])
+
+    found = readings(material)
+    variance = np.zeros_like(found)
+    for name, given in properties(material).items():
+        slopes = []
+        for step in (_STEP, -_STEP):
+            values = tuple(value + step * given.standard_uncertainty for value in given.values)
+            try:
+                slopes.append((readings(replace(material, **{name: replace(given, values=values)})) - found) / step)
+            except ValueError:  # beyond what a surface can be: the other side alone tells the slope
+                continue
+        variance += np.mean(slopes, axis=0) ** 2 if slopes and given.standard_uncertainty else 0.0
+    return found, np.sqrt(variance)
 
 
 def _property_values(material: Material, wavelength_m: float) -> tuple[PropertyValue, ...]:

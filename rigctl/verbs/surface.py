@@ -1,5 +1,6 @@
 """`rigctl surface`: DoLP and reflectance of a material against angle, and the sources of its values."""
 
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +17,10 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.surface.materials import Material
+    from rigctl.report.table import AnyTable
     from rigctl.scene.reflected_light import SurfaceSheet
 
-_FILES = ("surface.png", "hemisphere.png", "surface.json")
+_FILES = ("surface.png", "hemisphere.png", "surface.json", "surface.csv")
 # Material files among the examples, listed after the library.
 _EXAMPLES = "paper/rough-*.toml"
 
@@ -32,8 +34,9 @@ def surface(
     sun_zenith_deg: float = 45.0,
     shadowing: Shadowing = "v-cavity",
     diffuse: DiffuseKind = "coupled",
+    at: FilePath | None = None,
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
-) -> "SurfaceResult | ManySurfaces | MaterialList":
+) -> "SurfaceResult | SurfaceReadings | ManySurfaces | MaterialList":
     """Print DoLP and reflectance of a material against angle, and the source of each of its values.
 
     In a scene file, name the material as `material`, and for the diagonal texture of [MK14] eq. (10) give
@@ -45,6 +48,8 @@ def surface(
     Example: rigctl surface black-paint --sun-zenith-deg 50 --out black-paint
 
     Example: rigctl surface black-paint white-paint asphalt --out paints
+
+    Example: rigctl surface white-paint --at geometries.csv > white-paint.csv
 
     Parameters
     ----------
@@ -62,13 +67,18 @@ def surface(
         How facets hide one another.
     diffuse : {"lambert", "balance", "coupled", "polarised"}
         Form of the diffuse term.
+    at : path
+        CSV file of geometries: columns incidence_deg, reflection_deg, azimuth_deg (180 is forward, counted as phi in
+        the conventions) and, where it varies, wavelength_nm. Prints them as CSV with f00_per_sr, s1 and s2 (over S0),
+        dolp of reflected unpolarised light, and their standard uncertainties from those of the material.
     out : path
-        Folder for surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json.
+        Folder for surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json; with
+        --at for surface.csv and surface.json.
 
     Returns
     -------
-    SurfaceResult, ManySurfaces or MaterialList
-        Reflected light of the material, or of several; the materials that there are, where they were to be listed.
+    SurfaceResult, SurfaceReadings, ManySurfaces or MaterialList
+        Reflected light of the material, at the geometries of a file, or of several; the materials that there are.
 
     Raises
     ------
@@ -81,6 +91,13 @@ def surface(
         raise ConfigError("MATERIAL: which? rigctl surface --list names those that come with the program")
     if not 0.0 <= sun_zenith_deg < 90.0:
         raise ConfigError(f"--sun-zenith-deg: is {sun_zenith_deg:g}, must lie in [0, 90)")
+    if at is not None:
+        if more:
+            raise ConfigError(f"--at {at}: takes one material, {1 + len(more)} are named")
+        read = _readings(material, Path(at), wavelength_nm, shadowing=shadowing, diffuse=diffuse)
+        if out is not None:
+            note(f"{', '.join(read.write(Path(out)))} in {out}")
+        return read
     sheets = tuple(
         _sheet(str(one), wavelength_nm, sun_zenith_deg, shadowing=shadowing, diffuse=diffuse)
         for one in (material, *more)
@@ -104,6 +121,90 @@ def _sheet(
         return surface_sheet(stated, own, wavelength_nm=wavelength_nm, sun_zenith_deg=sun_zenith_deg)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+_GEOMETRY = ("incidence_deg", "reflection_deg", "azimuth_deg")
+_READINGS = ("f00_per_sr", "s1", "s2", "dolp")
+
+
+def _readings(
+    name: str, at: Path, wavelength_nm: float, *, shadowing: Shadowing, diffuse: DiffuseKind
+) -> "SurfaceReadings":
+    import numpy as np
+
+    from model.surface.materials import surface_of
+    from rigctl.files.materials import NM_PER_M, find_material
+    from rigctl.files.number_table import read_number_table
+    from rigctl.scene.reflected_light import readings_at
+
+    stated = find_material(name, beside=Path())
+    given = read_number_table(at, needs=_GEOMETRY, may_have=("wavelength_nm",))
+    angles_rad = [np.deg2rad(given[key]) for key in _GEOMETRY]
+    at_nm = given.setdefault("wavelength_nm", np.full(angles_rad[0].size, wavelength_nm))
+    found = np.empty((2, at_nm.size, len(_READINGS)))
+    try:
+        for nm in np.unique(at_nm):
+            rows = at_nm == nm
+            found[:, rows] = readings_at(
+                stated,
+                *(angle[rows] for angle in angles_rad),
+                surface_of=lambda one, nm=nm: surface_of(  # type: ignore[misc]
+                    one, wavelength_m=nm / NM_PER_M, shadowing=shadowing, diffuse=diffuse
+                ),
+            )
+    except ValueError as error:
+        raise ConfigError(f"{at}: {error}") from error
+    columns = {key: given[key] for key in (*_GEOMETRY, "wavelength_nm")}
+    columns |= {key: found[0, :, k] for k, key in enumerate(_READINGS)}
+    columns |= {f"{key}_std": found[1, :, k] for k, key in enumerate(_READINGS)}
+    return SurfaceReadings(material=stated.name, columns={key: column.tolist() for key, column in columns.items()})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SurfaceReadings(Result):
+    """Light that a material reflects in given geometries; what does not exist, as DoLP without light, is NaN."""
+
+    material: str
+    columns: dict[str, list[float]]
+
+    def _table(self) -> "AnyTable":
+        from rigctl.report.table import Column, Table
+
+        columns = tuple(
+            Column[Any](key=key, value=lambda row, k=k: row[k])  # type: ignore[misc]
+            for k, key in enumerate(self.columns)
+        )
+        return Table(columns=columns, rows=tuple(zip(*self.columns.values(), strict=True)))
+
+    def content(self) -> Iterable[Part]:
+        """Return the table as CSV."""
+        from rigctl.report.data_files import csv_rows
+
+        yield csv_rows(self._table()).decode().rstrip()
+
+    def show(self) -> None:
+        """Print CSV, unbroken whatever the width of the terminal."""
+        sys.stdout.write("".join(f"{part}\n" for part in self.content()))
+
+    def as_json(self) -> dict[str, Json]:
+        """Return the material and an object for each geometry."""
+        from rigctl.report.data_files import json_rows
+
+        return {"material": self.material, "geometries": json_rows(self._table())}
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write surface.csv and surface.json into a folder; return their names."""
+        from rigctl.report.data_files import csv_rows, json_file
+        from rigctl.report.output import write_folder
+
+        content = {"surface.csv": csv_rows(self._table()), "surface.json": json_file(self.as_json())}
+        return write_folder(folder, content)
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return the columns as a data frame."""
+        from rigctl.report.data_frames import data_frame
+
+        return data_frame(self._table(), backend)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,5 +1,6 @@
 """``rigctl surface`` from the command line to tables, numbers and plots."""
 
+import csv
 import json
 from typing import Any
 
@@ -150,3 +151,37 @@ def test_several_materials_stand_side_by_side_and_in_one_picture(tmp_path, capsy
     assert all(len(line) <= 80 for line in lines)
     assert (tmp_path / "out" / "surface.png").read_bytes().startswith(PNG)
     assert json.loads((tmp_path / "out" / "surface.json").read_text())["materials"] == list(single.values())
+
+
+def test_geometries_of_a_file_come_back_with_light_and_its_uncertainty(tmp_path, capsys):
+    at, mine = tmp_path / "at.csv", tmp_path / "mine.toml"
+    at.write_text("wavelength_nm,azimuth_deg,reflection_deg,incidence_deg\n400,180,40,50\n550,90,40,50\n550,0,95,50\n")
+    mine.write_text('name = "mine"\nn = { value = 1.5, std = 0.01 }\nslope_rms = 0.2\n')
+    assert main(["surface", str(mine), "--at", str(at), "--out", str(tmp_path / "out")]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert rows == list(csv.DictReader((tmp_path / "out" / "surface.csv").read_text().splitlines()))
+    angles = np.deg2rad([[50.0, 40.0, 180.0], [50.0, 40.0, 90.0]]).T
+    low, high = (mueller(*angles, surface=Surface(n=n, slope_rms=0.2))[..., 0] for n in (1.49, 1.51))
+    for k, row in enumerate(rows[:2]):
+        stokes = mueller(*angles[:, k], surface=Surface(n=1.5, slope_rms=0.2))[:, 0]
+        expected = [stokes[0], *stokes[1:] / stokes[0], np.hypot(*stokes[1:]) / stokes[0]]
+        assert [float(row[key]) for key in ("f00_per_sr", "s1", "s2", "dolp")] == pytest.approx(expected, rel=1e-12)
+        # A parabola through the ends has the slope of the middle to second order of 0.01 / 1.5.
+        assert float(row["f00_per_sr_std"]) == pytest.approx(abs(high[k, 0] - low[k, 0]) / 2, rel=1e-2)
+    assert (rows[2]["f00_per_sr"], rows[2]["dolp"]) == ("0.0", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("incidence_deg,reflection_deg\n1,2\n", "lacks the column azimuth_deg"),
+        ("incidence_deg,reflection_deg,azimuth_deg\n1,x,3\n", "line 2: reflection_deg is 'x'"),
+        ("incidence_deg,reflection_deg,azimuth_deg\n", "has no row"),
+        ("incidence_deg,reflection_deg,azimuth_deg\n200,2,3\n", "allowed is 0 to pi"),
+    ],
+)
+def test_a_file_of_geometries_that_cannot_be_read_is_named_with_its_fault(text, words, tmp_path, capsys):
+    at = tmp_path / "at.csv"
+    at.write_text(text)
+    assert main(["surface", "glass", "--at", str(at)]) == EXIT_USAGE
+    assert words in " ".join(capsys.readouterr().err.split())
