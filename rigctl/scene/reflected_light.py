@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,8 +145,9 @@ def readings_at(
         slopes = []
         for step in (_STEP, -_STEP):
             values = tuple(value + step * given.standard_uncertainty for value in given.values)
+            change: dict[str, Any] = {name: replace(given, values=values)}
             try:
-                slopes.append((readings(replace(material, **{name: replace(given, values=values)})) - found) / step)
+                slopes.append((readings(replace(material, **change)) - found) / step)
             except ValueError:  # beyond what a surface can be: the other side alone tells the slope
                 continue
         variance += np.mean(slopes, axis=0) ** 2 if slopes and given.standard_uncertainty else 0.0
