@@ -35,6 +35,16 @@ def test_every_direct_dependency_has_a_tested_version():
     assert wanted <= pinned
 
 
+def test_the_conda_recipe_asks_for_the_same():
+    names = {"matplotlib": "matplotlib-base", "opencv-contrib-python-headless": "py-opencv"}
+    wanted = {
+        f"{names.get(name, name)} >={least}"
+        for name, _, least in (text.partition(">=") for text in _project()["project"]["dependencies"])
+    }
+    run = (ROOT / ".ci/conda/recipe.yaml").read_text().partition("  run:\n")[2].partition("\n\n")[0]
+    assert {line.partition("#")[0].strip(" -") for line in run.splitlines()} == {"python >=3.11", *wanted}
+
+
 def test_constraints_hold_names_and_versions_alone():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert all(line.count("==") == 1 and "/" not in line and "@" not in line for line in lines)

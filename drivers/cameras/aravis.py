@@ -135,7 +135,7 @@ class AravisLibrary:
             return self._functions[name](*arguments)
         error = _ERROR()
         result = self._functions[name](*arguments, ctypes.byref(error))
-        if error:
+        if error:  # type: ignore[truthy-bool]  # false while it is NULL
             raise self._taken(error)
         return result
 
