@@ -5,9 +5,7 @@ noise only make a group (`FrameGroup`), which becomes a level of the calibration
 are no one set: those that are nearest to the flats are used, and a flag names the others.
 """
 
-import csv
 import hashlib
-import io
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -33,6 +31,7 @@ from rigctl.base.numbers import range_problem
 from rigctl.calibrations.made_for import MadeFor, made_for
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
+from rigctl.files.csv_table import csv_rows
 from rigctl.images import HeaderValue, ImageReading, read_image
 from rigctl.runs.check import used_run
 from rigctl.runs.folder import MANIFEST_FILE, Run
@@ -547,11 +546,7 @@ def table_frames(
     path: Path, *, bit_depth: int, reading: ImageReading = _PLAIN, exposure_unit: ExposureUnit | None = None
 ) -> FrameSet:
     """Return the dark and flat frames that a table lists."""
-    try:
-        text = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig")
-        rows = list(csv.DictReader(io.StringIO(text, newline="")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    rows = csv_rows(path)
     columns = list(rows[0]) if rows else []
     problems = [f"column {name!r} is missing" for name in _NEEDED if name not in columns]
     problems += [f"column {name!r} is none of {', '.join(_ALLOWED)}" for name in columns if name not in _ALLOWED]

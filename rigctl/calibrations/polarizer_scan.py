@@ -5,7 +5,6 @@ generator, turns, and all stage angles are taken at each of its angles (`generat
 gives each block of the picture its own throughput, diattenuation and axis (`polarimeter_maps`).
 """
 
-import csv
 import io
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -38,10 +37,10 @@ from calibration.polarimeter.analyzer import (
     pooled_diattenuation,
     residual_harmonics,
 )
-from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import wild_numbers
 from rigctl.calibrations.made_for import Measured
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.csv_table import csv_rows
 from rigctl.files.regions import Region, masks
 from rigctl.files.toml import Section, Uncertain, load
 from rigctl.runs.folder import Run
@@ -76,18 +75,13 @@ def _read_toml(path: Path) -> dict[int, float]:
 
 
 def _read_csv(path: Path) -> tuple[str, dict[int, float]]:
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8"))))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: is no text of commas and lines: {error}") from error
+    rows = csv_rows(path)
     columns = set(rows[0]) if rows else set()
     keys = [key for key in _CSV_KEYS if key in columns]
     if len(keys) != 1 or _ANGLE not in columns:
         raise ConfigError(f"{path}: needs the column {_ANGLE} and one of {', '.join(_CSV_KEYS)} in its first line")
     try:
-        angles = {int(row[keys[0]]): float(row[_ANGLE]) for row in rows}
+        angles = {int(row[keys[0]] or ""): float(row[_ANGLE] or "") for row in rows}
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{path}: {error}; wanted are whole numbers of {keys[0]} and angles in degrees") from error
     wild = [f"{key}: {problem}" for key, problem in wild_numbers(angles, _ANGLE)]

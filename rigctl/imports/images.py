@@ -24,6 +24,7 @@ from rigctl.base.durable import MOST_FRAME_BYTES
 from rigctl.base.numbers import is_utc_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
+from rigctl.files.csv_table import csv_rows
 from rigctl.images import FirstRow, HeaderValue, ImageFile, RawSettings, read_image, unlike_settings
 from rigctl.imports.levels import LEVELS, common_zero_bits, histogram, largest, missing_pixels, saturation_plateau
 from rigctl.runs.records import FrameRecord
@@ -81,6 +82,7 @@ class ImportRequest:
     kind: FrameKind
     angles_deg: tuple[float, ...] | None = None
     angle_key: str | None = None
+    stage_angles: tuple[float | str, ...] | None = None  #: one for each file [deg], a header keyword, or a CSV table
     mosaic_deg: tuple[float, ...] | None = None  #: of the cell of 2 x 2 pixels at the top left, row by row
     exposure_s: float | None = None
     exposure_key: str | None = None
@@ -117,10 +119,16 @@ def _angle_problems(request: ImportRequest) -> Iterator[str]:
     said = sum(way is not None for way in ways)
     if said > 1:
         yield "--angles, --angle-key, --mosaic: give one of them"
-    if said == 0 and request.kind == "scene":
-        yield "angles of the polarizer: say --angles 0,45,..., --angle-key KEY or --mosaic A,B,C,D"
+    if said == 0 and request.kind == "scene" and request.stage_angles is None:
+        yield (
+            "angles of the polarizer: say --angles 0,45,..., --angle-key KEY or --mosaic A,B,C,D; for a scan that "
+            "`rigctl calibrate axis` takes, --stage-angles"
+        )
     if request.angles_deg is not None and len(request.angles_deg) != len(request.files):
         yield f"--angles: {len(request.angles_deg)} angles for {len(request.files)} files; give one for each file"
+    stage = request.stage_angles or ()
+    if stage and len(stage) != len(request.files) and not (len(stage) == 1 and isinstance(stage[0], str)):
+        yield f"--stage-angles: {len(stage)} angles for {len(request.files)} files; give one for each file"
     if request.mosaic_deg is not None and len(request.mosaic_deg) != 4:
         yield f"--mosaic: {len(request.mosaic_deg)} angles; a cell of 2 x 2 pixels has 4, row by row"
 
@@ -152,9 +160,9 @@ def _black_level_problems(request: ImportRequest, *, darks_are_there: bool) -> I
 
 
 def _range_problems(request: ImportRequest) -> Iterator[str]:
-    angles = {"--angles": request.angles_deg, "--mosaic": request.mosaic_deg}
+    angles = {"--angles": request.angles_deg, "--mosaic": request.mosaic_deg, "--stage-angles": request.stage_angles}
     for option, values in angles.items():
-        if not all(isfinite(value) for value in values or ()):
+        if not all(isfinite(value) for value in values or () if not isinstance(value, str)):
             yield f"{option}: every angle must be a finite number of degrees"
     if request.exposure_s is not None and not 0 < request.exposure_s < float("inf"):
         yield f"--exposure-s: is {request.exposure_s:g}, must be above 0"
@@ -391,6 +399,7 @@ class SurveyedImage:
     sample_bits: int  #: Bits that a sample takes in the file.
     first_row: FirstRow  #: Which row comes first in it.
     angle_deg: float | None  #: From the user or the header.
+    stage_angle_deg: float | None  #: What the polarizer's stage read.
     exposure_s: float | None
     black_level_dn: float | None
     start_utc: str | None  #: Start of the exposure, where the header has it in standard form.
@@ -417,10 +426,11 @@ def survey_images(request: ImportRequest) -> Survey:
     levels = np.zeros(LEVELS, dtype=np.int64)
     unsaid: list[str] = []
     unfit: list[str] = []
+    stage_deg = _stage_table(request)
     for index, path in enumerate(request.files):
         try:
             image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
-            images.append(_survey(request, index, image))
+            images.append(_survey(request, index, image, stage_deg))
             levels += images[-1].levels
         except DataError as error:
             unfit.append(f"{path}: {error}")
@@ -432,13 +442,14 @@ def survey_images(request: ImportRequest) -> Survey:
     return Survey(images=tuple(images), levels=levels, unsaid=tuple(unsaid), unfit=tuple(unfit))
 
 
-def _survey(request: ImportRequest, index: int, image: ImageFile) -> SurveyedImage:
+def _survey(request: ImportRequest, index: int, image: ImageFile, stage_deg: Mapping[str, float]) -> SurveyedImage:
     return SurveyedImage(
         path=request.files[index],
         shape=(image.counts.shape[0], image.counts.shape[1]),
         sample_bits=image.sample_bits,
         first_row=_first_row(request, image),
         angle_deg=_angle(request, index, image.header),
+        stage_angle_deg=_stage_angle(request, index, image.header, stage_deg),
         exposure_s=_number(image.header, "--exposure-key", request.exposure_key, request.exposure_s),
         black_level_dn=_number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn),
         start_utc=_start(image.header),
@@ -465,13 +476,48 @@ def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
 
 def _angle(request: ImportRequest, index: int, header: Mapping[str, HeaderValue]) -> float | None:
     if request.angle_key is not None:
-        text = str(_header_value(header, "--angle-key", request.angle_key)).strip()
-        match = _ANGLE.fullmatch(text)
-        if match is None:
-            raise ConfigError(f"--angle-key {request.angle_key}: {text!r} is no angle in degrees; say --angles")
-        return float(match[1])
+        return _angle_of_header(header, "--angle-key", request.angle_key)
     angles = request.angles_deg or ()
     return angles[index] if index < len(angles) else None
+
+
+def _angle_of_header(header: Mapping[str, HeaderValue], option: str, key: str) -> float:
+    text = str(_header_value(header, option, key)).strip()
+    match = _ANGLE.fullmatch(text)
+    if match is None:
+        raise ConfigError(f"{option} {key}: {text!r} is no angle in degrees; say --angles or --stage-angles")
+    return float(match[1])
+
+
+def _stage_angle(
+    request: ImportRequest, index: int, header: Mapping[str, HeaderValue], table: Mapping[str, float]
+) -> float | None:
+    stated = request.stage_angles or ()
+    if table:
+        name = request.files[index].name
+        if name not in table:
+            raise ConfigError(f"--stage-angles {stated[0]}: has no row for the file {name}")
+        return table[name]
+    if len(stated) == 1 and isinstance(stated[0], str):
+        return _angle_of_header(header, "--stage-angles", stated[0])
+    return float(stated[index]) if index < len(stated) else None
+
+
+def _stage_table(request: ImportRequest) -> dict[str, float]:
+    """Return the stage angles of a CSV table by the names of their files, nothing where none was given [deg]."""
+    stated = request.stage_angles
+    if stated is None or len(stated) != 1 or not str(stated[0]).lower().endswith(".csv"):
+        return {}
+    path = Path(str(stated[0]))
+    try:
+        found = {Path(str(row["file"]).strip()).name: float(row["stage_angle_deg"] or "") for row in csv_rows(path)}
+    except (KeyError, ValueError) as error:
+        raise ConfigError(
+            f"{path}: needs the columns file and stage_angle_deg, a number of degrees ({error})"
+        ) from error
+    if not found or not all(map(isfinite, found.values())):
+        raise ConfigError(f"{path}: has to have a row with a finite angle for each file")
+    return found
 
 
 def _number(header: Mapping[str, HeaderValue], option: str, key: str | None, given: float | None) -> float | None:
@@ -528,11 +574,7 @@ def frames_of(
     present: Iterable[FrameRecord],
 ) -> Iterator[tuple[FrameRecord, NDArray[np.uint16]]]:
     """Return the frames of all files one by one, each file read when it is its turn."""
-    cycles = Counter(
-        axis_deg(record.polarizer_angle_deg)
-        for record in present
-        if record.kind == request.kind and record.polarizer_angle_deg is not None
-    )
+    cycles = Counter(_place(record) for record in present if record.kind == request.kind)
     sequence = first_sequence
     for image in images:
         record = _record(request, image, scale)
@@ -555,12 +597,20 @@ def _in_place(counts: NDArray[np.uint16], shift_bits: int) -> NDArray[np.uint16]
     return np.asarray(np.minimum(rounded, largest), dtype=np.uint16)
 
 
-def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[float]) -> FrameRecord:
-    if angle_deg is None:
+def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[tuple[str, float] | None]) -> FrameRecord:
+    record = replace(record, polarizer_angle_target_deg=angle_deg, polarizer_angle_deg=angle_deg)
+    place = _place(record)
+    if place is None:
         return record
-    cycle = cycles[axis_deg(angle_deg)]
-    cycles[axis_deg(angle_deg)] += 1
-    return replace(record, cycle=cycle, polarizer_angle_target_deg=angle_deg, polarizer_angle_deg=angle_deg)
+    cycles[place] += 1
+    return replace(record, cycle=cycles[place] - 1)
+
+
+def _place(record: FrameRecord) -> tuple[str, float] | None:
+    """Return the angle whose repeats are counted as cycles: of the polarizer, else of the stage."""
+    if record.polarizer_angle_deg is not None:
+        return "polarizer", axis_deg(record.polarizer_angle_deg)
+    return None if record.stage_angle_deg is None else ("stage", round(record.stage_angle_deg % 360.0, 6))
 
 
 def _pictures(
@@ -589,6 +639,7 @@ def _record(request: ImportRequest, image: SurveyedImage, scale: Scale) -> Frame
         saturation_dn=scale.saturation_dn,
         missing_dn=scale.missing_dn,
         exposure_s=image.exposure_s,
+        stage_angle_deg=image.stage_angle_deg,
         black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
         start_utc=image.start_utc,
         source_file=str(image.path),

@@ -34,6 +34,7 @@ def import_images(
     *,
     angles: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
     angle_key: str | None = None,
+    stage_angles: Annotated[Sequence[float | str] | None, COMMA_SEPARATED] = None,
     mosaic: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
     kind: FrameKind = "scene",
     exposure_s: float | None = None,
@@ -76,6 +77,9 @@ def import_images(
         Polarizer angle of each file [deg], as in 0,60,-60.
     angle_key : str
         Header keyword with the angle [deg].
+    stage_angles : sequence of float, or str
+        Stage angles of a polarizer scan [deg]: 0,10,20, a header keyword, or a CSV table (columns file,
+        stage_angle_deg).
     mosaic : sequence of float
         Angles of the 2 x 2 cell at the top left, row by row [deg].
     kind : {"scene", "dark", "flat"}
@@ -129,6 +133,7 @@ def import_images(
         kind=kind,
         angles_deg=None if angles is None else tuple(angles),
         angle_key=angle_key,
+        stage_angles=None if stage_angles is None else tuple(stage_angles),
         mosaic_deg=None if mosaic is None else tuple(mosaic),
         exposure_s=exposure_s,
         exposure_key=exposure_key,
@@ -225,7 +230,7 @@ def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":
     if request.kind != "scene":
         return undiagnosed(f"the files are {request.kind} frames")
     return (
-        undiagnosed("fewer than three axes")
+        undiagnosed("the axes are not known" if request.stage_angles is not None else "fewer than three axes")
         if _angle_remarks(request, survey)
         else quick_diagnosis(read_run(request.run))
     )
@@ -337,6 +342,8 @@ def _angle_remarks(request: "ImportRequest", survey: "Survey") -> tuple[str, ...
     axes = {axis_deg(angle) for angle in angles}
     if request.kind != "scene" or len(axes) >= 3:
         return ()
+    if not axes and request.stage_angles is not None:
+        return ("stage angles only: `rigctl calibrate axis` takes these frames, Stokes parameters need the axis",)
     return (f"{len(axes)} different axes only: Stokes parameters need three or more, modulo 180 degrees",)
 
 

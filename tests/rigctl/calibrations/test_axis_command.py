@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from astropy.io import fits
 
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from tests.rigctl.calibrations.polarizer_runs import (
+    BLACK_DN,
     DIATTENUATION,
     DOLP,
     GENERATOR_DEG,
@@ -210,3 +212,38 @@ def test_a_direction_that_is_no_number_is_a_usage_error(tmp_path: Path) -> None:
     run = write_reference_run(tmp_path / "run", 30.0)
     arguments = [str(run), "--reference-deg", "nan", "--out", str(tmp_path / "p.json")]
     assert main(["calibrate", "axis", *arguments]) == EXIT_USAGE
+
+
+@pytest.mark.parametrize("way", ["numbers", "header", "table"])
+def test_a_scan_that_another_program_took_is_imported_by_its_stage_angles(tmp_path: Path, way: str) -> None:
+    runs = []
+    for reference in (0.0, 30.0):
+        folder = tmp_path / f"others{reference:.0f}"
+        folder.mkdir()
+        files = []
+        for step in range(36):
+            signal = 3000.0 * transmitted(10.0 * step, reference) * np.ones((20, 30))
+            counts = np.random.default_rng(step).poisson(signal + BLACK_DN).astype(np.uint16)
+            files.append(folder / f"f{step:02d}.fits")
+            fits.PrimaryHDU(counts, fits.Header({"ROTANG": 10.0 * step})).writeto(files[-1])
+        table = folder / "angles.csv"
+        table.write_text("file,stage_angle_deg\n" + "".join(f"{file.name},{10 * k}\n" for k, file in enumerate(files)))
+        said = {"numbers": ",".join(str(10 * k) for k in range(36)), "header": "ROTANG", "table": str(table)}[way]
+        runs.append(str(tmp_path / f"run{reference:.0f}"))
+        words = ["--same-exposure", "--bit-depth", "12", "--black-level-dn", str(BLACK_DN), "--stage-angles", said]
+        assert main(["import", runs[-1], *map(str, files), *words]) == 0
+    content = calibrate(tmp_path, *runs, "--reference-deg", "0", "--reference-deg", "30")
+    assert content["sense"] == SENSE
+    assert abs(content["offset_deg"]["value"] - OFFSET_DEG) < 4.0 * content["offset_deg"]["std_error"]
+
+
+@pytest.mark.parametrize(("stated", "told"), [("0,10", "2 angles for 3"), ("no.csv", "no.csv"), ("ROT", "not in this")])
+def test_stage_angles_that_do_not_fit_the_files_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stated: str, told: str
+) -> None:
+    files = [tmp_path / f"{k}.fits" for k in range(3)]
+    for file in files:
+        fits.PrimaryHDU(np.full((8, 8), 500, dtype=np.uint16)).writeto(file)
+    words = ["--same-exposure", "--bit-depth", "12", "--black-level-dn", "0", "--stage-angles", stated]
+    assert main(["import", str(tmp_path / "run"), *map(str, files), *words]) == EXIT_USAGE
+    assert told in capsys.readouterr().err
