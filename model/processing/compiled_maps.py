@@ -18,10 +18,11 @@ _NODES = 0.5 + 0.5 * np.cos(np.pi * (np.arange(_TERMS) + 0.5) / _TERMS)
 _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = np.linalg.solve(
     np.vander(_NODES, increasing=True), np.arctan(np.sqrt(_NODES)) / np.sqrt(_NODES)
 ).astype(np.float32)
-_ZERO, _HALF = np.float32(0.0), np.float32(0.5)
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _QUARTER_PI, _HALF_PI, _PI = np.float32(np.pi / 4), np.float32(np.pi / 2), np.float32(np.pi)
 _BELOW_PI: np.float32 = np.nextafter(_PI, _ZERO)
 _TINY, _INFINITE = np.float32(1e-38), np.float32(np.inf)
+_FASTMATH = {"contract", "arcp", "nsz"}
 
 
 def _half_argument_of(x: np.float32, y: np.float32) -> np.float32:
@@ -48,7 +49,7 @@ def _half_argument_of(x: np.float32, y: np.float32) -> np.float32:
 
 # Numba tells no types: its functions are bound to names that have them.
 _half_argument: Callable[[np.float32, np.float32], np.float32] = numba.njit(
-    inline="always", fastmath={"contract", "arcp", "nsz"}, error_model="numpy"
+    inline="always", fastmath=_FASTMATH, error_model="numpy"
 )(_half_argument_of)
 
 
@@ -85,9 +86,7 @@ def _add_group_of(
             valid[i] = (x > _ZERO) & (degree < _INFINITE)
 
 
-_add_group: Callable[..., None] = numba.njit(nogil=True, fastmath={"contract", "arcp", "nsz"}, error_model="numpy")(
-    _add_group_of
-)
+_add_group: Callable[..., None] = numba.njit(nogil=True, fastmath=_FASTMATH, error_model="numpy")(_add_group_of)
 
 
 def _fill_maps(
@@ -124,6 +123,66 @@ def _fill_maps(
             _add_group(frames, weights[:, group], whole_dn[group], rest, k == 0, ends, filled, valid[start:stop])
 
 
-fill_maps: Callable[..., None] = numba.njit(
-    cache=True, nogil=True, fastmath={"contract", "arcp", "nsz"}, error_model="numpy"
-)(_fill_maps)
+fill_maps: Callable[..., None] = numba.njit(cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(_fill_maps)
+
+
+def _covariance_of(products: Float32Array, sigma: Float32Array, i: int) -> tuple[np.float32, ...]:
+    """Return the covariance of S0, S1, S2 (00, 11, 22, 01, 02, 12) from the deviations of the counts of a pixel."""
+    v00 = v11 = v22 = v01 = v02 = v12 = _ZERO
+    for k in range(sigma.shape[0]):
+        variance = sigma[k, i] * sigma[k, i]
+        v00 += products[0, k] * variance
+        v11 += products[1, k] * variance
+        v22 += products[2, k] * variance
+        v01 += products[3, k] * variance
+        v02 += products[4, k] * variance
+        v12 += products[5, k] * variance
+    return v00, v11, v22, v01, v02, v12
+
+
+def _deviations_of(
+    stokes: tuple[np.float32, ...], dolp: np.float32, cov: tuple[np.float32, ...]
+) -> tuple[np.float32, np.float32]:
+    """Return the deviations of DoLP and AoLP of a pixel, by the formulas of `maps`."""
+    s0, s1, s2 = stokes
+    v00, v11, v22, v01, v02, v12 = cov
+    length = dolp * s0
+    cosine = s1 / length if length > _ZERO else _ONE
+    sine = s2 / length if length > _ZERO else _ZERO
+    mixed = _TWO * v12 * cosine * sine
+    along = v11 * cosine * cosine + v22 * sine * sine + mixed
+    across = v11 * sine * sine + v22 * cosine * cosine - mixed
+    along += dolp * (dolp * v00 - _TWO * (v01 * cosine + v02 * sine))
+    along, across = along if along > _ZERO else _ZERO, across if across > _ZERO else _ZERO
+    return np.sqrt(along) / s0, np.sqrt(across) / (_TWO * length)
+
+
+_covariance: Callable[..., tuple[np.float32, ...]] = numba.njit(inline="always", fastmath=_FASTMATH)(_covariance_of)
+_deviations: Callable[..., tuple[np.float32, np.float32]] = numba.njit(
+    inline="always", fastmath=_FASTMATH, error_model="numpy"
+)(_deviations_of)
+
+
+def _fill_deviations(
+    stokes: tuple[Float32Array, ...],
+    dolp: Float32Array,
+    products: Float32Array,
+    sigma: Float32Array,
+    filled: tuple[Float32Array, ...],
+) -> None:
+    """Fill the deviations of DoLP and AoLP; those of the counts are (N, P), or (N, 1) for all pixels."""
+    s0, s1, s2 = stokes
+    dolp_std, angle_std = filled
+    cov = _covariance(products, sigma, 0)
+    if sigma.shape[1] == 1:
+        for i in range(dolp.size):
+            dolp_std[i], angle_std[i] = _deviations((s0[i], s1[i], s2[i]), dolp[i], cov)
+    else:
+        for i in range(dolp.size):
+            cov = _covariance(products, sigma, i)
+            dolp_std[i], angle_std[i] = _deviations((s0[i], s1[i], s2[i]), dolp[i], cov)
+
+
+fill_deviations: Callable[..., None] = numba.njit(cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(
+    _fill_deviations
+)

@@ -102,7 +102,7 @@ def polarization_maps(
     else:
         _by_numpy(frames, design, dark, flat[:5], valid.reshape(-1))
     if sigma is not None:
-        _fill_deviations(flat, design, sigma)
+        _fill_deviations(flat, design, sigma, engine)
     if not valid.all():
         np.copyto(planes[3:], np.float32(np.nan), where=~valid)
     return PolarizationMaps(
@@ -302,10 +302,16 @@ def _polar(planes: Float32Array, valid: NDArray[np.bool_], spare: Float32Array) 
 _DEVIATION_PIXELS = 32_768
 
 
-def _fill_deviations(planes: Float32Array, design: Design, sigma: FloatArray | Float32Array) -> None:
+def _fill_deviations(planes: Float32Array, design: Design, sigma: FloatArray | Float32Array, engine: Engine) -> None:
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
     products = np.stack([design.inverse[i] * design.inverse[j] for i, j in pairs]).astype(np.float32)
     stokes, (dolp, _, dolp_std, angle_std) = planes[:3], planes[3:]
+    if engine == "fast":
+        from model.processing.compiled_maps import fill_deviations
+
+        given = sigma.astype(np.float32, copy=False).reshape(len(sigma), -1)
+        fill_deviations(tuple(stokes), dolp, products, given, (dolp_std, angle_std))
+        return
     for start in range(0, dolp.size, _DEVIATION_PIXELS):
         here = slice(start, min(start + _DEVIATION_PIXELS, dolp.size))
         variances = np.square(sigma if sigma.ndim == 1 else sigma[:, here], dtype=np.float32)
