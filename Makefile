@@ -16,8 +16,9 @@ demo: $(STAMP)
 	rm -rf demo-out
 	$(BIN)/rigctl demo --out demo-out
 
+# All but the tests that take more than some five seconds of processor each: `pytest -m slow`, which .ci/run adds.
 test: $(STAMP)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not slow" tests
 
 check: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -5,6 +5,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 OURS = ("calibration", "drivers", "model", "rigctl", "sim_devices")
 
@@ -50,6 +52,7 @@ def test_constraints_hold_names_and_versions_alone():
     assert all(line.count("==") == 1 and "/" not in line and "@" not in line for line in lines)
 
 
+@pytest.mark.slow
 def test_benchmarks_and_trials_use_names_that_exist():
     names = [
         ".".join(file.relative_to(ROOT).with_suffix("").parts)

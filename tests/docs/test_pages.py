@@ -71,6 +71,7 @@ def test_every_column_of_a_csv_file_is_told(name):
     assert [*own, *after] == columns
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_tutorial_runs_word_for_word(tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")

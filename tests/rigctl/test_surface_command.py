@@ -102,6 +102,7 @@ def test_what_cannot_be_is_refused_with_its_reason(capsys, arguments, said):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_index_that_the_reflectance_does_not_converge_for_is_refused(tmp_path, capsys):
     path = tmp_path / "mine.toml"
     path.write_text('name = "mine"\nn = 0.5\nslope_rms = 0.2\ndhr = 0.9\nspecular_weight = 0.5\n')

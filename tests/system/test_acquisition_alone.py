@@ -6,6 +6,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from tests.rigctl.example_files import EXAMPLES
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +36,7 @@ def _left_out() -> list[str]:
     return sorted(line.split(">=")[0] for line in set(project["project"]["dependencies"]) - set(group))
 
 
+@pytest.mark.slow
 def test_a_session_is_taken_without_what_reports_need(tmp_path: Path) -> None:
     rig, session, run = str(EXAMPLES / "rig-sim.toml"), str(EXAMPLES / "session.toml"), str(tmp_path / "run")
     lines = [

@@ -82,6 +82,7 @@ def test_demo_does_the_whole_job_and_both_sides_agree(tmp_path):
     assert abs(gain["value"] - 0.24) < 5 * gain["std_error"]
 
 
+@pytest.mark.slow
 def test_a_perturbed_demo_disagrees_with_exit_code_5(in_process, small_demo):
     result = in_process("demo", "--out", "demo", "--perturb", "extinction")
     assert result.returncode == 5, result.stderr

@@ -116,6 +116,7 @@ def test_a_full_disk_holds_until_there_is_room_and_no_frame_is_lost(tmp_path, di
     _assert_every_frame_once(run)
 
 
+@pytest.mark.slow
 def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk):
     ballast, run = _fill(disk), disk / "run"
     with _started(tmp_path, run) as process:
@@ -134,6 +135,7 @@ def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk
     _assert_every_frame_once(run)
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_session_where_that_is_asked_for(tmp_path, disk):
     ballast, run = _fill(disk), disk / "run"
     with _started(tmp_path, run, more='disk = "stop"\n') as process:
@@ -147,6 +149,7 @@ def test_a_full_disk_ends_the_session_where_that_is_asked_for(tmp_path, disk):
     _assert_every_frame_once(run)
 
 
+@pytest.mark.slow
 def test_a_disk_that_becomes_read_only_stops_the_session_and_a_resume_takes_the_rest(tmp_path, image):
     place, run = tmp_path / "disk", tmp_path / "disk" / "run"
     with mounted(image, place), _started(tmp_path, run) as process:

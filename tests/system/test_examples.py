@@ -42,6 +42,7 @@ def test_the_study_is_of_scenes_and_numbers_that_are_there():
     assert len(cases_of(study.cases, scenes)) == 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_is_predicted(name, capsys):
     assert main(["predict", named(name), "--json"]) == 0

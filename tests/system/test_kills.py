@@ -22,6 +22,7 @@ def undisturbed(tmp_path_factory):
     return files, undisturbed_run(files), folder / "truth.jsonl"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.05, 0.6, 1.4])
 def test_a_killed_session_is_gone_on_with_until_it_is_the_undisturbed_one(tmp_path, undisturbed, delay_s):
     files, run, truth = undisturbed

@@ -53,6 +53,7 @@ def running(tmp_path):
         process.kill()
 
 
+@pytest.mark.slow
 def test_status_hold_resume_and_stop_by_command(running):
     run, process = running
     assert _status(run)["state"] == "running"
@@ -83,6 +84,7 @@ def test_signals_hold_and_go_on(running):
     assert _events(run).index('"hold"') < _events(run).index('"go on"')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, _INCOMPLETE), (signal.SIGINT, _INCOMPLETE)])
 def test_a_signal_stops_between_frames(running, number, code):
     run, process = running
@@ -92,6 +94,7 @@ def test_a_signal_stops_between_frames(running, number, code):
     assert json.loads(_rigctl("verify", run, "--json").stdout)["leftovers"] == []
 
 
+@pytest.mark.slow
 def test_two_who_resume_at_once_do_not_both_write(running):
     run, process = running
     process.kill()

@@ -15,6 +15,7 @@ from rigctl.session import preparation
 _LARGEST = 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hour", ["noon", "morning"])
 def test_a_run_agrees_with_the_scene_that_made_it(hour):
     outcome = one_run(hour, 3, None)

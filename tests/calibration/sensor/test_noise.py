@@ -112,6 +112,7 @@ def assert_covers(found: FloatArray) -> None:
     assert np.count_nonzero(np.abs(found) < 1.96) >= binom.ppf(1e-3, len(found), 0.95)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRUTH)
 def test_scores_of_a_clean_sweep_are_those_of_a_normal_law(name: str) -> None:
     found = scores(calibrations(clean), name, TRUTH[name])
@@ -143,6 +144,7 @@ def test_estimates_say_how_many_frames_they_are_from() -> None:
     assert {name: estimate(calibration, name).n for name in frames} == frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [bent, flickering, lamp_swept, unevenly_lit, in_bursts])
 @pytest.mark.parametrize("name", ["gain_dn_per_e", "read_noise_e"])
 def test_gain_and_read_noise_of_other_sweeps(case: Case, name: str) -> None:

@@ -143,6 +143,7 @@ def sky_error(one, settings):
     return float(np.max(np.abs(own / fine - 1.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0, 1, 2, 4])
 @pytest.mark.parametrize(
     "changes",

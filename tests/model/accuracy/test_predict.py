@@ -231,6 +231,7 @@ def test_an_effect_is_left_out_of_each_case_only_within_its_own_bound():
 FINER_GUARANTEED_TOLERANCE = {STREAMS: 4, LAYERS: 3, WAVELENGTHS: 6, SKY_GRID: 2, HEMISPHERE: 4, TILES: 5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [0.1, 0.01])
 # Seeds whose finer evaluation is cheap; the trial takes all.
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ def score():
     return found
 
 
+@pytest.mark.slow
 def test_bounds_hold_in_random_scenes(score):
     assert score.violations == []
     assert score.scenes + score.refused == 2 * len(SEEDS)

@@ -122,6 +122,7 @@ def _score_of_deviation(values, expected):
     return (np.sqrt(centred.mean()) - expected) / error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_means_deviations_and_detection_agree_with_a_million_drawn_pixels(name):
     scene = SCENES[name]

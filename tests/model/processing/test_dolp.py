@@ -118,6 +118,7 @@ NASTY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NASTY)
 def test_hard_moments_against_the_law(name):
     mean, cov = NASTY[name]
@@ -172,6 +173,7 @@ def test_regions_are_computed_together_as_apart():
     assert together.exists.tolist() == [True, True, True, False]
 
 
+@pytest.mark.slow
 def test_what_always_exists_of_the_reference():
     for case in dolp_cases():
         if "clipped_mean" in case:

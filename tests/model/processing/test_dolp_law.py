@@ -60,6 +60,7 @@ NASTY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NASTY)
 def test_both_tails_against_the_double_integral(name):
     mean, cov, x = NASTY[name]

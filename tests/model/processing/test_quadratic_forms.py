@@ -226,6 +226,7 @@ def test_comparable_weights_against_the_mixture_of_chi_squares(
     assert float((tails.upper if upper else tails.lower) / expected) == pytest.approx(1.0, abs=RELATIVE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("threshold", "weights", "offsets", "upper"), RAYS)
 def test_spread_weights_against_a_straight_ray(
     threshold: float, weights: list[float], offsets: list[float], upper: bool
@@ -237,6 +238,7 @@ def test_spread_weights_against_a_straight_ray(
     assert found == pytest.approx(float(expected), abs=RELATIVE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("threshold", "weights", "offsets", "degrees", "upper", "angle_deg"), MIXED)
 def test_weights_of_both_signs_against_a_straight_ray(
     threshold: float, weights: list[float], offsets: list[float], degrees: list[float], upper: bool, angle_deg: int

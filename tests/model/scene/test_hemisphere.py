@@ -74,6 +74,7 @@ GRID = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("surface", "zenith_deg", "azimuth_deg", "tilt"), GRID)
 def test_twice_the_nodes_change_less_than_the_error_that_was_reported(surface, zenith_deg, azimuth_deg, tilt):
     one, light = panel(zenith_deg, surface=surface, tilt=tilt, azimuth_deg=azimuth_deg), skylight(ground_radiance=5.0)

@@ -48,6 +48,7 @@ def test_thin_air_that_is_bright_at_the_horizon_alone_leaves_no_ripples(pressure
     assert sampled.relative_error < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [AerosolType.RURAL, AerosolType.DUST])
 @pytest.mark.parametrize("sun_zenith_deg", [5.0, 40.0])
 def test_the_aureole_of_spheres_is_held(sun_zenith_deg, kind):

@@ -56,6 +56,7 @@ def require_rate(hits: int, trials: int, level: float) -> None:
     assert hits == 0 or bdtrc(hits - 1, trials, level) > 5e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "free"),
     [(PAINT, ("n", "slope_rms", "dhr")), (DUSTY, ("n", "slope_rms", "dhr", "specular_weight"))],
@@ -157,6 +158,7 @@ def test_each_scale_has_its_own_factor() -> None:
     assert fit.degrees_of_freedom == 21 - 3 - 2
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_where_every_region_has_a_scale_of_its_own() -> None:
     trials, hits = 120, dict.fromkeys(("n", "slope_rms", "dhr"), 0)
     for seed in range(trials):
@@ -229,6 +231,7 @@ def test_profile_agrees_with_first_order_where_the_model_is_straight() -> None:
         np.testing.assert_allclose(profiled, straight, atol=0.01 * width)
 
 
+@pytest.mark.slow
 def test_profile_covers_where_the_model_bends() -> None:
     # Noisy glints: with the first seed n = 1.435, 1.350 to 1.520 to first order, 1.370 to 1.572 by the profile.
     truth = Surface(n=1.4, slope_rms=0.25, shadowing="smith")

@@ -42,6 +42,7 @@ def test_each_perturbation_points_where_it_belongs(tmp_path, what):
     assert _compared(tmp_path, perturbation=what).points_to == POINTS_TO[what]
 
 
+@pytest.mark.slow
 def test_scores_are_standard_normal_over_seeds(tmp_path):
     scores = {}
     seeds = 12

@@ -99,6 +99,7 @@ def test_a_comparison_is_told_to_programs_whole_and_with_its_provenance(compared
         assert not re.search(r"\bNaN\b|Infinity", file.read_text())
 
 
+@pytest.mark.slow
 def test_the_same_comparison_gives_the_same_files_on_the_same_day(compared, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1790000000")
     for name in ("a", "b"):
@@ -108,6 +109,7 @@ def test_the_same_comparison_gives_the_same_files_on_the_same_day(compared, tmp_
     assert b"D:20260921" in (tmp_path / "a" / "report.pdf").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("perturbation", "words", "size"),
     [

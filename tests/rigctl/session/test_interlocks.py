@@ -331,6 +331,7 @@ def test_a_device_that_stays_away_ends_the_session_after_its_time(tmp_path):
     assert_whole(tmp_path, frames=2)
 
 
+@pytest.mark.slow
 def test_gone_hold_waits_for_as_long_as_it_takes(tmp_path):
     world = MadeWorld(camera_faults={2: unplugged()})
     world.refuses_until_ns = 0

@@ -100,6 +100,7 @@ def drift(frames, before, noise=None):
     return drift_of(frames, before, region="panel", levels=with_dark(noise))
 
 
+@pytest.mark.slow
 def test_sigmas_are_those_of_draws():
     generator = np.random.default_rng(4)
     cycles = [drawn_cycle(generator) for _ in range(_DRAWS)]
