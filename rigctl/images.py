@@ -1,4 +1,8 @@
-"""Images that other programs or cameras wrote (FITS, PNG, TIFF, camera RAW), read as whole numbers of counts.
+"""Images that other programs or cameras wrote: FITS, PNG, TIFF, camera RAW, and arrays in HDF5 and NetCDF files.
+
+`read_image` returns the samples as unsigned 16 bit counts where these hold them, and in double precision otherwise:
+sums of many reads, means, and counts below 0. An array in a file of many is named by its place in it, as in
+``file.h5:/entry/data``, and a picture of a stack of them by its number, ``file.h5:/entry/data[3]``.
 
 A header may declare more than a machine holds: the size is found before memory is taken. Grey PNG files whose rows are
 stored as they are, which many cameras' programs write, are read at the speed of zlib.
@@ -8,10 +12,11 @@ import errno
 import gzip
 import io
 import math
+import re
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -31,7 +36,8 @@ _PNG_HEADER = struct.Struct(">II")
 _PNG_HEADER_START, _PNG_HEADER_END = 16, 33
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 # Tags of a TIFF directory, and bytes of the types that sizes come in.
-_WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
+_WIDTH, _HEIGHT, _BITS, _SAMPLES, _PLANAR = 256, 257, 258, 277, 284
+_SEPARATE = 2
 _TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 _MOST_PICTURES = 1000
 
@@ -73,6 +79,8 @@ def tiff_bytes(data: bytes) -> int:
 def _directory_bytes(entries: dict[int, int]) -> int:
     if not entries.get(_WIDTH) or not entries.get(_HEIGHT):
         raise DataError("is damaged: a picture of a TIFF file without width or height")
+    if entries.get(_SAMPLES, 1) > 1 and entries.get(_PLANAR) == _SEPARATE:
+        raise DataError("is a TIFF file whose colours are stored one after another; write them pixel by pixel")
     samples = entries[_WIDTH] * entries[_HEIGHT] * max(1, entries.get(_SAMPLES, 1))
     return samples * max(1, entries.get(_BITS, 8) // 8)
 
@@ -100,7 +108,7 @@ def _directory(data: bytes, place: int, order: str, pointer: str, *, big: bool) 
     entries: dict[int, int] = {}
     for start in range(place, place + count * size, size):
         tag, kind = struct.unpack_from(order + "HH", data, start)
-        if tag in (_WIDTH, _HEIGHT, _BITS, _SAMPLES) and kind in _TYPES:
+        if tag in (_WIDTH, _HEIGHT, _BITS, _SAMPLES, _PLANAR) and kind in _TYPES:
             entries[tag] = _value(data, start, order, pointer, _TYPES[kind], big=big)
     (following,) = struct.unpack_from(pointer, data, place + count * size)
     return entries, following
@@ -280,6 +288,8 @@ def _chunks(data: bytes) -> list[tuple[bytes, memoryview]]:
 
 
 FirstRow = Literal["top", "bottom"]
+_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".gz")
+_COLOURS: tuple[Plane, ...] = ("red", "green", "blue")
 
 # Of the remark on a header's checksum.
 STALE = "its CHECKSUM is stale while the DATASUM of its samples holds"
@@ -298,13 +308,24 @@ _ROW_ORDERS: dict[str, FirstRow] = {"TOP-DOWN": "top", "BOTTOM-UP": "bottom"}
 class ImageFile:
     """An image as its file has it."""
 
-    counts: NDArray[np.uint16]  #: Samples, rows in the order of the file.
+    counts: NDArray[Any]  #: Samples, rows in the order of the file: of 16 bits without sign, or in double precision.
     sample_bits: int  #: Bits that a sample takes in the file; a camera may fill fewer of them.
     first_row: FirstRow  #: Which row comes first, as the file says or as its format has it.
     first_row_stated: bool  #: The file itself says so.
     header: Mapping[str, HeaderValue]  #: Value by keyword; empty where the format has none.
     remarks: tuple[str, ...] = ()  #: What else one has to know of the file.
     raw: RawSettings | None = None  #: How a still camera was set; None for what is no RAW file.
+
+    @property
+    def raw_counts(self) -> NDArray[np.uint16]:
+        """The samples of one read of a camera; DataError if they are sums, means or below 0."""
+        if self.counts.dtype == np.uint16:
+            return np.asarray(self.counts, dtype=np.uint16)
+        broken = int(np.count_nonzero(self.counts != np.floor(self.counts)))
+        if broken:
+            raise DataError(f"{broken} samples are not whole numbers: this is no raw image, but one that was worked on")
+        low, high = self.counts.min(), self.counts.max()
+        raise DataError(f"samples run from {low:g} to {high:g}; raw counts lie between 0 and {_LARGEST}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,8 +340,8 @@ def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST
     """Return the image of a file."""
     if path.suffix.lower() in RAW_SUFFIXES:
         return _read_raw(path, plane, most_bytes)
-    if plane is not None:
-        raise ConfigError(f"--plane {plane}: is for RAW files of cameras, which this is not")
+    if place := _ARRAY.fullmatch(str(path)):
+        return _read_array(Path(place["file"]), place["inside"], int(place["number"] or 0), most_bytes)
     try:
         data = read_bounded(path, most_bytes + _MOST_HEADER_BYTES)
     except OSError as error:
@@ -328,12 +349,35 @@ def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST
     if data.startswith(_GZIP):
         data = _uncompressed(data, most_bytes + _MOST_HEADER_BYTES)
     if data.startswith(_FITS):
-        return _read_fits(data, most_bytes)
+        return _read_fits(data, plane, most_bytes)
     if data.startswith(_PNG):
-        return _read_png(data, most_bytes)
+        return _read_png(data, plane, most_bytes)
     if data.startswith(_TIFF):
-        return _read_tiff(data, most_bytes)
+        return _read_tiff(data, plane, most_bytes)
     raise DataError("is no FITS, PNG, TIFF or RAW image; other formats have to be converted without loss first")
+
+
+def image_files(given: Sequence[Path]) -> list[Path]:
+    """Return the images: those that are named, all of a folder, and each picture of a stack in an HDF5 file."""
+    found: list[Path] = []
+    for path in given:
+        if path.is_dir():
+            found += _images_in(path)
+        elif path.suffix.lower() in _ARRAY_SUFFIXES or _ARRAY.fullmatch(str(path)):
+            found += _pictures_of(path)
+        else:
+            found.append(path)
+    return found
+
+
+def _images_in(folder: Path) -> list[Path]:
+    if (folder / "manifest.jsonl").exists():
+        raise ConfigError(f"{folder}: is a run: rigctl stokes {folder} --out FOLDER measures it")
+    known = (*_SUFFIXES, *RAW_SUFFIXES)
+    found = [path for path in folder.iterdir() if path.suffix.lower() in known and not path.name.startswith(".")]
+    if not found:
+        raise ConfigError(f"{folder}: holds no image (known are {', '.join(known)})")
+    return sorted(path for path in found if path.is_file())
 
 
 def _read_raw(path: Path, plane: Plane | None, most_bytes: int) -> ImageFile:
@@ -364,21 +408,21 @@ def _uncompressed(data: bytes, most_bytes: int) -> bytes:
     return plain
 
 
-def _read_png(data: bytes, most_bytes: int) -> ImageFile:
+def _read_png(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
     sample_bytes, bits = png_bytes(data)
     if bits < 8:
         raise DataError(f"has {bits} bits per sample, which is no camera's raw image")
     require_size(sample_bytes, most_bytes)
     plain = unfiltered_png(data)
-    return _plain_image(_decoded(data)[0] if plain is None else plain)
+    return _plain_image(_decoded(data)[0] if plain is None else plain, plane)
 
 
-def _read_tiff(data: bytes, most_bytes: int) -> ImageFile:
+def _read_tiff(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
     require_size(tiff_bytes(data), most_bytes)
     pages = _decoded(data)
     if len(pages) > 1:
         raise DataError(f"holds {len(pages)} pictures; give one file for each")
-    return _plain_image(pages[0])
+    return _plain_image(pages[0], plane)
 
 
 def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
@@ -391,37 +435,80 @@ def _decoded(data: bytes) -> Sequence[NDArray[Any] | None]:
     return pages or (None,)
 
 
-def _plain_image(pixels: NDArray[Any] | None) -> ImageFile:
+def _plain_image(pixels: NDArray[Any] | None, plane: Plane | None) -> ImageFile:
     if pixels is None:
         raise DataError("is damaged, or of a kind of PNG or TIFF that cannot be read")
-    if pixels.ndim != 2:
-        raise DataError(f"is a colour image ({pixels.shape[2]} channels); one grey picture is wanted")
+    # Colours stand in the order blue, green, red, and opacity.
+    colours = None if pixels.ndim == 2 else np.moveaxis(pixels, 2, 0)[2::-1]
+    grey = _grey(pixels if colours is None else colours, plane)
+    return _image(grey, first_row="top", plane=plane)
+
+
+def _grey(pixels: NDArray[Any], plane: Plane | None) -> NDArray[Any]:
+    """Return a picture, or one colour of it: of three planes red, green and blue."""
+    if pixels.ndim == 2:
+        if plane is not None:
+            raise ConfigError(f"--plane {plane}: is for colour images and RAW files, and this image is grey")
+        return pixels
+    if len(pixels) not in (3, 4) or pixels.ndim != 3:
+        raise DataError(f"has axes of {' x '.join(map(str, pixels.shape))}; give one file for each picture")
+    if plane not in _COLOURS:
+        raise ConfigError(
+            f"{'' if plane is None else f'--plane {plane}: '}is a colour image: say --plane red, green or blue, for "
+            "each of them in a run of its own"
+        )
+    return np.asarray(pixels[_COLOURS.index(plane)])
+
+
+def _image(
+    pixels: NDArray[Any],
+    *,
+    first_row: FirstRow,
+    is_stated: bool = False,
+    header: Mapping[str, HeaderValue] | None = None,
+    remarks: tuple[str, ...] = (),
+    plane: Plane | None = None,
+) -> ImageFile:
+    counts = _counts(pixels)
     return ImageFile(
-        counts=_whole_counts(pixels),
-        sample_bits=_sample_bits(pixels),
-        first_row="top",
-        first_row_stated=False,
-        header={},
+        counts=counts,
+        sample_bits=32 if counts.dtype != np.uint16 else 8 if pixels.dtype.itemsize == 1 else 16,
+        first_row=first_row,
+        first_row_stated=is_stated,
+        header=header or {},
+        remarks=(*remarks, f"plane {plane}") if plane else remarks,
     )
 
 
-def _read_fits(data: bytes, most_bytes: int) -> ImageFile:
+def _counts(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Return samples as unsigned 16 bits where these hold them, and in double precision otherwise."""
+    if pixels.size == 0:
+        raise DataError("has no pixels")
+    if pixels.dtype.kind not in "uif":
+        raise DataError(f"has samples of the type {pixels.dtype}; numbers are needed")
+    if pixels.dtype.kind == "f" and (unset := int(np.count_nonzero(~np.isfinite(pixels)))):
+        raise DataError(f"{unset} samples are NaN or infinite; give missing pixels a count and name it: --missing-dn")
+    is_whole = pixels.dtype.kind != "f" or not np.any(pixels != np.floor(pixels))
+    if is_whole and pixels.min() >= 0 and pixels.max() <= _LARGEST:
+        return np.ascontiguousarray(pixels, dtype=np.uint16)
+    return np.ascontiguousarray(pixels, dtype=np.float64)
+
+
+def _read_fits(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:
     header, pixels, images, is_stale = _first_fits_image(data, most_bytes)
-    if pixels.ndim != 2:
-        raise DataError(f"has {pixels.ndim} axes {pixels.shape}; give one file for each picture")
     stated = str(header.get("ROWORDER", "")).strip().upper()
     if stated and stated not in _ROW_ORDERS:
         raise DataError(f"ROWORDER is {stated!r}; known are {', '.join(_ROW_ORDERS)}")
-    return ImageFile(
-        counts=_whole_counts(pixels),
-        sample_bits=_sample_bits(pixels),
+    return _image(
+        _grey(pixels[0] if pixels.ndim == 3 and len(pixels) == 1 else pixels, plane),
         first_row=_ROW_ORDERS.get(stated, "bottom"),
-        first_row_stated=bool(stated),
+        is_stated=bool(stated),
         header=header,
         remarks=(
             *((f"the first of {images} images of its file",) if images > 1 else ()),
             *((f"{STALE}: header keywords were changed after it was written",) if is_stale else ()),
         ),
+        plane=plane,
     )
 
 
@@ -464,25 +551,92 @@ def _refuse_damage(messages: list[str], *, has_datasum: bool) -> bool:
     return is_stale
 
 
-def _sample_bits(pixels: NDArray[Any]) -> int:
-    return 8 if pixels.dtype.itemsize == 1 else 16
+_ARRAY_SUFFIXES = (".h5", ".hdf5", ".hdf", ".nxs", ".nc", ".nc4", ".cdf")
+_ARRAY = re.compile(
+    rf"(?P<file>.+(?:{'|'.join(map(re.escape, _ARRAY_SUFFIXES))})):(?P<inside>[^\[]+)(?:\[(?P<number>\d+)\])?",
+    re.IGNORECASE,
+)
+_CLASSIC_NETCDF = (b"CDF\x01", b"CDF\x02")
 
 
-def _whole_counts(pixels: NDArray[Any]) -> NDArray[np.uint16]:
-    if pixels.size == 0:
-        raise DataError("has no pixels")
-    if pixels.dtype.kind == "f":
-        _refuse_fractions(pixels)
-    low, high = pixels.min(), pixels.max()
-    if low < 0 or high > _LARGEST:
-        raise DataError(f"samples run from {low:g} to {high:g}; raw counts lie between 0 and {_LARGEST}")
-    return np.ascontiguousarray(pixels, dtype=np.uint16)
+def _pictures_of(path: Path) -> list[Path]:
+    """Return the pictures of an array of two or three axes, by name; the only one of the file need not be named."""
+    place = _ARRAY.fullmatch(str(path))
+    file = path if place is None else Path(place["file"])
+    try:
+        arrays = _with_arrays(file, lambda arrays, _: {name: one.shape for name, one in arrays.items()})
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+    pictures = {name: shape for name, shape in arrays.items() if len(shape) in (2, 3)}
+    inside = next(iter(pictures), "") if place is None and len(pictures) == 1 else place["inside"] if place else ""
+    shape = pictures.get(f"/{inside.strip('/')}")
+    if shape is None:
+        there = ", ".join(f"{name} ({' x '.join(map(str, one))})" for name, one in list(pictures.items())[:6])
+        raise ConfigError(f"{path}: say which array, as in {file}:/entry/data; there are {there or 'no pictures'}")
+    if len(shape) == 2 or (place is not None and place["number"] is not None):
+        return [Path(f"{file}:{inside}") if place is None else path]
+    return [Path(f"{file}:{inside}[{number}]") for number in range(shape[0])]
 
 
-def _refuse_fractions(pixels: NDArray[Any]) -> None:
-    unset = int(np.count_nonzero(~np.isfinite(pixels)))
-    if unset:
-        raise DataError(f"{unset} samples are NaN or infinite; give missing pixels a count and name it: --missing-dn")
-    broken = int(np.count_nonzero(pixels != np.floor(pixels)))
-    if broken:
-        raise DataError(f"{broken} samples are not whole numbers: this is no raw image, but one that was worked on")
+def _read_array(file: Path, inside: str, number: int, most_bytes: int) -> ImageFile:
+    """Return a picture of an array; its header are attributes, and numbers of arrays with one for each picture."""
+
+    def read(arrays: Mapping[str, Any], facts: Mapping[str, Any]) -> ImageFile:
+        one = arrays.get(f"/{inside.strip('/')}")
+        if one is None or len(one.shape) not in (2, 3):
+            raise DataError(f"has no array of two or three axes at {inside}")
+        require_size(math.prod(one.shape[-2:]) * np.asarray(one[:0]).itemsize, most_bytes)
+        is_stack = len(one.shape) == 3
+        if number >= (one.shape[0] if is_stack else 1):
+            raise DataError(f"{inside} holds {one.shape[0] if is_stack else 1} pictures")
+        pixels = np.asarray(one[number] if is_stack else one[:])
+        own = _attributes(one)
+        # The convention of NetCDF for packed numbers, Climate and Forecast conventions, section 8.1.
+        if "scale_factor" in own or "add_offset" in own:
+            pixels = pixels * float(own.get("scale_factor", 1.0)) + float(own.get("add_offset", 0.0))
+        beside = {
+            name.rpartition("/")[2]: other[number]
+            for name, other in arrays.items()
+            if is_stack and other.shape == one.shape[:1]
+        }
+        return _image(pixels, first_row="top", header=_plain_values({**facts, **own, **beside}))
+
+    image: ImageFile = _with_arrays(file, read)
+    return image
+
+
+def _with_arrays(file: Path, use: Callable[[Mapping[str, Any], Mapping[str, Any]], Any]) -> Any:
+    """Return what a function makes of the arrays of a file, by their places in it, and of the file's attributes."""
+    try:
+        with file.open("rb") as start:
+            is_classic = start.read(4) in _CLASSIC_NETCDF
+        if is_classic:
+            from scipy.io import netcdf_file
+
+            with netcdf_file(file, mmap=False) as classic:
+                return use({f"/{name}": one for name, one in classic.variables.items()}, _attributes(classic))
+        try:
+            import h5py
+        except ImportError as error:
+            raise ConfigError(f"{file}: arrays in HDF5 files need h5py: pip install 'rigctl[export]'") from error
+        with h5py.File(file) as held:
+            arrays: dict[str, Any] = {}
+            held.visititems(lambda name, one: arrays.update({f"/{name}": one} if isinstance(one, h5py.Dataset) else {}))
+            return use(arrays, _attributes(held))
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
+        raise DataError(f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _attributes(one: Any) -> dict[str, Any]:
+    return dict(getattr(one, "attrs", None) or getattr(one, "_attributes", {}))
+
+
+def _plain_values(found: Mapping[str, Any]) -> dict[str, HeaderValue]:
+    """Return texts and single numbers by their names in capitals, as the header of a FITS file has them."""
+    values: dict[str, HeaderValue] = {}
+    for name, value in found.items():
+        plain = np.asarray(value).ravel()
+        if plain.size == 1 and plain.dtype.kind in "uifbSUO":
+            one = plain[0].item() if plain.dtype.kind != "O" else plain[0]
+            values[name.upper()] = one.decode(errors="replace") if isinstance(one, bytes) else one
+    return values

@@ -131,7 +131,8 @@ def open_archive(
     name = f"frames-{array.core.tokenize([(run, one.checksum) for run, _, one in placed])}"
     graph = {(name, k, 0, 0): (_read, folder, record) for k, (_, folder, record) in enumerate(placed)}
     chunks = ((1,) * len(placed), (height,), (width,))
-    counts = array.Array(graph, name, chunks, dtype=np.uint16)
+    is_real = any(record.real_counts for _, _, record in placed)
+    counts = array.Array(graph, name, chunks, dtype=np.float32 if is_real else np.uint16)
     return xr.Dataset(
         {"counts": (("frame", "y", "x"), counts, {"units": "DN"})},
         coords=_coordinates(placed),
@@ -147,17 +148,17 @@ class Frames:
     ----------
     records : tuple of FrameRecord
         All that is known of each.
-    counts : (N, H, W) array of uint16
+    counts : (N, H, W) array of uint16, or of float32 where counts of imported sums and means have fractions
         Samples [DN]; the first row is the top of the picture.
     """
 
     records: tuple[FrameRecord, ...]
-    counts: NDArray[np.uint16]
+    counts: NDArray[Any]
 
     def __len__(self) -> int:
         return len(self.records)
 
-    def __iter__(self) -> Iterator[NDArray[np.uint16]]:
+    def __iter__(self) -> Iterator[NDArray[Any]]:
         return iter(self.counts)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -327,7 +328,7 @@ class Run:
         return list(load_scene(scene).regions)
 
 
-def _read(folder: Path, record: FrameRecord) -> NDArray[np.uint16]:
+def _read(folder: Path, record: FrameRecord) -> NDArray[Any]:
     """Return a frame as a picture of a stack, once its checksum was found right."""
     return read_frame(folder, record).counts[None]
 

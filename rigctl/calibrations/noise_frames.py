@@ -33,6 +33,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import SECONDS_PER_UNIT, ExposureUnit
 from rigctl.files.csv_table import csv_rows
 from rigctl.images import HeaderValue, ImageReading, read_image
+from rigctl.imports import headers
 from rigctl.runs.check import used_run
 from rigctl.runs.folder import MANIFEST_FILE, Run
 from rigctl.runs.records import FrameRecord
@@ -107,6 +108,8 @@ def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
     records = [record for group in groups.values() for shot in group for record in shot]
     if not records:
         raise DataError(f"{path}: has no dark and no flat frames; `rigctl acquire` and `rigctl import` make them")
+    if any(record.reads for record in records):
+        raise DataError(f"{path}: holds means of several reads, whose noise is not that of one read; take single reads")
     return FrameSet(
         groups=tuple(
             FrameGroup(kind=kind, exposure_s=exposure_s, loaders=tuple(partial(_picture, run, shot) for shot in group))
@@ -393,7 +396,7 @@ _FITS_SUFFIXES = frozenset({".fits", ".fit", ".fts", ".gz"})
 _PLAIN_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
 _LOSSY_SUFFIXES = frozenset({".jpg", ".jpeg", ".webp"})
 _KIND_WORDS: dict[LevelKind, frozenset[str]] = {
-    "dark": frozenset({"dark", "darks", "bias"}),
+    "dark": frozenset({"dark", "darks", "bias", "zero"}),
     "flat": frozenset({"flat", "flats", "bright", "light"}),
 }
 _SECONDS: dict[str, float] = {
@@ -414,12 +417,6 @@ _BARE_EXPOSURE = re.compile(rf"{_BEFORE}\s?{_NUMBER}(?![A-Za-z0-9])", re.IGNOREC
 _LISTED_PROBLEMS = 5
 _EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
 _KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
-# Measured temperatures of the sensor, then of the camera, then the one that was set.
-_TEMPERATURE_KEYS = (
-    "CCD-TEMP", "CCD_TEMP", "CCDTEMP", "CCDTMP", "DET-TEMP", "DET_TEMP", "DETTEMP", "SENSTEMP", "CAM-TEMP", "CAMTEMP",
-    "TEMPERAT", "SET-TEMP", "CCDSETT",
-)  # fmt: skip
-_KELVIN, _WARMEST_C = 273.15, 120.0
 
 
 def folder_frames(
@@ -474,13 +471,15 @@ def _listed(path: Path, inside: Path, reading: ImageReading, unit: ExposureUnit 
     name = inside.as_posix()
     kind, exposure_s = _kind_of_name(name), _exposure_of_name(name, unit)
     header = _header(path, reading, is_wanted=kind is None or exposure_s is None)
-    kind, exposure_s = kind or _kind_of_header(header), exposure_s or _exposure_of_header(header, unit)
+    begins = headers.kind_of({}, path.name)
+    kind = kind or _kind_of_header(header) or (None if begins == "scene" else begins)
+    exposure_s = exposure_s or _exposure_of_header(header, unit)
     if kind is None:
         words = ", ".join(sorted(word for words in _KIND_WORDS.values() for word in words))
         raise ConfigError(f"{name}: is it dark or flat? One word of its path has to say so: {words}; or give --table")
     level = "" if kind == "dark" else inside.parent.as_posix()
     return ListedImage(
-        path=path, kind=kind, exposure_s=exposure_s, level=level, temperature_c=_temperature_of_header(header)
+        path=path, kind=kind, exposure_s=exposure_s, level=level, temperature_c=headers.temperature_c(header)
     )
 
 
@@ -490,18 +489,6 @@ def _header(path: Path, reading: ImageReading, *, is_wanted: bool = False) -> Ma
     if suffix not in _FITS_SUFFIXES and not (is_wanted and suffix in RAW_SUFFIXES):
         return {}
     return read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).header
-
-
-def _temperature_of_header(header: Mapping[str, HeaderValue]) -> float | None:
-    """Return the temperature of the sensor [deg C]; some headers have it in kelvins."""
-    for key in _TEMPERATURE_KEYS:
-        try:
-            value = float(header[key])
-        except (KeyError, ValueError):
-            continue
-        if isfinite(value):
-            return value if value <= _WARMEST_C else value - _KELVIN
-    return None
 
 
 def _kind_of_name(name: str) -> LevelKind | None:
@@ -582,7 +569,7 @@ def _image(folder: Path, row: dict[str, str | None], reading: ImageReading, unit
         exposure_s=None if exposure is None else exposure * unit_s,
         photons=_number(row, "photons") if kind == "flat" else None,
         level=(row.get("level") or "").strip(),
-        temperature_c=_temperature_of_header(_header(file, reading)),
+        temperature_c=headers.temperature_c(_header(file, reading)),
     )
 
 
@@ -637,7 +624,7 @@ def _frame_set(
 
 def _counts(path: Path, reading: ImageReading, shape: tuple[int, int] | None) -> NDArray[np.uint16]:
     try:
-        counts = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).counts
+        counts = read_image(path, plane=reading.plane, most_bytes=reading.most_bytes).raw_counts
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
     if shape is not None and counts.shape != shape:

@@ -113,7 +113,7 @@ def run_readout(measurement: Measurement) -> Readout:
         channel_names=grid.channel_names,
         cycles=grid.cycles,
         extinction_ratio=measurement.extinction_ratio,
-        noise_factor=measurement.noise_factor if measurement.corrections.is_any else None,
+        noise_factor=measurement.noise_factor if np.any(measurement.noise_factor != 1.0) else None,
         flat_error=None if measurement.flat is None else measurement.flat.error,
     )
 

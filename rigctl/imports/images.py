@@ -4,6 +4,9 @@
 histogram, and a constant border that resampling or a mask left. `find_scale` decides from all of them what a count
 means: how many bits, at which end of a sample, from where on saturated, which pixels are missing. `frames_of` then
 gives the frames one by one: upright, cut into the channels of a mosaic, with their bits in place.
+
+A frame of a run has the counts of one read of the camera. A sum of n reads is divided by n, and kept in single
+precision as means with fractions and counts below 0 are: its noise has 1/n of the variance of one read.
 """
 
 import re
@@ -12,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +29,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
 from rigctl.files.csv_table import csv_rows
 from rigctl.images import FirstRow, HeaderValue, ImageFile, RawSettings, read_image, unlike_settings
+from rigctl.imports import headers
 from rigctl.imports.levels import LEVELS, common_zero_bits, histogram, largest, missing_pixels, saturation_plateau
 from rigctl.runs.records import FrameRecord
 
@@ -79,7 +83,7 @@ class ImportRequest:
 
     run: Path
     files: tuple[Path, ...]  #: in the order in which they were taken
-    kind: FrameKind
+    kind: FrameKind | None = None  #: None: as headers and names say, or scene
     angles_deg: tuple[float, ...] | None = None
     angle_key: str | None = None
     stage_angles: tuple[float | str, ...] | None = None  #: one for each file [deg], a header keyword, or a CSV table
@@ -91,6 +95,8 @@ class ImportRequest:
     black_level_key: str | None = None
     black_level_from_darks: bool = False
     bit_depth: int | None = None
+    coadds: int | None = None  #: each file is the sum of so many reads
+    averaged: int | None = None  #: each file is the mean of so many reads
     justified: Justified | None = None
     saturation_dn: float | None = None
     missing_dn: float | None = None
@@ -101,29 +107,24 @@ class ImportRequest:
     most_bytes: int = MOST_FRAME_BYTES
 
 
-def request_problems(request: ImportRequest, *, darks_are_there: bool) -> list[str]:
+def request_problems(request: ImportRequest, images: Sequence["SurveyedImage"], *, darks_are_there: bool) -> list[str]:
     """Return what is contradictory, out of range or missing, each with its option.
 
-    `darks_are_there`: the run has dark frames already, which give the black level.
+    `images` are those that could be read. `darks_are_there`: the run has dark frames already, which give the black
+    level.
     """
     return [
         *_angle_problems(request),
-        *_exposure_problems(request),
-        *_black_level_problems(request, darks_are_there=darks_are_there),
+        *_exposure_problems(request, images),
+        *_black_level_problems(request, images, darks_are_there=darks_are_there),
         *_range_problems(request),
     ]
 
 
 def _angle_problems(request: ImportRequest) -> Iterator[str]:
     ways = [request.angles_deg, request.angle_key, request.mosaic_deg]
-    said = sum(way is not None for way in ways)
-    if said > 1:
+    if sum(way is not None for way in ways) > 1:
         yield "--angles, --angle-key, --mosaic: give one of them"
-    if said == 0 and request.kind == "scene" and request.stage_angles is None:
-        yield (
-            "angles of the polarizer: say --angles 0,45,..., --angle-key KEY or --mosaic A,B,C,D; for a scan that "
-            "`rigctl calibrate axis` takes, --stage-angles"
-        )
     if request.angles_deg is not None and len(request.angles_deg) != len(request.files):
         yield f"--angles: {len(request.angles_deg)} angles for {len(request.files)} files; give one for each file"
     stage = request.stage_angles or ()
@@ -133,18 +134,20 @@ def _angle_problems(request: ImportRequest) -> Iterator[str]:
         yield f"--mosaic: {len(request.mosaic_deg)} angles; a cell of 2 x 2 pixels has 4, row by row"
 
 
-def _exposure_problems(request: ImportRequest) -> Iterator[str]:
+def _exposure_problems(request: ImportRequest, images: Sequence["SurveyedImage"]) -> Iterator[str]:
     ways = (request.exposure_s is not None, request.exposure_key is not None, request.same_exposure)
     if sum(ways) > 1:
         yield "--exposure-s, --exposure-key, --same-exposure: give one of them"
-    if not any(ways) and len(request.files) > 1:
+    if not any(ways) and len(request.files) > 1 and any(image.exposure_s is None for image in images):
         yield (
             "exposure: say --exposure-s X, --exposure-key KEY, or --same-exposure where it is not known but was "
             "the same for all files"
         )
 
 
-def _black_level_problems(request: ImportRequest, *, darks_are_there: bool) -> Iterator[str]:
+def _black_level_problems(
+    request: ImportRequest, images: Sequence["SurveyedImage"], *, darks_are_there: bool
+) -> Iterator[str]:
     ways = (
         request.black_level_dn is not None,
         request.black_level_key is not None,
@@ -152,10 +155,12 @@ def _black_level_problems(request: ImportRequest, *, darks_are_there: bool) -> I
     )
     if sum(ways) > 1:
         yield "--black-level-dn, --black-level-key, --black-level-from-darks: give one of them"
-    if not any(ways) and request.kind == "scene" and not darks_are_there:
+    kinds = {image.kind for image in images} or {request.kind or "scene"}
+    if not any(ways) and "scene" in kinds and "dark" not in kinds and not darks_are_there:
+        key = headers.key_of_all(headers.BLACK_LEVEL_KEYS, [image.header for image in images])
         yield (
             "black level: say --black-level-dn X, --black-level-key KEY, or --black-level-from-darks where dark "
-            "frames of this run will tell it"
+            "frames of this run will tell it" + (f"; the headers have {key}" if key else "")
         )
 
 
@@ -166,18 +171,25 @@ def _range_problems(request: ImportRequest) -> Iterator[str]:
             yield f"{option}: every angle must be a finite number of degrees"
     if request.exposure_s is not None and not 0 < request.exposure_s < float("inf"):
         yield f"--exposure-s: is {request.exposure_s:g}, must be above 0"
-    counts = {
-        "--black-level-dn": request.black_level_dn,
-        "--saturation-dn": request.saturation_dn,
-        "--missing-dn": request.missing_dn,
+    levels = {
+        "--black-level-dn": (request.black_level_dn, _LOWEST_DN),
+        "--saturation-dn": (request.saturation_dn, 0.0),
+        "--missing-dn": (request.missing_dn, _LOWEST_DN),
     }
-    for option, value in counts.items():
-        if value is not None and not 0 <= value <= 65535:
-            yield f"{option}: is {value:g}, must lie between 0 and 65535"
-    if request.bit_depth is not None and not 1 <= request.bit_depth <= 16:
-        yield f"--bit-depth: is {request.bit_depth}, must lie between 1 and 16"
+    for option, (value, least) in levels.items():
+        if value is not None and not least <= value <= _LARGEST_DN:
+            yield f"{option}: is {value:g}, must lie between {least:g} and {_LARGEST_DN:g}"
+    if request.bit_depth is not None and not 1 <= request.bit_depth <= _MOST_BITS:
+        yield f"--bit-depth: is {request.bit_depth}, must lie between 1 and {_MOST_BITS}"
+    if request.coadds is not None and request.averaged is not None:
+        yield "--coadds, --averaged: give one of them"
+    for option, reads in {"--coadds": request.coadds, "--averaged": request.averaged}.items():
+        if reads is not None and not 1 <= reads <= _MOST_READS:
+            yield f"{option}: is {reads}, must lie between 1 and {_MOST_READS}"
 
 
+# Of samples of 32 bits, with or without sign.
+_MOST_BITS, _LOWEST_DN, _LARGEST_DN, _MOST_READS = 32, -(2.0**31), 2.0**32 - 1.0, 1_000_000
 _TELLING_LEVELS = 8
 # So many lowest bits that are zero are no accident.
 _LEAST_UNUSED_BITS = 2
@@ -205,8 +217,14 @@ def find_scale(
     black_level_dn: float | None,
     levels_by_file: Sequence[NDArray[np.int64]] = (),
     borders: Sequence[Border] = (),
+    wide: Sequence["SurveyedImage"] = (),
 ) -> Scale:
-    """Return what the counts mean, by what the user says and the counts themselves show."""
+    """Return what the counts mean, by what the user says and the counts themselves show.
+
+    `wide` are images whose counts are no whole numbers of 16 bits.
+    """
+    if wide:
+        return _scale_of_wide(request, levels, wide)
     depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
     shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
@@ -227,6 +245,40 @@ def find_scale(
         missing_dn=None if missing_dn is None else missing_dn / unit,
         marks_borders_below_dn=darkest_dn if is_marked else None,
         remarks=(*depth_remarks, *shift_remarks, *saturation_remarks, *missing_remarks),
+    )
+
+
+def _scale_of_wide(request: ImportRequest, levels: NDArray[np.int64], images: Sequence["SurveyedImage"]) -> Scale:
+    """Return the scale of sums, means and counts below 0: of those the bits show nothing, and have to be stated."""
+    low, high = min(image.range_dn[0] for image in images), max(image.range_dn[1] for image in images)
+    reads = max(image.reads for image in images)
+    asked = "--bit-depth N, the bits of the camera" + (
+        "" if reads > 1 else ", with --coadds N where files are sums of N reads, --averaged N where they are means"
+    )
+    if request.bit_depth is None:
+        raise ConfigError(
+            f"bit depth: counts{' of a read' if reads > 1 else ''} run from {low:g} to {high:g}; say {asked}"
+        )
+    if request.justified == "left":
+        raise ConfigError("--justified left: is for whole counts of 16 bits; divide the files, or leave it out")
+    full_scale_dn = 2**request.bit_depth - 1
+    if high > full_scale_dn:
+        raise DataError(
+            f"--bit-depth {request.bit_depth}: counts{' of a read' if reads > 1 else ''} reach {high:g}; say {asked}"
+        )
+    stated = request.saturation_dn is not None
+    saturation_dn, remarks = (
+        _saturation(request, levels, full_scale_dn) if full_scale_dn < LEVELS or stated else (full_scale_dn, ())
+    )
+    in_part = "pixels that were saturated in some of the reads are not recognised: their means are too small"
+    unit = images[0].unit
+    return Scale(
+        bit_depth=request.bit_depth,
+        shift_bits=0,
+        saturation_dn=saturation_dn / unit if stated else float(saturation_dn),
+        missing_dn=None if request.missing_dn is None else request.missing_dn / unit,
+        marks_borders_below_dn=None,
+        remarks=(*remarks, *((in_part,) if reads > 1 else ())),
     )
 
 
@@ -396,6 +448,7 @@ class SurveyedImage:
 
     path: Path  #: The file.
     shape: tuple[int, int]  #: Its size.
+    kind: FrameKind  #: What the camera saw.
     sample_bits: int  #: Bits that a sample takes in the file.
     first_row: FirstRow  #: Which row comes first in it.
     angle_deg: float | None  #: From the user or the header.
@@ -408,6 +461,12 @@ class SurveyedImage:
     levels: NDArray[np.int64] = field(repr=False)  #: How many of its pixels have each count.
     border: Border | None = None  #: Constant pixels along its edges.
     is_jpeg: bool = False  #: Its blocks of 8 x 8 pixels show that it went through JPEG.
+    header: headers.Header = field(default_factory=dict, repr=False)
+    reads: int = 1  #: Reads of the camera that it was made of.
+    unit: int = 1  #: What its counts are divided by to be those of one read: 1 unless it is a sum.
+    range_dn: tuple[float, float] = (0.0, 0.0)  #: Least and largest count of one read.
+    is_wide: bool = False  #: These are no whole numbers of 16 bits.
+    at_zero: int = 0  #: Pixels of the count 0.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -418,6 +477,7 @@ class Survey:
     levels: NDArray[np.int64]  #: How many pixels of all images together have each count.
     unsaid: tuple[str, ...]  #: What the command line would have to say (exit 2).
     unfit: tuple[str, ...]  #: What is wrong with the files (exit 4).
+    remarks: tuple[str, ...] = ()  #: What headers and names were found to say.
 
 
 def survey_images(request: ImportRequest) -> Survey:
@@ -439,25 +499,75 @@ def survey_images(request: ImportRequest) -> Survey:
     unfit += _size_problems(request, images)
     stack = [(image.path, image.raw) for image in images if image.raw is not None]
     unfit += unlike_settings(stack, same_exposure=request.same_exposure)
-    return Survey(images=tuple(images), levels=levels, unsaid=tuple(unsaid), unfit=tuple(unfit))
+    remarks: list[str] = []
+    try:
+        images = _by_headers(request, images, remarks)
+    except ConfigError as error:
+        unsaid.append(str(error))
+    return Survey(images=tuple(images), levels=levels, unsaid=tuple(unsaid), unfit=tuple(unfit), remarks=tuple(remarks))
 
 
-def _survey(request: ImportRequest, index: int, image: ImageFile, stage_deg: Mapping[str, float]) -> SurveyedImage:
+def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: list[str]) -> list[SurveyedImage]:
+    """Return the images with what nobody stated and all headers, or all names, say; note where from."""
+    if request.kind is None and (kinds := Counter(image.kind for image in images)).keys() - {"scene"}:
+        remarks.append(f"by headers or names: {', '.join(f'{number} {kind}' for kind, number in kinds.items())} frames")
+    summed = {image.reads: image for image in images if image.reads > 1}
+    if summed and request.coadds is None and request.averaged is None:
+        how = {reads: headers.reads_of(image.header)[1:] for reads, image in summed.items()}
+        words = "; ".join(
+            f"{reads} reads by {key}, as their {'sum' if is_sum else 'mean'}" for reads, (is_sum, key) in how.items()
+        )
+        remarks.append(f"files are of {words} (--coadds N or --averaged N if that is wrong)")
+    if summed:
+        remarks.append("counts and exposure are those of one read")
+    if request.exposure_s is None and request.exposure_key is None and not request.same_exposure:
+        key = headers.key_of_all(headers.EXPOSURE_KEYS, [image.header for image in images])
+        if key is not None:
+            remarks.append(f"exposure by the header keyword {key} [s]")
+            images = [replace(image, exposure_s=float(image.header[key])) for image in images]
+    scenes = [image for image in images if image.kind == "scene"]
+    ways = (request.angles_deg, request.angle_key, request.mosaic_deg, request.stage_angles)
+    if scenes and all(way is None for way in ways):
+        angles, source = headers.angles_of([image.path.name for image in scenes], [image.header for image in scenes])
+        remarks.append(f"polarizer angles {source}: {', '.join(f'{one:g}' for one in dict.fromkeys(angles))} deg")
+        found = dict(zip((image.path for image in scenes), angles, strict=True))
+        images = [replace(image, angle_deg=found.get(image.path)) for image in images]
+    return images
+
+
+def _survey(
+    request: ImportRequest, index: int, image: ImageFile, stage_deg: Mapping[str, float]
+) -> SurveyedImage:
+    path = request.files[index]
+    reads, is_sum, _ = headers.reads_of(image.header)
+    if request.coadds is not None or request.averaged is not None:
+        reads, is_sum = request.coadds or request.averaged or 1, request.coadds is not None
+    unit = reads if is_sum else 1
+    counts: NDArray[Any] = image.counts / unit if unit > 1 else image.counts
+    black_level_dn = _number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn)
+    is_wide = counts.dtype != np.uint16
     return SurveyedImage(
-        path=request.files[index],
+        path=path,
         shape=(image.counts.shape[0], image.counts.shape[1]),
+        kind=request.kind or headers.kind_of(image.header, path.name) or "scene",
         sample_bits=image.sample_bits,
         first_row=_first_row(request, image),
         angle_deg=_angle(request, index, image.header),
         stage_angle_deg=_stage_angle(request, index, image.header, stage_deg),
         exposure_s=_number(image.header, "--exposure-key", request.exposure_key, request.exposure_s),
-        black_level_dn=_number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn),
+        black_level_dn=None if black_level_dn is None else black_level_dn / unit,
         start_utc=_start(image.header),
         remarks=image.remarks,
         raw=image.raw,
-        levels=histogram(image.counts),
-        border=None if request.no_border_search else constant_border(image.counts),
-        is_jpeg=_is_jpeg(image.counts),
+        levels=histogram(counts),
+        border=None if request.no_border_search or is_wide else constant_border(counts),
+        is_jpeg=not is_wide and _is_jpeg(counts),
+        header=image.header,
+        reads=reads,
+        unit=unit,
+        range_dn=(float(counts.min()), float(counts.max())),
+        is_wide=is_wide,
+        at_zero=int(np.count_nonzero(counts == 0)),
     )
 
 
@@ -474,14 +584,14 @@ def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
     return request.first_row
 
 
-def _angle(request: ImportRequest, index: int, header: Mapping[str, HeaderValue]) -> float | None:
+def _angle(request: ImportRequest, index: int, header: headers.Header) -> float | None:
     if request.angle_key is not None:
         return _angle_of_header(header, "--angle-key", request.angle_key)
     angles = request.angles_deg or ()
     return angles[index] if index < len(angles) else None
 
 
-def _angle_of_header(header: Mapping[str, HeaderValue], option: str, key: str) -> float:
+def _angle_of_header(header: headers.Header, option: str, key: str) -> float:
     text = str(_header_value(header, option, key)).strip()
     match = _ANGLE.fullmatch(text)
     if match is None:
@@ -490,7 +600,7 @@ def _angle_of_header(header: Mapping[str, HeaderValue], option: str, key: str) -
 
 
 def _stage_angle(
-    request: ImportRequest, index: int, header: Mapping[str, HeaderValue], table: Mapping[str, float]
+    request: ImportRequest, index: int, header: headers.Header, table: Mapping[str, float]
 ) -> float | None:
     stated = request.stage_angles or ()
     if table:
@@ -520,7 +630,7 @@ def _stage_table(request: ImportRequest) -> dict[str, float]:
     return found
 
 
-def _number(header: Mapping[str, HeaderValue], option: str, key: str | None, given: float | None) -> float | None:
+def _number(header: headers.Header, option: str, key: str | None, given: float | None) -> float | None:
     if key is None:
         return given
     value = _header_value(header, option, key)
@@ -529,14 +639,14 @@ def _number(header: Mapping[str, HeaderValue], option: str, key: str | None, giv
     return float(value)
 
 
-def _header_value(header: Mapping[str, HeaderValue], option: str, key: str) -> HeaderValue:
+def _header_value(header: headers.Header, option: str, key: str) -> HeaderValue:
     if key.upper() not in header:
         has = f"its header has {', '.join(sorted(filter(None, header)))}" if header else "it has no header"
         raise ConfigError(f"{option} {key}: not in this file; {has}")
     return header[key.upper()]
 
 
-def _start(header: Mapping[str, HeaderValue]) -> str | None:
+def _start(header: headers.Header) -> str | None:
     text = str(header.get("DATE-OBS", ""))
     is_utc = str(header.get("TIMESYS", "UTC")).strip().upper() == "UTC"
     return f"{text}Z" if is_utc and _FITS_TIME.fullmatch(text) and is_utc_text(text) else None
@@ -557,6 +667,8 @@ def _size(image: SurveyedImage) -> str:
 
 
 _SAME_AXIS_DEG = 180.0
+# Kind of frames, and the angle whose repeats are cycles.
+Place = tuple[FrameKind, Literal["polarizer", "stage"], float] | None
 JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
 
 
@@ -572,19 +684,23 @@ def frames_of(
     *,
     first_sequence: int,
     present: Iterable[FrameRecord],
-) -> Iterator[tuple[FrameRecord, NDArray[np.uint16]]]:
+) -> Iterator[tuple[FrameRecord, NDArray[Any]]]:
     """Return the frames of all files one by one, each file read when it is its turn."""
-    cycles = Counter(_place(record) for record in present if record.kind == request.kind)
+    cycles = Counter(_place(record) for record in present)
     sequence = first_sequence
     for image in images:
-        record = _record(request, image, scale)
+        record = _record(image, scale)
         for angle_deg, counts, border in _pictures(request, image, scale):
             placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
-            shifted = _in_place(counts, scale.shift_bits)
+            shifted = _of_one_read(counts, image) if image.is_wide else _in_place(counts, scale.shift_bits)
             if border is not None and scale.missing_dn is not None:
                 shifted = np.where(border, np.uint16(scale.missing_dn), shifted)
             yield placed, shifted
             sequence += 1
+
+
+def _of_one_read(counts: NDArray[Any], image: SurveyedImage) -> NDArray[np.float32]:
+    return np.asarray(counts / image.unit, dtype=np.float32)
 
 
 def _in_place(counts: NDArray[np.uint16], shift_bits: int) -> NDArray[np.uint16]:
@@ -597,7 +713,7 @@ def _in_place(counts: NDArray[np.uint16], shift_bits: int) -> NDArray[np.uint16]
     return np.asarray(np.minimum(rounded, largest), dtype=np.uint16)
 
 
-def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[tuple[str, float] | None]) -> FrameRecord:
+def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[Place]) -> FrameRecord:
     record = replace(record, polarizer_angle_target_deg=angle_deg, polarizer_angle_deg=angle_deg)
     place = _place(record)
     if place is None:
@@ -606,16 +722,16 @@ def _at_angle(record: FrameRecord, angle_deg: float | None, cycles: Counter[tupl
     return replace(record, cycle=cycles[place] - 1)
 
 
-def _place(record: FrameRecord) -> tuple[str, float] | None:
+def _place(record: FrameRecord) -> Place:
     """Return the angle whose repeats are counted as cycles: of the polarizer, else of the stage."""
     if record.polarizer_angle_deg is not None:
-        return "polarizer", axis_deg(record.polarizer_angle_deg)
-    return None if record.stage_angle_deg is None else ("stage", round(record.stage_angle_deg % 360.0, 6))
+        return record.kind, "polarizer", axis_deg(record.polarizer_angle_deg)
+    return None if record.stage_angle_deg is None else (record.kind, "stage", round(record.stage_angle_deg % 360.0, 6))
 
 
 def _pictures(
     request: ImportRequest, image: SurveyedImage, scale: Scale
-) -> Iterator[tuple[float | None, NDArray[np.uint16], NDArray[np.bool_] | None]]:
+) -> Iterator[tuple[float | None, NDArray[Any], NDArray[np.bool_] | None]]:
     """Yield angle, counts, and which pixels are of a border that has to be marked."""
     counts = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes).counts
     upright = counts if image.first_row == "top" else counts[::-1]
@@ -630,16 +746,19 @@ def _pictures(
         yield angle_deg, upright[cell], None if border is None else border[cell]
 
 
-def _record(request: ImportRequest, image: SurveyedImage, scale: Scale) -> FrameRecord:
+def _record(image: SurveyedImage, scale: Scale) -> FrameRecord:
     black_level_dn = image.black_level_dn
     return FrameRecord(
-        kind=request.kind,
+        kind=image.kind,
         sequence=0,
         bit_depth=scale.bit_depth,
         saturation_dn=scale.saturation_dn,
         missing_dn=scale.missing_dn,
         exposure_s=image.exposure_s,
         stage_angle_deg=image.stage_angle_deg,
+        reads=image.reads if image.reads > 1 else None,
+        real_counts=image.is_wide or None,
+        camera_temperature_c=headers.temperature_c(image.header),
         black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
         start_utc=image.start_utc,
         source_file=str(image.path),

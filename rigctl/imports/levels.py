@@ -1,6 +1,7 @@
 """A camera's bits by a histogram of counts: how they are justified, where they end, what is missing."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -28,8 +29,11 @@ class Plateau:
     certain: bool  #: Nothing but saturation explains it.
 
 
-def histogram(counts: NDArray[np.uint16]) -> NDArray[np.int64]:
-    """Return how many pixels have each count from 0 to 65535."""
+def histogram(counts: NDArray[Any]) -> NDArray[np.int64]:
+    """Return how many pixels have each count from 0 to 65535; others, as of sums, are left out, fractions rounded."""
+    if counts.dtype != np.uint16:
+        whole = np.rint(counts)
+        counts = whole[(whole >= 0) & (whole < LEVELS)].astype(np.uint16)
     return np.bincount(counts.ravel(), minlength=LEVELS)
 
 
@@ -41,7 +45,7 @@ def common_zero_bits(levels: NDArray[np.int64]) -> int:
 
 def largest(levels: NDArray[np.int64]) -> int:
     """Return the largest count that there is [DN]."""
-    return int(np.flatnonzero(levels)[-1])
+    return int(np.flatnonzero(levels)[-1]) if levels.any() else 0
 
 
 def saturation_plateau(levels: NDArray[np.int64], *, full_scale_dn: int) -> Plateau | None:

@@ -76,6 +76,16 @@ class FrameGrid:
         return self.exposures_s is None or bool(np.ptp(self.exposures_s) <= 1e-9 * self.exposures_s.max())
 
     @property
+    def reads(self) -> FloatArray:
+        """Of how many reads of the camera each angle's frames are the mean, shape (N,)."""
+        return np.asarray(np.mean([[record.reads or 1 for record in cycle] for cycle in self.records], axis=0))
+
+    @property
+    def rounding_dn2(self) -> FloatArray:
+        """Variance that the rounding of such means adds to each angle, shape (N,) [DN^2]."""
+        return np.array([1.0 / 12.0 if record.reads and not record.real_counts else 0.0 for record in self.records[0]])
+
+    @property
     def unit(self) -> str:
         """Unit of what is made of the counts."""
         return "DN" if self.is_one_exposure else "DN/s"

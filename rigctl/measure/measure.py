@@ -102,8 +102,9 @@ def temporal_variance(measurement: "Measurement", region: "MeasuredRegion", valu
         gain_dn_per_e=gain, read_noise_e=read_noise, dark_current_e_per_s=dark_current, black_level_dn=0.0
     )
     signal_dn = region.channels_mean.mean / grid.to_unit
-    variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s)
-    return np.asarray(variance * grid.to_unit**2 * measurement.noise_factor)
+    variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s) / grid.reads
+    factor = measurement.corrections.noise_factor(grid.angles)
+    return np.asarray((variance + grid.rounding_dn2) * grid.to_unit**2 * factor)
 
 
 # quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
@@ -426,8 +427,8 @@ class Measurement:
 
     @property
     def noise_factor(self) -> FloatArray:
-        """Factor that the corrections put on the variance of noise, shape (N,)."""
-        return self.corrections.noise_factor(self.grid.angles)
+        """Factor that means of several reads and the corrections put on the variance of noise, shape (N,)."""
+        return np.asarray(self.corrections.noise_factor(self.grid.angles) / self.grid.reads)
 
 
 def measure(

@@ -47,6 +47,11 @@ def common_shape(run: Run) -> tuple[int, int]:
     return next(iter(shapes))
 
 
+def sample_type(run: Run) -> np.dtype[Any]:
+    """Return the type that holds the counts of all frames."""
+    return np.dtype(np.float32 if any(record.real_counts for record in run.frames) else np.uint16)
+
+
 def export_fits(run: Run, out: Path) -> None:
     """Write a run into one FITS file: counts (N, H, W), and a table FRAMES with a column a field of their records.
 
@@ -55,18 +60,18 @@ def export_fits(run: Run, out: Path) -> None:
     """
     from astropy.io import fits
 
+    is_real = sample_type(run) == np.float32
     height, width = common_shape(run)
     header = fits.Header(
         [
             ("SIMPLE", True),
-            ("BITPIX", 16),
+            ("BITPIX", -32 if is_real else 16),
             ("NAXIS", 3),
             ("NAXIS1", width),
             ("NAXIS2", height),
             ("NAXIS3", len(run.frames), "frames"),
             ("EXTEND", True),
-            ("BZERO", 32768, "samples are unsigned"),
-            ("BSCALE", 1),
+            *(() if is_real else (("BZERO", 32768, "samples are unsigned"), ("BSCALE", 1))),
             ("BUNIT", "DN"),
             ("ROWORDER", "TOP-DOWN", "the first row is the top of the picture"),
             ("SWVER", run.created_by),
@@ -75,7 +80,8 @@ def export_fits(run: Run, out: Path) -> None:
     stream = fits.StreamingHDU(str(out), header)
     try:
         for record in run.frames:
-            stream.write((run.counts(record).astype(np.int32) - 32768).astype(">i2"))
+            counts = run.counts(record)
+            stream.write(counts.astype(">f4") if is_real else (counts.astype(np.int32) - 32768).astype(">i2"))
     finally:
         stream.close()
     columns = [_fits_column(name, _dataset(column), unit_of(name)) for name, column in columns_of(run).items()]
@@ -125,7 +131,11 @@ def export_hdf5(run: Run, out: Path) -> None:
     height, width = common_shape(run)
     with h5py.File(out, "x") as file:
         counts = file.create_dataset(
-            "counts", (len(run.frames), height, width), dtype="u2", chunks=(1, height, width), fletcher32=True
+            "counts",
+            (len(run.frames), height, width),
+            dtype=sample_type(run),
+            chunks=(1, height, width),
+            fletcher32=True,
         )
         counts.attrs["unit"] = "DN"
         for place, record in enumerate(run.frames):
@@ -171,7 +181,7 @@ def export_zarr(run: Run, out: Path) -> None:
         "counts",
         shape=(len(run.frames), height, width),
         chunks=(1, height, width),
-        dtype="u2",
+        dtype=sample_type(run),
         fill_value=None,
     )
     for place, record in enumerate(run.frames):

@@ -6,6 +6,7 @@ From the headers alone a lost manifest can be made again.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,11 +165,11 @@ class FitsFrame:
 
     #: Value by keyword; numbers as they stand in the file, ``None`` where a keyword has no value.
     values: dict[str, str | None]
-    counts: NDArray[np.uint16]  #: Samples in DN, first row on top.
+    counts: NDArray[Any]  #: Samples in DN, first row on top: of 16 bits without sign, or in single precision.
 
 
-def encode_frame(counts: NDArray[np.uint16], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
-    """Return the bytes of a FITS file that holds one frame.
+def encode_frame(counts: NDArray[Any], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
+    """Return the bytes of a FITS file that holds one frame: of 16 bits without sign, or in single precision.
 
     FITS knows signed 16-bit integers only; unsigned ones are stored less 32768 (``BZERO``), which every
     reader of FITS undoes. ``ROWORDER = 'TOP-DOWN'`` tells that the first row in the file is the
@@ -176,7 +177,8 @@ def encode_frame(counts: NDArray[np.uint16], cards: Mapping[str, tuple[CardValue
 
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.4 and 5.2.5, appendix J.
     """
-    return _whole_file(_size_cards(counts.shape), cards, _to_signed(counts))
+    plain = counts.astype(">f4").tobytes() if counts.dtype == np.float32 else _to_signed(counts)
+    return _whole_file(_size_cards(counts), cards, plain)
 
 
 def encode_image(image: NDArray[np.generic], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
@@ -204,16 +206,16 @@ def _header(text: str, checksum: str) -> bytes:
     return _fill_block((text + make_card("CHECKSUM", checksum, "sum of the whole file")).encode("ascii") + _END, b" ")
 
 
-def _size_cards(shape: tuple[int, ...]) -> str:
-    height, width = shape
+def _size_cards(counts: NDArray[Any]) -> str:
+    height, width = counts.shape
+    is_real = counts.dtype == np.float32
     values: list[tuple[str, CardValue, str]] = [
         ("SIMPLE", True, "FITS standard 4.0"),
-        ("BITPIX", 16, "bits of a stored sample"),
+        ("BITPIX", -32 if is_real else 16, "bits of a stored sample"),
         ("NAXIS", 2, ""),
         ("NAXIS1", width, "columns"),
         ("NAXIS2", height, "rows"),
-        ("BZERO", 32768, "samples are unsigned"),
-        ("BSCALE", 1, ""),
+        *(() if is_real else (("BZERO", 32768, "samples are unsigned"), ("BSCALE", 1, ""))),
         ("ROWORDER", "TOP-DOWN", "the first row is the top of the picture"),
     ]
     return "".join(make_card(*value) for value in values)
@@ -242,8 +244,12 @@ def decode_frame(data: bytes | memoryview) -> FitsFrame:
         raise DataError(_what_is_damaged(data[:header_length], data[header_length:]))
     values = read_cards(bytes(data[:end]))
     height, width = _shape(values)
-    if len(data) != header_length + _padded(2 * height * width):
+    is_real = values["BITPIX"] == "-32"
+    if len(data) != header_length + _padded((4 if is_real else 2) * height * width):
         raise DataError(f"{len(data)} bytes are not what {height} rows of {width} samples take")
+    if is_real:
+        real = np.frombuffer(data, dtype=">f4", count=height * width, offset=header_length)
+        return FitsFrame(values=values, counts=real.astype(np.float32).reshape(height, width))
     return FitsFrame(values=values, counts=_from_signed(data, (height, width), offset=header_length))
 
 
@@ -265,7 +271,9 @@ def _what_is_damaged(header: bytes | memoryview, data: bytes | memoryview) -> st
 
 
 def _shape(values: Mapping[str, str | None]) -> tuple[int, int]:
-    wanted = {"BITPIX": "16", "NAXIS": "2", "BZERO": "32768", "BSCALE": "1", "ROWORDER": "TOP-DOWN"}
+    wanted = {"NAXIS": "2", "ROWORDER": "TOP-DOWN"}
+    if values.get("BITPIX") != "-32":
+        wanted |= {"BITPIX": "16", "BZERO": "32768", "BSCALE": "1"}
     other = [f"{key} = {values.get(key)}" for key, value in wanted.items() if values.get(key) != value]
     if other:
         raise DataError(f"no frame that this program wrote: {', '.join(other)}. `rigctl import` takes in other files")
@@ -302,6 +310,8 @@ _KEYWORDS = tuple(
         ("gain_db", "GAINDB", "[dB] setting of the camera"),
         ("egain_e_per_dn", "EGAIN", "[e-/DN] electrons per count"),
         ("bit_depth", "BITDEPTH", "bits per sample, right-justified"),
+        ("reads", "NCOMBINE", "reads of the camera that the frame is the mean of"),
+        ("real_counts", "REALDN", "counts with fractions, or below 0"),
         ("black_level_dn", "BLKLEVEL", "[DN] counts without light"),
         ("saturation_dn", "SATURATE", "[DN] saturated at and above"),
         ("missing_dn", "MISSDN", "[DN] marks a pixel not received"),

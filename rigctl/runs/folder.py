@@ -24,8 +24,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue, TypeAdapter, ValidationError
 
@@ -70,7 +70,7 @@ ANNOTATIONS_FILE = "annotations.jsonl"
 LOCK_FILE = "writer.lock"
 _LOOKS, _LOOK_S = 10, 0.01
 # A card has 80 bytes; a header of thousands of cards is none of ours.
-_SAMPLE_BYTES, _MOST_HEADER_BYTES = 2, 1_000_000
+_SAMPLE_BYTES, _MOST_HEADER_BYTES = 4, 1_000_000
 _MOST_BYTES_A_LOOK = 64_000_000
 _ANNOTATION = TypeAdapter(Annotation)
 
@@ -90,7 +90,7 @@ class Run:
     #: Sequence numbers of frames whose polarizer angle was recalibrated to the angle that their files state [deg].
     written_angles_deg: Mapping[int, float | None] = field(default_factory=dict)
 
-    def counts(self, record: FrameRecord) -> NDArray[np.uint16]:
+    def counts(self, record: FrameRecord) -> NDArray[Any]:
         """Return the samples of a frame, once its checksum has been found right."""
         if record.sequence in self.written_angles_deg:
             record = replace(record, polarizer_angle_deg=self.written_angles_deg[record.sequence])

@@ -83,7 +83,10 @@ class FrameRecord:
     stage_angle_target_deg: float | None = None  #: What the stage was told, and what its encoder said [deg].
     stage_angle_deg: float | None = None
     stage_counts: int | None = None  #: The encoder's own counts.
-    exposure_s: float | None = None  #: Integration time [s].
+    exposure_s: float | None = None  #: Integration time, of one read [s].
+    #: How many reads of the camera this frame is the mean of; None is one. Counts are always those of one read.
+    reads: Annotated[int, Field(ge=2)] | None = None
+    real_counts: bool | None = None  #: Counts are in single precision, with fractions or below 0.
     gain_db: float | None = None  #: The camera's gain setting [dB].
     egain_e_per_dn: float | None = None  #: Electrons per DN, where somebody states it [e-/DN].
     black_level_dn: float | None = None  #: Counts without light [DN], where known without dark frames.

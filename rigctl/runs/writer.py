@@ -155,7 +155,7 @@ class RunWriter:
         """The lowest sequence number above all that are taken."""
         return max(self._sequences, default=-1) + 1
 
-    def write_frame(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
+    def write_frame(self, record: FrameRecord, counts: NDArray[Any]) -> FrameRecord:
         """Return the record as it stands in the manifest, once the frame is on the disk.
 
         Order: ``.part``, flush, rename, flush of the folder, line of the manifest, flush. A frame that the
@@ -163,12 +163,12 @@ class RunWriter:
         """
         return self.write_frames([(record, counts)])[0]
 
-    def write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+    def write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[Any]]]) -> tuple[FrameRecord, ...]:
         """Return the records of several frames, of which either all or none are in the run."""
         with self._writing:
             return self._write_frames(frames)
 
-    def _write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[np.uint16]]]) -> tuple[FrameRecord, ...]:
+    def _write_frames(self, frames: Iterable[tuple[FrameRecord, NDArray[Any]]]) -> tuple[FrameRecord, ...]:
         written: list[FrameRecord] = []
         try:
             for record, counts in frames:
@@ -181,13 +181,16 @@ class RunWriter:
             raise
         return tuple(written)
 
-    def _write_file(self, record: FrameRecord, counts: NDArray[np.uint16]) -> FrameRecord:
-        if counts.dtype != np.uint16 or counts.ndim != 2 or counts.size == 0:
-            raise ValueError(f"counts must be a (H, W) array of uint16, not {counts.shape} of {counts.dtype}")
+    def _write_file(self, record: FrameRecord, counts: NDArray[Any]) -> FrameRecord:
+        if counts.dtype not in (np.uint16, np.float32) or counts.ndim != 2 or counts.size == 0:
+            raise ValueError(
+                f"counts must be a (H, W) array of uint16 or float32, not {counts.shape} of {counts.dtype}"
+            )
         if record.sequence in self._sequences:
             raise ValueError(f"sequence {record.sequence} is in this run already; the next is {self.next_sequence}")
         record = replace(
             record,
+            real_counts=counts.dtype == np.float32 or None,
             file=f"{FRAMES_FOLDER}/{_file_name(record)}",
             height=counts.shape[0],
             width=counts.shape[1],

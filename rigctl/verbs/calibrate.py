@@ -510,7 +510,7 @@ def _upright_image(path: Path) -> "NDArray[Any]":
     from rigctl.images import read_image
 
     image = read_image(path)
-    return image.counts if image.first_row == "top" else image.counts[::-1]
+    return image.raw_counts if image.first_row == "top" else image.raw_counts[::-1]
 
 
 def radiometric(

@@ -2,18 +2,22 @@
 
 import math
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.choices import FrameKind
-from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Writes
+from rigctl.verbs.options import COMMA_SEPARATED, FilePath, FrameOptions, MaxFrameMb, Writes
 from rigctl.verbs.result import Part, Result
+from rigctl.verbs.stokes import FILES as STOKES_FILES
+from rigctl.verbs.stokes import StokesResult
+from rigctl.verbs.stokes import stokes as measure_stokes
 
 if TYPE_CHECKING:
     from rigctl.imports.images import ImportRequest, Scale, Survey, SurveyedImage
@@ -36,7 +40,7 @@ def import_images(
     angle_key: str | None = None,
     stage_angles: Annotated[Sequence[float | str] | None, COMMA_SEPARATED] = None,
     mosaic: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
-    kind: FrameKind = "scene",
+    kind: FrameKind | None = None,
     exposure_s: float | None = None,
     exposure_key: str | None = None,
     same_exposure: bool = False,
@@ -44,6 +48,8 @@ def import_images(
     black_level_key: str | None = None,
     black_level_from_darks: bool = False,
     bit_depth: int | None = None,
+    coadds: int | None = None,
+    averaged: int | None = None,
     justified: Literal["left", "right"] | None = None,
     saturation_dn: float | None = None,
     missing_dn: float | Literal["none"] | None = None,
@@ -51,15 +57,19 @@ def import_images(
     first_row: Literal["top", "bottom"] | None = None,
     plane: Plane | None = None,
     max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
+    stokes: Annotated[FilePath | None, Writes(kind="folder", names=STOKES_FILES)] = None,
+    **frames: Unpack[FrameOptions],
 ) -> "ImportedRun":
     """Make a run out of images that exist, or add images of another kind to such a run.
 
-    Angles are those of the transmission axis, counter-clockwise from horizontal in the picture as shown. State what
-    the files do not say; what is recognised in them is reported, and noted in every frame. Every file is looked at
-    before anything is written. A new run is there when it is complete; frames that are added are named in the manifest
-    all at once.
+    Angles are those of the transmission axis, counter-clockwise from horizontal in the picture as shown. Headers and
+    names of files are read; state what they do not say. What is recognised is reported, and noted in every frame. Every
+    file is looked at before anything is written, and all of its frames are in the run, or none.
 
-    Examples: rigctl import runs/fruits fruits.png --mosaic 90,45,135,0 --black-level-dn 0
+    Example: rigctl import runs/panels panel_0.png panel_45.png panel_90.png panel_135.png --same-exposure
+    --black-level-dn 15 --stokes panels
+
+    Example: rigctl import runs/fruits fruits.png --mosaic 90,45,135,0 --black-level-dn 0
 
     rigctl import runs/corona a.fits b.fits c.fits --angles 0,60,-60 --exposure-key EXPTIME
     --black-level-key OFFSET --bit-depth 16
@@ -72,9 +82,10 @@ def import_images(
     run : path
         Run folder: new, or imported before.
     files : sequence of path
-        FITS, PNG, TIFF or camera RAW images, in the order in which they were taken.
+        FITS, PNG, TIFF or camera RAW images in the order in which they were taken, folders of them, and arrays in HDF5
+        and NetCDF files, as in scan.h5:/entry/data.
     angles : sequence of float
-        Polarizer angle of each file [deg], as in 0,60,-60.
+        Polarizer angle of each file [deg], as in 0,60,-60; else by headers or names.
     angle_key : str
         Header keyword with the angle [deg].
     stage_angles : sequence of float, or str
@@ -83,11 +94,11 @@ def import_images(
     mosaic : sequence of float
         Angles of the 2 x 2 cell at the top left, row by row [deg].
     kind : {"scene", "dark", "flat"}
-        What the camera saw.
+        What the camera saw; else by headers or names of files, or scene.
     exposure_s : float
         Exposure of every file [s].
     exposure_key : str
-        Header keyword with the exposure [s].
+        Header keyword with the exposure [s]; else EXPTIME, where all files have it.
     same_exposure : bool
         One exposure for all files, not known how long.
     black_level_dn : float
@@ -97,7 +108,11 @@ def import_images(
     black_level_from_darks : bool
         Dark frames, imported too, give the black level.
     bit_depth : int
-        Bits of the camera, 1 to 16.
+        Bits of the camera, 1 to 32.
+    coadds : int
+        Each file is the sum of so many reads; else by COADDS of the header.
+    averaged : int
+        Each file is the mean of so many reads; else by NCOMBINE of the header.
     justified : {"left", "right"}
         End of a sample at which these bits stand, if the counts do not show it.
     saturation_dn : float
@@ -109,9 +124,13 @@ def import_images(
     first_row : {"top", "bottom"}
         First row in the files. FITS: bottom, unless ROWORDER says.
     plane : {"red", "green-1", "green-2", "blue", "green", "sum", "all"}
-        Colour of RAW files; green-1 stands in the rows of red.
+        Colour of colour images and RAW files; of RAW files green-1 stands in the rows of red.
     max_frame_mb : int
         Refuse a picture of more MB of samples before memory is taken for it.
+    stokes : path
+        Measure the run at once, as rigctl stokes does, into this folder.
+    **frames
+        Calibrations and corrections for that, see `FrameOptions`.
 
     Returns
     -------
@@ -125,11 +144,12 @@ def import_images(
     DataError
         The files are unfit, or contradict what is stated: one message with every problem.
     """
+    from rigctl.images import image_files
     from rigctl.imports.images import ImportRequest
 
     request = ImportRequest(
         run=Path(run),
-        files=tuple(map(Path, files)),
+        files=tuple(image_files(list(map(Path, files)))),
         kind=kind,
         angles_deg=None if angles is None else tuple(angles),
         angle_key=angle_key,
@@ -142,6 +162,8 @@ def import_images(
         black_level_key=black_level_key,
         black_level_from_darks=black_level_from_darks,
         bit_depth=bit_depth,
+        coadds=coadds,
+        averaged=averaged,
         justified=justified,
         saturation_dn=saturation_dn,
         missing_dn=None if missing_dn == "none" else missing_dn,
@@ -151,7 +173,8 @@ def import_images(
         plane=plane,
         most_bytes=max_frame_mb * _BYTES_PER_MB,
     )
-    return imported(request)
+    found = imported(request)
+    return found if stokes is None else replace(found, measured=measure_stokes(run, out=stokes, **frames))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,6 +186,12 @@ class ImportedRun(Result):
     remarks: tuple[str, ...]  #: what was recognised in the files, and doubts
     clipped_shares: tuple[float, float]  #: of all pixels, at the upper end of the range and at 0
     diagnosis: "RunDiagnosis"  #: faults that the frames show at a first look
+    measured: StokesResult | None = None  #: Stokes parameters, where they were asked for
+
+    @property
+    def exit_code(self) -> int:
+        """4 where the run was measured and is unsound."""
+        return 0 if self.measured is None else self.measured.exit_code
 
     def content(self) -> Iterable[Part]:
         """Return the number and size of the frames, remarks, and the faults that they show."""
@@ -173,10 +202,13 @@ class ImportedRun(Result):
         size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"
         high, low = map(percent, self.clipped_shares)
         yield f"clipped: {high} of the pixels at the upper end ({first.saturation_dn:g} DN), {low} at 0"
-        yield f"{self.run}: {len(self.frames)} {first.kind} frames of {size}"
+        kinds = Counter(record.kind for record in self.frames)
+        yield f"{self.run}: {', '.join(f'{number} {kind}' for kind, number in kinds.items())} frames of {size}"
         yield from (f"  note: {remark}" for remark in self.remarks)
-        if first.kind == "scene":
+        if "scene" in kinds:
             yield from (f"  first look: {line}" for line in fault_lines(self.diagnosis.named, self.diagnosis.reason))
+        if self.measured is not None:
+            yield from self.measured.content()
 
     def as_json(self) -> dict[str, Json]:
         """Return the files of the frames, remarks and faults."""
@@ -187,6 +219,7 @@ class ImportedRun(Result):
             "frames": [record.file for record in self.frames],
             "remarks": list(self.remarks),
             "diagnosis": diagnosis_json(self.diagnosis),
+            **({} if self.measured is None else {"stokes": self.measured.as_json()}),
         }
 
 
@@ -206,17 +239,19 @@ def imported(request: "ImportRequest") -> ImportedRun:
     return ImportedRun(
         run=request.run,
         frames=frames,
-        remarks=(*scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey)),
-        clipped_shares=_clipped_shares(survey, scale),
+        remarks=(*survey.remarks, *scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey)),
+        clipped_shares=_clipped_shares(survey, scale, frames),
         diagnosis=_first_look(request, survey),
     )
 
 
-def _clipped_shares(survey: "Survey", scale: "Scale") -> tuple[float, float]:
+def _clipped_shares(survey: "Survey", scale: "Scale", frames: "Sequence[FrameRecord]") -> tuple[float, float]:
     """Return which shares of all pixels are saturated, and at 0 without being missing."""
-    total = max(int(survey.levels.sum()), 1)
-    at_zero = 0 if scale.missing_dn == 0 else int(survey.levels[: 1 << max(scale.shift_bits - 1, 0)].sum())
-    return float(survey.levels[_saturated_from(scale) :].sum()) / total, at_zero / total
+    half = 1 << max(scale.shift_bits - 1, 0)
+    at_zero = sum(i.at_zero if i.is_wide else int(i.levels[:half].sum()) for i in survey.images)
+    total = sum(i.shape[0] * i.shape[1] for i in survey.images)
+    high = sum(record.saturated_fraction for record in frames) / len(frames)
+    return high, 0.0 if scale.missing_dn == 0 else at_zero / total
 
 
 def _saturated_from(scale: "Scale") -> int:
@@ -227,8 +262,9 @@ def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":
     from rigctl.measure.diagnose import quick_diagnosis, undiagnosed
     from rigctl.runs.folder import read_run
 
-    if request.kind != "scene":
-        return undiagnosed(f"the files are {request.kind} frames")
+    kinds = {image.kind for image in survey.images}
+    if "scene" not in kinds:
+        return undiagnosed(f"the files are {' and '.join(sorted(kinds))} frames")
     return (
         undiagnosed("the axes are not known" if request.stage_angles is not None else "fewer than three axes")
         if _angle_remarks(request, survey)
@@ -251,7 +287,7 @@ def _checked_scale(request: "ImportRequest", survey: "Survey", present: "RunReco
     from rigctl.imports.images import request_problems
 
     has_darks = present is not None and any(record.kind == "dark" for record in present.frames)
-    unsaid = [*request_problems(request, darks_are_there=has_darks), *survey.unsaid]
+    unsaid = [*request_problems(request, survey.images, darks_are_there=has_darks), *survey.unsaid]
     unfit = [*survey.unfit]
     scale: Scale | None = None
     if survey.images:
@@ -282,6 +318,7 @@ def _scale(request: "ImportRequest", survey: "Survey", present: "RunRecord | Non
         black_level_dn=min(black_levels, default=None),
         levels_by_file=tuple(image.levels for image in survey.images),
         borders=tuple(image.border for image in survey.images if image.border is not None),
+        wide=tuple(image for image in survey.images if image.is_wide),
     )
     return replace(scale, remarks=(*remarks, *scale.remarks))
 
@@ -338,9 +375,11 @@ def _file_remarks(survey: "Survey", scale: "Scale") -> Iterator[str]:
 def _angle_remarks(request: "ImportRequest", survey: "Survey") -> tuple[str, ...]:
     from rigctl.imports.images import axis_deg
 
-    angles = request.mosaic_deg or tuple(i.angle_deg for i in survey.images if i.angle_deg is not None)
+    angles = request.mosaic_deg or tuple(
+        i.angle_deg for i in survey.images if i.kind == "scene" and i.angle_deg is not None
+    )
     axes = {axis_deg(angle) for angle in angles}
-    if request.kind != "scene" or len(axes) >= 3:
+    if all(image.kind != "scene" for image in survey.images) or len(axes) >= 3:
         return ()
     if not axes and request.stage_angles is not None:
         return ("stage angles only: `rigctl calibrate axis` takes these frames, Stokes parameters need the axis",)
@@ -376,5 +415,6 @@ def _write(
 
     frames = frames_of(request, survey.images, scale, first_sequence=writer.next_sequence, present=present)
     written = writer.write_frames(frames)
-    writer.closing_event("imported", kind=request.kind, frames=len(written), files=[str(f) for f in request.files])
+    kinds = " and ".join(sorted({image.kind for image in survey.images}))
+    writer.closing_event("imported", kind=kinds, frames=len(written), files=[str(f) for f in request.files])
     return written

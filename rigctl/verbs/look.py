@@ -1,9 +1,7 @@
 """`rigctl look`: S0, DoLP and AoLP of a few images within one command, without any calibration."""
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,14 +14,10 @@ from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.images import HeaderValue, ImageFile
+    from rigctl.images import ImageFile
     from rigctl.measure.measure import PolarizationImages
 
 _BYTES_PER_MB = 1_000_000
-_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".gz")
-# Keywords that programs write an angle under, ours first.
-_ANGLE_KEYS = ("POLANG", "POLMEAS", "POLANGLE", "POLAR", "ANGLE")
-_NUMBER = re.compile(r"((?<![A-Za-z0-9])[-+])?(\d+(?:\.\d+)?)([ _]?deg|°)?", re.IGNORECASE)
 _LEAST_ANGLES = 3
 _LABEL = "uncalibrated"
 
@@ -52,7 +46,7 @@ def look(
     Parameters
     ----------
     files : sequence of path
-        FITS, PNG, TIFF or camera RAW images, or one folder of them.
+        FITS, PNG, TIFF or camera RAW images, folders of them, arrays in HDF5 and NetCDF files (scan.h5:/entry/data).
     angles : sequence of float
         Polarizer angle of each file [deg], as in 0,45,90,135.
     mosaic : sequence of float
@@ -82,11 +76,13 @@ def look(
 
     from model.processing.reconstruction import design
     from rigctl.base.durable import write_durably
+    from rigctl.images import image_files
+    from rigctl.imports.headers import angles_of
     from rigctl.imports.levels import histogram, saturation_plateau
     from rigctl.measure.measure import polarization_images
     from rigctl.report.measurement import uncalibrated_pictures
 
-    paths = _image_files([Path(file) for file in files])
+    paths = image_files([Path(file) for file in files])
     if angles is not None and mosaic is not None:
         raise ConfigError("--angles, --mosaic: give one of them")
     if mosaic is not None and len(mosaic) != 4:
@@ -102,7 +98,7 @@ def look(
     elif angles is not None:
         found, source = tuple(angles), "as given"
     else:
-        found, source = _angles_of(paths, [image.header for image in images])
+        found, source = angles_of([path.name for path in paths], [image.header for image in images])
     at = np.round(np.mod(found, 180.0), 6) % 180.0
     distinct = np.unique(at)
     if distinct.size < _LEAST_ANGLES:
@@ -113,7 +109,7 @@ def look(
         )
     counts = np.stack(rows)
     channels = np.stack([counts[at == angle].mean(axis=0, dtype=np.float64) for angle in distinct])
-    largest = 2 ** max(int(counts.max()).bit_length(), 8) - 1
+    largest = 2 ** max(int(max(counts.max(), 0)).bit_length(), 8) - 1
     plateau = saturation_plateau(histogram(counts), full_scale_dn=largest)
     largest = plateau.value_dn if plateau is not None and plateau.certain else largest
     clipped = np.any(counts >= largest, axis=0)
@@ -179,22 +175,6 @@ class LookResult(Result):
         }
 
 
-def _image_files(given: Sequence[Path]) -> list[Path]:
-    """Return the images: those that are named, or all of one folder."""
-    from drivers.cameras.raw_files import RAW_SUFFIXES
-
-    if len(given) != 1 or not given[0].is_dir():
-        return list(given)
-    (folder,) = given
-    if (folder / "manifest.jsonl").exists():
-        raise ConfigError(f"{folder}: is a run: rigctl stokes {folder} --out FOLDER measures it")
-    suffixes = (*_SUFFIXES, *RAW_SUFFIXES)
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file())
-    if not found:
-        raise ConfigError(f"{folder}: holds no image (known are {', '.join(suffixes)})")
-    return found
-
-
 def _read(paths: Sequence[Path], plane: Plane | None, most_bytes: int) -> "list[ImageFile]":
     """Return the images, which have one size."""
     from rigctl.images import read_image
@@ -209,30 +189,3 @@ def _read(paths: Sequence[Path], plane: Plane | None, most_bytes: int) -> "list[
             sizes = " and ".join(f"{one.counts.shape[1]} x {one.counts.shape[0]}" for one in (images[0], images[-1]))
             raise DataError(f"{paths[0]} and {path} have {sizes} pixels; one size is needed")
     return images
-
-
-def _angles_of(paths: Sequence[Path], headers: "Sequence[Mapping[str, HeaderValue]]") -> tuple[tuple[float, ...], str]:
-    """Return the angle of each file by its header or its name, and by which."""
-    for key in _ANGLE_KEYS:
-        values = [re.match(r"[-+]?\d*\.?\d+", str(header.get(key, "")).strip()) for header in headers]
-        if all(values):
-            return tuple(float(value[0]) for value in values if value), f"by the header keyword {key}"
-    numbers = [_NUMBER.findall(path.stem) for path in paths]
-    # Names of one set have the same numbers at the same places; places are counted from the end.
-    columns = [[found[-place] for found in numbers] for place in range(1, min(map(len, numbers), default=0) + 1)]
-    likely = sorted(filter(_is_of_angles, columns), key=lambda column: not all(deg for _, _, deg in column))
-    if not likely:
-        raise ConfigError(
-            f"neither headers nor names say the polarizer angles ({', '.join(path.name for path in paths[:4])}); say "
-            "--angles 0,45,... or --mosaic A,B,C,D"
-        )
-    return tuple(float(sign + size) for sign, size, _ in likely[0]), "by the names of the files"
-
-
-def _is_of_angles(column: Sequence[tuple[str, str, str]]) -> bool:
-    """Return whether numbers at one place of the names are angles, and no counter: they are, or they say so."""
-    values = [float(sign + size) for sign, size, _ in column]
-    distinct = sorted({value % 180.0 for value in values})
-    if len(distinct) < _LEAST_ANGLES or max(map(abs, values)) > 360.0:
-        return False
-    return all(deg for _, _, deg in column) or min(b - a for a, b in pairwise(distinct)) > 1.0

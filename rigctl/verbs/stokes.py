@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rigctl.measure.measure import Measurement
     from rigctl.runs.folder import Run as RunRecord
 
-_FILES = (
+FILES = (
     "stokes.json",
     "stokes.fits",
     "dolp.fits",
@@ -48,7 +48,7 @@ def stokes(
     /,
     *,
     regions: RegionsPath | None = None,
-    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES), Parameter(required=True)] = None,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=FILES), Parameter(required=True)] = None,
     **frames: Unpack[FrameOptions],
 ) -> "StokesResult":
     """Measure Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions.

@@ -1,15 +1,20 @@
 import gzip
 import io
+from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
+import PIL.Image
 import pytest
+import tifffile
 from astropy.io import fits
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import netcdf_file
 
-from rigctl.errors import DataError
-from rigctl.images import ImageFile, read_image
+from rigctl.errors import ConfigError, DataError
+from rigctl.images import ImageFile, image_files, read_image
 from rigctl.runs.fits import encode_frame
 from tests.rigctl.run_samples import noisy_counts
 
@@ -81,16 +86,115 @@ def test_first_image_of_a_fits_file_is_taken_and_that_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("pixels", "reason"),
     [
-        (COUNTS + 0.5, "not whole numbers"),
         (np.where(np.eye(6, 9) > 0, np.nan, COUNTS), "NaN or infinite"),
-        (COUNTS.astype(np.int32) - 5000, "samples run from"),
-        (COUNTS.astype(np.int32) + 65536, "samples run from"),
-        (np.zeros((2, 3, 4), np.int16), "has 3 axes"),
+        (np.zeros((2, 3, 4), np.int16), "has axes of 2 x 3 x 4"),
     ],
 )
-def test_fits_that_is_no_raw_image_is_refused(tmp_path, pixels, reason):
+def test_fits_that_is_no_image_of_counts_is_refused(tmp_path, pixels, reason):
     with pytest.raises(DataError, match=reason):
         read_image(write_fits(tmp_path / "image.fits", pixels))
+
+
+@pytest.mark.parametrize(
+    ("pixels", "reason"),
+    [
+        (COUNTS + 0.5, "not whole numbers"),
+        (COUNTS.astype(np.int32) - 5000, "samples run from"),
+        (COUNTS.astype(np.uint32) + 65536, "samples run from"),
+    ],
+)
+def test_sums_means_and_counts_below_0_are_kept_and_are_no_raw_image(tmp_path, pixels, reason):
+    image = read_image(write_fits(tmp_path / "image.fits", pixels))
+    np.testing.assert_array_equal(image.counts, pixels)
+    with pytest.raises(DataError, match=reason):
+        _ = image.raw_counts
+
+
+@pytest.mark.parametrize("dtype", ["u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8"])
+def test_tiff_of_every_kind_of_sample_by_tifffile(tmp_path, dtype):
+    limits = np.finfo(dtype) if dtype[0] == "f" else np.iinfo(dtype)
+    pixels = np.array([[0, 1, 2, 100], [limits.min, limits.max, 7, 8]], dtype)
+    tifffile.imwrite(tmp_path / "image.tif", pixels)
+    np.testing.assert_array_equal(read_image(tmp_path / "image.tif").counts, pixels)
+
+
+@pytest.mark.parametrize("name", ["image.png", "image.tif", "cube.fits"])
+@pytest.mark.parametrize(("plane", "place"), [("red", 0), ("green", 1), ("blue", 2)])
+def test_a_colour_of_an_image_is_read(tmp_path, name, plane, place):
+    colours = np.random.default_rng(1).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    if name.endswith("fits"):
+        write_fits(tmp_path / name, np.moveaxis(colours, 2, 0))
+    elif name.endswith("tif"):
+        tifffile.imwrite(tmp_path / name, colours, photometric="rgb")
+    else:
+        PIL.Image.fromarray(colours).save(tmp_path / name)
+    np.testing.assert_array_equal(read_image(tmp_path / name, plane=plane).counts, colours[..., place])
+
+
+def test_colours_that_stand_one_after_another_are_refused_and_not_mixed_up(tmp_path):
+    colours = np.zeros((3, 5, 7), np.uint16)
+    tifffile.imwrite(tmp_path / "image.tif", colours, photometric="rgb", planarconfig="separate")
+    with pytest.raises(DataError, match="one after another"):
+        read_image(tmp_path / "image.tif", plane="red")
+
+
+STACK = np.arange(24, dtype=np.int32).reshape(2, 3, 4) * 40000 - 5
+
+
+def write_h5(path):
+    with h5py.File(path, "w") as file:
+        file["entry/data"], file["entry/angle"] = STACK, [0.0, 45.5]
+        file["entry/data"].attrs["exposure"] = 0.5
+    return "/entry/data"
+
+
+def write_netcdf(path):
+    netcdf = pytest.importorskip("netCDF4")
+    with netcdf.Dataset(path, "w") as file:
+        for name, length in zip("tyx", STACK.shape, strict=True):
+            file.createDimension(name, length)
+        data, angle = file.createVariable("data", "i4", tuple("tyx")), file.createVariable("angle", "f8", ("t",))
+        data[:], angle[:] = STACK, [0.0, 45.5]
+        data.exposure = 0.5
+    return "/data"
+
+
+def write_classic_netcdf(path):
+    with netcdf_file(path, "w") as file:
+        for name, length in zip("tyx", STACK.shape, strict=True):
+            file.createDimension(name, length)
+        data, angle = file.createVariable("data", "i4", tuple("tyx")), file.createVariable("angle", "f8", ("t",))
+        data[:], angle[:] = STACK, [0.0, 45.5]
+        data.exposure = 0.5
+    return "/data"
+
+
+@pytest.mark.parametrize(
+    ("name", "write"), [("a.h5", write_h5), ("a.nc", write_netcdf), ("b.nc", write_classic_netcdf)]
+)
+def test_a_stack_in_an_array_of_a_file_is_pictures_with_their_own_facts(tmp_path, name, write):
+    inside = write(tmp_path / name)
+    paths = image_files([Path(f"{tmp_path / name}:{inside}")])
+    images = [read_image(path) for path in paths]
+    np.testing.assert_array_equal([image.counts for image in images], STACK)
+    assert [image.header["ANGLE"] for image in images] == [0.0, 45.5]
+    assert images[0].header["EXPOSURE"] == 0.5
+    with pytest.raises(ConfigError, match=f"{inside} \\(2 x 3 x 4\\)"):
+        image_files([Path(f"{tmp_path / name}:/none")])
+
+
+def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        file["data"] = np.array([[0, 10], [20, 30]], np.int16)
+        file["data"].attrs.update(scale_factor=0.5, add_offset=100.0)
+    np.testing.assert_array_equal(read_image(Path(f"{tmp_path}/a.nc:/data")).counts, [[100, 105], [110, 115]])
+
+
+@pytest.mark.parametrize("content", [b"", b"no HDF5 file", b"\x89HDF\r\n\x1a\n" + bytes(100), b"CDF\x01" + bytes(9)])
+def test_a_file_of_arrays_that_is_spoilt_is_refused(tmp_path, content):
+    (tmp_path / "a.h5").write_bytes(content)
+    with pytest.raises(DataError):
+        read_image(Path(f"{tmp_path}/a.h5:/data"))
 
 
 def test_fits_without_an_image_is_refused(tmp_path):
@@ -122,9 +226,9 @@ def test_file_that_is_cut_off_is_refused(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["image.png", "image.tif"])
-def test_colour_image_is_refused(tmp_path, name):
+def test_the_colour_of_a_colour_image_is_asked_for(tmp_path, name):
     cv2.imwrite(str(tmp_path / name), np.zeros((4, 4, 3), np.uint8))
-    with pytest.raises(DataError, match="colour image"):
+    with pytest.raises(ConfigError, match="--plane red, green or blue"):
         read_image(tmp_path / name)
 
 

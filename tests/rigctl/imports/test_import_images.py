@@ -168,7 +168,7 @@ def test_what_cannot_be_known_is_asked_for(run_path, pngs, capsys, left_out, opt
         (["--mosaic", "0,45,90"], "3 angles"),
         (["--angles", "0,45,90,135", "--kind", "sky"], 'for --kind. Choose from: "scene", "dark", "flat"'),
         (["--angles", "0,45,90,135", "--missing-dn", "1,2"], "Invalid value for --missing-dn"),
-        (["--angles", "0,45,90,135", "--saturation-dn", "70000"], "between 0 and 65535"),
+        (["--angles", "0,45,90,135", "--saturation-dn", "5e9"], "between 0 and 4.29497e+09"),
         (["--angles", "0,45,90,135", "--same-exposure"], "--same-exposure: give one of them"),
         (["--angle-key", "POL"], "--angle-key POL: not in this file"),
     ],

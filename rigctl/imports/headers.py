@@ -1,0 +1,117 @@
+"""What headers and names of image files say, in the words that other programs use.
+
+Observatories and camera programs write the same facts under different keywords. Each function knows the usual ones, the
+most certain first. Names of files count where headers say nothing.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from math import isfinite
+
+from rigctl.errors import ConfigError
+from rigctl.files.choices import FrameKind
+from rigctl.images import HeaderValue
+
+Header = Mapping[str, HeaderValue]
+
+# A readback goes before what was asked for.
+ANGLE_KEYS = ("POLMEAS", "POLANG", "POLANGLE", "POLAR", "POLARREF", "ANGLE")
+RETARDER_KEY = "RETANG"
+EXPOSURE_KEYS = ("EXPTIME", "EXPOSURE", "XPOSURE")
+BLACK_LEVEL_KEYS = ("BLKLEVEL", "BLACK", "OFFSET", "PEDESTAL")
+_KIND_KEYS = ("IMAGETYP", "FRAME", "OBSTYPE")
+# What programs call a frame. A bias or zero frame is a dark frame of no exposure.
+_KIND_WORDS: dict[FrameKind, tuple[str, ...]] = {
+    "dark": ("bias", "zero", "dark"),
+    "flat": ("flat",),
+    "scene": ("scene", "light", "object", "science"),
+}
+_KIND_PREFIX = re.compile(r"(bias|zero|dark|flat)(?![a-z]{3}|[ _-]?deg)", re.IGNORECASE)
+# Measured temperatures of the sensor, then of the camera, then the one that was set.
+_TEMPERATURE_KEYS = (
+    "CCD-TEMP", "CCD_TEMP", "CCDTEMP", "CCDTMP", "DET-TEMP", "DET_TEMP", "DETTEMP", "SENSTEMP", "CAM-TEMP", "CAMTEMP",
+    "TEMPERAT", "SET-TEMP", "CCDSETT",
+)  # fmt: skip
+_KELVIN, _WARMEST_C = 273.15, 120.0
+# Sums of reads, as infrared cameras write them; means, as programs that combine frames do.
+_SUM_KEYS, _MEAN_KEYS = ("COADDS", "NCOADDS", "NCOADD"), ("NCOMBINE", "STACKCNT", "SNAPSHOT")
+_NUMBER = re.compile(r"((?<![A-Za-z0-9])[-+])?(\d+(?:\.\d+)?)([ _]?deg|°)?", re.IGNORECASE)
+_LEAST_ANGLES = 3
+
+
+def kind_of(header: Header, name: str) -> FrameKind | None:
+    """Return what the camera saw, by a header, or by the beginning of a file's name; None where neither says."""
+    for key in _KIND_KEYS:
+        words = re.split(r"[^a-z]+", str(header.get(key, "")).lower())
+        for kind, known in _KIND_WORDS.items():
+            if any(word in known or word.removesuffix("s") in known for word in words):
+                return kind
+    begins = _KIND_PREFIX.match(name)
+    if begins is None:
+        return None
+    named: FrameKind = "flat" if begins[1].lower() == "flat" else "dark"
+    other = _KIND_WORDS["dark" if named == "flat" else "flat"]
+    return None if set(re.split(r"[^a-z]+", name.lower())).intersection(other) else named
+
+
+def temperature_c(header: Header) -> float | None:
+    """Return the temperature of the sensor [deg C]; some headers have it in kelvins."""
+    for key in _TEMPERATURE_KEYS:
+        try:
+            value = float(header[key])
+        except (KeyError, ValueError):
+            continue
+        if isfinite(value):
+            return value if value <= _WARMEST_C else value - _KELVIN
+    return None
+
+
+def reads_of(header: Header) -> tuple[int, bool, str]:
+    """Return of how many reads a frame was made, whether it is their sum, and the keyword; one read where none says."""
+    for key in (*_SUM_KEYS, *_MEAN_KEYS):
+        value = header.get(key)
+        if isinstance(value, int | float) and value > 1 and float(value).is_integer():
+            return int(value), key in _SUM_KEYS, key
+    return 1, False, ""
+
+
+def key_of_all(keys: Sequence[str], headers: Sequence[Header]) -> str | None:
+    """Return the first keyword under which every header has a number of 0 or more; None where there is none."""
+    for key in keys:
+        values = [header.get(key) for header in headers]
+        if values and all(isinstance(one, int | float) and not isinstance(one, bool) and one >= 0 for one in values):
+            return key
+    return None
+
+
+def angles_of(names: Sequence[str], headers: Sequence[Header]) -> tuple[tuple[float, ...], str]:
+    """Return the angle of each file by its header or its name [deg], and by which; ConfigError if neither says."""
+    for key in ANGLE_KEYS:
+        values = [re.match(r"[-+]?\d*\.?\d+", str(header.get(key, "")).strip()) for header in headers]
+        if all(values):
+            return tuple(float(value[0]) for value in values if value), f"by the header keyword {key}"
+    numbers = [_NUMBER.findall(name.rpartition(".")[0] or name) for name in names]
+    # Names of one set have the same numbers at the same places; places are counted from the end.
+    columns = [[found[-place] for found in numbers] for place in range(1, min(map(len, numbers), default=0) + 1)]
+    likely = sorted(filter(_is_of_angles, columns), key=lambda column: not all(deg for _, _, deg in column))
+    if not likely:
+        retarder = (
+            f" ({RETARDER_KEY} is there: a half-wave plate turns the axis by twice its angle)"
+            if any(RETARDER_KEY in header for header in headers)
+            else ""
+        )
+        raise ConfigError(
+            f"neither headers nor names say the polarizer angles ({', '.join(names[:4])}){retarder}; say "
+            "--angles 0,45,... or --mosaic A,B,C,D"
+        )
+    return tuple(float(sign + size) for sign, size, _ in likely[0]), "by the names of the files"
+
+
+def _is_of_angles(column: Sequence[tuple[str, str, str]]) -> bool:
+    """Return whether numbers at one place of the names are angles, and no counter: they are, or they say so."""
+    values = [float(sign + size) for sign, size, _ in column]
+    distinct = sorted({value % 180.0 for value in values})
+    if len(distinct) < _LEAST_ANGLES or max(map(abs, values)) > 360.0:
+        return False
+    return all(deg for _, _, deg in column) or min(b - a for a, b in pairwise(distinct)) > 1.0

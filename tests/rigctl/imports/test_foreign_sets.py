@@ -1,0 +1,202 @@
+"""Sets of frames as others have them: sums, means, folders, header words; written by other programs, and by numpy."""
+
+import json
+
+import numpy as np
+import pytest
+import tifffile
+from astropy.io import fits
+
+from rigctl.cli import main
+from rigctl.imports import headers
+from rigctl.runs.folder import read_run
+from rigctl.verbs.import_images import import_images
+from rigctl.verbs.stokes import stokes
+from tests.rigctl.run_samples import noisy_counts
+
+ANGLES_DEG, READS, BLACK_DN = (0, 45, 90, 135), 45, 60
+DOLP, AOLP_DEG, GAIN, READ_NOISE_E = 0.3, 25.0, 0.5, 4.0
+
+
+def single_reads(rng, angle_deg, shape=(24, 24)):
+    """Return counts of reads, by plain numpy."""
+    light_e = 1500.0 * (1.0 + DOLP * np.cos(2.0 * np.radians(angle_deg - AOLP_DEG)))
+    electrons = rng.poisson(light_e, (READS, *shape)) + rng.normal(0.0, READ_NOISE_E, (READS, *shape))
+    return np.rint(GAIN * electrons + BLACK_DN)
+
+
+def write(path, counts, **header):
+    unit = fits.PrimaryHDU(counts)
+    unit.header.update({"EXPTIME": 0.01, "IMAGETYP": "Light Frame", "DET-TEMP": 263.15, **header})
+    unit.writeto(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sets(tmp_path_factory):
+    """Return the same reads as they are, as sums, as means, and as means rounded to whole counts, as runs."""
+    folder, rng = tmp_path_factory.mktemp("sets"), np.random.default_rng(5)
+    for name in ("single", "sum", "mean", "rounded"):
+        (folder / name).mkdir()
+    for angle in ANGLES_DEG:
+        reads, polar = single_reads(rng, angle), {"POLAR": f"{angle} Deg"}
+        for number, counts in enumerate(reads):
+            write(folder / "single" / f"{angle}_{number:02}.fits", counts.astype(np.uint16), **polar)
+        write(folder / "sum" / f"{angle}.fits", reads.sum(axis=0).astype(np.int32), COADDS=READS, **polar)
+        write(folder / "mean" / f"{angle}.fits", reads.mean(axis=0).astype(np.float32), NCOMBINE=READS, **polar)
+        write(folder / "rounded" / f"{angle}.fits", np.rint(reads.mean(axis=0)).astype(np.int16), **polar)
+    runs = {}
+    for name, more in {"single": {}, "sum": {}, "mean": {}, "rounded": {"averaged": READS}}.items():
+        black_dn = BLACK_DN * (READS if name == "sum" else 1)
+        runs[name] = folder / f"run-{name}"
+        import_images(runs[name], [folder / name], bit_depth=12, black_level_dn=black_dn, **more)
+    return runs
+
+
+@pytest.mark.parametrize("name", ["sum", "mean", "rounded"])
+def test_sums_and_means_give_the_dolp_of_their_reads(sets, name):
+    one, all_reads = stokes(sets[name]), stokes(sets["single"])
+    # Single precision, and rounding of a mean to whole counts: half a count of some 750.
+    tolerance = 0.5 / 750.0 * 2.0 if name == "rounded" else 1e-5
+    np.testing.assert_allclose(one.dolp, all_reads.dolp, atol=tolerance)
+    np.testing.assert_allclose(one.s0, all_reads.s0, rtol=tolerance)
+    first = read_run(sets[name]).frames[0]
+    assert (first.reads, first.real_counts) == (READS, None if name == "rounded" else True)
+    assert (first.exposure_s, first.saturation_dn) == (0.01, 4095.0)
+    assert first.camera_temperature_c == pytest.approx(-10.0)
+
+
+def test_the_noise_of_a_mean_is_that_of_its_reads(sets):
+    """Against the scatter of the pixels, which here is noise alone."""
+    from rigctl.measure.measure import measure
+
+    for name in ("sum", "rounded"):
+        run = read_run(sets[name])
+        measurement = measure(run, regions=[])
+        grid = measurement.grid
+        signal_e = np.array([run.counts(record).mean() - BLACK_DN for record in grid.records[0]]) / GAIN
+        of_read = GAIN**2 * (signal_e + READ_NOISE_E**2) + 1.0 / 12.0
+        expected = of_read * measurement.noise_factor + grid.rounding_dn2
+        found = np.array([run.counts(record).var(ddof=1) for record in grid.records[0]])
+        # A variance of 576 pixels is known to 6 %; four of them together to 3 %.
+        assert np.mean(found / expected) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / (4.0 * 576.0)))
+
+
+def test_counts_below_0_are_kept(tmp_path):
+    rng = np.random.default_rng(1)
+    taken = [rng.normal(0.4, 3.0, (8, 9)).astype(np.float32) for _ in ANGLES_DEG]
+    for angle, counts in zip(ANGLES_DEG, taken, strict=True):
+        tifffile.imwrite(tmp_path / f"pol{angle}deg.tif", counts)
+    words = ["--bit-depth", "14", "--black-level-dn", "0", "--same-exposure"]
+    assert main(["import", str(tmp_path / "run"), *map(str, sorted(tmp_path.glob("*.tif"))), *words]) == 0
+    run = read_run(tmp_path / "run")
+    by_angle = {record.polarizer_angle_deg: run.counts(record) for record in run.frames}
+    for angle, counts in zip(ANGLES_DEG, taken, strict=True):
+        np.testing.assert_array_equal(by_angle[angle], counts)
+
+
+def test_a_folder_of_all_kinds_is_one_run(tmp_path):
+    words = {"zero": "Bias Frame", "d": "DARK", "f": "flat field", "p0": "Object", "p60": "Object", "p120": "Object"}
+    (tmp_path / "night").mkdir()
+    for number, (name, word) in enumerate(words.items()):
+        write(
+            tmp_path / "night" / f"{name}.fits",
+            noisy_counts(number),
+            IMAGETYP=word,
+            EXPTIME=0.0 if number == 0 else 1.5,
+        )
+    assert main(["import", str(tmp_path / "run"), str(tmp_path / "night"), "--bit-depth", "12"]) == 0
+    frames = read_run(tmp_path / "run").frames
+    assert sorted((record.kind, record.polarizer_angle_deg) for record in frames if record.kind == "scene") == [
+        ("scene", 0.0),
+        ("scene", 60.0),
+        ("scene", 120.0),
+    ]
+    assert sorted(record.exposure_s for record in frames if record.kind == "dark") == [0.0, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "kind"),
+    [
+        ({"IMAGETYP": "zero"}, "a.fits", "dark"),
+        ({"FRAME": "Bias"}, "a.fits", "dark"),
+        ({"OBSTYPE": "OBJECT"}, "dark.fits", "scene"),
+        ({"IMAGETYP": "Light Frame"}, "a.fits", "scene"),
+        ({"IMAGETYP": "Flats"}, "a.fits", "flat"),
+        ({}, "biassu0s0017.fits", "dark"),
+        ({}, "Dark_001.fits", "dark"),
+        ({}, "flat-3.tif", "flat"),
+        ({}, "zero_deg.png", None),
+        ({}, "darkness.png", None),
+        ({}, "dark_flat.png", None),
+        ({"IMAGETYP": "?"}, "panel.png", None),
+    ],
+)
+def test_kinds_by_headers_and_names(header, name, kind):
+    assert headers.kind_of(header, name) == kind
+
+
+@pytest.mark.parametrize(
+    ("header", "found"),
+    [
+        ({"CCD-TEMP": -20.0}, -20.0),
+        ({"DET-TEMP": 250.0}, -23.15),
+        ({"SET-TEMP": -5.0, "CCDTEMP": -4.9}, -4.9),
+        ({}, None),
+    ],
+)
+def test_temperatures_by_headers(header, found):
+    assert headers.temperature_c(header) == (None if found is None else pytest.approx(found))
+
+
+@pytest.mark.parametrize(
+    ("header", "reads", "is_sum"),
+    [
+        ({"COADDS": 45}, 45, True),
+        ({"NCOMBINE": 3}, 3, False),
+        ({"COADDS": 1}, 1, False),
+        ({"COADDS": "many"}, 1, False),
+    ],
+)
+def test_reads_by_headers(header, reads, is_sum):
+    assert headers.reads_of(header)[:2] == (reads, is_sum)
+
+
+@pytest.mark.parametrize("key", ["POLANG", "POLAR", "POLARREF"])
+def test_angles_by_headers(key):
+    assert headers.angles_of(["a", "b", "c"], [{key: "0"}, {key: 60.0}, {key: "-60 Deg"}])[0] == (0.0, 60.0, -60.0)
+
+
+def test_all_that_is_missing_is_asked_for_in_one_message(tmp_path, capsys):
+    for number in range(3):
+        write(
+            tmp_path / f"{number}.fits", noisy_counts(number).astype(np.int32) * 40, OFFSET=9, RETANG=22.5, EXPTIME="?"
+        )
+    words = ["import", str(tmp_path / "run"), *map(str, sorted(tmp_path.glob("*.fits")))]
+    assert main(words) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    for text in (
+        "--exposure-s",
+        "--black-level-dn",
+        "the headers have OFFSET",
+        "--bit-depth",
+        "--coadds N",
+        "--angles",
+    ):
+        assert text in said
+    assert "a half-wave plate turns the axis by twice its angle" in said
+    assert main([*words, "--coadds", "2", "--averaged", "2"]) == 2
+    assert "--coadds, --averaged: give one" in capsys.readouterr().err
+
+
+def test_the_second_command_gives_a_calibrated_result(tmp_path, capsys):
+    rng = np.random.default_rng(3)
+    for angle in ANGLES_DEG:
+        tifffile.imwrite(tmp_path / f"panel_{angle}.tif", single_reads(rng, angle)[0].astype(np.uint16))
+    files = [str(tmp_path / f"panel_{angle}.tif") for angle in ANGLES_DEG]
+    words = ["--black-level-dn", str(BLACK_DN), "--same-exposure", "--bit-depth", "12", "--json"]
+    assert main(["import", str(tmp_path / "run"), *files, *words, "--stokes", str(tmp_path / "out")]) == 0
+    assert json.loads(capsys.readouterr().out)["stokes"]["sound"]
+    with fits.open(tmp_path / "out" / "dolp.fits") as file:
+        # 576 pixels, each known to about 0.03.
+        assert np.nanmean(file[0].data) == pytest.approx(DOLP, abs=0.01)
