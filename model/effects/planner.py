@@ -22,6 +22,8 @@ SharperBound = Callable[[Mapping[str, "LightLimits"]], Bound | None]
 
 _NO_CHOICE: Mapping[Effect, bool] = {}
 _ALL = "every effect acts by request"
+# Of a tolerance, what is below this is 0 to rounding.
+_ROUNDING = 1e-15
 
 
 def plan(
@@ -175,7 +177,8 @@ def _decided(
         elif np.isinf(size):
             reason = "no useful bound"
         else:
-            reason = f"sum {size:.1e} {'>' if acts else '<='} {tolerance:.1e}"
+            shown = f"{size:.1e}" if size > _ROUNDING * tolerance else "0"
+            reason = f"sum {shown} {'>' if acts else '<='} {tolerance:.1e}"
         if not acts and effect not in forced:
             spent = total
         found.append(

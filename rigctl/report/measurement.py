@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigctl.base.numbers import NOTHING
 from rigctl.report.data_files import csv_rows, fits_image, json_file
 from rigctl.report.drawing import (
     DrawnPicture,
     pictures_png,
 )
 from rigctl.report.output import write_folder
+from rigctl.report.prediction import with_error
+from rigctl.report.table import Column, Table
 
 if TYPE_CHECKING:
     from rigctl.comparison.detect import RxOnRun
     from rigctl.console.json_text import Json
     from rigctl.files.regions import Region
-    from rigctl.measure.measure import Measurement, PolarizationImages
+    from rigctl.measure.measure import MeasuredRegion, Measurement, PolarizationImages
 
 
 AnyFloatArray = NDArray[np.floating]
@@ -34,6 +38,21 @@ _SHOWN_PERCENTILES = (1.0, 99.5)
 _UNKNOWN_GREY = 153
 # Of a picture that is the same all over, the bar is so wide for its value.
 _LEAST_SPAN = 1e-3
+
+
+def summary_table(regions: Mapping[str, MeasuredRegion], *, unit: str) -> Table[Any]:
+    """Return S0, DoLP and AoLP of each region with their errors."""
+    wanted = {f"S0 [{unit}]": "s0", "DoLP": "dolp", "AoLP [deg]": "aolp_deg"}
+    columns: tuple[Column[tuple[str, MeasuredRegion]], ...] = (
+        Column(title="region", text=lambda row: row[0], left=True),
+        *(Column(title=title, text=partial(_mean_text, name=name)) for title, name in wanted.items()),
+    )
+    return Table(columns=columns, rows=tuple(regions.items()))
+
+
+def _mean_text(row: tuple[str, MeasuredRegion], name: str) -> str:
+    sample = row[1].quantities.get(name, {}).get("mean")
+    return NOTHING if sample is None else with_error(name, sample.value, sample.std_error)
 
 
 def scene_pictures(images: PolarizationImages, regions: Sequence[Region], *, unit: str) -> bytes:
@@ -101,18 +120,12 @@ def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]
 
 
 def write_stokes(
-    measurement: Measurement, regions: list[Region], out: Path, *, numbers: Mapping[str, Json]
+    measurement: Measurement, regions: list[Region], out: Path, *, fits: bytes, numbers: Mapping[str, Json]
 ) -> tuple[str, ...]:
     """Write all that a measurement gives into a folder; return the names of the files."""
     images, unit = measurement.images, measurement.grid.unit
     contents = {
-        "stokes.fits": fits_image(
-            images.stokes, unit=unit, what="S0, S1, S2; S1 = horizontal - vertical, S2 = +45 - (-45)"
-        ),
-        "dolp.fits": fits_image(images.dolp, unit="", what="DoLP; NaN where it has no meaning"),
-        "aolp.fits": fits_image(images.aolp_deg, unit="deg", what="AoLP, counter-clockwise, in [0, 180)"),
-        "saturated.fits": fits_image(measurement.saturated.astype(np.uint8), unit="", what="1: saturated in a frame"),
-        "missing.fits": fits_image(measurement.missing.astype(np.uint8), unit="", what="1: missing in a frame"),
+        "stokes.fits": fits,
         "pictures.png": scene_pictures(images, regions, unit=unit),
         "aolp.png": aolp_picture(images),
         **({} if images.residual is None else {"residual.png": residual_picture(images.residual)}),

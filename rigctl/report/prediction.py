@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from model.prediction import LEAST_S0_DN
 from model.processing import dolp_studies as normalized_stokes
 from model.processing.dolp import pdf
+from model.processing.reconstruction import aolp_is_defined
 from model.quantities import ORDERED
 from rigctl.base.numbers import NO_NUMBER, NOTHING, size, to_digits
 from rigctl.prediction.predict import STATED_RATES
@@ -68,7 +69,7 @@ def _rows(quantities: Mapping[str, Statistics], snr: SnrKind) -> Iterable[tuple[
 
 
 def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
-    statistics = row[1]
+    quantity, statistics = row
     if statistic not in statistics:
         return ""
     error = statistics.get(f"{statistic}_std_error", statistics.get(f"{statistic}_std_error_inputs"))
@@ -77,7 +78,14 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
         return NO_NUMBER
     if abs(value) < _LEAST_SHARE * statistics.get("std", 0.0):
         return "0"
-    return f"{value:.6g}" if error is None else f"{to_digits(value, error)} ± {to_digits(error, error)}"
+    return f"{value:.6g}" if error is None else with_error(quantity, value, error)
+
+
+def with_error(quantity: str, value: float, error: float) -> str:
+    """Return a number with its standard error; an AoLP whose 95 % interval covers all angles is undefined."""
+    if quantity == "aolp_deg" and not aolp_is_defined(np.radians(error)):
+        return "undefined"
+    return f"{to_digits(value, error)} ± {to_digits(error, error)}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
@@ -23,20 +24,20 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.processing.samples import Texture
+    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.comparison.checks import Check
     from rigctl.files.regions import Region
     from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations
     from rigctl.measure.diagnose import RunDiagnosis
     from rigctl.measure.measure import Measurement
+    from rigctl.measure.pixel_errors import PixelErrors
+    from rigctl.report.stokes_file import Plane
     from rigctl.runs.folder import Run as RunRecord
 
+_MOST_ROWS = 12  # regions on the first screen
 FILES = (
     "stokes.json",
     "stokes.fits",
-    "dolp.fits",
-    "aolp.fits",
-    "saturated.fits",
-    "missing.fits",
     "residual.png",
     "pictures.png",
     "aolp.png",
@@ -49,12 +50,14 @@ def stokes(
     *,
     regions: RegionsPath | None = None,
     out: Annotated[FilePath | None, Writes(kind="folder", names=FILES), Parameter(required=True)] = None,
+    wide: bool = False,
     **frames: Unpack[FrameOptions],
 ) -> "StokesResult":
     """Measure Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions.
 
-    stokes.fits holds (S0, S1, S2) after the dark level, in DN, or in DN/s where exposures differ. Calibrations that are
-    not named are picked from the store beside the rig file, if there is one (rigctl calibrate list).
+    stokes.fits holds S0, S1, S2 after the dark level, in DN, or in DN/s where exposures differ; their errors and
+    covariance, DoLP and AoLP with errors, and a mask. Calibrations that are not named are picked from the store beside
+    the rig file, if there is one (rigctl calibrate list).
 
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
 
@@ -66,6 +69,8 @@ def stokes(
         Regions file.
     out : path
         Folder for images, pictures and numbers. Python may leave it out: nothing is written then.
+    wide : bool
+        Show every measured number of each region.
     **frames
         Calibrations and corrections, see `FrameOptions`.
 
@@ -86,6 +91,7 @@ def stokes(
         regions_of(regions),
         calibrations_of(frames),
         correct=tuple(frames.get("correct", ())),
+        is_wide=wide,
     )
     if found.picked is not None:
         found.picked.report()
@@ -108,7 +114,9 @@ class StokesResult(Result):
     remarks: tuple[str, ...]  #: doubts, and how frames were corrected
     diagnosis: "RunDiagnosis"  #: faults that the run itself shows
     checks: "tuple[Check, ...]"  #: whether the run is sound
-    picked: "PickedCalibrations | None" = None  #: which calibrations were picked from the store
+    picked: "PickedCalibrations | None" = None  #: which calibrations were used, and which of them picked from the store
+    noise: "NoiseParameters | None" = None  #: the noise calibration
+    is_wide: bool = False  #: whether every number is shown
 
     def __repr__(self) -> str:
         from rigctl.measure.calibrations import named_calibrations
@@ -149,6 +157,20 @@ class StokesResult(Result):
         """AoLP of every pixel, (H, W) array, counter-clockwise from horizontal, in [0, 180) [deg]."""
         return self.measurement.images.aolp_deg
 
+    @cached_property
+    def errors(self) -> "PixelErrors":
+        """Errors of every pixel by noise: covariance of S0, S1, S2, errors of DoLP and AoLP; and a mask of doubts."""
+        from rigctl.measure.pixel_errors import pixel_errors
+
+        return pixel_errors(self.measurement, self.noise)
+
+    @property
+    def planes(self) -> "dict[str, Plane]":
+        """All pictures of the result by name, with unit and meaning; see docs/outputs.md."""
+        from rigctl.report.stokes_file import planes_of
+
+        return planes_of(self.measurement, self.errors)
+
     @property
     def refused(self) -> tuple[str, ...]:
         """Why the run is unsound; empty where it is sound."""
@@ -176,18 +198,47 @@ class StokesResult(Result):
         return (*(() if self.picked is None else self.picked.lines), *self.remarks)
 
     def content(self) -> Iterable[Part]:
-        """Return the run's faults, the numbers of the regions and their texture."""
-        from rigctl.report.measurement import scene_pictures
+        """Return DoLP and AoLP, the run's faults, and with --wide all numbers of the regions and their texture."""
+        from rigctl.report.measurement import scene_pictures, summary_table
         from rigctl.report.numbers import region_statistics
         from rigctl.report.prediction import quantity_tables
 
+        yield self._answer()
+        regions = self.measurement.regions
+        if regions and not self.is_wide:
+            shown = dict(list(regions.items())[:_MOST_ROWS])
+            yield summary_table(shown, unit=self.measurement.grid.unit)
+            more = f"{len(regions) - len(shown)} more regions, and " if len(shown) < len(regions) else ""
+            yield f"{more}every number with its deviations: --wide, or stokes.json"
         yield from self._faults()
-        yield from quantity_tables(
-            {name: region_statistics(region) for name, region in self.measurement.regions.items()}
-        )
-        for name, texture in (self.textures or {}).items():
-            yield _texture_line(name, texture)
+        if self.is_wide:
+            yield from quantity_tables({name: region_statistics(region) for name, region in regions.items()})
+            yield from (_texture_line(name, texture) for name, texture in (self.textures or {}).items())
         yield lambda: scene_pictures(self.measurement.images, [], unit=self.measurement.grid.unit)
+
+    def _answer(self) -> str:
+        import numpy as np
+
+        from rigctl.report.prediction import with_error
+
+        regions = {
+            name: one.quantities["dolp"]["mean"]
+            for name, one in self.measurement.regions.items()
+            if "dolp" in one.quantities
+        }
+        if self.refused:
+            return "UNSOUND: the numbers below are not those of the light"
+        if regions:
+            high = max(regions, key=lambda name: regions[name].value)
+            among = f", the largest of {len(regions)} regions" if len(regions) > 1 else ""
+            return f"DoLP {with_error('dolp', regions[high].value, regions[high].std_error)} ({high}){among}"
+        if self.regions:
+            return "no region can be measured"
+        good = self.dolp[np.isfinite(self.dolp)]
+        if not good.size:
+            return "no pixel has a DoLP"
+        middle, low_share, high_share = np.percentile(good, (50, 5, 95))
+        return f"DoLP {middle:.4f} (median; 90 % of the pixels {low_share:.4f} to {high_share:.4f})"
 
     def _faults(self) -> Iterable[str]:
         from rigctl.base.numbers import percent
@@ -196,13 +247,9 @@ class StokesResult(Result):
 
         high, low = (percent(share) for share in self.measurement.clipped_shares)
         missing = float(self.measurement.missing.mean())
-        yield f"clipped in one frame or more: {high} of the pixels at the upper end, which are left out, {low} at 0" + (
+        yield f"clipped in one frame or more: {high} of the pixels at the upper end, {low} at 0" + (
             f"; missing: {percent(missing)}" if missing else ""
         )
-        if self.refused:
-            yield "UNSOUND: the numbers below are not those of the light"
-        if self.regions and not self.measurement.regions:
-            yield "no region can be measured"
         yield from (f"the run shows {term_text(term)}" for term in self.diagnosis.mentioned)
         yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
@@ -223,8 +270,11 @@ class StokesResult(Result):
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write images, masks, pictures and numbers into a folder; return the names of the files."""
         from rigctl.report.measurement import write_stokes
+        from rigctl.report.stokes_file import stokes_fits
 
-        return write_stokes(self.measurement, self.regions, folder, numbers=self.as_json())
+        files = {} if self.picked is None else self.picked.paths.files
+        fits = stokes_fits(self.measurement, self.errors, {str(kind): path for kind, path in files.items()})
+        return write_stokes(self.measurement, self.regions, folder, fits=fits, numbers=self.as_json())
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every measured number as a data frame: region, quantity, statistic, value, std_error."""
@@ -234,20 +284,25 @@ class StokesResult(Result):
         return data_frame(number_table(measured_numbers(found), error="std_error"), backend)
 
     def to_xarray(self) -> Any:
-        """Return the pictures as an `xarray.Dataset`: s0, s1, s2, dolp, aolp_deg and unusable over y and x."""
+        """Return all planes over y and x as an `xarray.Dataset`, and which pixels are unusable."""
         from rigctl.report.data_frames import optional
 
-        images, unit = self.measurement.images, self.measurement.grid.unit
-        units = {"s0": unit, "s1": unit, "s2": unit, "dolp": "1", "aolp_deg": "deg"}
         data: dict[str, Any] = {
-            name: (("y", "x"), getattr(self, name), {"units": text}) for name, text in units.items()
+            name: (("y", "x"), plane.values, {"units": plane.unit or "1", "long_name": plane.meaning})
+            for name, plane in self.planes.items()
         }
-        data["unusable"] = (("y", "x"), images.unusable, {"long_name": "saturated or missing in any frame"})
+        unusable = self.measurement.images.unusable
+        data["unusable"] = (("y", "x"), unusable, {"long_name": "saturated or missing in any frame"})
         return optional("xarray").Dataset(data, attrs={"run": str(self.measurement.run.path)})
 
 
 def stokes_of(
-    run: "RunRecord", regions: "list[Region]", paths: "CalibrationPaths", *, correct: tuple[str, ...] = ()
+    run: "RunRecord",
+    regions: "list[Region]",
+    paths: "CalibrationPaths",
+    *,
+    correct: tuple[str, ...] = (),
+    is_wide: bool = False,
 ) -> StokesResult:
     """Measure a run that was read already."""
     from rigctl.comparison.checks import registration_of, run_checks
@@ -265,6 +320,8 @@ def stokes_of(
         diagnosis=seen.diagnosis,
         checks=run_checks(seen.measurement, registration_of(seen.measurement), seen.diagnosis),
         picked=picked,
+        noise=given.noise,
+        is_wide=is_wide,
     )
 
 

@@ -197,6 +197,6 @@ def test_the_second_command_gives_a_calibrated_result(tmp_path, capsys):
     words = ["--black-level-dn", str(BLACK_DN), "--same-exposure", "--bit-depth", "12", "--json"]
     assert main(["import", str(tmp_path / "run"), *files, *words, "--stokes", str(tmp_path / "out")]) == 0
     assert json.loads(capsys.readouterr().out)["stokes"]["sound"]
-    with fits.open(tmp_path / "out" / "dolp.fits") as file:
+    with fits.open(tmp_path / "out" / "stokes.fits") as file:
         # 576 pixels, each known to about 0.03.
-        assert np.nanmean(file[0].data) == pytest.approx(DOLP, abs=0.01)
+        assert np.nanmean(file["DOLP"].data) == pytest.approx(DOLP, abs=0.01)

@@ -131,7 +131,7 @@ def test_regions_of_a_whole_archive_where_an_expression_holds(root, taken, engin
     assert [row.run for row in found.rows] == ["a"]
     measured = stokes(root / "a", regions=read_regions(taken)).measurement
     assert found.rows[0].regions[0].dolp == measured.regions["left"].quantities["dolp"]["mean"].value
-    assert (root.parent / "stokes" / "runs" / "a" / "dolp.fits").is_file()
+    assert (root.parent / "stokes" / "runs" / "a" / "stokes.fits").is_file()
 
 
 def read_regions(folder):

@@ -1,0 +1,178 @@
+"""The result of `rigctl stokes` as planes with names, units and meanings, and as one FITS file with extensions.
+
+`PLANES` is the list of them all; every format that results are written in has the same planes.
+"""
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigctl.base.durable import sha256_of
+from rigctl.console.anonymity import is_anonymous, told
+from rigctl.measure.measure import Measurement
+from rigctl.measure.pixel_errors import Doubt, PixelErrors
+from rigctl.runs.folder import MANIFEST_FILE
+from rigctl.version import VERSION
+
+_NOISE = "standard error by noise"
+# Name to unit and meaning; "S" is the unit of S0: DN, or DN/s where exposures differ.
+PLANES = {
+    "s0": ("S", "S0, all of the light, dark level off"),
+    "s1": ("S", "S1, horizontal - vertical"),
+    "s2": ("S", "S2, +45 deg - (-45) deg"),
+    "s0_error": ("S", f"{_NOISE} of S0"),
+    "s1_error": ("S", f"{_NOISE} of S1"),
+    "s2_error": ("S", f"{_NOISE} of S2"),
+    "s0_s1_cov": ("S2", "covariance of S0 and S1 by noise"),
+    "s0_s2_cov": ("S2", "covariance of S0 and S2 by noise"),
+    "s1_s2_cov": ("S2", "covariance of S1 and S2 by noise"),
+    "dolp": ("", "degree of linear polarization; NaN where it has no meaning"),
+    "dolp_error": ("", f"{_NOISE} of DoLP, to first order"),
+    "aolp_deg": ("deg", "angle of linear polarization, counter-clockwise from horizontal, 0 to 180"),
+    "aolp_error_deg": ("deg", f"{_NOISE} of AoLP, to first order; large where DoLP is not significant"),
+    "dq": (
+        "",
+        "mask, 0 is good: "
+        + ", ".join(f"{bit} {name.lower().replace('_', ' ')}" for name, bit in Doubt.__members__.items()),
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """A picture of the result."""
+
+    values: NDArray[Any]
+    unit: str
+    meaning: str
+
+
+def planes_of(measurement: Measurement, errors: PixelErrors) -> dict[str, Plane]:
+    """Return all planes by name."""
+    images, std = measurement.images, np.sqrt(np.stack([errors.cov[k, k] for k in range(3)]))
+    values = dict(
+        zip(
+            PLANES,
+            (
+                *images.stokes, *std, errors.cov[0, 1], errors.cov[0, 2], errors.cov[1, 2],
+                images.dolp, errors.dolp, images.aolp_deg, errors.aolp_deg, errors.doubts,
+            ),
+            strict=True,
+        )
+    )  # fmt: skip
+    unit = measurement.grid.unit
+    units = {"S": unit, "S2": f"{unit}^2" if unit == "DN" else "DN^2/s^2"}
+    return {
+        name: Plane(values=values[name], unit=units.get(kind, kind), meaning=meaning)
+        for name, (kind, meaning) in PLANES.items()
+    }
+
+
+def stokes_fits(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path]) -> bytes:
+    """Return a FITS file: SCI (S0, S1, S2), ERR, COV, DQ, DOLP, DOLP_ERR, AOLP, AOLP_ERR.
+
+    FITS standard 4.0, sections 8.2 and 9; SOLARNET Metadata Recommendations, section 5.4.1, for POLCCONV and POLCANGL.
+    """
+    from astropy.io import fits
+
+    planes = planes_of(measurement, errors)
+
+    def unit(make: Any, extension: str, *names: str, **cards: Any) -> Any:
+        values = [planes[name].values for name in names]
+        made = make(np.stack(values) if len(values) > 1 else values[0])
+        made.header["EXTNAME"] = extension
+        made.header["BUNIT"] = (planes[names[0]].unit, "unit of the samples")
+        made.header["ROWORDER"] = ("TOP-DOWN", "first row is the top of the picture")
+        for key, value in cards.items():
+            made.header[key] = value
+        for name in names:
+            made.header["COMMENT"] = f"{name}: {planes[name].meaning}"
+        return made
+
+    science = unit(fits.PrimaryHDU, "SCI", "s0", "s1", "s2")
+    science.header.update(_facts(measurement, errors, calibrations))
+    units = [
+        science,
+        unit(fits.ImageHDU, "ERR", "s0_error", "s1_error", "s2_error", UTYPE="StdDevUncertainty"),
+        unit(fits.ImageHDU, "COV", "s0_s1_cov", "s0_s2_cov", "s1_s2_cov"),
+        unit(fits.ImageHDU, "DQ", "dq"),
+        unit(fits.ImageHDU, "DOLP", "dolp"),
+        unit(fits.ImageHDU, "DOLP_ERR", "dolp_error"),
+        unit(fits.ImageHDU, "AOLP", "aolp_deg"),
+        unit(fits.ImageHDU, "AOLP_ERR", "aolp_error_deg"),
+    ]
+    for one in units:
+        one.add_checksum()
+    file = io.BytesIO()
+    fits.HDUList(units).writeto(file)
+    return file.getvalue()
+
+
+def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path]) -> dict[str, Any]:
+    """Return the header of the science image."""
+    run, grid = measurement.run, measurement.grid
+    frames = grid.frames
+    first = frames[0]
+    facts: dict[str, Any] = {
+        "CTYPE1": ("X", "columns, to the right"),
+        "CTYPE2": ("Y", "rows, downwards"),
+        "CTYPE3": ("STOKES", "I, Q, U: S0, S1, S2"),
+        "CRPIX3": 1.0,
+        "CRVAL3": 1.0,
+        "CDELT3": 1.0,
+        "POLCCONV": ("(+X,-Y,+Z)", "+Q right in the picture, Z to observer"),
+        "POLCANGL": (0.0, "[deg] turn of that frame"),
+        "POLANGS": (", ".join(f"{angle:.4f}" for angle in np.degrees(grid.polarizer_angles_rad)), "[deg] polarizer"),
+        "NCYCLES": (grid.cycles, "repeats of these angles"),
+        "EXTRATIO": (measurement.extinction_ratio, "extinction ratio of the polarizer"),
+        "DARKSRC": measurement.dark_level.source,
+        "ERRSRC": (errors.source, "what ERR rests on"),
+        "RUNID": run.path.absolute().name,
+        "RUNHASH": sha256_of(run.path / MANIFEST_FILE),
+        "SWVER": f"rigctl {VERSION}",
+    }
+    starts, ends = [f.start_utc for f in frames if f.start_utc], [f.end_utc or f.start_utc for f in frames]
+    known = [np.datetime64(text.removesuffix("Z"), "us") for text in (*starts, *filter(None, ends))]
+    if starts:
+        begin, end = min(known), max(known)
+        for key, when in {"DATE-BEG": begin, "DATE-AVG": begin + (end - begin) / 2, "DATE-END": end}.items():
+            facts[key] = str(when.astype("datetime64[ms]"))
+        facts["TIMESYS"] = "UTC"
+    if grid.exposures_s is not None and grid.is_one_exposure:
+        facts["EXPTIME"] = (float(grid.exposures_s[0]), "[s] of one frame")
+    means = {
+        "CCD-TEMP": ("camera_temperature_c", "[deg C] camera, mean"),
+        "SUNAZ": ("sun_azimuth_deg", "[deg] sun, clockwise from north, mean"),
+        "SUNEL": ("sun_elevation_deg", "[deg] sun, mean"),
+    }
+    places = {"SITELAT": "site_latitude_deg", "SITELONG": "site_longitude_deg", "SITEELEV": "site_elevation_m"}
+    for key, (name, comment) in means.items():
+        numbers = [getattr(frame, name) for frame in frames]
+        if all(number is not None for number in numbers):
+            facts[key] = (float(np.mean(numbers)), comment)
+    if not is_anonymous():
+        facts |= {key: getattr(first, name) for key, name in places.items() if getattr(first, name) is not None}
+        facts |= {} if first.camera_serial is None else {"CAMSN": first.camera_serial}
+    facts |= {} if first.camera_model is None else {"INSTRUME": first.camera_model}
+    simulation = None if run.session.rig is None else run.session.rig.simulation
+    sensor = simulation.get("sensor") if simulation else None
+    if isinstance(sensor, dict) and isinstance(sensor.get("wavelength_nm"), int | float):
+        facts["FILTER"] = (f"{sensor['wavelength_nm']:g} nm", "effective wavelength")
+    for number, (kind, path) in enumerate(sorted(calibrations.items()), start=1):
+        facts[f"CAL{number}"] = (f"{kind} {path.name}", "calibration")
+        facts[f"CAL{number}HASH"] = sha256_of(path)
+    return {key: _told(value) for key, value in facts.items()}
+
+
+def _told(value: Any) -> Any:
+    """Return a card's value in ASCII and without names of machines, infinity as text."""
+    if isinstance(value, tuple):
+        return _told(value[0]), value[1]
+    if isinstance(value, float) and not np.isfinite(value):
+        return "infinite"
+    return told(value).encode("ascii", "replace").decode() if isinstance(value, str) else value
