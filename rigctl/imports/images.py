@@ -84,9 +84,9 @@ class ImportRequest:
     run: Path
     files: tuple[Path, ...]  #: in the order in which they were taken
     kind: FrameKind | None = None  #: None: as headers and names say, or scene
-    angles_deg: tuple[float, ...] | None = None
+    angles_deg: tuple[float | str, ...] | None = None  #: one for each file [deg], a header keyword, or a CSV table
     angle_key: str | None = None
-    stage_angles: tuple[float | str, ...] | None = None  #: one for each file [deg], a header keyword, or a CSV table
+    stage_angles: tuple[float | str, ...] | None = None  #: likewise
     mosaic_deg: tuple[float, ...] | None = None  #: of the cell of 2 x 2 pixels at the top left, row by row
     exposure_s: float | None = None
     exposure_key: str | None = None
@@ -125,11 +125,12 @@ def _angle_problems(request: ImportRequest) -> Iterator[str]:
     ways = [request.angles_deg, request.angle_key, request.mosaic_deg]
     if sum(way is not None for way in ways) > 1:
         yield "--angles, --angle-key, --mosaic: give one of them"
-    if request.angles_deg is not None and len(request.angles_deg) != len(request.files):
-        yield f"--angles: {len(request.angles_deg)} angles for {len(request.files)} files; give one for each file"
-    stage = request.stage_angles or ()
-    if stage and len(stage) != len(request.files) and not (len(stage) == 1 and isinstance(stage[0], str)):
-        yield f"--stage-angles: {len(stage)} angles for {len(request.files)} files; give one for each file"
+    for option, stated in {"--angles": request.angles_deg, "--stage-angles": request.stage_angles}.items():
+        is_named = stated is not None and len(stated) == 1 and isinstance(stated[0], str)
+        if stated is not None and not is_named and len(stated) != len(request.files):
+            yield f"{option}: {len(stated)} angles for {len(request.files)} files; give one for each file"
+        for word in () if is_named else (one for one in stated or () if isinstance(one, str)):
+            yield f"{option}: {word!r} is no number of degrees"
     if request.mosaic_deg is not None and len(request.mosaic_deg) != 4:
         yield f"--mosaic: {len(request.mosaic_deg)} angles; a cell of 2 x 2 pixels has 4, row by row"
 
@@ -486,11 +487,14 @@ def survey_images(request: ImportRequest) -> Survey:
     levels = np.zeros(LEVELS, dtype=np.int64)
     unsaid: list[str] = []
     unfit: list[str] = []
-    stage_deg = _stage_table(request)
+    tables = {
+        "--angles": _angle_table(request.angles_deg, "angle_deg"),
+        "--stage-angles": _angle_table(request.stage_angles, "stage_angle_deg"),
+    }
     for index, path in enumerate(request.files):
         try:
             image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
-            images.append(_survey(request, index, image, stage_deg))
+            images.append(_survey(request, index, image, tables))
             levels += images[-1].levels
         except DataError as error:
             unfit.append(f"{path}: {error}")
@@ -536,7 +540,7 @@ def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: li
 
 
 def _survey(
-    request: ImportRequest, index: int, image: ImageFile, stage_deg: Mapping[str, float]
+    request: ImportRequest, index: int, image: ImageFile, tables: Mapping[str, Mapping[str, float]]
 ) -> SurveyedImage:
     path = request.files[index]
     reads, is_sum, _ = headers.reads_of(image.header)
@@ -552,8 +556,10 @@ def _survey(
         kind=request.kind or headers.kind_of(image.header, path.name) or "scene",
         sample_bits=image.sample_bits,
         first_row=_first_row(request, image),
-        angle_deg=_angle(request, index, image.header),
-        stage_angle_deg=_stage_angle(request, index, image.header, stage_deg),
+        angle_deg=_angle_of_header(image.header, "--angle-key", request.angle_key)
+        if request.angle_key is not None
+        else _stated_angle(request.angles_deg, "--angles", index, path.name, image.header, tables),
+        stage_angle_deg=_stated_angle(request.stage_angles, "--stage-angles", index, path.name, image.header, tables),
         exposure_s=_number(image.header, "--exposure-key", request.exposure_key, request.exposure_s),
         black_level_dn=None if black_level_dn is None else black_level_dn / unit,
         start_utc=_start(image.header),
@@ -584,13 +590,6 @@ def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
     return request.first_row
 
 
-def _angle(request: ImportRequest, index: int, header: headers.Header) -> float | None:
-    if request.angle_key is not None:
-        return _angle_of_header(header, "--angle-key", request.angle_key)
-    angles = request.angles_deg or ()
-    return angles[index] if index < len(angles) else None
-
-
 def _angle_of_header(header: headers.Header, option: str, key: str) -> float:
     text = str(_header_value(header, option, key)).strip()
     match = _ANGLE.fullmatch(text)
@@ -599,32 +598,35 @@ def _angle_of_header(header: headers.Header, option: str, key: str) -> float:
     return float(match[1])
 
 
-def _stage_angle(
-    request: ImportRequest, index: int, header: headers.Header, table: Mapping[str, float]
+def _stated_angle(
+    stated: tuple[float | str, ...] | None,
+    option: str,
+    index: int,
+    name: str,
+    header: headers.Header,
+    tables: Mapping[str, Mapping[str, float]],
 ) -> float | None:
-    stated = request.stage_angles or ()
-    if table:
-        name = request.files[index].name
-        if name not in table:
-            raise ConfigError(f"--stage-angles {stated[0]}: has no row for the file {name}")
-        return table[name]
+    """Return the angle of a file by a table, a keyword or a list [deg]; None where none is stated."""
+    stated = stated or ()
+    if tables[option]:
+        if name not in tables[option]:
+            raise ConfigError(f"{option} {stated[0]}: has no row for the file {name}")
+        return tables[option][name]
     if len(stated) == 1 and isinstance(stated[0], str):
-        return _angle_of_header(header, "--stage-angles", stated[0])
-    return float(stated[index]) if index < len(stated) else None
+        return _angle_of_header(header, option, stated[0])
+    value = stated[index] if index < len(stated) else None
+    return None if isinstance(value, str) else value
 
 
-def _stage_table(request: ImportRequest) -> dict[str, float]:
-    """Return the stage angles of a CSV table by the names of their files, nothing where none was given [deg]."""
-    stated = request.stage_angles
+def _angle_table(stated: tuple[float | str, ...] | None, column: str) -> dict[str, float]:
+    """Return the angles of a CSV table by the names of their files, nothing where none was given [deg]."""
     if stated is None or len(stated) != 1 or not str(stated[0]).lower().endswith(".csv"):
         return {}
     path = Path(str(stated[0]))
     try:
-        found = {Path(str(row["file"]).strip()).name: float(row["stage_angle_deg"] or "") for row in csv_rows(path)}
+        found = {Path(str(row["file"]).strip()).name: float(row[column] or "") for row in csv_rows(path)}
     except (KeyError, ValueError) as error:
-        raise ConfigError(
-            f"{path}: needs the columns file and stage_angle_deg, a number of degrees ({error})"
-        ) from error
+        raise ConfigError(f"{path}: needs the columns file and {column}, a number of degrees ({error})") from error
     if not found or not all(map(isfinite, found.values())):
         raise ConfigError(f"{path}: has to have a row with a finite angle for each file")
     return found

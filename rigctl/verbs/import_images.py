@@ -36,7 +36,7 @@ def import_images(
     files: Sequence[FilePath],
     /,
     *,
-    angles: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
+    angles: Annotated[Sequence[float | str] | None, COMMA_SEPARATED] = None,
     angle_key: str | None = None,
     stage_angles: Annotated[Sequence[float | str] | None, COMMA_SEPARATED] = None,
     mosaic: Annotated[Sequence[float] | None, COMMA_SEPARATED] = None,
@@ -84,8 +84,9 @@ def import_images(
     files : sequence of path
         FITS, PNG, TIFF or camera RAW images in the order in which they were taken, folders of them, and arrays in HDF5
         and NetCDF files, as in scan.h5:/entry/data.
-    angles : sequence of float
-        Polarizer angle of each file [deg], as in 0,60,-60; else by headers or names.
+    angles : sequence of float, or str
+        Polarizer angle of each file [deg], as in 0,60,-60, or a CSV table with the columns file and angle_deg; else by
+        headers or names.
     angle_key : str
         Header keyword with the angle [deg].
     stage_angles : sequence of float, or str

@@ -167,6 +167,13 @@ def test_angles_by_headers(key):
     assert headers.angles_of(["a", "b", "c"], [{key: "0"}, {key: 60.0}, {key: "-60 Deg"}])[0] == (0.0, 60.0, -60.0)
 
 
+def test_angles_by_a_table(tmp_path):
+    files = [write(tmp_path / f"{name}.fits", noisy_counts(k), POLAR=7.0) for k, name in enumerate("abc")]
+    (tmp_path / "angles.csv").write_text("file,angle_deg\nc.fits,120\nb.fits,60\na.fits,0\n")
+    import_images(tmp_path / "run", files, angles=[str(tmp_path / "angles.csv")], bit_depth=12, black_level_dn=1)
+    assert [record.polarizer_angle_deg for record in read_run(tmp_path / "run").frames] == [0.0, 60.0, 120.0]
+
+
 def test_all_that_is_missing_is_asked_for_in_one_message(tmp_path, capsys):
     for number in range(3):
         write(

@@ -162,7 +162,7 @@ def test_what_cannot_be_known_is_asked_for(run_path, pngs, capsys, left_out, opt
     ("words", "text"),
     [
         (["--angles", "0,45"], "2 angles for 4 files"),
-        (["--angles", "0,x,90,135"], "Invalid value for --angles"),
+        (["--angles", "0,x,90,135"], "--angles: 'x' is no number of degrees"),
         (["--angles", "0,nan,90,135"], "finite"),
         (["--angles", "0,45,90,135", "--mosaic", "0,45,90,135"], "give one of them"),
         (["--mosaic", "0,45,90"], "3 angles"),
