@@ -1,8 +1,9 @@
-"""The result of `rigctl stokes` as planes with names, units and meanings, and as one FITS file with extensions.
+"""The result of `rigctl stokes` as planes with names, units and meanings: in one FITS, HDF5 or CSV file, or in Zarr.
 
-`PLANES` is the list of them all; every format that results are written in has the same planes.
+`PLANES` is the list of them all; every format has the same planes.
 """
 
+import csv
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from rigctl.base.durable import sha256_of
 from rigctl.console.anonymity import is_anonymous, told
+from rigctl.errors import ConfigError
 from rigctl.measure.measure import Measurement
 from rigctl.measure.pixel_errors import Doubt, PixelErrors
 from rigctl.runs.folder import MANIFEST_FILE
@@ -176,3 +178,88 @@ def _told(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return "infinite"
     return told(value).encode("ascii", "replace").decode() if isinstance(value, str) else value
+
+
+def stokes_hdf5(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path], out: Path) -> None:
+    """Write the planes into an HDF5 file, with the names of NeXus (NXdata, NXdetector, NXoptical_polarizer)."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise ConfigError("--to hdf5 needs h5py: pip install 'rigctl[export]'") from error
+    facts, grid = _facts(measurement, errors, calibrations), measurement.grid
+
+    def group(name: str, kind: str, **fields: tuple[Any, str]) -> Any:
+        made = file.create_group(name)
+        made.attrs["NX_class"] = kind
+        for key, (value, unit) in fields.items():
+            if value is not None:
+                made[key] = value
+                if unit:
+                    made[key].attrs["units"] = unit
+        return made
+
+    with h5py.File(out, "x") as file:
+        file.attrs["default"] = "entry"
+        entry = group(
+            "entry",
+            "NXentry",
+            title=(facts["RUNID"], ""),
+            start_time=(facts.get("DATE-BEG"), ""),
+            end_time=(facts.get("DATE-END"), ""),
+        )
+        entry.attrs["default"] = "stokes"
+        group("entry/instrument", "NXinstrument")
+        first, exposures = grid.frames[0], grid.exposures_s
+        group(
+            "entry/instrument/detector",
+            "NXdetector",
+            description=(first.camera_model, ""),
+            count_time=(exposures, "s"),
+            saturation_value=(first.saturation_dn, ""),
+            bit_depth_readout=(first.bit_depth, ""),
+        )
+        group(
+            "entry/instrument/polarizer",
+            "NXoptical_polarizer",
+            type=("linear", ""),
+            polarizer_angle=(np.degrees(grid.polarizer_angles_rad), "deg"),
+            extinction_ratio=(measurement.extinction_ratio, ""),
+        )
+        data = group("entry/stokes", "NXdata")
+        data.attrs.update({"signal": "dolp", "axes": ["y", "x"]})
+        for name, plane in planes_of(measurement, errors).items():
+            data.create_dataset(name, data=plane.values, compression="gzip", shuffle=True)
+            data[name].attrs.update({"units": plane.unit, "long_name": plane.meaning})
+        for key, value in facts.items():
+            entry.attrs[key] = value[0] if isinstance(value, tuple) else value
+
+
+def stokes_zarr(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path], out: Path) -> None:
+    """Write the planes into a Zarr folder that xarray opens, the facts of the FITS header as attributes."""
+    try:
+        import zarr
+    except ImportError as error:
+        raise ConfigError("--to zarr needs zarr: pip install 'rigctl[export]'") from error
+    group = zarr.open_group(str(out), mode="w-", zarr_format=2)
+    for name, plane in planes_of(measurement, errors).items():
+        about: dict[str, Any] = {"_ARRAY_DIMENSIONS": ["y", "x"], "units": plane.unit or "1", "long_name": plane.meaning}
+        group.create_array(name, data=plane.values, fill_value=None, attributes=about)
+    facts = _facts(measurement, errors, calibrations)
+    group.attrs.update({key: value[0] if isinstance(value, tuple) else value for key, value in facts.items()})
+    zarr.consolidate_metadata(str(out))
+
+
+def stokes_csv(
+    measurement: Measurement, errors: PixelErrors, inside: Mapping[str, NDArray[np.bool_]], out: Path
+) -> None:
+    """Write a row for each pixel of each region, or of the picture: region, x, y and the planes."""
+    planes = planes_of(measurement, errors)
+    whole = {"": np.ones(measurement.saturated.shape, dtype=np.bool_)}
+    with out.open("w", encoding="ascii", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("region", "x", "y", *planes))
+        for region, pixels in (inside or whole).items():
+            rows, columns = np.nonzero(pixels)
+            values = [plane.values[pixels].tolist() for plane in planes.values()]
+            for x, y, *numbers in zip(columns.tolist(), rows.tolist(), *values, strict=True):
+                writer.writerow((region, x, y, *(f"{one:.7g}" if np.isfinite(one) else "" for one in numbers)))

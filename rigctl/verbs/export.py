@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
@@ -35,17 +35,21 @@ def export(
     *,
     to: ExportFormat,
     out: Annotated[FilePath, Writes(kind="absent")],
+    of: Literal["frames", "stokes"] = "frames",
     regions: RegionsPath | None = None,
     **frames: Unpack[FrameOptions],
 ) -> "ExportedRun":
     """Write a run in a format that other programs read; each frame's checksum is verified on the way.
 
-    csv: the numbers of regions, a row for each cycle, region and quantity. fits: one file with all frames and a table
-    of what is known of each. tiff: a file a frame. hdf5 and zarr: one array.
+    Frames in csv: the numbers of regions, a row for each cycle, region and quantity. fits: one file with all frames and
+    a table of what is known of each. tiff: a file a frame. hdf5 and zarr: one array. With --of stokes, the Stokes
+    parameters, DoLP and AoLP of every pixel with their errors and mask, as in stokes.fits.
 
     Example: rigctl export runs/2026-05-04 --to hdf5 --out panels.h5
 
     Example: rigctl export runs/2026-05-04 --to csv --regions regions.toml --out panels.csv
+
+    Example: rigctl export runs/2026-05-04 --of stokes --to hdf5 --noise noise.json --out stokes.h5
 
     Parameters
     ----------
@@ -55,10 +59,12 @@ def export(
         Format; tiff, hdf5 and zarr need pip install 'rigctl[export]'.
     out : path
         File or folder to make; it is complete, or not there at all.
+    of : {"frames", "stokes"}
+        Frames as they were taken, or what is measured of every pixel.
     regions : path or sequence of Region
-        Regions file, for csv.
+        Regions file, for csv; of stokes only pixels of the regions are written.
     **frames
-        Calibrations and corrections, for csv, and which frames are read, see `FrameOptions`.
+        Calibrations and corrections, for csv and stokes, and which frames are read, see `FrameOptions`.
 
     Returns
     -------
@@ -80,14 +86,18 @@ def export(
     path, place = Path(run), Path(out)
     if place.exists():
         raise ConfigError(f"--out: {place} is there already; name a file or folder that does not exist yet")
-    if to == "csv" and regions is None:
+    if of == "stokes" and (to == "tiff" or (to != "csv" and regions is not None)):
+        raise ConfigError(f"--of stokes --to {to}: say --to fits, hdf5, zarr or csv; --regions is for csv")
+    if of == "frames" and to == "csv" and regions is None:
         raise ConfigError("--to csv: has the numbers of regions: give --regions FILE")
-    if to != "csv" and (regions is not None or set(frames) - {"ignore_exclusions"}):
+    if of == "frames" and to != "csv" and (regions is not None or set(frames) - {"ignore_exclusions"}):
         raise ConfigError(f"--to {to}: frames are written as they are; --regions and calibrations are for --to csv")
     used = used_run(path, ignore_exclusions=frames.get("ignore_exclusions", False))
     with tempfile.TemporaryDirectory(dir=place.parent, prefix=f".{place.name[:_MOST_NAME]}-", suffix=PART_SUFFIX) as at:
         part = Path(at) / "part"
-        if to == "csv":
+        if of == "stokes":
+            _stokes(used, regions_of(regions), frames, to, part)
+        elif to == "csv":
             part.write_bytes(_cycles_csv(used, regions_of(regions), frames))
         else:
             getattr(formats, f"export_{to}")(used, part)
@@ -95,6 +105,23 @@ def export(
     for doubt in unset_polarizer(path, placeholder=used.session.polarizer.placeholder):
         warn(doubt)
     return ExportedRun(run=path, out=place, to=to, frames=len(used.frames))
+
+
+def _stokes(run: "Run", regions: "list[Region]", frames: FrameOptions, to: ExportFormat, out: Path) -> None:
+    """Measure a run, and write the planes of the result."""
+    from rigctl.files.regions import masks
+    from rigctl.report import stokes_file
+    from rigctl.verbs.stokes import stokes_of
+
+    found = stokes_of(run, regions, calibrations_of(frames), correct=tuple(frames.get("correct", ())))
+    measurement, errors, files = found.measurement, found.errors, found.calibration_files
+    if to == "fits":
+        out.write_bytes(stokes_file.stokes_fits(measurement, errors, files))
+    elif to == "csv":
+        inside = masks(regions, width=measurement.grid.width, height=measurement.grid.height)
+        stokes_file.stokes_csv(measurement, errors, inside, out)
+    else:
+        (stokes_file.stokes_hdf5 if to == "hdf5" else stokes_file.stokes_zarr)(measurement, errors, files, out)
 
 
 def _cycles_csv(run: "Run", regions: "list[Region]", frames: FrameOptions) -> bytes:

@@ -133,6 +133,11 @@ class StokesResult(Result):
         return calibrations_json(self.picked)
 
     @property
+    def calibration_files(self) -> dict[str, Path]:
+        """Files of the calibrations that were used, by kind."""
+        return {} if self.picked is None else {str(kind): path for kind, path in self.picked.paths.files.items()}
+
+    @property
     def s0(self) -> Any:
         """S0 of every pixel, (H, W) array, in the unit of the measurement."""
         return self.measurement.images.stokes[0]
@@ -272,8 +277,7 @@ class StokesResult(Result):
         from rigctl.report.measurement import write_stokes
         from rigctl.report.stokes_file import stokes_fits
 
-        files = {} if self.picked is None else self.picked.paths.files
-        fits = stokes_fits(self.measurement, self.errors, {str(kind): path for kind, path in files.items()})
+        fits = stokes_fits(self.measurement, self.errors, self.calibration_files)
         return write_stokes(self.measurement, self.regions, folder, fits=fits, numbers=self.as_json())
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:

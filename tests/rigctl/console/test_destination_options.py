@@ -110,6 +110,7 @@ _RUN = {"import": ["import", "--angles", "0", "--same-exposure", "--", "OUT", "s
 _EDITED = {"write": [*_AXIS, "--out", "a.json", "--write"]}
 # Of a command's paths, those that it reads.
 _READ = {
+    "at",
     "trace",
     "calibrations",
     "lens",

@@ -17,6 +17,7 @@ from rigctl.cli import main
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
+from rigctl.verbs.stokes import stokes
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts, write_run
 
@@ -137,6 +138,39 @@ def test_csv_holds_each_region_in_each_cycle(tmp_path):
     assert [(row["cycle"], row["region"]) for row in degrees] == [("0", "panel"), ("1", "panel")]
     assert all(abs(float(row["value"]) - 0.2) < 5.0 * float(row["std_error"]) for row in degrees)
     assert degrees[0]["value"] != degrees[1]["value"]
+
+
+@pytest.mark.parametrize("to", ["fits", "hdf5", "zarr", "csv"])
+def test_every_format_of_stokes_has_the_same_planes(tmp_path, to):
+    generator = np.random.default_rng(5)
+    frames = [
+        (at(angle, cycle=cycle, exposure_s=0.01), generator.poisson(400 + 80 * np.cos(np.radians(2 * angle)), (6, 7)))
+        for cycle in range(2)
+        for angle in (0.0, 45.0, 90.0, 135.0)
+    ]
+    planes = stokes(make_run(tmp_path / "run", frames).path).planes
+    out = tmp_path / f"stokes.{to}"
+    assert main(["export", str(tmp_path / "run"), "--of", "stokes", "--to", to, "--out", str(out)]) == 0
+    if to == "fits":
+        with fits.open(out) as units:
+            found = dict(zip(("s0", "s1", "s2"), units["SCI"].data, strict=True)) | {"dq": units["DQ"].data}
+    elif to == "hdf5":
+        with h5py.File(out) as file:
+            found = {name: one[:] for name, one in file["entry/stokes"].items()}
+            polarizer = file["entry/instrument/polarizer"]
+            assert polarizer.attrs["NX_class"] == "NXoptical_polarizer"
+            assert polarizer["polarizer_angle"][:].tolist() == [0.0, 45.0, 90.0, 135.0]
+    elif to == "zarr":
+        found = {name: one.values for name, one in xr.open_zarr(out).items()}
+    else:
+        table = np.genfromtxt(out, delimiter=",", names=True)
+        assert table["x"][:8].tolist() == [0, 1, 2, 3, 4, 5, 6, 0]
+        found = {name: table[name].reshape(6, 7) for name in planes}
+    if to != "fits":
+        assert set(found) == set(planes)
+    for name, values in found.items():
+        np.testing.assert_allclose(values, planes[name].values, rtol=1e-5, atol=1e-9)
+    assert main(["export", str(tmp_path / "run"), "--of", "stokes", "--to", "tiff", "--out", f"{out}2"]) == 2
 
 
 @pytest.mark.parametrize("to", ["fits", "hdf5", "zarr"])
