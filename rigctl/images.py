@@ -126,18 +126,9 @@ def _value(data: bytes, start: int, order: str, pointer: str, kind: str, *, big:
 
 # Of a header: FITS cards, and what a RAW file tells of itself.
 HeaderValue = str | float | bool
-EXPOSURE, ISO, BLACK, WHITE = "EXPTIME", "ISO", "BLACK", "WHITE"
+EXPOSURE, ISO, BLACK, WHITE, FLIP = "EXPTIME", "ISO", "BLACK", "WHITE", "FLIP"
 # Cameras round the exposure that they write; a third of a stop is 26 %.
 _EXPOSURE_TOLERANCE = 0.02
-
-
-@dataclass(frozen=True, kw_only=True)
-class RawSettings:
-    """Settings of a still camera, as its file tells; None where it does not."""
-
-    exposure_s: float | None
-    iso: float | None
-    flip: int
 
 
 def raw_picture(path: Path, *, plane: Plane | None) -> RawPicture:
@@ -157,34 +148,33 @@ def raw_header(picture: RawPicture) -> dict[str, HeaderValue]:
         ISO: picture.iso,
         BLACK: picture.black_level_dn,
         WHITE: picture.white_level_dn,
+        FLIP: picture.flip,
     }
     return {name: value for name, value in told.items() if value is not None}
 
 
-def raw_settings(picture: RawPicture) -> RawSettings:
-    """Return how the camera was set."""
-    return RawSettings(exposure_s=picture.exposure_s, iso=picture.iso, flip=picture.flip)
-
-
-def unlike_settings(stack: Sequence[tuple[Path, RawSettings]], *, same_exposure: bool) -> list[str]:
-    """Return what differs between the first file of a stack and the others, and must not."""
+def unlike_settings(stack: Sequence[tuple[Path, Mapping[str, HeaderValue]]], *, same_exposure: bool) -> list[str]:
+    """Return what differs between the first of a stack of RAW files and the others, by their headers, and must not."""
     problems = []
-    for path, settings in stack[1:]:
+    for path, header in stack[1:]:
         first_path, first = stack[0]
-        if settings.iso != first.iso:
-            problems.append(f"{path}: ISO {settings.iso}, but {first_path} has {first.iso}: one gain for all is needed")
-        if settings.flip != first.flip:
-            problems.append(f"{path}: the camera was held another way than for {first_path}")
-        if same_exposure and not _alike(settings.exposure_s, first.exposure_s):
+        if header.get(ISO) != first.get(ISO):
             problems.append(
-                f"{path}: exposed {settings.exposure_s} s and {first_path} {first.exposure_s} s: not --same-exposure, "
+                f"{path}: ISO {header.get(ISO)}, but {first_path} has {first.get(ISO)}: one gain for all is needed"
+            )
+        if header[FLIP] != first[FLIP]:
+            problems.append(f"{path}: the camera was held another way than for {first_path}")
+        exposures_s = header.get(EXPOSURE), first.get(EXPOSURE)
+        if same_exposure and not _alike(*exposures_s):
+            problems.append(
+                f"{path}: exposed {exposures_s[0]} s and {first_path} {exposures_s[1]} s: not --same-exposure, "
                 f"but --exposure-key {EXPOSURE}"
             )
     return problems
 
 
-def _alike(one_s: float | None, other_s: float | None) -> bool:
-    if one_s is None or other_s is None:
+def _alike(one_s: HeaderValue | None, other_s: HeaderValue | None) -> bool:
+    if not isinstance(one_s, float) or not isinstance(other_s, float):
         return one_s == other_s
     return abs(one_s - other_s) <= _EXPOSURE_TOLERANCE * other_s
 
@@ -202,18 +192,6 @@ _HEADER = struct.Struct(">IIBBBBB")
 _PLAIN = (0, 0, 0, 0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Layout:
-    width: int
-    height: int
-    sample_bytes: int
-
-    @property
-    def row_bytes(self) -> int:
-        """Bytes of a row, its filter's byte before it."""
-        return 1 + self.width * self.sample_bytes
-
-
 def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None:
     """Return the samples of a grey PNG file of 8 or 16 bits whose rows have no filter; None for any other.
 
@@ -225,14 +203,16 @@ def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None
         return None
     if layout is None or len(packed) < _ZLIB_HEADER:
         return None
-    raw = _inflated(packed, layout.height * layout.row_bytes)
+    width, height, sample_bytes = layout
+    row_bytes = 1 + width * sample_bytes  # with its filter's byte
+    raw = _inflated(packed, height * row_bytes)
     if raw is None:
         return None
-    rows = np.frombuffer(raw, np.uint8).reshape(layout.height, layout.row_bytes)
+    rows = np.frombuffer(raw, np.uint8).reshape(height, row_bytes)
     if rows[:, 0].any():
         return None
     samples = rows[:, 1:]
-    return np.ascontiguousarray(samples) if layout.sample_bytes == 1 else samples.view(">u2").astype(np.uint16)
+    return np.ascontiguousarray(samples) if sample_bytes == 1 else samples.view(">u2").astype(np.uint16)
 
 
 def _inflated(packed: bytes, size: int) -> bytes | None:
@@ -253,8 +233,8 @@ def _inflated(packed: bytes, size: int) -> bytes | None:
     return raw if whole else None
 
 
-def _parts(data: bytes) -> tuple[_Layout | None, bytes]:
-    """Return the layout, None where it is not plain, and the packed rows."""
+def _parts(data: bytes) -> tuple[tuple[int, int, int] | None, bytes]:
+    """Return width, height and bytes of a sample, None where the layout is not plain, and the packed rows."""
     layout, packed = None, []
     for name, content in _chunks(data):
         if name == b"IHDR":
@@ -266,11 +246,11 @@ def _parts(data: bytes) -> tuple[_Layout | None, bytes]:
     return layout, b"".join(packed)
 
 
-def _layout(content: memoryview) -> _Layout | None:
+def _layout(content: memoryview) -> tuple[int, int, int] | None:
     width, height, bits, *rest = _HEADER.unpack(content)
     if tuple(rest) != _PLAIN or bits not in (8, 16):
         return None
-    return _Layout(width=width, height=height, sample_bytes=bits // 8)
+    return width, height, bits // 8
 
 
 def _chunks(data: bytes) -> list[tuple[bytes, memoryview]]:
@@ -314,7 +294,6 @@ class ImageFile:
     first_row_stated: bool  #: The file itself says so.
     header: Mapping[str, HeaderValue]  #: Value by keyword; empty where the format has none.
     remarks: tuple[str, ...] = ()  #: What else one has to know of the file.
-    raw: RawSettings | None = None  #: How a still camera was set; None for what is no RAW file.
 
     @property
     def raw_counts(self) -> NDArray[np.uint16]:
@@ -393,7 +372,6 @@ def _read_raw(path: Path, plane: Plane | None, most_bytes: int) -> ImageFile:
         first_row_stated=False,
         header=raw_header(picture),
         remarks=(white, f"plane {plane}") if plane else (white,),
-        raw=raw_settings(picture),
     )
 
 

@@ -28,7 +28,7 @@ from rigctl.base.numbers import is_utc_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import FrameKind
 from rigctl.files.csv_table import csv_rows
-from rigctl.images import FirstRow, HeaderValue, ImageFile, RawSettings, read_image, unlike_settings
+from rigctl.images import FLIP, FirstRow, HeaderValue, ImageFile, read_image, unlike_settings
 from rigctl.imports import headers
 from rigctl.imports.levels import LEVELS, common_zero_bits, histogram, largest, missing_pixels, saturation_plateau
 from rigctl.runs.records import FrameRecord
@@ -458,7 +458,6 @@ class SurveyedImage:
     black_level_dn: float | None
     start_utc: str | None  #: Start of the exposure, where the header has it in standard form.
     remarks: tuple[str, ...]  #: What else one has to know of the file.
-    raw: RawSettings | None  #: How a still camera was set.
     levels: NDArray[np.int64] = field(repr=False)  #: How many of its pixels have each count.
     border: Border | None = None  #: Constant pixels along its edges.
     is_jpeg: bool = False  #: Its blocks of 8 x 8 pixels show that it went through JPEG.
@@ -501,7 +500,7 @@ def survey_images(request: ImportRequest) -> Survey:
         except ConfigError as error:
             unsaid.append(f"{path}: {error}")
     unfit += _size_problems(request, images)
-    stack = [(image.path, image.raw) for image in images if image.raw is not None]
+    stack = [(image.path, image.header) for image in images if FLIP in image.header]
     unfit += unlike_settings(stack, same_exposure=request.same_exposure)
     remarks: list[str] = []
     try:
@@ -564,7 +563,6 @@ def _survey(
         black_level_dn=None if black_level_dn is None else black_level_dn / unit,
         start_utc=_start(image.header),
         remarks=image.remarks,
-        raw=image.raw,
         levels=histogram(counts),
         border=None if request.no_border_search or is_wide else constant_border(counts),
         is_jpeg=not is_wide and _is_jpeg(counts),

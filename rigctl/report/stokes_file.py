@@ -242,7 +242,11 @@ def stokes_zarr(measurement: Measurement, errors: PixelErrors, calibrations: Map
         raise ConfigError("--to zarr needs zarr: pip install 'rigctl[export]'") from error
     group = zarr.open_group(str(out), mode="w-", zarr_format=2)
     for name, plane in planes_of(measurement, errors).items():
-        about: dict[str, Any] = {"_ARRAY_DIMENSIONS": ["y", "x"], "units": plane.unit or "1", "long_name": plane.meaning}
+        about: dict[str, Any] = {
+            "_ARRAY_DIMENSIONS": ["y", "x"],
+            "units": plane.unit or "1",
+            "long_name": plane.meaning,
+        }
         group.create_array(name, data=plane.values, fill_value=None, attributes=about)
     facts = _facts(measurement, errors, calibrations)
     group.attrs.update({key: value[0] if isinstance(value, tuple) else value for key, value in facts.items()})
