@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.counts import ROUNDING_VAR_DN2, rounded_moments
 from model.moments import Moments
 from model.numerics import ndtr
 from model.stokes import analyzer_row
@@ -413,10 +414,6 @@ PERFECT = Imperfections()
 # Temporal noise of a pixel's counts, and the chance that a pixel is clipped
 
 
-# Variance of a rounding error, uniform over one count.
-_QUANTISATION_VAR_DN2 = 1.0 / 12.0
-
-
 def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
     """Return the variance of a pixel's counts from frame to frame of a constant scene.
 
@@ -443,7 +440,7 @@ def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_
     [MK14] eq. (19), (32).
     """
     variance = unquantised_variance_dn2(signal_dn, noise=noise, exposure_s=exposure_s)
-    rounding = _QUANTISATION_VAR_DN2 if noise.quantisation else 0.0
+    rounding = ROUNDING_VAR_DN2 if noise.quantisation else 0.0
     return np.asarray(noise.noise_factor**2 * (variance + rounding))
 
 
@@ -556,6 +553,9 @@ def channel_moments(
     unquantised = unquantised_variance_dn2(signal, noise=sensor.noise, exposure_s=sensor.exposure_s)
     pattern = _fixed_pattern(signal, scene, sensor.noise, flat_fielded=flat_fielded)
     temporal = temporal_variance_dn2(signal, noise=sensor.noise, exposure_s=sensor.exposure_s)
+    if sensor.noise.quantisation:
+        level = sensor.noise.black_level_dn + dark + signal
+        temporal, scene, pattern = _rounded(level, unquantised, temporal, scene, pattern)
     temporal = temporal + _angle_variance_dn2(aperture, sensor, angles, imperfections)
     clipped = np.zeros_like(signal)
     if sensor.saturates:
@@ -569,6 +569,27 @@ def channel_moments(
         saturation_probability=clipped,
         warnings=_warnings(angles, np.sqrt(unquantised) if sensor.noise.quantisation else None, clipped),
     )
+
+
+# Variance from which on rounding is dithered, to 1e-12 of it.
+_DITHERED_DN2 = 1.5
+
+
+def _rounded(
+    level: FloatArray, unquantised: FloatArray, temporal: FloatArray, scene: FloatArray, pattern: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return variance from frame to frame and covariances over the pixels of rounded counts.
+
+    The mean stays that of the signal: measured means are of the signal too (`model.counts.estimate_signal`).
+    """
+    spread = np.diagonal(scene + pattern, axis1=-2, axis2=-1)
+    if np.all(unquantised + spread > _DITHERED_DN2):
+        return temporal, scene, pattern
+    own = rounded_moments(level, unquantised, spread)[1]
+    whole = rounded_moments(level, unquantised + spread)[1]
+    kept = np.sqrt(np.where(spread > 0.0, np.maximum(whole - own, 0.0) / np.where(spread > 0.0, spread, 1.0), 1.0))
+    factor = kept[..., :, None] * kept[..., None, :]
+    return temporal + own - unquantised - ROUNDING_VAR_DN2, scene * factor, pattern * factor
 
 
 def _counts_per_stokes(sensor: Sensor, angles_rad: FloatArray, imperfections: Imperfections) -> FloatArray:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.trials.archive import run_archive
+from benchmarks.trials.coverage import run_coverage
 from benchmarks.trials.damaged_runs import run_damaged
 from benchmarks.trials.day import run_day
 from benchmarks.trials.diagnosis import run_diagnoses
@@ -87,6 +88,12 @@ def main() -> int:
     )
     sound &= run_diagnoses(2 * arguments.seeds, processes=arguments.processes)
     sound &= run_rows(arguments.seeds, processes=arguments.processes)
+    sound &= run_coverage(
+        (),
+        seeds=5 * arguments.seeds,
+        verdicts=arguments.seeds,
+        processes=arguments.processes,
+    )
     sound &= run_odd(2 * arguments.seeds, processes=arguments.processes)
     sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
     sound &= run_roof(arguments.roof_seeds, arguments.roof_seeds // 10, processes=arguments.processes)

@@ -2,8 +2,9 @@
 
 Every standard error here is taken from the scatter of the pixels themselves, not from an assumed distribution, and
 holds for pixels that are independent of each other: `effective_pixels` says how far they are. What the means of a
-region do not repeat from cycle to cycle, beyond the noise of the pixels, is `Repeatability`. The texture of a region is
-what is left of the spread of its pixels when the noise is taken off.
+region do not repeat from cycle to cycle, beyond the noise of the pixels, is `Repeatability`. Pixels that a cosmic ray
+or a jumping offset has hit in single frames are found by `find_hits`. The texture of a region is what is left of the
+spread of its pixels when the noise is taken off.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.moments import Moments
+from model.numerics import gammaincc, ndtri
 from model.processing import dolp
 from model.stokes import dolp as degree_of_polarization
 
@@ -70,10 +72,14 @@ def mean_moments(values: ArrayLike) -> Moments:
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """A number found from a sample, with the standard error that the sample gives for it."""
+    """A number found from a sample, with the standard error that the sample gives for it.
+
+    `intervals` of 68 and 95 % are given where they are not one and two standard errors to either side.
+    """
 
     value: float
     std_error: float
+    intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
 
 
 def deviation(values: ArrayLike) -> Sample:
@@ -189,7 +195,7 @@ def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
     return max(count / alike, 1.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Repeatability:
     """Relative standard errors of the mean of all cycles.
 
@@ -198,15 +204,22 @@ class Repeatability:
     own
         Of each angle by itself; ratios of angles have it too.
     common
-        Of all angles alike, as of light that drifts; ratios have none of it.
+        Of all angles alike, as of light that wanders; ratios have none of it.
+    drift
+        Relative change of the light from one cycle to the next that was divided out; 0 where it is no more than chance.
+    drift_error
+        What the error of that is to each angle, by its place in the cycle, shape (N,), or 0.
     """
 
     own: float = 0.0
     common: float = 0.0
+    drift: float = 0.0
+    drift_error: FloatArray | float = 0.0
 
     def cov(self, mean: FloatArray) -> FloatArray:
         """Return the covariance of the means of the angles, shape (N, N)."""
-        return np.diag(np.square(mean * self.own)) + np.outer(mean, mean) * self.common**2
+        drifted = mean * self.drift_error
+        return np.diag(np.square(mean * self.own)) + np.outer(mean, mean) * self.common**2 + np.outer(drifted, drifted)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,7 +237,8 @@ class RepeatedPixels:
     repeatability : Repeatability
         What the means over the pixels do not repeat.
     temporal, temporal_stokes : tuple of Sample
-        Deviation of a pixel from cycle to cycle, of each channel and each Stokes parameter; none with one cycle.
+        Deviation of a pixel from cycle to cycle, of each channel and each Stokes parameter; none with one cycle. Noise
+        that neighbours share is in their errors.
     """
 
     cycles: int
@@ -237,7 +251,14 @@ class RepeatedPixels:
     temporal_stokes: tuple[Sample, ...]
 
 
-def repeated(pixels: FloatArray, inverse: FloatArray, *, noise_inflation: float = 1.0) -> RepeatedPixels:
+def repeated(
+    pixels: FloatArray,
+    inverse: FloatArray,
+    *,
+    inside: NDArray[np.bool_] | None = None,
+    times: FloatArray | None = None,
+    noise_inflation: float = 1.0,
+) -> RepeatedPixels:
     """Return what the numbers of a region need of its pixels, all of which are held at once.
 
     Parameters
@@ -246,31 +267,35 @@ def repeated(pixels: FloatArray, inverse: FloatArray, *, noise_inflation: float 
         Cycles, angles, pixels, shape (C, N, P), P >= 4; dark level off.
     inverse
         From the angles to Stokes parameters, shape (3, N).
+    inside
+        Where the pixels are, shape (H, W), P of them: noise that neighbours share is then seen.
+    times
+        When each frame was taken, in cycles, shape (C, N), where that is known: light that drifts is then divided out.
     noise_inflation
-        As of `_repeatability`.
+        By how much neighbours that are known to share noise enlarge the variance of its mean, at least.
     """
-    stokes = np.einsum("kn,cnp->ckp", inverse, pixels)
-    many = pixels.shape[0] > 1
-    return RepeatedPixels(
-        cycles=pixels.shape[0],
-        first=pixels[0],
-        mean=pixels.mean(axis=0),
-        stokes_first=stokes[0],
-        stokes_mean=stokes.mean(axis=0),
-        repeatability=_repeatability(pixels, noise_inflation=noise_inflation),
-        temporal=tuple(temporal_deviation(pixels[:, k]) for k in range(pixels.shape[1]) if many),
-        temporal_stokes=tuple(temporal_deviation(stokes[:, k]) for k in range(3) if many),
-    )
+    running = RunningPixels(inverse, inside=inside, times=times, noise_inflation=noise_inflation)
+    for cycle in pixels:
+        running.add(cycle)
+    return running.result()
 
 
 class RunningPixels:
     """Takes cycle after cycle, and keeps what does not grow with them but for the means over the pixels.
 
-    Some 50 numbers a pixel at four angles. What it gives differs from `repeated` by rounding alone.
+    Some 50 numbers a pixel at four angles.
     """
 
-    def __init__(self, inverse: FloatArray, *, noise_inflation: float = 1.0) -> None:
-        self._inverse, self._noise_inflation = inverse, noise_inflation
+    def __init__(
+        self,
+        inverse: FloatArray,
+        *,
+        inside: NDArray[np.bool_] | None = None,
+        times: FloatArray | None = None,
+        noise_inflation: float = 1.0,
+    ) -> None:
+        self._inverse, self._inside, self._times = inverse, inside, times
+        self._noise_inflation = noise_inflation
         self._means: list[FloatArray] = []
         self._channels, self._stokes = _Running(), _Running()
         self._squares: FloatArray | None = None
@@ -299,17 +324,130 @@ class RunningPixels:
             raise ValueError("there are no cycles")
         means, pixels = np.array(self._means), self._squares.shape[1]
         cycles = len(means)
-        noise = self._squares.mean(axis=1) / max(cycles - 1, 1) / pixels
+        of_mean, of_deviation = self._shared_noise() if cycles > 1 else (1.0, 1.0)
+        noise = self._squares.mean(axis=1) / max(cycles - 1, 1) / pixels * max(self._noise_inflation, of_mean)
+        repeatability = _repeatability(means, noise, self._times)
+        first, mean = self._channels.first, self._channels.mean
+        if repeatability.drift and self._times is not None:
+            light = 1.0 + repeatability.drift * (self._times - self._times.mean())
+            first, mean = first / light[0][:, None], mean / light.mean(axis=0)[:, None]
         return RepeatedPixels(
             cycles=cycles,
-            first=self._channels.first,
-            mean=self._channels.mean,
-            stokes_first=self._stokes.first,
-            stokes_mean=self._stokes.mean,
-            repeatability=_repeatability_of(means, noise * self._noise_inflation),
-            temporal=self._channels.temporal(cycles),
-            temporal_stokes=self._stokes.temporal(cycles),
+            first=first,
+            mean=mean,
+            stokes_first=np.asarray(self._inverse @ first),
+            stokes_mean=np.asarray(self._inverse @ mean),
+            repeatability=repeatability,
+            temporal=self._channels.temporal(cycles, of_deviation),
+            temporal_stokes=self._stokes.temporal(cycles, of_deviation),
         )
+
+    def _shared_noise(self) -> tuple[float, float]:
+        """Return by how much noise that neighbours share enlarges the variance of its mean and of its deviation."""
+        if self._inside is None or self._squares is None:
+            return 1.0, 1.0
+        off = self._channels.first - self._channels.mean
+        found = [np.sum(off / np.maximum(off.std(axis=1, keepdims=True), _NOTHING), axis=0), self._squares.sum(axis=0)]
+        worth = []
+        for values in found:
+            image = np.zeros(self._inside.shape)
+            image[self._inside] = values
+            worth.append(effective_pixels(image, self._inside))
+        return values.size / worth[0], values.size / worth[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hits:
+    """Pixels that something else than light has hit in single frames.
+
+    Attributes
+    ----------
+    pixels : (P,) array of bool
+        Which.
+    left, left_error : (N,) array
+        What hits too small to be found leave in the mean of each angle, by how many are found that are hardly larger;
+        and its standard error, by the Poisson law and for the guess that small ones are as many.
+    """
+
+    pixels: NDArray[np.bool_]
+    left: FloatArray
+    left_error: FloatArray
+
+
+# Chance that any of the numbers of a region is taken for hit although nothing was.
+_FALSE_HIT = 0.01
+# Where noise itself reaches far, it does to both sides. More pixels than this share are no hits but a scene that moves.
+_ONE_SIDED, _MOST_HIT = 4.0, 0.3
+# Where more than this share lies far below its neighbours, edges and texture do, and what lies above is no hit.
+_FAR, _MOST_FAR = 3.0, 0.004
+# Relative error of the guess that hits too small to be found are as many as those hardly larger.
+_GUESS = 0.3
+# This share of the deviations tells their scale: most are not hit, and counts of few steps still differ.
+_BULK = 0.8
+
+
+def find_hits(pixels: FloatArray) -> Hits | None:
+    """Return the pixels of a region that repeats show to be hit in single frames; None where there are none.
+
+    Parameters
+    ----------
+    pixels
+        Cycles, angles, pixels, shape (C, N, P), C >= 2.
+
+    Notes
+    -----
+    A frame's pixel is held against the mean of its repeats, the median of the region taken off each frame. A cosmic ray
+    or a pixel that jumps is above; of two repeats, both of which are off their mean, the sum tells.
+    """
+    cycles, angles, count = pixels.shape
+    if cycles < 2:
+        return None
+    limit = -float(ndtri(0.5 * _FALSE_HIT / pixels.size))
+    high, low = np.zeros((2, angles, count), dtype=np.bool_)
+    small, scales = np.zeros(angles, dtype=np.intp), np.zeros(angles)
+    for angle in range(angles):
+        level = pixels[:, angle] - np.median(pixels[:, angle], axis=1, keepdims=True)
+        off = (level - level.mean(axis=0)) * (cycles / (cycles - 1.0))
+        scales[angle] = np.quantile(np.abs(off), _BULK) / float(ndtri(0.5 + 0.5 * _BULK))
+        farthest = np.take_along_axis(off, np.argmax(np.abs(off), axis=0)[None], axis=0)[0]
+        above = farthest > 0.0 if cycles > 2 else level.sum(axis=0) > 0.0
+        far = np.abs(farthest) > limit * scales[angle]
+        high[angle], low[angle] = far & above, far & ~above
+        small[angle] = np.sum(high[angle] & (np.abs(farthest) < 2.0 * limit * scales[angle]))
+    if not np.all(scales > 0.0):
+        return None
+    return _hits(high, low, small, 0.5 * limit * scales / (cycles * count))
+
+
+def find_single_hits(residual: FloatArray) -> Hits | None:
+    """Return the pixels that neighbours show to be hit at one angle; None where there are none.
+
+    Parameters
+    ----------
+    residual
+        Difference of each pixel and its neighbours, angles and pixels, shape (N, P), N >= 2.
+    """
+    count = residual.shape[1]
+    scale = np.quantile(np.abs(residual), _BULK, axis=1) / float(ndtri(0.5 + 0.5 * _BULK))
+    if not np.all(scale > 0.0):
+        return None
+    off = residual / scale[:, None]
+    if np.mean(off < -_FAR) > _MOST_FAR:
+        return None
+    limit = -float(ndtri(0.5 * _FALSE_HIT / off.size))
+    # Light that stands out does so behind most angles.
+    single = np.sum(np.abs(off) > 0.5 * limit, axis=0) <= len(off) // 2
+    high, low = (off > limit) & single, (off < -limit) & single
+    return _hits(high, low, np.sum(high & (off < 2.0 * limit), axis=1), 0.5 * limit * scale / count)
+
+
+def _hits(high: NDArray[np.bool_], low: NDArray[np.bool_], small: NDArray[np.intp], of_one: FloatArray) -> Hits | None:
+    """Return hits; `small` of those above are hardly larger than the limit: each stands for so much that is left."""
+    above, below = int(high.sum()), int(low.sum())
+    pixels = np.asarray(np.any(high | low, axis=0))
+    if above <= below + _ONE_SIDED * np.sqrt(above + below) or pixels.mean() > _MOST_HIT:
+        return None
+    return Hits(pixels=pixels, left=small * of_one, left_error=np.sqrt(small + (_GUESS * small) ** 2) * of_one)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -554,71 +692,86 @@ def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
     return Sample(value=root, std_error=float(error_of_mean / (2.0 * root)))
 
 
-def _repeatability(pixels: FloatArray, *, noise_inflation: float = 1.0) -> Repeatability:
-    """Return what differs from cycle to cycle, and is not the noise of the pixels.
+# Chance that cycles which repeat themselves are taken for not doing so. What noise alone may give is not counted: it
+# would widen the errors of means of few cycles by a third. A drift needs so many cycles to be told from light that
+# wanders.
+_BY_CHANCE, _LEAST_CYCLES = 0.1, 4
 
+
+def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | None = None) -> Repeatability:
+    """Return what differs from cycle to cycle and is not the noise of the pixels.
+
+    `means` are those over the pixels, shape (C, N); `noise` is what the noise of the pixels makes of their variance.
     The factor of each cycle that all angles share is taken out by least squares; what is left, of (C - 1) (N - 1)
     degrees of freedom, is each angle's own. A factor that drifts reaches the angles of one cycle one after the other:
-    in which order is not asked, so its slope counts for each angle as if it came at a time of its own.
-
-    What cannot be below 0 is on average 0.4 standard errors too large where there is nothing; half of one, that which
-    noise alone gives, is taken off. It is missed where as little is there: errors of means are 3 % too small at most.
+    where their times are known and cycles are enough, it is divided out, and its error counts; else its slope counts
+    for each angle as if it came at a time of its own.
 
     Definition; analysis of variance of a two-way layout.
     """
-    means = pixels.mean(axis=2)
-    if len(means) < 2:
+    level = means.mean(axis=0)
+    if len(means) < 2 or not float(level @ level) > 0.0:
         return Repeatability()
-    # The noise of the pixels makes means differ too, and is in their errors already.
-    return _repeatability_of(means, pixels.var(axis=0, ddof=1).mean(axis=1) / pixels.shape[2] * noise_inflation)
+    own, common, slope, slope_variance = _variances(means, noise, np.arange(float(len(means)))[:, None])
+    if times is None or len(means) < _LEAST_CYCLES:
+        drifted = max(slope**2 - slope_variance, 0.0) * (1.0 - level.size**-2.0) / 12.0
+        is_chance = _is_chance(slope**2, slope_variance, 1)
+        return Repeatability(own=float(np.sqrt(own + (0.0 if is_chance else drifted))), common=float(np.sqrt(common)))
+    off = times - times.mean()
+    slope = _variances(means, noise, times)[2]
+    steady = means / (1.0 + slope * off)
+    own_left, common_left, _, slope_variance = _variances(steady, noise, times, freedom=len(means) - 2)
+    if _is_chance(slope**2, slope_variance, 1):
+        return Repeatability(own=float(np.sqrt(own)), common=float(np.sqrt(common)))
+    return Repeatability(
+        own=float(np.sqrt(own_left)),
+        common=float(np.sqrt(common_left)),
+        drift=slope,
+        drift_error=np.sqrt(slope_variance) * off.mean(axis=0),
+    )
 
 
-def _repeatability_of(means: FloatArray, noise: FloatArray) -> Repeatability:
-    """Return the same by the means over the pixels and what the pixels' noise makes of their variance."""
+def _variances(
+    means: FloatArray, noise: FloatArray, times: FloatArray, *, freedom: int | None = None
+) -> tuple[float, float, float, float]:
+    """Return relative variances of the mean, of each angle's own and common to all; the slope and its variance."""
     cycles, angles = means.shape
     level = means.mean(axis=0)
-    light = float(level @ level)
-    if cycles < 2 or not light > 0.0:
-        return Repeatability()
+    light, share = float(level @ level), float(np.sum(level**4)) / float(level @ level) ** 2
     noise_of_factor = float(level**2 @ noise) / light**2
-    share = float(np.sum(level**4)) / light**2
     factor = (means - level) @ level / light
     left = means - level * (1.0 + factor[:, np.newaxis])
     noise_left = float(noise.sum()) - noise_of_factor * light
     own = 0.0
     if angles > 1:
-        by_chance = 0.5 * noise_left * np.sqrt(2.0 / ((cycles - 1) * (angles - 1)))
-        excess = float(np.sum(left**2)) / (cycles - 1) - noise_left - by_chance
-        own = max(excess, 0.0) / (light * (1.0 - share))
+        squares = float(np.sum(left**2)) / (cycles - 1)
+        if not _is_chance(squares, noise_left, (cycles - 1) * (angles - 1)):
+            own = max(squares - noise_left, 0.0) / (light * (1.0 - share))
     # Of the factor's variance, what the angles' own errors and the noise leave.
     of_others = noise_of_factor + own * share
-    common = max(float(np.var(factor, ddof=1)) - of_others, 0.0)
-    time = np.arange(cycles) - 0.5 * (cycles - 1)
-    slope2 = max((float(time @ factor) / float(time @ time)) ** 2 - of_others / float(time @ time), 0.0)
-    drifted = slope2 * (angles**2 - 1) / (12.0 * angles**2)
-    return Repeatability(own=float(np.sqrt(own / cycles + drifted)), common=float(np.sqrt(common / cycles)))
+    freedom = cycles - 1 if freedom is None else freedom
+    squares = float(np.sum((factor - factor.mean()) ** 2)) / freedom
+    common = 0.0 if _is_chance(squares, of_others, freedom) else max(squares - of_others, 0.0)
+    apart = times - times.mean(axis=0)
+    weight = float(np.sum((level * apart) ** 2))
+    slope = float(np.sum(level * apart * means)) / weight
+    return own / cycles, common / cycles, slope, (of_others + common) * light / weight
 
 
-def temporal_deviation(repeats: ArrayLike) -> Sample:
-    """Return the deviation from frame to frame of a pixel, from the differences of consecutive repeats.
-
-    Differences that share a frame are correlated; the standard error is taken over pixels, from what each pixel
-    gives after all its repeats, and so needs no knowledge of that.
-
-    EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs); definition.
-    """
-    array = _checked(repeats, least=4)
-    if array.shape[0] < 2:
-        raise ValueError(f"repeats has {array.shape[0]} repeat; a temporal deviation needs at least 2")
-    differences = np.diff(array, axis=0)
-    differences -= differences.mean(axis=1, keepdims=True)
-    return _deviation_of_squares(np.mean(differences**2, axis=0) / 2.0)
+def _is_chance(variance: float, noise: float, freedom: int) -> bool:
+    """Return whether noise gives so large a variance by chance, of degrees of freedom."""
+    return (
+        bool(float(gammaincc(0.5 * freedom, 0.5 * freedom * variance / noise)) > _BY_CHANCE)
+        if noise > 0.0
+        else not variance > 0.0
+    )
 
 
 def _deviation_of_squares(per_pixel: FloatArray) -> Sample:
-    """Return the deviation from frame to frame by half the mean squared difference of each pixel, shape (P,).
+    """Return the deviation from frame to frame by half the mean squared difference of consecutive repeats, shape (P,).
 
-    The mean over the pixels was taken off each difference, as in `temporal_deviation`.
+    The mean over the pixels was taken off each difference. Differences that share a frame are correlated; the error is
+    taken over pixels, and needs no knowledge of that. EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs).
     """
     return _root_of_mean(per_pixel, correction=per_pixel.size / (per_pixel.size - 1))
 
@@ -641,10 +794,11 @@ class _Running:
             self.mean += (values - self.mean) / self._cycles
         self._before = values
 
-    def temporal(self, cycles: int) -> tuple[Sample, ...]:
+    def temporal(self, cycles: int, inflation: float) -> tuple[Sample, ...]:
         if cycles < 2:
             return ()
-        return tuple(_deviation_of_squares(steps / (cycles - 1) / 2.0) for steps in self._steps)
+        found = (_deviation_of_squares(steps / (cycles - 1) / 2.0) for steps in self._steps)
+        return tuple(Sample(value=one.value, std_error=one.std_error * float(np.sqrt(inflation))) for one in found)
 
 
 # Pairs (i, j) of a symmetric 3 x 3 matrix that are free.

@@ -41,8 +41,8 @@ _CURVATURE_REFUSED = 0.1
 # Standard error, as a share of its size, of a response that no fit could follow.
 _UNKNOWN = 0.5
 _CLIPPED_FLAGGED = 0.05
-# Share of a region's pixels at zero from which on its means and deviations are no longer those of the light.
-_AT_ZERO_REFUSED = 0.01
+# Share of a region's counts at zero from which on means need the law of counts, or are not those of the light.
+_AT_ZERO_FLAGGED, _AT_ZERO_REFUSED = 1e-3, 0.01
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
@@ -91,6 +91,7 @@ def run_checks(
         _drift(measurement),
         *_usable(measurement),
         *_at_zero(measurement),
+        *_hit(measurement),
         *_plateau(measurement),
         *_bits(measurement),
     )
@@ -180,17 +181,34 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
 
 
 def _at_zero(measurement: Measurement) -> Iterable[Check]:
-    """Refuse regions whose pixels stand at zero: noise that was cut off there leaves a mean that is too high."""
-    frames = [measurement.run.counts(record) for record in measurement.grid.records[0]]
+    """Flag or refuse regions whose counts stand at zero: noise that is cut off there leaves too high a mean."""
+    advice = "raise the camera's black level, or expose for longer"
     for name, region in measurement.regions.items():
-        share = max(float(np.mean(frame[region.inside] == 0)) for frame in frames)
-        if share > _AT_ZERO_REFUSED:
+        said = f"{region.at_zero:.1%} of its counts behind an angle are 0"
+        if region.at_zero > _AT_ZERO_FLAGGED and region.is_by_law:
+            text = f"{said}; means are estimated by the law of counts that are cut off there, deviations are not tested"
+        elif region.at_zero > _AT_ZERO_REFUSED:
+            text = f"{said}; refused above {_AT_ZERO_REFUSED:.0%} where the counts are not those of one even light"
+        else:
+            continue
+        yield Check(
+            name=f"clipped at zero of {name}",
+            verdict="flagged" if region.is_by_law else "refused",
+            region=name,
+            text=f"{text}: {advice}",
+        )
+
+
+def _hit(measurement: Measurement) -> Iterable[Check]:
+    """Flag regions in which pixels were found to be hit by their neighbours alone."""
+    for name, region in measurement.regions.items():
+        if region.hit and measurement.grid.cycles == 1:
             yield Check(
-                name=f"clipped at zero of {name}",
-                verdict="refused",
+                name=f"hit pixels of {name}",
+                verdict="flagged",
                 region=name,
-                text=f"{share:.0%} of its pixels are 0 DN in a frame; refused above {_AT_ZERO_REFUSED:.0%}: raise the "
-                "camera's black level, or expose for longer",
+                text=f"{region.hit} pixels stand out of their neighbours at one angle, as cosmic rays and jumping "
+                "pixels do, and are left out: two cycles or more would show it",
             )
 
 

@@ -56,6 +56,7 @@ from rigctl.comparison.rows import (
     Row,
     decide,
     error_of_both,
+    is_coarse,
     measured_with_ratios,
     pair,
     predictable,
@@ -63,6 +64,7 @@ from rigctl.comparison.rows import (
     scene_budget,
     scored,
     with_diagnosis,
+    with_joint_scores,
     with_ratios,
     with_registration,
 )
@@ -380,7 +382,10 @@ def _with_prediction(
     propagation = _known_propagation(coarser, rows)
     if propagation is None:
         propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
-    decided = _decided(rows, propagation, alpha)
+    errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
+    all_scored = tuple(scored(row, error) for row, error in zip(rows, errors, strict=True))
+    decided = decide(with_joint_scores(all_scored, predictions, measurement, propagation.cov), alpha=alpha)
+    coarse = [name for name, one in predictions.items() if _is_coarse(name, one, measurement)]
     assumed = (
         *inputs.scene.remarks,
         scaled_by.remark,
@@ -396,7 +401,7 @@ def _with_prediction(
         points_to=diagnose(decided),
         predictions=predictions,
         remarks=(*assumed, *model_warnings(predictions), *curved_inputs(propagation, uncertain)),
-        not_tested=_not_tested(measurement, inputs.scene, scaled_by, uncertain),
+        not_tested=(*_not_tested(measurement, inputs.scene, scaled_by, uncertain), *_too_coarse(coarse)),
         scale=scaled_by,
         inputs=uncertain,
         propagation=propagation,
@@ -416,9 +421,8 @@ def _known_propagation(coarser: Comparison | None, rows: tuple[Row, ...]) -> Pro
     return coarser.propagation
 
 
-def _decided(rows: tuple[Row, ...], propagation: Propagation, alpha: float) -> tuple[Row, ...]:
-    errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
-    return decide(tuple(scored(row, error) for row, error in zip(rows, errors, strict=True)), alpha=alpha)
+def _is_coarse(name: str, prediction: RegionPrediction, measurement: Measurement) -> bool:
+    return name in measurement.regions and is_coarse(prediction, measurement.regions[name], measurement)
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:
@@ -566,6 +570,14 @@ _BESIDE_ITSELF = 0.1
 _ONE_NUMBER = "so far above the noise that the law gives back what it was made from: a number would stand beside itself"
 
 
+def _too_coarse(regions: Sequence[str]) -> tuple[str, ...]:
+    """Return in which regions whole counts are too coarse for the law of DoLP."""
+    if not regions:
+        return ()
+    text = "noise is so few counts that (S1, S2) stand on a grid, of which the law of DoLP knows nothing"
+    return (f"the DoLP of single pixels of {', '.join(regions)}: {text}",)
+
+
 def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
     """Return what each region's own channel means and texture predict beside what its pixels show."""
     calibrated = None if noise is None else temporal_noise(noise)
@@ -574,6 +586,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
     predictions: dict[str, RegionPrediction] = {}
     unjudged: dict[str, str] = {}
     same: dict[str, list[str]] = {}
+    coarse: list[str] = []
     for name, region in measurement.regions.items():
         try:
             loop = _RegionLoop(name, region, measurement, calibrated)
@@ -582,6 +595,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
             unjudged[name] = f"its numbers cannot be predicted: {error}"
             continue
         predictions[name] = loop.prediction
+        coarse += [name] if loop.is_coarse else []
         rows += own
         remarks += said
         same.setdefault(loop.beside_themselves(), []).append(name)
@@ -601,6 +615,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         not_tested=(
             *_NOT_TESTED,
             *(f"{', '.join(regions)}: {numbers}: {_ONE_NUMBER}" for numbers, regions in same.items() if numbers),
+            *_too_coarse(coarse),
             *(("temporal noise: no noise calibration was given",) if calibrated is None else ()),
             *(() if light is None else light.caution),
         ),
@@ -627,6 +642,7 @@ class _RegionLoop:
         self._added_to_channels = np.diag(temporal) * (1.0 - 1.0 / self._cycles)
         self._added = self._stokes_cov(self._added_to_channels)
         self.prediction = with_ratios({name: self._predicted(temporal)})[name]
+        self.is_coarse = is_coarse(self.prediction, region, measurement)
 
     def rows(self) -> list[Row]:
         """Return the region's rows: tests with scores, the rest without."""
@@ -638,6 +654,8 @@ class _RegionLoop:
 
     def remarks(self) -> list[str]:
         """Return why a region has no test of its DoLP, if so."""
+        if "std" not in self._region.quantities["s0"]:
+            return []
         if "dolp_pixels" not in self._region.quantities:
             return [f"{self._name}: some pixels have no light, so their DoLP was not compared"]
         return [f"{self._name}: {warning}" for warning in self.prediction.warnings]
@@ -708,15 +726,16 @@ class _RegionLoop:
     def _law_rows_exist(self) -> bool:
         # Pixels that are all alike have no law.
         is_spread = bool(np.all(np.ptp(self._region.stokes_pixels, axis=1) > 0.0))
-        return is_spread and all(
+        return (not self.is_coarse and is_spread) and all(
             "dolp_pixels" in found for found in (self._region.quantities, self.prediction.quantities)
         )
 
     def _half_rows(self) -> Iterable[Row]:
         """Return the spread over pixels: texture and noise of one half of the pixels predict it for the other half."""
-        if self._noise is None:
+        region = self._region
+        if self._noise is None or "std" not in region.quantities["s0"]:
             return
-        region, names = self._region, self._measurement.grid.channel_names
+        names = self._measurement.grid.channel_names
         groups = (
             (names, region.channel_pixels, region.channel_pixels_mean, self._added_to_channels),
             (("s0", "s1", "s2"), region.stokes_pixels, region.stokes_pixels_mean, self._added),

@@ -4,7 +4,7 @@ Holm's rule over all rows decides, so that alpha is the chance that a sound run 
 rows stands the uncertainty budget: how much each cause makes of the error of a region's polarization.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,9 @@ from model.moments import Moments
 from model.numerics import ndtri
 from model.prediction import RegionPrediction, budget, noise_causes, shift_cause
 from model.processing.agreement import Propagation, holm_rejections, two_sided_p_value
+from model.processing.dolp_interval import chi_square, joint_score
 from model.processing.mosaic import reach_px
-from model.processing.reconstruction import channel_ratios
+from model.processing.reconstruction import channel_ratios, normalized_moments, stokes_moments
 from model.processing.samples import Sample
 from model.quantities import difference, is_counts, ratio_name
 from model.sensor import ChannelMoments
@@ -117,6 +118,58 @@ def scored(row: Row, std_error_inputs: float) -> Row:
         z_measurement=off / measured_error if measured_error > 0.0 else None,
         z=off / both if both > 0.0 else None,
     )
+
+
+# Below this signal to noise DoLP and AoLP are no normal numbers; the score of both is then that of (S1, S2).
+_LEAST_CHI_SQUARE = 36.0
+# What counts of whole numbers do to the DoLP of pixels, in its standard errors: more is no test of its law.
+_COARSE = 0.25
+
+
+def with_joint_scores(
+    rows: Sequence[Row], predictions: Mapping[str, RegionPrediction], measurement: Measurement, cov: FloatArray
+) -> tuple[Row, ...]:
+    """Return rows that are scored as their laws are where polarization is weak, and counts are coarse.
+
+    DoLP and AoLP of hardly polarized light are scored as (S1, S2) together, in DoLP's row; AoLP has no score then. The
+    DoLP of pixels has none where steps of whole counts show in it. `cov` is what the inputs give the rows.
+    """
+    found = list(rows)
+    for name, prediction in predictions.items():
+        if name not in measurement.regions:
+            continue
+        region, place = measurement.regions[name], {row.key: k for k, row in enumerate(rows) if row.region == name}
+        s1, s2, degree, angle = (
+            place.get(NumberKey(name, quantity, "mean")) for quantity in ("s1n", "s2n", "dolp", "aolp_deg")
+        )
+        if s1 is not None and s2 is not None and degree is not None:
+            of_inputs = cov[np.ix_([s1, s2], [s1, s2])]
+            together = normalized_moments(stokes_moments(measurement.plan, region.channels_mean)).cov + of_inputs
+            predicted = np.array([rows[s1].predicted, rows[s2].predicted])
+            if chi_square(predicted, together) < _LEAST_CHI_SQUARE:
+                off = np.array([rows[s1].measured, rows[s2].measured]) - predicted
+                found[degree] = replace(rows[degree], z=joint_score(off, together))
+                if angle is not None:
+                    found[angle] = replace(rows[angle], z=None)
+        if is_coarse(prediction, region, measurement):
+            for k in (k for key, k in place.items() if key.quantity in _OF_PIXELS):
+                found[k] = replace(found[k], z=None)
+    return tuple(found)
+
+
+def is_coarse(prediction: RegionPrediction, region: MeasuredRegion, measurement: Measurement) -> bool:
+    """Return whether whole counts show in the DoLP of a region's pixels.
+
+    (S1, S2) then stand on a grid, of which the law knows nothing. What that does to the mean length and its deviation
+    goes with the density of the law at 0, where the length has its corner: found by summing over grids.
+    """
+    step = float(measurement.grid.to_unit.max())
+    mean, cov = prediction.stokes_dn.mean[1:] / step, prediction.stokes_dn.cov[1:, 1:] / step**2
+    width = float(np.linalg.det(cov)) ** 0.25
+    if not width > 0.0:
+        return True
+    density = np.exp(-0.5 * chi_square(mean, cov)) / (2.0 * np.pi * width**2)
+    return bool(density * np.sqrt(region.independent_pixels) / width > _COARSE)
 
 
 def decide(rows: tuple[Row, ...], *, alpha: float) -> tuple[Row, ...]:

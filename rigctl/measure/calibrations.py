@@ -3,7 +3,7 @@
 `picked_for_run` says which files, and why not others; `read_calibrations` reads them, with doubts in words.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -136,13 +136,31 @@ def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
 
 
 def correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple[str, ...]:
-    """Return what was done to frames by calibrations, and what that leaves unpredicted, in words."""
+    """Return what was done to frames by calibrations and to regions by their repeats, in words."""
     done = measurement.corrections
     return (
+        *_of_repeats(measurement),
         *(() if done.throughput is None else (_of_throughput(done.throughput),)),
         *(() if done.flat is None else flat_remarks(done.flat, regions)),
         *(() if done.shifts is None else (_MOVED,)),
     )
+
+
+# Less drift than this share of the light from cycle to cycle is not worth a word.
+_SMALL_DRIFT = 1e-3
+
+
+def _of_repeats(measurement: Measurement) -> Iterable[str]:
+    """Return which pixels the repeats of a run show to be hit, and what light that drifts was divided by."""
+    for name, region in measurement.regions.items():
+        if region.hit and measurement.grid.cycles > 1:
+            yield (
+                f"{name}: {region.hit} of {region.hit + region.pixels} pixels were hit in single frames, as by cosmic "
+                "rays or pixels that jump; they are left out"
+            )
+        drift = region.repeatability.drift
+        if abs(drift) > _SMALL_DRIFT:
+            yield f"{name}: the light drifts by {drift:+.2%} a cycle; that is divided out"
 
 
 def _of_throughput(throughput: Throughput) -> str:

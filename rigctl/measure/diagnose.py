@@ -9,6 +9,7 @@ with other calibrations.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +41,8 @@ QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
 _OF_EDGES = ("shift", "wobble", "planes of a mosaic")
 _OF_PAIRS = "throughput of pairs"
 _DEG_PER_RAD = float(np.degrees(1.0))
+# Angles that are nearer than this are the same.
+_SAME_RAD = float(np.radians(1.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,12 +126,65 @@ def diagnose_pictures(
     except (ValueError, ArithmeticError) as error:
         # Frames such as no camera takes; what can be measured of them is measured all the same.
         return replace(undiagnosed(f"these frames give no joint fit: {error}"), angles_deg=angles_deg)
+    found = replace(found, terms=_as_half_turns_show(found.terms, pictures, usable, angles_rad))
     terms = tuple(_term(term, found, plan, angles_deg, means, slopes or {}, side_pixels) for term in found.terms)
     return RunDiagnosis(
         terms=terms if side_pixels == 1 else _told_coarsely(terms),
         reason=found.reason,
         angles_deg=angles_deg,
         found=found,
+    )
+
+
+# Shifts are taken for those that half turns show where they differ by more than this share, and three of its errors.
+_AS_SHOWN = 0.2
+
+
+def _as_half_turns_show(
+    terms: tuple[Term, ...], pictures: FloatArray, usable: NDArray[np.bool_], angles_rad: FloatArray
+) -> tuple[Term, ...]:
+    """Return terms whose shifts have the size that half turns show directly.
+
+    Frames half a turn apart show the same light, and how far they lie apart needs no fit: where rounding and noise make
+    edges of their own, the fit finds shifts that are too large.
+    """
+    frames = len(pictures)
+    pairs = [
+        (k, j)
+        for k in range(frames)
+        for j in range(k + 1, frames)
+        if abs(abs(angles_rad[j] - angles_rad[k]) - np.pi) < _SAME_RAD
+    ]
+    moving = [term for term in terms if term.is_named and term.unit == "pixel" and term.value]
+    if not pairs or not moving:
+        return terms
+    first = PER_FRAME.index("shift x") * frames
+    shifts = np.sum([term.parameters[first : first + 2 * frames] for term in moving], axis=0).reshape(2, frames).T
+    fitted = np.array([shifts[j] - shifts[k] for k, j in pairs])
+    window = cv2.createHanningWindow(usable.shape[::-1], cv2.CV_64F)
+    filled = [np.where(usable, picture, picture[usable].mean()) for picture in pictures]
+    shown = np.array([cv2.phaseCorrelate(filled[k], filled[j], window)[0] for k, j in pairs])
+    is_seen = np.linalg.norm(fitted, axis=1) > 0.0
+    if not is_seen.any():
+        return terms
+    weight = float(np.sum(fitted**2))
+    ratio = float(np.sum(fitted * shown)) / weight
+    left = (shown - ratio * fitted)[is_seen]
+    error = float(np.sqrt(np.sum(left**2) / (left.size - 1) / weight))
+    if abs(ratio - 1.0) < max(_AS_SHOWN, 3.0 * error):
+        return terms
+    scale = np.ones(terms[0].parameters.size)
+    scale[first : first + 2 * frames] = ratio
+    return tuple(
+        replace(
+            term,
+            value=term.value * ratio,
+            std_error=float(np.hypot(term.std_error or 0.0, term.value * error)),
+            parameters=term.parameters * scale,
+        )
+        if term in moving and term.value
+        else term
+        for term in terms
     )
 
 

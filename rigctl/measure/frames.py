@@ -86,9 +86,28 @@ class FrameGrid:
         return np.array([1.0 / 12.0 if record.reads and not record.real_counts else 0.0 for record in self.records[0]])
 
     @property
+    def is_whole(self) -> bool:
+        """Counts are whole numbers of single reads, none of them below 0."""
+        return not any(record.reads or record.real_counts for record in self.frames)
+
+    @property
     def unit(self) -> str:
         """Unit of what is made of the counts."""
         return "DN" if self.is_one_exposure else "DN/s"
+
+    @property
+    def times(self) -> FloatArray | None:
+        """When each frame was taken, in cycles, shape (cycles, angles), by the order of exposures.
+
+        None where cycles were not taken one after the other, as of images that were imported angle by angle.
+        """
+        order = np.array(
+            [[one.sequence if one.exposure_id is None else one.exposure_id for one in cycle] for cycle in self.records]
+        )
+        if np.any(order[1:].min(axis=1) <= order[:-1].max(axis=1)):
+            return None
+        places = np.array([np.searchsorted(np.unique(cycle), cycle) / len(np.unique(cycle)) for cycle in order])
+        return np.asarray(np.arange(self.cycles)[:, None] + places)
 
     @property
     def to_unit(self) -> FloatArray:
@@ -521,6 +540,7 @@ class CorrectedFrames:
         """Take the run, which frame is which, and what is done to each; nothing is read yet."""
         shape = (grid.height, grid.width)
         self._run, self.interpolation = run, run.session.interpolation
+        self.is_mosaic = run.session.cell_deg is not None
         self.grid, self.dark_level, self.corrections = grid, dark_level, corrections
         self.sums = np.zeros((grid.angles, *shape))
         self.light = np.zeros(grid.cycles)

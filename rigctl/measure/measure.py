@@ -2,9 +2,14 @@
 
 `measure` reads every frame once, takes off the dark level, corrects, and averages over the cycles. Numbers of a region
 come from its pixels: means with their covariance, deviations over the pixels and over the cycles, DoLP and AoLP; their
-errors hold noise, texture that neighbours share, dark level, corrections, and what differs from cycle to cycle. A
-number that is no larger than the rounding of the terms it is made of is 0.
+errors hold noise, texture that neighbours share, dark level, corrections, and what differs from cycle to cycle.
+
+Pixels that something else than light has hit in single frames are left out. Where counts are cut off at 0, or noise
+does not reach over a count, means are those of the signal behind the counts (`model.counts`). Light that drifts is
+divided out. A number that is no larger than the rounding of the terms it is made of is 0.
 """
+
+from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,18 +19,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from model.counts import DITHERED_DN, ROUNDING_VAR_DN2, estimate_signal, rounded_moments
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
+from model.processing.dolp_interval import dolp_intervals, is_polarized
 from model.processing.maps import Float32Array, polarization_maps
 from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px, variance_factor
 from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
 from model.processing.samples import (
+    Hits,
     Repeatability,
     RepeatedPixels,
     RunningPixels,
     Sample,
     deviation,
     effective_pixels,
+    find_hits,
+    find_single_hits,
     mean_moments,
     mean_over_deviation,
     region_mean_moments,
@@ -58,62 +68,12 @@ from rigctl.measure.frames import (
 from rigctl.runs.folder import Run
 
 FloatArray = NDArray[np.float64]
+
 # Pixels of each region, by its name.
 Masks = Mapping[str, NDArray[np.bool_]]
 
-# What a temporal deviation rests on, in the order of the vector that is varied.
-INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TemporalNoise:
-    """The numbers of a calibration that temporal noise rests on."""
-
-    values: FloatArray  #: Gain [DN/e-], read noise [e-] and dark current [e-/s].
-    cov: FloatArray  #: Their covariance.
-    remarks: tuple[str, ...]  #: What was set aside.
-
-
-def temporal_noise(noise: "NoiseParameters") -> TemporalNoise:
-    """Return what temporal noise rests on, by a noise calibration."""
-    if noise.read_noise_e is None:
-        raise DataError("the noise calibration has no read_noise_e: it cannot predict a temporal deviation")
-    remarks = []
-    dark = noise.dark_current_e_per_s
-    if dark is None:
-        remarks.append("dark current: not calibrated, taken as 0")
-    elif dark.value < 0.0:
-        remarks.append(f"dark current: the calibration's {dark.value:.3g} e-/s is below 0 by its error; 0 is used")
-    sensor = noise.sensor_noise()
-    return TemporalNoise(
-        values=np.array([sensor.gain_dn_per_e, sensor.read_noise_e, sensor.dark_current_e_per_s]),
-        cov=noise.covariance_of(INPUTS),
-        remarks=tuple(remarks),
-    )
-
-
-def temporal_variance(measurement: "Measurement", region: "MeasuredRegion", values: FloatArray) -> FloatArray:
-    """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2]."""
-    grid = measurement.grid
-    if grid.exposures_s is None:
-        raise DataError(f"{measurement.run.path}: its exposure is not known: the noise cannot be predicted")
-    gain, read_noise, dark_current = values.tolist()
-    noise = SensorNoise(
-        gain_dn_per_e=gain, read_noise_e=read_noise, dark_current_e_per_s=dark_current, black_level_dn=0.0
-    )
-    signal_dn = region.channels_mean.mean / grid.to_unit
-    variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s) / grid.reads
-    factor = measurement.corrections.noise_factor(grid.angles)
-    return np.asarray((variance + grid.rounding_dn2) * grid.to_unit**2 * factor)
-
-
 # quantity -> statistic -> sample; the same names as in `model.prediction.Quantities`.
 MeasuredQuantities = dict[str, dict[str, Sample]]
-
-# Share of the terms of a sum, or of 1 for a ratio, that their rounding may leave of what is 0.
-_ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
-# Fewer pixels than this give no fourth moment worth the name.
-LEAST_PIXELS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,6 +84,12 @@ class MeasuredRegion:
     pixels: int
     excluded: int
     edge: int
+    #: Pixels left out since something else than light has hit them in single frames.
+    hit: int = 0
+    #: Largest share of the counts of an angle that are 0. Where that matters, or noise does not reach over a count,
+    #: means are by the law of counts (`is_by_law`), and deviations over clipped counts are none.
+    at_zero: float = 0.0
+    is_by_law: bool = False
     #: How many independent ones they are worth for S0: errors of deviations take this number.
     independent_pixels: float
     channels_mean: Moments  #: Mean of each angle over pixels and cycles, and the covariance of that mean.
@@ -138,253 +104,6 @@ class MeasuredRegion:
     #: Relative errors of the means by what differs from cycle to cycle; 0 with one cycle.
     repeatability: Repeatability
     quantities: MeasuredQuantities  #: Everything a prediction is set beside.
-
-
-def measure_region(
-    *,
-    name: str,
-    pixels: RepeatedPixels,
-    inside: NDArray[np.bool_],
-    excluded: int,
-    edge: int,
-    channel_names: tuple[str, ...],
-    plan: Design,
-    level_std_error: FloatArray,
-    relative_error: FloatArray,
-    own_error: FloatArray | float = 0.0,
-    interpolation: Interpolation = "none",
-) -> MeasuredRegion:
-    """Return the numbers of a region."""
-    count = pixels.mean.shape[1]
-    require_pixels(name, count, excluded=excluded, edge=edge)
-    independent = _independent_pixels(pixels.mean, inside, plan)
-    inflation = count / independent
-    scattered = region_mean_moments(pixels.mean, inside)
-    channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
-    channels_mean = replace(channels_mean, cov=channels_mean.cov + pixels.repeatability.cov(channels_mean.mean))
-    stokes_pixels = np.asarray(plan.inverse @ pixels.first)
-    quantities = _of_vectors(
-        pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
-    ) | _of_pixel_dolp(stokes_pixels, inflation)
-    return MeasuredRegion(
-        pixels=count,
-        excluded=excluded,
-        edge=edge,
-        independent_pixels=independent,
-        channels_mean=channels_mean,
-        scatter_cov=scattered.cov,
-        channel_pixels=pixels.first,
-        channel_pixels_mean=pixels.mean,
-        stokes_pixels=stokes_pixels,
-        stokes_pixels_mean=np.asarray(plan.inverse @ pixels.mean),
-        inside=inside,
-        repeatability=pixels.repeatability,
-        # Whole cells where neighbours share samples: their pixels are not alike.
-        first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
-        quantities=quantities,
-    )
-
-
-def require_pixels(name: str, left: int, *, excluded: int, edge: int) -> None:
-    """Refuse a region of which too few pixels are left."""
-    if left < LEAST_PIXELS:
-        raise DataError(
-            f"region {name}: {left} pixels are left of {left + excluded + edge} "
-            f"({excluded} are saturated or missing, {edge} lie along its border); at least {LEAST_PIXELS} are needed"
-        )
-
-
-def _independent_pixels(mean: FloatArray, inside: NDArray[np.bool_], plan: Design) -> float:
-    image = np.zeros(inside.shape)
-    image[inside] = plan.inverse[0] @ mean
-    return effective_pixels(image, inside)
-
-
-def _with_level_errors(
-    moments: Moments,
-    level_std_error: FloatArray,
-    relative_error: FloatArray,
-    own_error: FloatArray | float,
-) -> Moments:
-    own = np.square(moments.mean * relative_error) + np.square(own_error)
-    common = np.outer(level_std_error, level_std_error) + np.diag(own)
-    return Moments(mean=moments.mean, cov=moments.cov + common)
-
-
-def _of_vectors(
-    pixels: RepeatedPixels,
-    channel_names: tuple[str, ...],
-    channels_mean: Moments,
-    plan: Design,
-    inflation: float,
-    of_noise: float,
-) -> MeasuredQuantities:
-    """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
-    stokes_mean = propagate_linear(channels_mean, plan.inverse)
-    counts = np.abs(channels_mean.mean)
-    # A Stokes parameter is a sum of counts, which rounding leaves no smaller than this.
-    rounding = _ROUNDING * (np.abs(plan.inverse) @ counts)
-    stokes_mean = replace(stokes_mean, mean=np.where(np.abs(stokes_mean.mean) > rounding, stokes_mean.mean, 0.0))
-    found = _linear(
-        channel_names,
-        channels_mean,
-        (pixels.first, pixels.mean, pixels.temporal),
-        _ROUNDING * counts,
-        inflation,
-        of_noise,
-    )
-    found |= _linear(
-        ("s0", "s1", "s2"),
-        stokes_mean,
-        (pixels.stokes_first, pixels.stokes_mean, pixels.temporal_stokes),
-        rounding,
-        inflation,
-        of_noise,
-    )
-    return found | _of_mean_stokes(stokes_mean)
-
-
-def _linear(
-    names: Sequence[str],
-    mean: Moments,
-    pixels: tuple[FloatArray, FloatArray, tuple[Sample, ...]],
-    rounding: FloatArray,
-    inflation: float,
-    of_noise: float,
-) -> MeasuredQuantities:
-    """Return mean and deviations of channels or Stokes parameters; what is no larger than its rounding is 0.
-
-    `pixels` are those of the first cycle, the mean of all, and their temporal noise. `inflation` is of errors of what
-    varies over the pixels, `of_noise` of what varies with time.
-    """
-    first, mean_pixels, temporal = pixels
-    found: MeasuredQuantities = {}
-    for k, name in enumerate(names):
-        samples = {
-            "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
-            "std": _inflated(deviation(first[k]), inflation),
-            "std_spatial_mean": _inflated(deviation(mean_pixels[k]), inflation),
-        }
-        if temporal:
-            samples["std_temporal"] = _inflated(temporal[k], of_noise)
-        found[name] = {statistic: _without_rounding(sample, rounding[k]) for statistic, sample in samples.items()}
-    return found
-
-
-def _without_rounding(sample: Sample, rounding: float = _ROUNDING) -> Sample:
-    return Sample(
-        value=sample.value if abs(sample.value) > rounding else 0.0,
-        std_error=sample.std_error if sample.std_error > rounding else 0.0,
-    )
-
-
-def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
-    if stokes.mean[0] <= 0.0:
-        return {}
-    normalized = normalized_moments(stokes)
-    errors = np.sqrt(np.diag(normalized.cov))
-    found = {
-        name: {"mean": _without_rounding(Sample(value=float(normalized.mean[k]), std_error=float(errors[k])))}
-        for k, name in enumerate(("s1n", "s2n"))
-    }
-    if not np.any(stokes.mean[1:]):
-        return found
-    degree = dolp.first_order(stokes.mean, stokes.cov)
-    angle = aolp_moments_rad(stokes)
-    strength = Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))
-    found["dolp"] = {"mean": _without_rounding(strength)}
-    found["aolp_deg"] = {
-        "mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=float(np.rad2deg(np.sqrt(angle.cov[0, 0]))))
-    }
-    return found
-
-
-def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuantities:
-    """Return what the DoLP of single pixels gives; nothing where a pixel has no light, since it has none then."""
-    if np.any(stokes_pixels[0] <= 0.0):
-        return {}
-    values = np.asarray(degree_of_polarization(stokes_pixels.T))
-    mean = mean_moments(values[None, :])
-    mean_error = float(np.sqrt(mean.cov[0, 0]))
-    found: MeasuredQuantities = {
-        "dolp_pixels": {
-            "mean": _without_rounding(_inflated(Sample(value=float(mean.mean[0]), std_error=mean_error), inflation)),
-            "std": _without_rounding(_inflated(deviation(values), inflation)),
-        }
-    }
-    if found["dolp_pixels"]["std"].value > 0.0:
-        found["dolp_snr"] = {"mean": _inflated(mean_over_deviation(values), inflation)}
-    return found
-
-
-def _inflated(sample: Sample, inflation: float) -> Sample:
-    return Sample(value=sample.value, std_error=sample.std_error * float(np.sqrt(inflation)))
-
-
-_NEIGHBOURHOOD = (7, 7)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PolarizationImages:
-    """Maps of a run in single precision, for pictures; numbers of regions come from its channels."""
-
-    stokes: Float32Array  #: S0, S1, S2, in the unit of the measurement.
-    dolp: Float32Array  #: NaN where it has no meaning: no light, saturated or missing.
-    aolp_deg: Float32Array  #: Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
-    unusable: NDArray[np.bool_]  #: Saturated or missing in any frame.
-    #: How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
-    aolp_error_deg: Float32Array
-    #: Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
-    #: differ by. None with three angles; NaN where there is no light.
-    residual: FloatArray | None
-
-
-def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray[np.bool_]) -> PolarizationImages:
-    """Return the images of a run."""
-    maps = polarization_maps(channels.astype(np.float32), plan)
-    dark = unusable | ~maps.valid
-    return PolarizationImages(
-        stokes=maps.stokes,
-        dolp=np.where(dark, np.float32(np.nan), maps.dolp),
-        aolp_deg=np.rad2deg(maps.aolp_rad),
-        unusable=unusable,
-        aolp_error_deg=_aolp_error_deg(maps.stokes),
-        residual=_residual(plan, channels, dark),
-    )
-
-
-def _aolp_error_deg(stokes: Float32Array) -> Float32Array:
-    squares = sum(_scatter_squares(component) for component in stokes[1:]) / 2.0
-    # Of the neighbours' mean: where there is no polarization, that of single pixels is the noise itself.
-    smooth = [cv2.blur(component, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE) for component in stokes[1:]]
-    polarized = np.maximum(np.hypot(*smooth), 1e-12)
-    return np.asarray(np.minimum(np.degrees(0.5 * np.sqrt(squares) / polarized), 90.0))
-
-
-def _scatter_squares(image: Float32Array) -> Float32Array:
-    """Return the local variance of a pixel about the line through its neighbours."""
-    bent = np.zeros_like(image)
-    bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0
-    # Running sums go below 0 by rounding.
-    return np.maximum(cv2.blur(bent, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE), 0.0)
-
-
-def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> FloatArray | None:
-    if plan.redundancy == 0:
-        return None
-    left = np.tensordot(plan.null_basis @ plan.null_basis.T, channels, axes=1)
-    largest = np.take_along_axis(left, np.argmax(np.abs(left), axis=0)[None], axis=0)[0]
-    # At equal sizes the sign is that of the first angle, so that a picture has one.
-    if plan.redundancy == 1:
-        largest = left[0] / max(float(np.abs(plan.null_basis[0, 0])), 1e-12) * float(np.abs(plan.null_basis).max())
-    mean = channels.mean(axis=0)
-    return np.where(dark | (mean <= 0.0), np.nan, 2.0 * largest / np.where(mean > 0.0, mean, 1.0))
-
-
-_LEAST_ANGLES = 3
-# Pixels of regions over all frames are held up to this size; where they are more, frames are read twice.
-MOST_HELD_BYTES = 256_000_000
-_FLOAT_BYTES = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -470,109 +189,19 @@ def measure(
     )
 
 
-def _corrections(
-    run: Run,
-    grid: FrameGrid,
-    registration: ImageRegistration | None,
-    flats: FlatFields | None,
-    polarizer: PolarizerParameters | None,
-    found: FoundCorrections | None,
-) -> Corrections:
-    """Return what is done to frames by calibrations, and by what the run itself shows."""
-    throughput = None if polarizer is None else throughput_of(grid, polarizer)
-    shifts = None if found is None else found.shifts
-    if shifts is None and registration is not None:
-        shifts = frame_shifts(run, grid, registration)
-    return Corrections(
-        throughput=together(throughput, None if found is None else found.throughput),
-        flat=None if flats is None else flat_division(grid, flats),
-        shifts=shifts,
-        interpolated=variance_factor(run.session.interpolation),
-    )
-
-
-# Gives the usable pixels of a region over all cycles, by its name.
-_Repeats = Callable[[str], RepeatedPixels]
-
-
-def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
-    """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
-
-    Only when all frames were read is it known which pixels are usable in all of them.
-    """
-    inflation = mean_inflation(frames.interpolation)
-    held_bytes = (
-        sum(int(mask.sum()) for mask in inside.values()) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
-    )
-    if held_bytes <= MOST_HELD_BYTES:
-        pixels = frames.pixels(inside)
-
-        def of_held(name: str) -> RepeatedPixels:
-            usable = ~(frames.saturated | frames.missing)[inside[name]]
-            return repeated(pixels[name][:, :, usable], plan.inverse, noise_inflation=inflation)
-
-        return of_held
-    frames.pixels({})
-    usable = ~(frames.saturated | frames.missing)
-    running = {name: RunningPixels(plan.inverse, noise_inflation=inflation) for name in inside}
-    again = frames.anew()
-    for cycle in range(frames.grid.cycles):
-        of_cycle = again.cycle(cycle, {name: mask & usable for name, mask in inside.items()})
-        for name, found in of_cycle.items():
-            running[name].add(found)
-    return lambda name: running[name].result()
-
-
-def _measured_regions(
-    outer: Masks,
-    inside: Masks,
-    frames: CorrectedFrames,
-    repeats: _Repeats,
-    plan: Design,
-    found: FoundCorrections | None,
-) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
-    """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
-    usable = ~(frames.saturated | frames.missing)
-    channels = frames.sums / frames.grid.cycles
-    measured: dict[str, MeasuredRegion] = {}
-    unmeasured: dict[str, str] = {}
-    for name, mask in inside.items():
-        own = mask & usable
-        excluded, edge = int(np.sum(mask & ~usable)), int(np.sum(outer[name] & ~mask))
-        try:
-            require_pixels(name, int(own.sum()), excluded=excluded, edge=edge)
-            measured[name] = measure_region(
-                name=name,
-                pixels=repeats(name),
-                inside=own,
-                excluded=excluded,
-                edge=edge,
-                channel_names=frames.grid.channel_names,
-                plan=plan,
-                level_std_error=frames.dark_level.std_error_dn * frames.grid.to_unit,
-                relative_error=frames.corrections.relative_error(frames.grid.angles),
-                own_error=0.0 if found is None else found.level_error(channels, own),
-                interpolation=frames.interpolation,
-            )
-        except (DataError, ValueError, ArithmeticError) as error:
-            unmeasured[name] = str(error)
-    return measured, unmeasured
-
-
-def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | None) -> DarkLevel:
-    if found is None or found.dark is None:
-        return level
-    return replace(
-        level,
-        level_dn=level.level_dn + found.dark / grid.to_unit,
-        source=f"{level.source}; and what the run itself shows of single angles",
-    )
-
-
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
     """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
     frames = CorrectedFrames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
     return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
+
+
+def frame_order(measurement: Measurement) -> NDArray[np.intp]:
+    """Return the place of each angle's frame in the first cycle, from 0."""
+    sequence = [record.sequence for record in measurement.grid.records[0]]
+    return np.argsort(np.argsort(sequence))
+
+
+_LEAST_ANGLES = 3
 
 
 def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
@@ -594,7 +223,492 @@ def _extinction_ratio(run: Run) -> float:
     return np.inf if stated is None else stated
 
 
-def frame_order(measurement: Measurement) -> NDArray[np.intp]:
-    """Return the place of each angle's frame in the first cycle, from 0."""
-    sequence = [record.sequence for record in measurement.grid.records[0]]
-    return np.argsort(np.argsort(sequence))
+def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | None) -> DarkLevel:
+    if found is None or found.dark is None:
+        return level
+    return replace(
+        level,
+        level_dn=level.level_dn + found.dark / grid.to_unit,
+        source=f"{level.source}; and what the run itself shows of single angles",
+    )
+
+
+def _corrections(
+    run: Run,
+    grid: FrameGrid,
+    registration: ImageRegistration | None,
+    flats: FlatFields | None,
+    polarizer: PolarizerParameters | None,
+    found: FoundCorrections | None,
+) -> Corrections:
+    """Return what is done to frames by calibrations, and by what the run itself shows."""
+    throughput = None if polarizer is None else throughput_of(grid, polarizer)
+    shifts = None if found is None else found.shifts
+    if shifts is None and registration is not None:
+        shifts = frame_shifts(run, grid, registration)
+    return Corrections(
+        throughput=together(throughput, None if found is None else found.throughput),
+        flat=None if flats is None else flat_division(grid, flats),
+        shifts=shifts,
+        interpolated=variance_factor(run.session.interpolation),
+    )
+
+
+# Pixels of regions over all frames are held up to this size; where they are more, frames are read twice.
+MOST_HELD_BYTES = 256_000_000
+
+_FLOAT_BYTES = 8
+
+# Gives the pixels of a region that lie in a mask, by its name: those of all cycles, (C, N, P), or their numbers where
+# they are too many to be held.
+_Repeats = Callable[[str, NDArray[np.bool_]], FloatArray | RepeatedPixels]
+
+
+def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
+    """Read every frame once, and return what gives the pixels of a region; where they are too many, read them again.
+
+    Only when all frames were read is it known which pixels are usable in all of them.
+    """
+    held_bytes = (
+        sum(int(mask.sum()) for mask in inside.values()) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
+    )
+    if held_bytes <= MOST_HELD_BYTES:
+        pixels = frames.pixels(inside)
+        return lambda name, own: pixels[name][:, :, own[inside[name]]]
+    frames.pixels({})
+    usable = ~(frames.saturated | frames.missing)
+    inflation = mean_inflation(frames.interpolation)
+    running = {
+        name: RunningPixels(plan.inverse, inside=mask & usable, times=frames.grid.times, noise_inflation=inflation)
+        for name, mask in inside.items()
+    }
+    again = frames.anew()
+    for cycle in range(frames.grid.cycles):
+        of_cycle = again.cycle(cycle, {name: mask & usable for name, mask in inside.items()})
+        for name, found in of_cycle.items():
+            running[name].add(found)
+    return lambda name, _: running[name].result()
+
+
+def _measured_regions(
+    outer: Masks,
+    inside: Masks,
+    frames: CorrectedFrames,
+    repeats: _Repeats,
+    plan: Design,
+    found: FoundCorrections | None,
+) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
+    """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
+    usable, grid = ~(frames.saturated | frames.missing), frames.grid
+    channels = frames.sums / grid.cycles
+    measured: dict[str, MeasuredRegion] = {}
+    unmeasured: dict[str, str] = {}
+    for name, mask in inside.items():
+        own = mask & usable
+        excluded, edge = int(np.sum(mask & ~usable)), int(np.sum(outer[name] & ~mask))
+        try:
+            require_pixels(name, int(own.sum()), excluded=excluded, edge=edge)
+            given = repeats(name, own)
+            error: FloatArray | float = 0.0 if found is None else found.level_error(channels, own)
+            signal, at_zero, hit = None, float(np.mean(frames.at_zero[own])), 0
+            if isinstance(given, np.ndarray):
+                hits = _hits(given, own, is_mosaic=frames.is_mosaic)
+                if hits is not None:
+                    hit, given = int(hits.pixels.sum()), given[:, :, ~hits.pixels] - hits.left[:, None]
+                    own[own] = ~hits.pixels
+                    error = np.hypot(error, hits.left_error)
+                signal, at_zero = _signal_by_law(name, given, frames)
+                given = repeated(
+                    given,
+                    plan.inverse,
+                    inside=own,
+                    times=grid.times,
+                    noise_inflation=mean_inflation(frames.interpolation),
+                )
+            measured[name] = measure_region(
+                name=name,
+                pixels=given,
+                inside=own,
+                excluded=excluded,
+                edge=edge,
+                channel_names=grid.channel_names,
+                plan=plan,
+                level_std_error=frames.dark_level.std_error_dn * grid.to_unit,
+                relative_error=frames.corrections.relative_error(grid.angles),
+                own_error=error,
+                interpolation=frames.interpolation,
+                hit=hit,
+                signal=signal,
+                at_zero=at_zero,
+            )
+        except (DataError, ValueError, ArithmeticError) as error:
+            unmeasured[name] = str(error)
+    return measured, unmeasured
+
+
+def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> Hits | None:
+    """Return the pixels of a region that something else than light has hit, by repeats or, without, by neighbours.
+
+    Behind polarizers on the pixels each angle has pixels of its own, of which an edge too may pass one alone.
+    """
+    if len(pixels) > 1:
+        return find_hits(pixels)
+    if is_mosaic:
+        return None
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    residual = np.empty_like(pixels[0])
+    for angle, values in enumerate(pixels[0]):
+        image = np.full(inside[part].shape, np.median(values), dtype=np.float32)
+        image[inside[part]] = values
+        residual[angle] = values - cv2.medianBlur(image, 5)[inside[part]]
+    return find_single_hits(residual)
+
+
+# Share of counts at 0 that moves a mean by a tenth of its error, or more; and that of which too little is left.
+_CLIPPED, _MOSTLY_CLIPPED = 1e-3, 0.5
+
+# Largest difference of shares of counts, by the law and as found, from which on the law is not theirs.
+_MISFIT = 0.03
+
+
+def _signal_by_law(name: str, pixels: FloatArray, frames: CorrectedFrames) -> tuple[FloatArray | None, float]:
+    """Return what the pixels of each angle stand for by the law of counts, mean over the cycles, and the share at 0.
+
+    None where noise dithers and hardly a count is 0, and where the law does not describe the counts.
+    """
+    grid, corrections = frames.grid, frames.corrections
+    to_counts = 1.0 / grid.to_unit * (1.0 if corrections.throughput is None else corrections.throughput.value)
+    is_moved = corrections.flat is not None or corrections.shifts is not None or corrections.interpolated != 1.0
+    is_changed = is_moved or not grid.is_whole
+    signal, largest, is_needed, is_lawful = pixels.mean(axis=0), 0.0, False, not is_changed
+    for angle, (factor, level) in enumerate(zip(to_counts, frames.dark_level.level_dn, strict=True)):
+        values = pixels[:, angle] * factor + level
+        at_zero, std = float(np.mean(values < 0.5)), float(values.std())
+        largest = max(largest, at_zero)
+        if at_zero > _MOSTLY_CLIPPED:
+            raise DataError(
+                f"region {name}: {at_zero:.0%} of its counts behind {grid.channel_names[angle]} are 0: what the light "
+                "is cannot be told; raise the camera's black level, or expose for longer"
+            )
+        if is_changed or not (at_zero > _CLIPPED or std < DITHERED_DN):
+            continue
+        counts = np.maximum(np.rint(values), 0.0).astype(np.int64)
+        found = estimate_signal(counts, highest=int(counts.max() + 6.0 * std + 10.0))
+        is_lawful &= found is not None and found.misfit < _MISFIT + counts.size**-0.5
+        if found is not None:
+            is_needed = True
+            signal[angle] = (found.stands_for[counts].mean(axis=0) - level) / factor
+    return (signal if is_needed and is_lawful else None), largest
+
+
+# Fewer pixels than this give no fourth moment worth the name.
+LEAST_PIXELS = 16
+
+
+def require_pixels(name: str, left: int, *, excluded: int, edge: int) -> None:
+    """Refuse a region of which too few pixels are left."""
+    if left < LEAST_PIXELS:
+        raise DataError(
+            f"region {name}: {left} pixels are left of {left + excluded + edge} "
+            f"({excluded} are saturated or missing, {edge} lie along its border); at least {LEAST_PIXELS} are needed"
+        )
+
+
+def measure_region(
+    *,
+    name: str,
+    pixels: RepeatedPixels,
+    inside: NDArray[np.bool_],
+    excluded: int,
+    edge: int,
+    channel_names: tuple[str, ...],
+    plan: Design,
+    level_std_error: FloatArray,
+    relative_error: FloatArray,
+    own_error: FloatArray | float = 0.0,
+    interpolation: Interpolation = "none",
+    hit: int = 0,
+    signal: FloatArray | None = None,
+    at_zero: float = 0.0,
+) -> MeasuredRegion:
+    """Return the numbers of a region; means are those of `signal`, shape (N, P), where that is not the mean count."""
+    count = pixels.mean.shape[1]
+    require_pixels(name, count, excluded=excluded + hit, edge=edge)
+    light = np.zeros(inside.shape)
+    light[inside] = plan.inverse[0] @ pixels.mean
+    independent = effective_pixels(light, inside)
+    inflation = count / independent
+    scattered = region_mean_moments(pixels.mean if signal is None else signal, inside)
+    channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
+    channels_mean = replace(channels_mean, cov=channels_mean.cov + pixels.repeatability.cov(channels_mean.mean))
+    stokes_pixels = np.asarray(plan.inverse @ pixels.first)
+    quantities = _of_vectors(
+        pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
+    ) | _of_pixel_dolp(stokes_pixels, inflation)
+    if at_zero > _CLIPPED:
+        # What was cut off is missing from every deviation, and from the DoLP of every pixel.
+        means = ((quantity, found["mean"]) for quantity, found in quantities.items() if "pixels" not in quantity)
+        quantities = {quantity: {"mean": one} for quantity, one in means if quantity != "dolp_snr"}
+    return MeasuredRegion(
+        pixels=count,
+        excluded=excluded,
+        edge=edge,
+        hit=hit,
+        at_zero=at_zero,
+        is_by_law=signal is not None,
+        independent_pixels=independent,
+        channels_mean=channels_mean,
+        scatter_cov=scattered.cov,
+        channel_pixels=pixels.first,
+        channel_pixels_mean=pixels.mean,
+        stokes_pixels=stokes_pixels,
+        stokes_pixels_mean=np.asarray(plan.inverse @ pixels.mean),
+        inside=inside,
+        repeatability=pixels.repeatability,
+        # Whole cells where neighbours share samples: their pixels are not alike.
+        first_half=np.sum(np.array(np.nonzero(inside)) // (1 if interpolation == "none" else 2), axis=0) % 2 == 0,
+        quantities=quantities,
+    )
+
+
+def _with_level_errors(
+    moments: Moments,
+    level_std_error: FloatArray,
+    relative_error: FloatArray,
+    own_error: FloatArray | float,
+) -> Moments:
+    own = np.square(moments.mean * relative_error) + np.square(own_error)
+    common = np.outer(level_std_error, level_std_error) + np.diag(own)
+    return Moments(mean=moments.mean, cov=moments.cov + common)
+
+
+# Share of the terms of a sum, or of 1 for a ratio, that their rounding may leave of what is 0.
+_ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
+
+
+def _of_vectors(
+    pixels: RepeatedPixels,
+    channel_names: tuple[str, ...],
+    channels_mean: Moments,
+    plan: Design,
+    inflation: float,
+    of_noise: float,
+) -> MeasuredQuantities:
+    """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
+    stokes_mean = propagate_linear(channels_mean, plan.inverse)
+    counts = np.abs(channels_mean.mean)
+    # A Stokes parameter is a sum of counts, which rounding leaves no smaller than this.
+    rounding = _ROUNDING * (np.abs(plan.inverse) @ counts)
+    stokes_mean = replace(stokes_mean, mean=np.where(np.abs(stokes_mean.mean) > rounding, stokes_mean.mean, 0.0))
+    found = _linear(
+        channel_names,
+        channels_mean,
+        (pixels.first, pixels.mean, pixels.temporal),
+        _ROUNDING * counts,
+        inflation,
+        of_noise,
+    )
+    found |= _linear(
+        ("s0", "s1", "s2"),
+        stokes_mean,
+        (pixels.stokes_first, pixels.stokes_mean, pixels.temporal_stokes),
+        rounding,
+        inflation,
+        of_noise,
+    )
+    return found | _of_mean_stokes(stokes_mean)
+
+
+def _linear(
+    names: Sequence[str],
+    mean: Moments,
+    pixels: tuple[FloatArray, FloatArray, tuple[Sample, ...]],
+    rounding: FloatArray,
+    inflation: float,
+    of_noise: float,
+) -> MeasuredQuantities:
+    """Return mean and deviations of channels or Stokes parameters; what is no larger than its rounding is 0.
+
+    `pixels` are those of the first cycle, the mean of all, and their temporal noise. `inflation` is of errors of what
+    varies over the pixels, `of_noise` of what varies with time.
+    """
+    first, mean_pixels, temporal = pixels
+    found: MeasuredQuantities = {}
+    for k, name in enumerate(names):
+        samples = {
+            "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
+            "std": _inflated(deviation(first[k]), inflation),
+            "std_spatial_mean": _inflated(deviation(mean_pixels[k]), inflation),
+        }
+        if temporal:
+            samples["std_temporal"] = _inflated(temporal[k], of_noise)
+        found[name] = {statistic: _without_rounding(sample, rounding[k]) for statistic, sample in samples.items()}
+    return found
+
+
+def _without_rounding(sample: Sample, rounding: float = _ROUNDING) -> Sample:
+    return Sample(
+        value=sample.value if abs(sample.value) > rounding else 0.0,
+        std_error=sample.std_error if sample.std_error > rounding else 0.0,
+    )
+
+
+# Standard deviation of an angle that may be any.
+_ANY_ANGLE_DEG = 180.0 / np.sqrt(12.0)
+
+
+def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
+    if stokes.mean[0] <= 0.0:
+        return {}
+    normalized = normalized_moments(stokes)
+    errors = np.sqrt(np.diag(normalized.cov))
+    found = {
+        name: {"mean": _without_rounding(Sample(value=float(normalized.mean[k]), std_error=float(errors[k])))}
+        for k, name in enumerate(("s1n", "s2n"))
+    }
+    if not np.any(stokes.mean[1:]):
+        return found
+    degree = dolp.first_order(stokes.mean, stokes.cov)
+    angle = aolp_moments_rad(stokes)
+    strength = Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))
+    found["dolp"] = {"mean": replace(_without_rounding(strength), intervals=dolp_intervals(normalized))}
+    angle_error = float(np.rad2deg(np.sqrt(angle.cov[0, 0])))
+    if not is_polarized(normalized):
+        angle_error = max(angle_error, _ANY_ANGLE_DEG)
+    found["aolp_deg"] = {"mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=angle_error)}
+    return found
+
+
+def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuantities:
+    """Return what the DoLP of single pixels gives; nothing where a pixel has no light, since it has none then."""
+    if np.any(stokes_pixels[0] <= 0.0):
+        return {}
+    values = np.asarray(degree_of_polarization(stokes_pixels.T))
+    mean = mean_moments(values[None, :])
+    mean_error = float(np.sqrt(mean.cov[0, 0]))
+    found: MeasuredQuantities = {
+        "dolp_pixels": {
+            "mean": _without_rounding(_inflated(Sample(value=float(mean.mean[0]), std_error=mean_error), inflation)),
+            "std": _without_rounding(_inflated(deviation(values), inflation)),
+        }
+    }
+    if found["dolp_pixels"]["std"].value > 0.0:
+        found["dolp_snr"] = {"mean": _inflated(mean_over_deviation(values), inflation)}
+    return found
+
+
+def _inflated(sample: Sample, inflation: float) -> Sample:
+    return Sample(value=sample.value, std_error=sample.std_error * float(np.sqrt(inflation)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolarizationImages:
+    """Maps of a run in single precision, for pictures; numbers of regions come from its channels."""
+
+    stokes: Float32Array  #: S0, S1, S2, in the unit of the measurement.
+    dolp: Float32Array  #: NaN where it has no meaning: no light, saturated or missing.
+    aolp_deg: Float32Array  #: Counter-clockwise from horizontal, in [0, 180); NaN where there is no light.
+    unusable: NDArray[np.bool_]  #: Saturated or missing in any frame.
+    #: How well the angle is known, from how S1 and S2 scatter between neighbours: noise and fine texture.
+    aolp_error_deg: Float32Array
+    #: Twice the largest residual of the fit over the mean of the angles: at 0, 45, 90, 135 deg what orthogonal pairs
+    #: differ by. None with three angles; NaN where there is no light.
+    residual: FloatArray | None
+
+
+def polarization_images(plan: Design, channels: FloatArray, *, unusable: NDArray[np.bool_]) -> PolarizationImages:
+    """Return the images of a run."""
+    maps = polarization_maps(channels.astype(np.float32), plan)
+    dark = unusable | ~maps.valid
+    return PolarizationImages(
+        stokes=maps.stokes,
+        dolp=np.where(dark, np.float32(np.nan), maps.dolp),
+        aolp_deg=np.rad2deg(maps.aolp_rad),
+        unusable=unusable,
+        aolp_error_deg=_aolp_error_deg(maps.stokes),
+        residual=_residual(plan, channels, dark),
+    )
+
+
+_NEIGHBOURHOOD = (7, 7)
+
+
+def _aolp_error_deg(stokes: Float32Array) -> Float32Array:
+    squares = sum(_scatter_squares(component) for component in stokes[1:]) / 2.0
+    # Of the neighbours' mean: where there is no polarization, that of single pixels is the noise itself.
+    smooth = [cv2.blur(component, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE) for component in stokes[1:]]
+    polarized = np.maximum(np.hypot(*smooth), 1e-12)
+    return np.asarray(np.minimum(np.degrees(0.5 * np.sqrt(squares) / polarized), 90.0))
+
+
+def _scatter_squares(image: Float32Array) -> Float32Array:
+    """Return the local variance of a pixel about the line through its neighbours."""
+    bent = np.zeros_like(image)
+    bent[:, 1:-1] = np.square(image[:, 2:] - 2.0 * image[:, 1:-1] + image[:, :-2]) / 6.0
+    # Running sums go below 0 by rounding.
+    return np.maximum(cv2.blur(bent, _NEIGHBOURHOOD, borderType=cv2.BORDER_REPLICATE), 0.0)
+
+
+def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> FloatArray | None:
+    if plan.redundancy == 0:
+        return None
+    left = np.tensordot(plan.null_basis @ plan.null_basis.T, channels, axes=1)
+    largest = np.take_along_axis(left, np.argmax(np.abs(left), axis=0)[None], axis=0)[0]
+    # At equal sizes the sign is that of the first angle, so that a picture has one.
+    if plan.redundancy == 1:
+        largest = left[0] / max(float(np.abs(plan.null_basis[0, 0])), 1e-12) * float(np.abs(plan.null_basis).max())
+    mean = channels.mean(axis=0)
+    return np.where(dark | (mean <= 0.0), np.nan, 2.0 * largest / np.where(mean > 0.0, mean, 1.0))
+
+
+# What a temporal deviation rests on, in the order of the vector that is varied.
+INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TemporalNoise:
+    """The numbers of a calibration that temporal noise rests on."""
+
+    values: FloatArray  #: Gain [DN/e-], read noise [e-] and dark current [e-/s].
+    cov: FloatArray  #: Their covariance.
+    remarks: tuple[str, ...]  #: What was set aside.
+
+
+def temporal_noise(noise: NoiseParameters) -> TemporalNoise:
+    """Return what temporal noise rests on, by a noise calibration."""
+    if noise.read_noise_e is None:
+        raise DataError("the noise calibration has no read_noise_e: it cannot predict a temporal deviation")
+    remarks = []
+    dark = noise.dark_current_e_per_s
+    if dark is None:
+        remarks.append("dark current: not calibrated, taken as 0")
+    elif dark.value < 0.0:
+        remarks.append(f"dark current: the calibration's {dark.value:.3g} e-/s is below 0 by its error; 0 is used")
+    sensor = noise.sensor_noise()
+    return TemporalNoise(
+        values=np.array([sensor.gain_dn_per_e, sensor.read_noise_e, sensor.dark_current_e_per_s]),
+        cov=noise.covariance_of(INPUTS),
+        remarks=tuple(remarks),
+    )
+
+
+def temporal_variance(measurement: Measurement, region: MeasuredRegion, values: FloatArray) -> FloatArray:
+    """Return the temporal variance of each channel of a region at its measured signal, shape (N,) [grid.unit^2]."""
+    grid = measurement.grid
+    if grid.exposures_s is None:
+        raise DataError(f"{measurement.run.path}: its exposure is not known: the noise cannot be predicted")
+    gain, read_noise, dark_current = values.tolist()
+    noise = SensorNoise(
+        gain_dn_per_e=gain, read_noise_e=read_noise, dark_current_e_per_s=dark_current, black_level_dn=0.0
+    )
+    signal_dn = region.channels_mean.mean / grid.to_unit
+    variance = temporal_variance_dn2(signal_dn, noise=noise, exposure_s=grid.exposures_s) / grid.reads
+    if np.any(variance < DITHERED_DN**2 + 1.0) and grid.is_whole and not measurement.corrections.is_any:
+        unrounded, level_dn = variance - ROUNDING_VAR_DN2, measurement.dark_level.level_dn + signal_dn
+        even = rounded_moments(level_dn, unrounded)[1]
+        # Texture dithers as noise does.
+        spread = np.var(region.channel_pixels_mean, axis=1) / grid.to_unit**2 - even / grid.cycles
+        variance = rounded_moments(level_dn, unrounded, np.maximum(spread, 0.0))[1]
+    factor = measurement.corrections.noise_factor(grid.angles)
+    return np.asarray((variance + grid.rounding_dn2) * grid.to_unit**2 * factor)

@@ -153,12 +153,16 @@ def pixels_json(region: MeasuredRegion) -> dict[str, float]:
         "used": region.pixels,
         "excluded": region.excluded,
         "edge": region.edge,
+        "hit": region.hit,
         "worth_independent": region.independent_pixels,
     }
 
 
 def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
-    """Return every measured number of a region, its standard error beside it, by quantity and statistic."""
+    """Return every measured number of a region, its standard error beside it, by quantity and statistic.
+
+    DoLP has its intervals too: ``mean_68_low``, ``mean_68_high``, and those of 95 %.
+    """
     from rigctl.comparison.rows import measured_with_ratios
 
     found: dict[str, dict[str, float]] = {}
@@ -167,6 +171,8 @@ def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
         for statistic, sample in statistics.items():
             found[quantity][statistic] = sample.value
             found[quantity][f"{statistic}_std_error"] = sample.std_error
+            for level, (low, high) in zip((68, 95), sample.intervals or (), strict=False):
+                found[quantity] |= {f"{statistic}_{level}_low": low, f"{statistic}_{level}_high": high}
     return found
 
 

@@ -78,6 +78,9 @@ def _with_error(row: tuple[str, Statistics], statistic: str) -> str:
         return NO_NUMBER
     if abs(value) < _LEAST_SHARE * statistics.get("std", 0.0):
         return "0"
+    # An interval that reaches 0 is not one of equal errors to either side.
+    if error is not None and statistics.get(f"{statistic}_95_low") == 0.0:
+        return f"< {to_digits(statistics[f'{statistic}_95_high'], error)} (95 %)"
     return f"{value:.6g}" if error is None else with_error(quantity, value, error)
 
 

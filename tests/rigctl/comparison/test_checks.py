@@ -70,9 +70,13 @@ def compressed(frames: list[Picture]) -> list[Picture]:
     return [frame * (1.0 - 0.08 * frame / 750.0) for frame in frames]
 
 
-def test_a_region_whose_noise_is_cut_off_at_zero_is_refused(tmp_path: Path) -> None:
-    dark = [np.maximum(np.random.default_rng(k).normal(4.0, 3.0, (200, 200)), 0.0) for k in range(4)]
-    assert checked(tmp_path, dark)["clipped at zero of all"].verdict == "refused"
+def test_a_region_that_is_cut_off_at_zero_is_flagged_and_refused_where_no_law_describes_it(tmp_path: Path) -> None:
+    draws = np.random.default_rng(1)
+    dark = [np.rint(np.maximum(draws.normal(4.0, 3.0, (200, 200)), 0.0)) for _ in range(4)]
+    assert checked(tmp_path / "even", dark)["clipped at zero of all"].verdict == "flagged"
+    halves = np.where(np.arange(200) < 100, 0.0, 30.0)
+    uneven = [np.rint(np.maximum(draws.normal(4.0 + halves, 3.0, (200, 200)), 0.0)) for _ in range(4)]
+    assert checked(tmp_path / "uneven", uneven)["clipped at zero of all"].verdict == "refused"
 
 
 def test_a_sound_set_passes(tmp_path: Path) -> None:

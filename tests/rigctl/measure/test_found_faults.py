@@ -1,6 +1,7 @@
 """Runs with a known fault: what they say of themselves, and what correcting by it does."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from model.processing.reconstruction import design
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.measure.diagnose import diagnose_pictures
 from rigctl.measure.frames import FoundCorrections
 from rigctl.runs.folder import Run
 from rigctl.session.numbers import LiveNumbers, RegionMeans, coarse_picture, frame_summary
@@ -262,3 +265,24 @@ def test_errors_of_a_dark_level_and_a_shift_are_carried_to_a_region() -> None:
     inside = np.zeros((10, 20), dtype=np.bool_)
     inside[2:8, 3:17] = True
     np.testing.assert_allclose(found.level_error(steep, inside), [3.0, 5.0, 3.0, 3.0])
+
+
+@pytest.mark.skipif("RIGCTL_REAL_DATA" not in os.environ, reason="set RIGCTL_REAL_DATA to the folder of real frames")
+def test_shifts_of_real_frames_of_a_full_turn_are_those_that_half_turns_show() -> None:
+    # Dim frames of 8 bits, whose rounding makes edges: the fit alone names a walk of half a pixel.
+    folder = Path(os.environ["RIGCTL_REAL_DATA"]) / "mueller_psa/460nm_g0/a0"
+    angles_rad = np.radians(np.arange(8) * 45.0)
+    files = [folder / f"p{angle:03d}.png" for angle in range(0, 360, 45)]
+    frames = np.array([cv2.imread(str(file), cv2.IMREAD_UNCHANGED) for file in files]).astype(float)
+    found = diagnose_pictures(
+        design(angles_rad),
+        frames,
+        np.all(frames < 255.0, axis=0),
+        angles_rad=angles_rad,
+        times=range(8),
+        step=1.0,
+        means={"all": frames.mean(axis=(1, 2))},
+    )
+    (walk,) = (term for term in found.named if term.unit == "pixel")
+    # Half turns lie 0.2 pixel apart by phase correlation: a circle of 0.1, whose size is sqrt 2 of its radius.
+    assert walk.value == pytest.approx(0.1 * np.sqrt(2.0), abs=0.05)

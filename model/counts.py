@@ -1,0 +1,141 @@
+"""The law of a count: a normal signal, rounded to a whole number and cut off at both ends of the range.
+
+A camera adds photons, electrons of its readout and a black level, multiplies by its gain, rounds, and stores what lies
+between 0 and full scale. Before rounding that is normal as soon as there are some ten electrons. What rounding and
+the ends do to it is here and nowhere else: `rounded_moments` predicts mean and variance of counts from those of the
+signal, `estimate_signal` estimates the signal from counts, and says how well the law describes them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from model.numerics import ndtr
+
+FloatArray = NDArray[np.float64]
+
+# Variance of a rounding error, uniform over one count.
+ROUNDING_VAR_DN2 = 1.0 / 12.0
+# From this noise on rounding is dithered: it moves a mean by less than 2e-5 counts.
+DITHERED_DN = 0.7
+_HARMONICS = np.arange(1.0, 9.0)
+
+
+def rounded_moments(
+    level_dn: ArrayLike, var_dn2: ArrayLike, spread_dn2: ArrayLike = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how much rounding moves the mean of a signal, and the variance of the rounded signal.
+
+    Parameters
+    ----------
+    level_dn
+        Mean before rounding, black level included: where it lies between two whole numbers matters.
+    var_dn2
+        Variance from frame to frame.
+    spread_dn2
+        Variance of the level over the pixels that are averaged over; it dithers too.
+
+    Returns
+    -------
+    shift_dn, variance_dn2
+        The variance is that from frame to frame, its mean over the pixels: `var_dn2` + 1/12 where noise dithers.
+
+    References
+    ----------
+    Sripad and Snyder (1977), IEEE Trans. Acoust. Speech Signal Process. 25, 442: the error of rounding is a sawtooth,
+    whose Fourier series has closed means for normal signals.
+    """
+    level, var, spread = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (level_dn, var_dn2, spread_dn2)))
+    turn, k = 2.0 * np.pi * level[..., None] * _HARMONICS, _HARMONICS
+    fading = (-1.0) ** k * np.exp(-2.0 * (np.pi * k) ** 2 * (var + spread)[..., None])
+    shift = np.sum(fading * np.sin(turn) / (np.pi * k), axis=-1)
+    harmonics = np.sum(fading * np.cos(turn) * (4.0 * var[..., None] + (np.pi * k) ** -2.0), axis=-1)
+    # Each pixel has its own shift: the mean of their squares, by the first harmonic where there is a spread.
+    own = np.exp(-4.0 * np.pi**2 * var) * (1.0 - np.exp(-8.0 * np.pi**2 * spread) * np.cos(2.0 * turn[..., 0]))
+    squared = np.where(spread > 0.0, own / (2.0 * np.pi**2), shift**2)
+    return shift, np.maximum(var + ROUNDING_VAR_DN2 + harmonics - squared, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SignalEstimate:
+    """Mean of the signal behind counts, by maximum likelihood.
+
+    Attributes
+    ----------
+    mean_dn, std_dn
+        Of the signal before rounding and cutting off.
+    at_ends
+        Share of the counts that lie at either end of the range, shape (2,).
+    misfit
+        Largest difference of the shares of counts up to a number, by the law and as found.
+    stands_for
+        What each count from the lower end to the upper stands for: numbers whose mean over the counts is `mean_dn`, and
+        whose scatter is its error.
+    """
+
+    mean_dn: float
+    std_dn: float
+    at_ends: FloatArray
+    misfit: float
+    stands_for: FloatArray
+
+
+_STEPS, _LEAST_COUNTS, _TINY = 60, 3, 1e-280
+
+
+def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstimate | None:
+    """Return mean and deviation of the normal signal behind counts; None where they do not tell.
+
+    Parameters
+    ----------
+    counts
+        Of one level of light, any shape; of 0 and of `highest` it is known that the signal lies there or beyond.
+    highest
+        Count at the upper end of the range, > 0.
+
+    Notes
+    -----
+    Counts of fewer than three kinds tell of no deviation. Texture that is normal widens the law and does no harm.
+    """
+    number = np.bincount(np.minimum(np.ravel(counts), highest), minlength=highest + 1).astype(np.float64)
+    kinds = np.flatnonzero(number)
+    if kinds.size < _LEAST_COUNTS:
+        return None
+    total, at = number.sum(), np.arange(highest + 1.0)
+    mean = float(number @ at) / total
+    std = max(float(np.sqrt(number @ (at - mean) ** 2 / total)), 0.2)
+    for _ in range(_STEPS):
+        share, scores = _law(mean, std, highest)
+        information = np.einsum("k,ki,kj->ij", share, scores, scores)
+        step = np.linalg.solve(information, number @ scores / total)
+        step = np.clip(step, -0.5 * std, [0.5 * std, std])
+        mean, std = mean + float(step[0]), std + float(step[1])
+        if np.all(np.abs(step) < 1e-9 * std):
+            break
+    else:
+        return None
+    influence = np.linalg.solve(information, scores.T)[0]
+    return SignalEstimate(
+        mean_dn=mean,
+        std_dn=std,
+        at_ends=number[[0, -1]] / total,
+        misfit=float(np.max(np.abs(np.cumsum(number / total - share)))),
+        stands_for=mean + influence,
+    )
+
+
+def _law(mean: float, std: float, highest: int) -> tuple[FloatArray, FloatArray]:
+    """Return the share of each count, and the derivatives of its logarithm by mean and deviation, shape (K, 2)."""
+    edges = np.concatenate([[-np.inf], np.arange(highest) + 0.5, [np.inf]])
+    z = (edges - mean) / std
+    # Differences of the smaller tails: far out nothing cancels.
+    low, high = np.where(z[:-1] > 0.0, -z[1:], z[:-1]), np.where(z[:-1] > 0.0, -z[:-1], z[1:])
+    share = np.asarray(ndtr(high)) - np.asarray(ndtr(low))
+    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    weighted = np.where(np.isfinite(z), z, 0.0) * density
+    safe = np.maximum(share, _TINY)[:, None]
+    scores = np.stack([-np.diff(density), -np.diff(weighted)], axis=1) / (safe * std)
+    # Beyond all shares a count is an outlier, and tells what its own place does.
+    off = ((np.arange(highest + 1.0) - mean) / std)[:, None]
+    return share, np.where(share[:, None] > _TINY, scores, np.concatenate([off, off**2 - 1.0], axis=1) / std)

@@ -1,0 +1,41 @@
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from model.moments import Moments
+from model.processing.dolp_interval import dolp_intervals, is_polarized, joint_score
+
+DRAWS = 300
+COVARIANCES = {"round": np.eye(2), "long": np.diag([1.0, 9.0]), "tilted": np.array([[4.0, 1.5], [1.5, 1.0]])}
+
+
+def _vectors(cov, length, seed):
+    draws = np.random.default_rng(seed)
+    return np.array([length, 0.0]) + draws.normal(size=(DRAWS, 2)) @ np.linalg.cholesky(cov).T
+
+
+@pytest.mark.parametrize("length", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("kind", COVARIANCES)
+def test_intervals_of_dolp_hold_the_truth_at_their_rate(kind, length):
+    cov = COVARIANCES[kind]
+    held = np.zeros(2)
+    for vector in _vectors(cov, length, 7):
+        held += [low <= length <= high for low, high in dolp_intervals(Moments(mean=vector, cov=cov))]
+    for share, level in zip(held / DRAWS, (0.6827, 0.95), strict=True):
+        # Three binomial errors below; above, six per cent more, for covariances that are not round.
+        error = np.sqrt(level * (1.0 - level) / DRAWS)
+        assert -3.0 * error < share - level < 0.06 + 3.0 * error
+
+
+def test_light_without_polarization_is_called_polarized_one_time_in_twenty():
+    found = [
+        is_polarized(Moments(mean=one, cov=COVARIANCES["tilted"])) for one in _vectors(COVARIANCES["tilted"], 0.0, 8)
+    ]
+    assert abs(np.mean(found) - 0.05) < 3.0 * np.sqrt(0.05 * 0.95 / DRAWS)
+
+
+def test_the_joint_score_is_standard_normal_and_grows_with_the_distance():
+    cov = COVARIANCES["tilted"]
+    assert kstest([joint_score(one, cov) for one in _vectors(cov, 0.0, 9)], "norm").pvalue > 1e-3
+    assert joint_score(np.array([50.0, 0.0]), cov) > 10.0
+    assert joint_score(np.array([1.0, 0.0]), np.zeros((2, 2))) is None

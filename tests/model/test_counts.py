@@ -1,0 +1,69 @@
+"""The law of a count against sums over its numbers, and a likelihood that another program maximises."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from model.counts import estimate_signal, rounded_moments
+
+
+@pytest.mark.parametrize("std", [0.3, 0.4, 0.5, 0.7, 1.3])
+@pytest.mark.parametrize("level", [12.0, 12.1, 12.25, 12.5, 12.8])
+def test_moments_of_rounded_counts_are_those_of_a_sum_over_whole_numbers(std, level):
+    k = np.arange(0, 30)
+    share = norm.cdf(k + 0.5, level, std) - norm.cdf(k - 0.5, level, std)
+    mean = share @ k
+    shift, variance = rounded_moments(level, std**2)
+    # Eight harmonics leave exp(-2 (9 pi 0.3)^2) of nothing; the sum stops at 12 deviations.
+    assert shift == pytest.approx(mean - level, abs=1e-10)
+    assert variance == pytest.approx(share @ (k - mean) ** 2, abs=1e-10)
+
+
+def test_texture_dithers_and_is_not_noise():
+    at, k = np.linspace(-8.0, 8.0, 4001), np.arange(0, 30)[:, None]
+    weight = norm.pdf(at) / norm.pdf(at).sum()
+    levels = 12.2 + 0.3 * at
+    share = norm.cdf(k + 0.5, levels, 0.4) - norm.cdf(k - 0.5, levels, 0.4)
+    means = np.sum(share * k, axis=0)
+    shift, variance = rounded_moments(12.2, 0.16, 0.09)
+    assert shift == pytest.approx(means @ weight - 12.2, abs=1e-9)
+    # Squares of each pixel's shift are taken by their first harmonic: the next is exp(-16 pi^2 0.16) of it.
+    assert variance == pytest.approx(np.sum(share * (k - means) ** 2, axis=0) @ weight, abs=1e-8)
+
+
+@pytest.mark.parametrize(("mean", "std", "highest"), [(10.0, 10.5, 255), (12.47, 0.37, 255), (3.0, 6.0, 9)])
+def test_the_signal_behind_counts_is_that_of_greatest_likelihood(mean, std, highest):
+    signal = np.random.default_rng(3).normal(mean, std, 4000)
+    counts = np.clip(np.rint(signal), 0, highest).astype(int)
+    found = estimate_signal(counts, highest=highest)
+
+    def loss(at):
+        low = np.where(counts == 0, -np.inf, counts - 0.5)
+        high = np.where(counts == highest, np.inf, counts + 0.5)
+        z_low, z_high = (low - at[0]) / np.exp(at[1]), (high - at[0]) / np.exp(at[1])
+        return -np.sum(np.log(norm.cdf(z_high) - norm.cdf(z_low)))
+
+    other = minimize(loss, [counts.mean(), np.log(counts.std() + 0.1)], method="Nelder-Mead", options={"xatol": 1e-7})
+    assert found.mean_dn == pytest.approx(other.x[0], abs=1e-4 * std)
+    assert found.std_dn == pytest.approx(np.exp(other.x[1]), abs=1e-4 * std)
+    # What counts stand for has the estimate as its mean, and its error as its scatter.
+    stands_for = found.stands_for[counts]
+    assert stands_for.mean() == pytest.approx(found.mean_dn, abs=1e-6 * std)
+    curvature = np.array(
+        [[loss(other.x + a + b) for b in np.diag([1e-3 * std, 1e-3])] for a in np.diag([1e-3 * std, 1e-3])]
+    )
+    one = np.array([loss(other.x + a) for a in np.diag([1e-3 * std, 1e-3])])
+    hessian = (curvature - one[:, None] - one[None, :] + loss(other.x)) / np.outer(
+        [1e-3 * std, 1e-3], [1e-3 * std, 1e-3]
+    )
+    # Expected and observed information of 4000 counts differ by some per cent.
+    assert stands_for.std() / 4000**0.5 == pytest.approx(np.sqrt(np.linalg.inv(hessian)[0, 0]), rel=0.1)
+    assert found.misfit < 0.03
+
+
+def test_counts_of_two_kinds_tell_of_no_deviation_and_two_lights_do_not_fit():
+    assert estimate_signal(np.array([3, 3, 4, 4, 3]), highest=255) is None
+    draws = np.random.default_rng(4)
+    two = np.concatenate([draws.normal(4.0, 3.0, 2000), draws.normal(34.0, 3.0, 2000)])
+    assert estimate_signal(np.maximum(np.rint(two), 0.0).astype(int), highest=255).misfit > 0.1
