@@ -548,6 +548,12 @@ class CorrectedFrames:
         self.missing = np.zeros(shape, dtype=np.bool_)
         self.at_zero = np.zeros(shape, dtype=np.bool_)
 
+    @property
+    def are_counts(self) -> bool:
+        """What is read stands for single counts of the camera, up to a factor for each angle."""
+        done = self.corrections
+        return self.grid.is_whole and done.flat is None and done.shifts is None and done.interpolated == 1.0
+
     def anew(self) -> "CorrectedFrames":
         """Return a reader of the same frames that has seen none."""
         return CorrectedFrames(self._run, self.grid, self.dark_level, self.corrections)

@@ -317,7 +317,8 @@ def _measured_regions(
                     hit, given = int(hits.pixels.sum()), given[:, :, ~hits.pixels] - hits.left[:, None]
                     own[own] = ~hits.pixels
                     error = np.hypot(error, hits.left_error)
-                signal, at_zero = _signal_by_law(name, given, frames)
+                if frames.are_counts:
+                    signal, at_zero = _signal_by_law(name, given, frames)
                 given = repeated(
                     given,
                     plan.inverse,
@@ -377,11 +378,9 @@ def _signal_by_law(name: str, pixels: FloatArray, frames: CorrectedFrames) -> tu
 
     None where noise dithers and hardly a count is 0, and where the law does not describe the counts.
     """
-    grid, corrections = frames.grid, frames.corrections
-    to_counts = 1.0 / grid.to_unit * (1.0 if corrections.throughput is None else corrections.throughput.value)
-    is_moved = corrections.flat is not None or corrections.shifts is not None or corrections.interpolated != 1.0
-    is_changed = is_moved or not grid.is_whole
-    signal, largest, is_needed, is_lawful = pixels.mean(axis=0), 0.0, False, not is_changed
+    grid, throughput = frames.grid, frames.corrections.throughput
+    to_counts = 1.0 / grid.to_unit * (1.0 if throughput is None else throughput.value)
+    signal, largest, is_needed, is_lawful = pixels.mean(axis=0), 0.0, False, True
     for angle, (factor, level) in enumerate(zip(to_counts, frames.dark_level.level_dn, strict=True)):
         values = pixels[:, angle] * factor + level
         at_zero, std = float(np.mean(values < 0.5)), float(values.std())
@@ -391,7 +390,7 @@ def _signal_by_law(name: str, pixels: FloatArray, frames: CorrectedFrames) -> tu
                 f"region {name}: {at_zero:.0%} of its counts behind {grid.channel_names[angle]} are 0: what the light "
                 "is cannot be told; raise the camera's black level, or expose for longer"
             )
-        if is_changed or not (at_zero > _CLIPPED or std < DITHERED_DN):
+        if at_zero <= _CLIPPED and std >= DITHERED_DN:
             continue
         counts = np.maximum(np.rint(values), 0.0).astype(np.int64)
         found = estimate_signal(counts, highest=int(counts.max() + 6.0 * std + 10.0))
