@@ -94,27 +94,21 @@ def test_pixels_that_are_not_gaussian_are_found(tmp_path):
     assert found.points_to == ("not-normal",)
 
 
-def test_texture_of_one_half_predicts_the_other_with_standard_normal_scores(tmp_path):
-    scores = {}
+_OF_HALVES = {(quantity, statistic) for quantity in ("dn_0", "s1") for statistic in ("std", "std_spatial_mean")}
+_OF_LAW = {("dolp_pixels", "mean"), ("dolp_pixels", "std"), ("dolp_snr", "mean")}
+
+
+@pytest.mark.parametrize(
+    ("made", "noise", "rows"),
+    [({"cycles": 2}, NOISE, _OF_HALVES), ({"cycles": 1, "dolp": 0.05, "level_e": 800.0}, None, _OF_LAW)],
+    ids=["one half predicts the other", "law of DoLP"],
+)
+def test_scores_are_standard_normal_over_seeds(tmp_path, made, noise, rows):
+    scores = {row: [] for row in rows}
     for seed in range(30):
-        for row in _compared(_run(tmp_path / str(seed), cycles=2, seed=seed), NOISE).rows:
-            if row.statistic in ("std", "std_spatial_mean") and row.z is not None and row.quantity in ("dn_0", "s1"):
-                scores.setdefault((row.quantity, row.statistic), []).append(row.z)
-    assert len(scores) == 4
-    for name, z in scores.items():
-        # As in the test of the law below.
-        assert abs(np.mean(z)) < 4 * 0.18, name
-        assert 1 - 3 * 0.26 < np.var(z, ddof=1) < 1 + 4 * 0.26, name
-
-
-def test_score_of_the_law_is_standard_normal_over_seeds(tmp_path):
-    scores = {}
-    seeds = 30
-    for seed in range(seeds):
-        run = _run(tmp_path / str(seed), cycles=1, seed=seed, dolp=0.05, level_e=800.0)
-        for row in _compared(run, None).rows:
-            if row.z is not None:
-                scores.setdefault((row.quantity, row.statistic), []).append(row.z)
+        for row in _compared(_run(tmp_path / str(seed), seed=seed, **made), noise).rows:
+            if row.z is not None and (row.quantity, row.statistic) in rows:
+                scores[row.quantity, row.statistic].append(row.z)
     for name, z in scores.items():
         # Mean and variance of 30 standard normal scores: standard errors 0.18 and 0.26; four of them, and below 1 no
         # more than three, since a variance of few scores leans to the right.
