@@ -88,24 +88,32 @@ def key_of_all(keys: Sequence[str], headers: Sequence[Header]) -> str | None:
 def angles_of(names: Sequence[str], headers: Sequence[Header]) -> tuple[tuple[float, ...], str]:
     """Return the angle of each file by its header or its name [deg], and by which; ConfigError if neither says."""
     for key in ANGLE_KEYS:
-        values = [re.match(r"[-+]?\d*\.?\d+", str(header.get(key, "")).strip()) for header in headers]
+        values = [_angle_text(header, key) for header in headers]
         if all(values):
-            return tuple(float(value[0]) for value in values if value), f"by the header keyword {key}"
+            return tuple(map(float, values)), f"by the header keyword {key}"
     numbers = [_NUMBER.findall(name.rpartition(".")[0] or name) for name in names]
     # Names of one set have the same numbers at the same places; places are counted from the end.
     columns = [[found[-place] for found in numbers] for place in range(1, min(map(len, numbers), default=0) + 1)]
     likely = sorted(filter(_is_of_angles, columns), key=lambda column: not all(deg for _, _, deg in column))
     if not likely:
-        retarder = (
-            f" ({RETARDER_KEY} is there: a half-wave plate turns the axis by twice its angle)"
-            if any(RETARDER_KEY in header for header in headers)
-            else ""
-        )
+        hint = ""
+        if any(RETARDER_KEY in header for header in headers):
+            hint = f" ({RETARDER_KEY} is there: a half-wave plate turns the axis by twice its angle)"
+        for key in ANGLE_KEYS:
+            without = [name for name, header in zip(names, headers, strict=True) if not _angle_text(header, key)]
+            if len(without) < len(names):
+                hint = f" ({key} says no angle of {', '.join(without[:3])}: leave files without a polarizer out)"
         raise ConfigError(
-            f"neither headers nor names say the polarizer angles ({', '.join(names[:4])}){retarder}; say "
+            f"neither headers nor names say the polarizer angles of {', '.join(names[:4])}{hint}; say "
             "--angles 0,45,... or --mosaic A,B,C,D"
         )
     return tuple(float(sign + size) for sign, size, _ in likely[0]), "by the names of the files"
+
+
+def _angle_text(header: Header, key: str) -> str:
+    """Return the number that a keyword's value begins with; empty where there is none."""
+    found = re.match(r"[-+]?\d*\.?\d+", str(header.get(key, "")).strip())
+    return found[0] if found else ""
 
 
 def _is_of_angles(column: Sequence[tuple[str, str, str]]) -> bool:

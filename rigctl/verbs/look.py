@@ -124,6 +124,7 @@ def look(
     )
     write_durably(Path(out), uncalibrated_pictures(maps))
     note(f"{out}: S0, DoLP and AoLP, {_LABEL}: dark level, exposure and response are not taken into account")
+    note("measured: rigctl import RUN FILES --same-exposure --black-level-dn X --stokes FOLDER")
     return result
 
 

@@ -14,7 +14,7 @@ from rigctl.verbs.import_images import import_images
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.run_samples import noisy_counts
 
-ANGLES_DEG, READS, BLACK_DN = (0, 45, 90, 135), 45, 60
+ANGLES_DEG, READS, BLACK_DN = (0, 45, 90, 135), 15, 60
 DOLP, AOLP_DEG, GAIN, READ_NOISE_E = 0.3, 25.0, 0.5, 4.0
 
 
