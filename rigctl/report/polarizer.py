@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,26 +52,26 @@ def harmonic_table(found: PolarizerCalibration) -> Table[Harmonic]:
     return Table(columns=columns, rows=found.harmonics)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Channel:
-    stage_deg: float
-    axis_deg: tuple[float, float]
-    throughput: tuple[float, float]
-    diattenuation: tuple[float, float]
-
-
-def channel_table(found: PolarizerCalibration) -> Table[_Channel]:
+def channel_table(found: PolarizerCalibration) -> Table[tuple[str, ...]]:
     """Return axis, throughput and diattenuation of each stage angle, each with its standard error."""
-    columns: tuple[Column[_Channel], ...] = (
-        Column(title="stage [deg]", text=lambda one: f"{one.stage_deg:.3f}", left=True),
-        Column(title="axis [deg]", text=lambda one: f"{one.axis_deg[0]:.4f}"),
-        Column(title="std error", text=lambda one: f"{one.axis_deg[1]:.4f}"),
-        Column(title="throughput", text=lambda one: f"{one.throughput[0]:.5f}"),
-        Column(title="std error", text=lambda one: f"{one.throughput[1]:.5f}"),
-        Column(title="diattenuation", text=lambda one: f"{one.diattenuation[0]:.5f}"),
-        Column(title="std error", text=lambda one: f"{one.diattenuation[1]:.5f}"),
+    error = "std error"
+    columns = text_columns("stage [deg]", "axis [deg]", error, "throughput", error, "diattenuation", error)
+    channels, stage_rad = found.channels, found.stage_rad
+    if channels is None or stage_rad is None:
+        return Table(columns=columns, rows=())
+    numbers = zip(
+        np.degrees(stage_rad),
+        np.degrees(channels.axis_rad) % 180.0,
+        np.degrees(channels.axis_error_rad),
+        channels.throughput,
+        channels.throughput_error,
+        channels.diattenuation,
+        channels.diattenuation_error,
+        strict=True,
     )
-    return Table(columns=columns, rows=tuple(_channels(found)))
+    digits = (3, 4, 4, 5, 5, 5, 5)
+    rows = tuple(tuple(f"{one:.{n}f}" for one, n in zip(row, digits, strict=True)) for row in numbers)
+    return Table(columns=columns, rows=rows)
 
 
 def region_table(regions: Mapping[str, PolarizerCalibration]) -> Table[tuple[str, PolarizerCalibration]]:
@@ -117,19 +116,6 @@ def _diattenuation(found: PolarizerCalibration) -> tuple[str, str]:
     if found.diattenuation is None or found.diattenuation_error is None:
         return "not measured", ""
     return f"{found.diattenuation:.5f}", f"{found.diattenuation_error:.5f}"
-
-
-def _channels(found: PolarizerCalibration) -> Iterable[_Channel]:
-    channels, stage_rad = found.channels, found.stage_rad
-    if channels is None or stage_rad is None:
-        return
-    for k, angle_rad in enumerate(stage_rad):
-        yield _Channel(
-            stage_deg=float(np.degrees(angle_rad)),
-            axis_deg=(float(np.degrees(channels.axis_rad[k]) % 180.0), float(np.degrees(channels.axis_error_rad[k]))),
-            throughput=(float(channels.throughput[k]), float(channels.throughput_error[k])),
-            diattenuation=(float(channels.diattenuation[k]), float(channels.diattenuation_error[k])),
-        )
 
 
 # Colours that a colour-blind reader tells apart (Okabe and Ito), and markers that differ too.

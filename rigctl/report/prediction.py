@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import cycle
 from math import isfinite
@@ -26,10 +25,10 @@ from rigctl.report.drawing import (
     say_beneath,
     subplots,
 )
-from rigctl.report.table import Column, Table
+from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
-    from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
+    from model.prediction import PairDetection, RegionPrediction
     from rigctl.console.json_text import Json
     from rigctl.files.choices import SnrKind
     from rigctl.prediction.predict import Performance, PredictedUncertainty
@@ -91,33 +90,16 @@ def with_error(quantity: str, value: float, error: float) -> str:
     return f"{to_digits(value, error)} ± {to_digits(error, error)}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Strength:
-    region: str
-    prediction: RegionPrediction
-    found: PolarizationStrength | None
-
-
-def strength_table(predictions: Mapping[str, RegionPrediction], performance: Performance) -> Table[_Strength]:
+def strength_table(predictions: Mapping[str, RegionPrediction], performance: Performance) -> Table[tuple[str, ...]]:
     """Return the law of each region's DoLP in a few numbers."""
-    columns: tuple[Column[_Strength], ...] = (
-        Column(title="region", text=lambda row: row.region, left=True),
-        *(Column(title=title, text=partial(_quantile, k=k)) for k, title in enumerate(_QUANTILES)),
-        Column(title="NEDoLP", text=_nedolp),
-        Column(title="moments by", text=lambda row: row.prediction.dolp_method, left=True),
-        Column(title="error", text=lambda row: size(row.prediction.dolp_error)),
-    )
-    rows = tuple(
-        _Strength(region=name, prediction=prediction, found=performance.strengths[name])
-        for name, prediction in predictions.items()
-    )
-    return Table(columns=columns, rows=rows)
-
-
-def _nedolp(row: _Strength) -> str:
-    if row.found is None:
-        return NOTHING
-    return "not known" if row.found.nedolp is None else f"{row.found.nedolp:.4f}"
+    rows = []
+    for region, prediction in predictions.items():
+        found = performance.strengths[region]
+        law = (NOTHING,) * len(_QUANTILES) if found is None else tuple(f"{one:.4f}" for one in found.quantiles)
+        nedolp = NOTHING if found is None else "not known" if found.nedolp is None else f"{found.nedolp:.4f}"
+        rows.append((region, *law, nedolp, prediction.dolp_method, size(prediction.dolp_error)))
+    columns = text_columns("region", *_QUANTILES, "NEDoLP", "moments by", "error", left=(0, 5))
+    return Table(columns=columns, rows=tuple(rows))
 
 
 def detection_table(performance: Performance) -> Table[PairDetection]:
@@ -129,10 +111,6 @@ def detection_table(performance: Performance) -> Table[PairDetection]:
         Column(title="area under ROC", text=lambda pair: _probability(pair.auc)),
     )
     return Table(columns=columns, rows=tuple(performance.detections))
-
-
-def _quantile(row: _Strength, k: int) -> str:
-    return NOTHING if row.found is None else f"{row.found.quantiles[k]:.4f}"
 
 
 def _detected(pair: PairDetection, k: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,43 +68,39 @@ _POINT_COLUMNS: tuple[Column[SeriesPoint], ...] = (
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RowOfRun:
-    """A row of a comparison, and the run that it is of."""
-
-    point: SeriesPoint
-    row: Row
+# A run, and a row of its comparison.
+RowOfRun = tuple["SeriesPoint", "Row"]
 
 
 def series_rows(series: ComparedSeries) -> Table[RowOfRun]:
     """Return the rows of all comparisons for programs, each after its run."""
     columns = (
-        *(column.of(lambda one: one.point) for column in _POINT_COLUMNS),
-        *(column.of(lambda one: one.row) for column in ROW_COLUMNS),
+        *(column.of(lambda one: one[0]) for column in _POINT_COLUMNS),
+        *(column.of(lambda one: one[1]) for column in ROW_COLUMNS),
     )
-    rows = tuple(RowOfRun(point=point, row=row) for point in series.points for row in point.comparison.rows)
+    rows = tuple((point, row) for point in series.points for row in point.comparison.rows)
     return Table(columns=columns, rows=rows)
 
 
 def mean_table(points: Sequence[SeriesPoint]) -> Table[RowOfRun]:
     """Return both sides of the means that people read first, run by run."""
     columns: tuple[Column[RowOfRun], ...] = (
-        *(column.of(lambda one: one.point) for column in _POINT_COLUMNS),
-        Column(title="region", text=lambda one: one.row.region, left=True),
-        Column(title="quantity", text=lambda one: one.row.quantity, left=True),
-        Column(title="predicted", text=lambda one: predicted_text(one.row)),
-        Column(title="measured", text=lambda one: measured_text(one.row)),
-        Column(title="error", text=lambda one: f"{error_of(one.row):.1e}"),
-        Column(title="z, both", text=lambda one: signed(one.row.z)),
+        *(column.of(lambda one: one[0]) for column in _POINT_COLUMNS),
+        Column(title="region", text=lambda one: one[1].region, left=True),
+        Column(title="quantity", text=lambda one: one[1].quantity, left=True),
+        Column(title="predicted", text=lambda one: predicted_text(one[1])),
+        Column(title="measured", text=lambda one: measured_text(one[1])),
+        Column(title="error", text=lambda one: f"{error_of(one[1]):.1e}"),
+        Column(title="z, both", text=lambda one: signed(one[1].z)),
     )
     rows = tuple(
-        RowOfRun(point=point, row=row)
+        (point, row)
         for point in points
         for region in point.comparison.measurement.regions
         for quantity in FOLLOWED
         if (row := mean_row(point, region, quantity)) is not None
     )
-    return Table(columns=columns, rows=rows, is_off=lambda one: one.row.agrees is False)
+    return Table(columns=columns, rows=rows, is_off=lambda one: one[1].agrees is False)
 
 
 def drift_table(drifts: Iterable[SeriesDrift]) -> Table[SeriesDrift]:

@@ -141,24 +141,6 @@ def test_frames_of_another_size_are_not_added(run_path, pngs, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("left_out", "option"),
-    [
-        ("--angles", "--angles"),
-        ("--exposure-s", "--exposure-s"),
-        ("--black-level-dn", "--black-level-dn"),
-        ("--bit-depth", "--bit-depth"),
-    ],
-)
-def test_what_cannot_be_known_is_asked_for(run_path, pngs, capsys, left_out, option):
-    said = {"--angles": "0,45,90,135", "--exposure-s": "1", "--black-level-dn": "15", "--bit-depth": "12"}
-    del said[left_out]
-    words = [word for pair in said.items() for word in pair]
-    assert import_into(run_path, *pngs, *words) == 2
-    assert option in capsys.readouterr().err
-    assert not run_path.exists()
-
-
-@pytest.mark.parametrize(
     ("words", "text"),
     [
         (["--angles", "0,45"], "2 angles for 4 files"),

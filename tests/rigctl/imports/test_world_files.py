@@ -102,19 +102,18 @@ def test_one_picture_with_unused_bits_is_said(tmp_path: Path, capsys: pytest.Cap
     assert "say --bit-depth 12 --justified left" in " ".join(capsys.readouterr().err.split())
 
 
-def test_traces_of_jpeg_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert imported(tmp_path, frames(Faults(jpeg_quality=80)), "--bit-depth", "12") == 0
-    assert "JPEG was at work" in said(capsys)
-
-
-def test_clipped_pixels_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert imported(tmp_path, frames(Faults(clipped_share=0.1)), "--bit-depth", "12") == 0
-    assert "saturated pixels, where nothing is measured" in said(capsys)
-
-
-def test_nothing_is_said_of_plain_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert imported(tmp_path, frames(Faults()), "--bit-depth", "12") == 0
-    assert "note:" not in said(capsys)
+@pytest.mark.parametrize(
+    ("faults", "text"),
+    [
+        (Faults(jpeg_quality=80), "JPEG was at work"),
+        (Faults(clipped_share=0.1), "saturated pixels, where nothing is measured"),
+        (Faults(), ""),
+    ],
+)
+def test_what_is_odd_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], faults: Faults, text: str) -> None:
+    assert imported(tmp_path, frames(faults), "--bit-depth", "12") == 0
+    shown = said(capsys)
+    assert (text in shown) if text else ("note:" not in shown)
 
 
 def fits_files(folder: Path, *, spoilt: bool) -> list[str]:
