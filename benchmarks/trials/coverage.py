@@ -81,6 +81,7 @@ CASES: Mapping[str, Case] = {
         s0_e=20.0, dolp=0.335, read_e=10.0, gain=1.0, black_dn=0.0, bits=8, texture=0.1, texture_px=3.0
     ),
     "clipped, few electrons": Case(s0_e=14.0, dolp=0.3, read_e=2.0, gain=1.0, black_dn=0.0, bits=8),
+    "near saturation": Case(s0_e=25850.0),
     "8 bits": Case(s0_e=8000.0, gain=0.014, read_e=20.0, black_dn=4.0, bits=8),
     "8 bits, noise 0.4": Case(s0_e=1500.0, gain=0.014, read_e=10.0, black_dn=4.0, bits=8),
     "8 bits, unpolarized": Case(s0_e=3000.0, dolp=0.0, gain=0.014, read_e=15.0, black_dn=4.0, bits=8),

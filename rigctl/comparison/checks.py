@@ -41,8 +41,8 @@ _CURVATURE_REFUSED = 0.1
 # Standard error, as a share of its size, of a response that no fit could follow.
 _UNKNOWN = 0.5
 _CLIPPED_FLAGGED = 0.05
-# Share of a region's counts at zero from which on means need the law of counts, or are not those of the light.
-_AT_ZERO_FLAGGED, _AT_ZERO_REFUSED = 1e-3, 0.01
+# Share of a region's counts at an end from which on means need the law of counts, or are not those of the light.
+_AT_END_FLAGGED, _AT_ZERO_REFUSED = 1e-3, 0.01
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
@@ -90,7 +90,7 @@ def run_checks(
         _registration(measurement, registration),
         _drift(measurement),
         *_usable(measurement),
-        *_at_zero(measurement),
+        *_at_ends(measurement),
         *_hit(measurement),
         *_plateau(measurement),
         *_bits(measurement),
@@ -174,20 +174,29 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
         yield Check(
             name="pixels at 0",
             verdict="flagged",
-            text=f"{low:.1%} of the pixels are 0 in one frame or more: what lies below is cut off, so that means are "
-            f"too bright and DoLP too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
+            text=f"{low:.1%} of the pixels are 0 in one frame or more: what lies below is cut off, so that single "
+            f"pixels are too bright and their DoLP too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
             "level of the camera, or expose longer",
         )
 
 
-def _at_zero(measurement: Measurement) -> Iterable[Check]:
-    """Flag or refuse regions whose counts stand at zero: noise that is cut off there leaves too high a mean."""
+def _at_ends(measurement: Measurement) -> Iterable[Check]:
+    """Flag or refuse regions whose noise is cut off at an end of the range, which moves their means."""
     advice = "raise the camera's black level, or expose for longer"
+    by_law = "means are estimated by the law of counts that are cut off there, deviations are not tested"
     for name, region in measurement.regions.items():
-        said = f"{region.at_zero:.1%} of its counts behind an angle are 0"
-        if region.at_zero > _AT_ZERO_FLAGGED and region.is_by_law:
-            text = f"{said}; means are estimated by the law of counts that are cut off there, deviations are not tested"
-        elif region.at_zero > _AT_ZERO_REFUSED:
+        at_zero, at_top = region.at_ends
+        if region.is_by_law and at_top > _AT_END_FLAGGED:
+            yield Check(
+                name=f"clipped at saturation of {name}",
+                verdict="flagged",
+                region=name,
+                text=f"{at_top:.1%} of its counts behind an angle are saturated; {by_law}: expose for less",
+            )
+        said = f"{at_zero:.1%} of its counts behind an angle are 0"
+        if at_zero > _AT_END_FLAGGED and region.is_by_law:
+            text = f"{said}; {by_law}"
+        elif at_zero > _AT_ZERO_REFUSED:
             text = f"{said}; refused above {_AT_ZERO_REFUSED:.0%} where the counts are not those of one even light"
         else:
             continue

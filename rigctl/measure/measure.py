@@ -86,9 +86,9 @@ class MeasuredRegion:
     edge: int
     #: Pixels left out since something else than light has hit them in single frames.
     hit: int = 0
-    #: Largest share of the counts of an angle that are 0. Where that matters, or noise does not reach over a count,
-    #: means are by the law of counts (`is_by_law`), and deviations over clipped counts are none.
-    at_zero: float = 0.0
+    #: Largest shares of the counts of an angle that are 0, and saturated. Where that matters, or noise does not reach
+    #: over a count, means are by the law of counts (`is_by_law`), and deviations over clipped counts are none.
+    at_ends: tuple[float, float] = (0.0, 0.0)
     is_by_law: bool = False
     #: How many independent ones they are worth for S0: errors of deviations take this number.
     independent_pixels: float
@@ -310,17 +310,21 @@ def _measured_regions(
             require_pixels(name, int(own.sum()), excluded=excluded, edge=edge)
             given = repeats(name, own)
             error: FloatArray | float = 0.0 if found is None else found.level_error(channels, own)
-            signal, at_zero, hit = None, float(np.mean(frames.at_zero[own])), 0
+            signal, at_ends, hit = None, (float(np.mean(frames.at_zero[own])), 0.0), 0
             if isinstance(given, np.ndarray):
-                hits = _hits(given, own, is_mosaic=frames.is_mosaic)
+                whole = mask & ~frames.missing
+                used = None
+                if _is_cut_off(frames, whole):
+                    used = _cleaned(name, np.asarray(repeats(name, whole)), whole, frames)
+                # What is saturated for another reason than noise is left out, and not estimated.
+                if used is None or used[2] is None:
+                    used = _cleaned(name, given, own, frames)
+                values, own, signal, at_ends, hits = used
                 if hits is not None:
-                    hit, given = int(hits.pixels.sum()), given[:, :, ~hits.pixels] - hits.left[:, None]
-                    own[own] = ~hits.pixels
-                    error = np.hypot(error, hits.left_error)
-                if frames.are_counts:
-                    signal, at_zero = _signal_by_law(name, given, frames)
+                    hit, error = int(hits.pixels.sum()), np.hypot(error, hits.left_error)
+                excluded = int(mask.sum() - own.sum()) - hit
                 given = repeated(
-                    given,
+                    values,
                     plan.inverse,
                     inside=own,
                     times=grid.times,
@@ -340,11 +344,33 @@ def _measured_regions(
                 interpolation=frames.interpolation,
                 hit=hit,
                 signal=signal,
-                at_zero=at_zero,
+                at_ends=at_ends,
             )
         except (DataError, ValueError, ArithmeticError) as error:
             unmeasured[name] = str(error)
     return measured, unmeasured
+
+
+def _is_cut_off(frames: CorrectedFrames, inside: NDArray[np.bool_]) -> bool:
+    """Return whether so many pixels are saturated that leaving them out moves the mean of the others."""
+    share = float(np.mean(frames.saturated[inside])) if inside.any() else 0.0
+    return frames.are_counts and _CLIPPED < share < _MOSTLY_CLIPPED
+
+
+# Pixels, where they are, what they stand for, shares of counts at both ends, and what was hit.
+_Cleaned = tuple[FloatArray, NDArray[np.bool_], FloatArray | None, tuple[float, float], Hits | None]
+
+
+def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: CorrectedFrames) -> _Cleaned:
+    """Return pixels without those that were hit, and what they stand for by the law of counts."""
+    hits = _hits(pixels, inside, is_mosaic=frames.is_mosaic)
+    kept = inside.copy()
+    if hits is not None:
+        kept[inside] = ~hits.pixels
+        pixels = pixels[:, :, ~hits.pixels] - hits.left[:, None]
+    if not frames.are_counts:
+        return pixels, kept, None, (float(np.mean(frames.at_zero[kept])), 0.0), hits
+    return pixels, kept, *_signal_by_law(name, pixels, frames), hits
 
 
 def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> Hits | None:
@@ -373,32 +399,36 @@ _CLIPPED, _MOSTLY_CLIPPED = 1e-3, 0.5
 _MISFIT = 0.03
 
 
-def _signal_by_law(name: str, pixels: FloatArray, frames: CorrectedFrames) -> tuple[FloatArray | None, float]:
-    """Return what the pixels of each angle stand for by the law of counts, mean over the cycles, and the share at 0.
+def _signal_by_law(
+    name: str, pixels: FloatArray, frames: CorrectedFrames
+) -> tuple[FloatArray | None, tuple[float, float]]:
+    """Return what the pixels of each angle stand for by the law of counts, mean over the cycles.
 
-    None where noise dithers and hardly a count is 0, and where the law does not describe the counts.
+    None where noise dithers and hardly a count lies at an end, and where the law does not describe the counts. And the
+    largest shares of counts at 0 and at saturation.
     """
     grid, throughput = frames.grid, frames.corrections.throughput
     to_counts = 1.0 / grid.to_unit * (1.0 if throughput is None else throughput.value)
-    signal, largest, is_needed, is_lawful = pixels.mean(axis=0), 0.0, False, True
+    signal, ends, is_needed, is_lawful = pixels.mean(axis=0), np.zeros(2), False, True
     for angle, (factor, level) in enumerate(zip(to_counts, frames.dark_level.level_dn, strict=True)):
-        values = pixels[:, angle] * factor + level
-        at_zero, std = float(np.mean(values < 0.5)), float(values.std())
-        largest = max(largest, at_zero)
-        if at_zero > _MOSTLY_CLIPPED:
+        counts = np.maximum(np.rint(pixels[:, angle] * factor + level), 0.0).astype(np.int64)
+        top, std = int(np.ceil(grid.records[0][angle].saturation_dn)), float(counts.std())
+        shares = np.array([np.mean(counts == 0), np.mean(counts >= top)])
+        ends = np.maximum(ends, shares)
+        if shares[0] > _MOSTLY_CLIPPED:
             raise DataError(
-                f"region {name}: {at_zero:.0%} of its counts behind {grid.channel_names[angle]} are 0: what the light "
-                "is cannot be told; raise the camera's black level, or expose for longer"
+                f"region {name}: {shares[0]:.0%} of its counts behind {grid.channel_names[angle]} are 0: what the "
+                "light is cannot be told; raise the camera's black level, or expose for longer"
             )
-        if at_zero <= _CLIPPED and std >= DITHERED_DN:
+        if shares.max() <= _CLIPPED and std >= DITHERED_DN:
             continue
-        counts = np.maximum(np.rint(values), 0.0).astype(np.int64)
-        found = estimate_signal(counts, highest=int(counts.max() + 6.0 * std + 10.0))
+        highest = top if shares[1] else int(counts.max() + 6.0 * std + 10.0)
+        found = estimate_signal(counts, highest=highest)
         is_lawful &= found is not None and found.misfit < _MISFIT + counts.size**-0.5
         if found is not None:
             is_needed = True
-            signal[angle] = (found.stands_for[counts].mean(axis=0) - level) / factor
-    return (signal if is_needed and is_lawful else None), largest
+            signal[angle] = (found.stands_for[np.minimum(counts, highest)].mean(axis=0) - level) / factor
+    return (signal if is_needed and is_lawful else None), (float(ends[0]), float(ends[1]))
 
 
 # Fewer pixels than this give no fourth moment worth the name.
@@ -429,7 +459,7 @@ def measure_region(
     interpolation: Interpolation = "none",
     hit: int = 0,
     signal: FloatArray | None = None,
-    at_zero: float = 0.0,
+    at_ends: tuple[float, float] = (0.0, 0.0),
 ) -> MeasuredRegion:
     """Return the numbers of a region; means are those of `signal`, shape (N, P), where that is not the mean count."""
     count = pixels.mean.shape[1]
@@ -445,7 +475,7 @@ def measure_region(
     quantities = _of_vectors(
         pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
     ) | _of_pixel_dolp(stokes_pixels, inflation)
-    if at_zero > _CLIPPED:
+    if at_ends[0] > _CLIPPED or (at_ends[1] > _CLIPPED and signal is not None):
         # What was cut off is missing from every deviation, and from the DoLP of every pixel.
         means = ((quantity, found["mean"]) for quantity, found in quantities.items() if "pixels" not in quantity)
         quantities = {quantity: {"mean": one} for quantity, one in means if quantity != "dolp_snr"}
@@ -454,7 +484,7 @@ def measure_region(
         excluded=excluded,
         edge=edge,
         hit=hit,
-        at_zero=at_zero,
+        at_ends=at_ends,
         is_by_law=signal is not None,
         independent_pixels=independent,
         channels_mean=channels_mean,

@@ -6,7 +6,16 @@ import pytest
 from benchmarks.trials.coverage import CASES, covered, judged
 
 SEEDS = range(5000, 5020)
-EDGES = ("clipped at 0", "8 bits, noise 0.4", "unpolarized", "hit", "hit, two cycles", "hit, one cycle", "drift 1 %")
+EDGES = (
+    "clipped at 0",
+    "near saturation",
+    "8 bits, noise 0.4",
+    "unpolarized",
+    "hit",
+    "hit, two cycles",
+    "hit, one cycle",
+    "drift 1 %",
+)
 
 
 @pytest.mark.parametrize("name", EDGES)
