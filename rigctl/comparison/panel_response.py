@@ -98,7 +98,7 @@ def _unsaturated(measurement: Measurement, panel: str) -> MeasuredRegion:
     if panel in measurement.unmeasured:
         raise DataError(measurement.unmeasured[panel])
     region = measurement.regions[panel]
-    share = region.excluded / (region.excluded + region.pixels)
+    share = max(region.excluded / (region.excluded + region.pixels), region.at_ends[1])
     if share > _MOST_SATURATED:
         raise DataError(
             f"{measurement.run.path}: {share:.1%} of the panel's pixels are saturated or missing (allowed are "
