@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from model.counts import ROUNDING_VAR_DN2, rounding_error_rms
 from model.numerics import fdtrc, fdtri
 from model.processing.reconstruction import Design, design_from_system
 
@@ -596,20 +597,6 @@ def _of_whole_turns(angles_rad: FloatArray) -> Iterator[Cause]:
     )
 
 
-# Waves of the periodic error that are summed: the last is below 1e-16 where noise is a third of a step, and a share of
-# 1/40 of the first without any.
-_WAVES = np.arange(1, 41)
-
-
-def rounding_error_rms(std: ArrayLike) -> FloatArray:
-    """Return how far rounding moves a mean, root mean square over where the mean lies between two steps.
-
-    Widrow and Kollar, Quantization Noise (2008), chapter 4: the error is a sum of waves that noise damps.
-    """
-    waves = np.exp(-2.0 * (np.pi * _WAVES * np.asarray(std, dtype=np.float64)[..., None]) ** 2) / (np.pi * _WAVES)
-    return np.asarray(np.sqrt(0.5 * np.sum(waves**2, axis=-1)))
-
-
 def _frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step: float) -> FloatArray:
     """Return the noise of one pixel of each frame before rounding, in steps, from where the picture is smoothest."""
     whole = usable[:, 2:] & usable[:, 1:-1] & usable[:, :-2]
@@ -618,7 +605,7 @@ def _frame_noise_steps(pictures: FloatArray, usable: NDArray[np.bool_], *, step:
     for index, bend in enumerate(bends):
         squares = _row_pieces(np.where(whole, bend**2, np.nan)) / (6.0 * step**2)
         kept = squares[np.isfinite(squares)]
-        found[index] = np.sqrt(max(float(np.quantile(kept, 0.2)) - 1.0 / 12.0, 0.0)) if kept.size else 0.0
+        found[index] = np.sqrt(max(float(np.quantile(kept, 0.2)) - ROUNDING_VAR_DN2, 0.0)) if kept.size else 0.0
     return found
 
 

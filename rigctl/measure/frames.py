@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.pictures import edges_left, moved_back
+from model.counts import ROUNDING_VAR_DN2
 from model.quantities import counts_name
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.flat import FlatFields
@@ -83,7 +84,7 @@ class FrameGrid:
     @property
     def rounding_dn2(self) -> FloatArray:
         """Variance that the rounding of such means adds to each angle, shape (N,) [DN^2]."""
-        return np.array([1.0 / 12.0 if record.reads and not record.real_counts else 0.0 for record in self.records[0]])
+        return np.array([ROUNDING_VAR_DN2 if one.reads and not one.real_counts else 0.0 for one in self.records[0]])
 
     @property
     def is_whole(self) -> bool:

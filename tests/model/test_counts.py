@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from model.counts import estimate_signal, rounded_moments
+from model.counts import estimate_signal, rounded_moments, rounding_error_rms
 
 
 @pytest.mark.parametrize("std", [0.3, 0.4, 0.5, 0.7, 1.3])
@@ -18,6 +18,14 @@ def test_moments_of_rounded_counts_are_those_of_a_sum_over_whole_numbers(std, le
     # Eight harmonics leave exp(-2 (9 pi 0.3)^2) of nothing; the sum stops at 12 deviations.
     assert shift == pytest.approx(mean - level, abs=1e-10)
     assert variance == pytest.approx(share @ (k - mean) ** 2, abs=1e-10)
+
+
+@pytest.mark.parametrize("std", [0.05, 0.2, 0.45])
+def test_error_of_a_rounded_mean_is_the_root_mean_square_over_where_it_lies(std):
+    means = np.arange(0.0, 1.0, 1e-3) + 5e-4
+    k = np.arange(-6, 8)[:, None]
+    errors = np.sum((norm.cdf(k + 0.5, means, std) - norm.cdf(k - 0.5, means, std)) * k, axis=0) - means
+    assert rounding_error_rms(std) == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-6)
 
 
 def test_texture_dithers_and_is_not_noise():

@@ -98,26 +98,16 @@ def test_error_of_mean_over_deviation_covers_at_its_rate():
     _assert_standard_normal([(s.value - 3.0) / s.std_error for s in found])
 
 
-def test_independent_pixels_count_in_full():
-    rng = np.random.default_rng(6)
-    inside = np.zeros((80, 90), dtype=bool)
-    inside[5:75, 10:80] = True
-    assert sm.effective_pixels(rng.normal(size=inside.shape), inside) == inside.sum()
-
-
-def test_pixels_in_equal_squares_count_once_a_square():
-    rng = np.random.default_rng(7)
-    inside = np.ones((320, 320), dtype=bool)
-    squares = np.kron(rng.normal(size=(80, 80)), np.ones((4, 4)))
-    # 6400 independent squares; the variance of 400 block means is known to sqrt(2 / 399) = 7 %, five of them 35 %.
-    assert sm.effective_pixels(squares, inside) == pytest.approx(6400, rel=0.35)
-
-
-def test_a_small_region_is_worth_what_its_correlations_say():
-    inside = np.ones((64, 64), dtype=bool)
-    squares = np.kron(np.random.default_rng(9).normal(size=(16, 16)), np.ones((4, 4)))
-    # 256 independent squares: correlations up to 4 pixels are known to a fifth or so.
-    assert sm.effective_pixels(squares, inside) == pytest.approx(256, rel=0.5)
+@pytest.mark.parametrize(
+    ("side", "square", "allowed"),
+    # The variance of 400 block means is known to sqrt(2 / 399) = 7 %, correlations up to 4 pixels to a fifth or so.
+    [(70, 1, 0.0), (320, 4, 0.35), (64, 4, 0.5)],
+    ids=["independent", "large", "small"],
+)
+def test_pixels_in_equal_squares_count_once_a_square(side, square, allowed):
+    squares = np.kron(np.random.default_rng(7).normal(size=(side // square,) * 2), np.ones((square, square)))
+    image, inside = np.pad(squares, 5), np.pad(np.ones((side, side), dtype=bool), 5)
+    assert sm.effective_pixels(image, inside) == pytest.approx((side // square) ** 2, rel=allowed)
 
 
 def test_texture_widens_what_channels_share_and_not_their_ratio():
@@ -153,11 +143,11 @@ def _pixels(rng, *, texture, repeats, count=20_000):
     return light + noise
 
 
-def test_known_texture_is_found_within_its_error():
+@pytest.mark.parametrize("pattern", [NONE, np.diag([300.0, 10.0, 10.0])], ids=["texture", "texture and fixed pattern"])
+def test_known_texture_is_found_within_its_error(pattern):
     texture = np.diag([900.0, 100.0, 60.0])
-    found = estimate_texture(
-        _pixels(np.random.default_rng(1), texture=texture, repeats=4), NOISE, repeats=4, pattern_cov=NONE
-    )
+    pixels = _pixels(np.random.default_rng(1), texture=texture + pattern, repeats=4)
+    found = estimate_texture(pixels, NOISE, repeats=4, pattern_cov=pattern)
     # Nine elements, five of them distinct off the diagonal: the largest of six scores stays below 4.
     assert np.all(np.abs(found.cov - texture) < 4 * found.std_error)
 
@@ -183,13 +173,6 @@ def test_a_common_factor_is_of_rank_one_with_its_rms():
     assert found.rank_one_share > 0.95
     # Relative error of an rms from 20 000 pixels: 1 / sqrt(40 000) = 0.5 %, and the noise adds a tenth: five of them.
     assert found.common_factor_rms == pytest.approx(0.02, rel=0.03)
-
-
-def test_the_fixed_pattern_is_taken_off_too():
-    texture, pattern = np.diag([500.0, 50.0, 50.0]), np.diag([300.0, 10.0, 10.0])
-    pixels = _pixels(np.random.default_rng(4), texture=texture + pattern, repeats=4)
-    found = estimate_texture(pixels, NOISE, repeats=4, pattern_cov=pattern)
-    assert np.all(np.abs(found.cov - texture) < 4 * found.std_error)
 
 
 def test_noise_that_explains_more_than_the_spread_is_repaired_and_said():
