@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 ROUNDING_VAR_DN2 = 1.0 / 12.0
 # From this noise on rounding is dithered: it moves a mean by less than 2e-5 counts.
 DITHERED_DN = 0.7
-# Waves of the periodic error: of many the last is below 1e-16 where noise is a third of a step, 1/40 of the first without.
+# Waves of the periodic error: of many, the last is 1e-16 where noise is a third of a step, 1/40 of the first without.
 _HARMONICS, _MANY = np.arange(1.0, 9.0), np.arange(1.0, 41.0)
 
 
