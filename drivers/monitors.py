@@ -3,6 +3,7 @@
 Each is made from the options of its table in the rig file and keeps the promises of `drivers.interfaces.Monitor`.
 """
 
+import errno
 import os
 import re
 import signal
@@ -86,6 +87,8 @@ class FileMonitor:
             It holds no number.
         """
         try:
+            if not self._path.is_file():  # a pipe would be waited for
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
             with self._path.open("rb") as file:
                 age_s = time.time() - os.fstat(file.fileno()).st_mtime
                 size = file.seek(0, os.SEEK_END)

@@ -44,7 +44,7 @@ from model.prediction import RegionPrediction, detections_of_sweep
 from model.quantities import is_counts
 from rigctl import mapped as on_dask
 from rigctl.base.arrays import read_arrays
-from rigctl.base.durable import flush_folder, write_durably
+from rigctl.base.durable import MOST_RECORD_BYTES, flush_folder, read_bounded, write_durably
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ROC_KINDS
 from rigctl.files.scene_file import load_scene
@@ -121,7 +121,7 @@ def scene_digest(file: SceneFile) -> str:
     materials = (Path(region.material) for region in file.regions if region.material is not None)
     for named in (*materials, *(() if table is None else (table,))):
         if named.is_file():  # others are names of the library
-            digest.update(named.read_bytes())
+            digest.update(read_bounded(named, MOST_RECORD_BYTES))
     return digest.hexdigest()
 
 

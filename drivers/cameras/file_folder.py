@@ -152,8 +152,8 @@ class FolderCamera:
 
     def _files(self) -> list[Path]:
         # Names that begin with a point are those of files under way, and of other systems.
-        there = self._folder.iterdir()
-        return [path for path in there if path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")]
+        there = (path for path in self._folder.iterdir() if not path.name.startswith("."))
+        return [path for path in there if path.suffix.lower() in _SUFFIXES and path.is_file()]
 
     def _size_of_last(self) -> tuple[int, int, int]:
         """Return width, height and bits of the newest picture there is; all there are count as seen."""

@@ -13,11 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
-from hashlib import sha256
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of
+from rigctl.base.numbers import shown
 from rigctl.errors import ConfigError, DataError
 from rigctl.runs.check import wholeness
 from rigctl.runs.folder import ANNOTATIONS_FILE, MANIFEST_FILE, read_annotation_lines, read_contents, sound_annotations
@@ -209,7 +209,7 @@ def facts_of(run: Path) -> dict[str, Fact]:
         **_of_annotations(run),
     }
     if (run / MANIFEST_FILE).is_file():
-        facts["manifest_sha256"] = sha256((run / MANIFEST_FILE).read_bytes()).hexdigest()
+        facts["manifest_sha256"] = sha256_of(run / MANIFEST_FILE)
     if contents.description is not None:
         session = contents.description.record
         facts |= {"created_by": contents.description.created_by, "schema_version": contents.description.schema_version}
@@ -274,7 +274,7 @@ def checked_condition(expression: str) -> str:
         is_text = value[0] in "'\""
         if kind is not None and is_text != (kind == "text"):
             wanted = "a text: put it into quotes" if kind == "text" else "a number, without quotes"
-            raise ConfigError(f"EXPR: {expression!r}: {name} is compared with {wanted}")
+            raise ConfigError(f"EXPR: {shown(expression)}: {name} is compared with {wanted}")
         if is_text:
             text = value[1:-1].replace("'", "''")
             value = f"'{_VERDICTS.get(text, text) if name.endswith('verdict') else text}'"
@@ -310,7 +310,7 @@ def _problem(expression: str, words: str) -> str:
         meant = f"did you mean {', '.join(close)}? " if close else ""
         return f"EXPR: there is no column {name!r}; {meant}there are {', '.join(BY_NAME)}"
     example = "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagrees'"
-    return f"EXPR: {expression!r} cannot be read as a condition: {words}; write for instance {example}"
+    return f"EXPR: {shown(expression)} cannot be read as a condition: {words}; write for instance {example}"
 
 
 @contextmanager

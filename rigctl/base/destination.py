@@ -16,7 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import Literal
 
-from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, read_bounded, sha256_of, write_durably
+from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, open_plain, read_bounded, sha256_of, write_durably
 from rigctl.errors import ConfigError
 
 _RUN_FILES = ("session.json", "manifest.jsonl")
@@ -55,7 +55,7 @@ def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path
         for file in sorted(_files_of_input(path)):
             if not file.is_file():  # a pipe or a device has no end
                 continue
-            with suppress(OSError), file.open("rb") as content:
+            with suppress(OSError), open_plain(file) as content:
                 if file.stat().st_size > MOST_RECORD_BYTES:  # nothing reads it whole, and to hash it takes long
                     found.update(repr(file.stat()).encode())
                     continue
@@ -81,7 +81,7 @@ def remember(file: Path, origin: Origin) -> None:
 def remembered(file: Path) -> Remembered | None:
     """Return what was noted of a file; None where nothing was."""
     try:
-        content = json.loads(_note_of(file).read_text(encoding="ascii"))
+        content = json.loads(read_bounded(_note_of(file), MOST_TEXT_BYTES))
         origin = Origin(command=str(content["command"]), digest=str(content["digest"]))
         return Remembered(sha256=str(content["sha256"]), origin=origin)
     except (OSError, ValueError, RuntimeError, LookupError, TypeError):
@@ -90,7 +90,7 @@ def remembered(file: Path) -> Remembered | None:
 
 def says_rigctl(file: Path) -> bool:
     """Return whether the header of a file names this program as its writer."""
-    with file.open("rb") as content:
+    with open_plain(file) as content:
         head = content.read(_HEADER_BYTES)
         content.seek(max(file.stat().st_size - _HEADER_BYTES, 0))
         tail = content.read(_HEADER_BYTES)
@@ -203,14 +203,15 @@ def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs:
 
 def edited_before(destinations: Iterable[Destination]) -> dict[Path, bytes]:
     """Return the content of the files that are to be edited."""
-    return {one.path: one.path.read_bytes() for one in destinations if one.kind == "edited" and one.path.is_file()}
+    edited = (one.path for one in destinations if one.kind == "edited" and one.path.is_file())
+    return {path: read_bounded(path, MOST_TEXT_BYTES) for path in edited}
 
 
 def keep_old(before: Mapping[Path, bytes]) -> None:
     """Keep each file that was edited as it was, under its name with .bak; earlier ones stay."""
     for path, content in before.items():
         try:
-            if path.read_bytes() != content:
+            if read_bounded(path, MOST_TEXT_BYTES) != content:
                 _keep(path, content)
         except OSError as error:
             raise ConfigError(f"{path}: cannot be kept as {path.name}.bak: {error.strerror}") from error

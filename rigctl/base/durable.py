@@ -1,4 +1,7 @@
-"""Files whole or absent: bounded reads of plain files, durable writes, calls to a hung disk that end in time."""
+"""Files whole or absent: bounded reads of plain files, durable writes, calls to a hung disk that end in time.
+
+Files that people or other programs put there are read through `read_bounded` and `open_plain` alone: a test holds that.
+"""
 
 import errno
 import hashlib
@@ -7,7 +10,7 @@ import stat
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import BinaryIO, TypeVar
 
 from drivers.caller import Caller, LeftBehindError
 from rigctl.errors import RunFolderError
@@ -24,13 +27,25 @@ MOST_FRAME_BYTES = MOST_FRAME_MB * _BYTES_PER_MB
 MOST_OWN_FRAME_BYTES = 801 * _BYTES_PER_MB
 
 
+def open_plain(path: Path, most_bytes: int | None = None) -> BinaryIO:
+    """Open a file for reading; OSError for folders, pipes and devices, which may never answer, and for large files."""
+    facts = path.stat()
+    if stat.S_ISDIR(facts.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+    if not stat.S_ISREG(facts.st_mode):
+        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
+    if most_bytes is not None and facts.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
+    return path.open("rb")
+
+
 def read_bounded(path: Path, most_bytes: int) -> bytes:
     """Return the content of a file, judged before it is read."""
-    facts = _judged(path, most_bytes)
-    with path.open("rb") as file:
+    with open_plain(path, most_bytes) as file:
         # One byte more than it had, to see whether it has grown meanwhile; then one more than allowed.
-        data = file.read(facts.st_size + 1)
-        if len(data) > facts.st_size:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(size + 1)
+        if len(data) > size:
             data += file.read(most_bytes + 1 - len(data))
     if len(data) > most_bytes:
         raise OSError(errno.EFBIG, f"grows, and at most {_mb(most_bytes)} MB are read", str(path))
@@ -52,28 +67,16 @@ def read_for_now(path: Path, most_bytes: int) -> memoryview:
     The memory is taken again by the next call: new memory for each of a thousand pictures takes longer than to read
     them from the cache of the system, and a memory map, whose pages come one by one, takes longer than this too.
     """
-    size = _judged(path, most_bytes).st_size
-    if len(_KEPT.buffer) <= size:
-        _KEPT.buffer = bytearray(size + 1)
-    view, filled = memoryview(_KEPT.buffer), 0
-    with path.open("rb", buffering=0) as file:
+    with open_plain(path, most_bytes) as file:
+        size = os.fstat(file.fileno()).st_size
+        if len(_KEPT.buffer) <= size:
+            _KEPT.buffer = bytearray(size + 1)
+        view, filled = memoryview(_KEPT.buffer), 0
         while count := file.readinto(view[filled : size + 1]):
             filled += count
     if filled > size:
         raise OSError(errno.EFBIG, "grows while it is read", str(path))
     return view[:filled].toreadonly()
-
-
-def _judged(path: Path, most_bytes: int) -> os.stat_result:
-    """Return the facts of a plain file that is not too large."""
-    facts = path.stat()
-    if stat.S_ISDIR(facts.st_mode):
-        raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
-    if not stat.S_ISREG(facts.st_mode):
-        raise OSError(errno.EINVAL, "is no plain file, but a device, a pipe or a socket", str(path))
-    if facts.st_size > most_bytes:
-        raise OSError(errno.EFBIG, f"has {_mb(facts.st_size)} MB, and at most {_mb(most_bytes)} MB are read", str(path))
-    return facts
 
 
 def _mb(size: int) -> str:
@@ -82,7 +85,7 @@ def _mb(size: int) -> str:
 
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal: it goes into whatever is made from that file."""
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from rigctl.base.durable import write_durably
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import Bounded, MadeFor, Measured, at_least
 from rigctl.calibrations.polarizer_scan import PolarizerCalibration, candidate_offset_deg
@@ -224,7 +224,7 @@ def _polarizer_table(path: Path) -> re.Match[str]:
 
 def _text(path: Path) -> str:
     # As bytes: the ends of lines stay what they are.
-    return path.read_bytes().decode("utf-8")
+    return read_bounded(path, MOST_TEXT_BYTES).decode("utf-8")
 
 
 def _numbers(found: PolarizerCalibration) -> dict[str, str]:

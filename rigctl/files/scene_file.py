@@ -32,7 +32,7 @@ from model.effects.names import Effect
 from model.scene.field import TileRule
 from model.surface.materials import MATERIALS
 from model.surface.pbrdf import DiffuseKind, Shadowing
-from rigctl.base.durable import write_durably
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.materials import find_material
 from rigctl.files.place import GeometrySection, PointingSection, SiteSection
@@ -887,7 +887,7 @@ def write_into_scene(
 ) -> tuple[str, ...]:
     """Write numbers with their standard uncertainties into a scene file, and how their errors go together."""
     load_scene(path)
-    before = path.read_bytes()
+    before = read_bounded(path, MOST_TEXT_BYTES)
     text = before.decode("utf-8")
     for name, numbers in regions.items():
         start, end = _region(path, text, name)

@@ -355,7 +355,7 @@ def _toml_problem(path: Path, error: tomllib.TOMLDecodeError) -> str:
     """Return in words where a file ceases to be TOML, and what has to be written there."""
     said = str(error)
     place = re.search(r"at line (\d+)", said)
-    line = path.read_text(encoding="utf-8").splitlines()[int(place[1]) - 1].strip() if place else ""
+    line = read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines()[int(place[1]) - 1].strip() if place else ""
     advice = next((advice for words, advice in _TOML_ADVICE if words in said), said)
     value = line.partition("=")[2].strip()
     if re.match(r"-?\d+,\d", value):

@@ -178,7 +178,7 @@ def _point(path: Path, line: int, row: dict[str, str]) -> DigitisedPoint:
 def _assumed_lines(path: Path) -> tuple[str, ...]:
     """Return a text for each number of a scene file whose line says in a comment that it is assumed."""
     table, found = "", []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines():
         head, name, one = _TABLE.match(line), _NAME.match(line), _ASSUMED.match(line)
         if head is not None:
             table = f"{head['name']}."

@@ -17,6 +17,7 @@ from drivers.errors import LimitError
 from drivers.interfaces import Camera, CameraWithFacts, Frame, ReportingCamera, RotationStage
 from drivers.network_path import interface_of, path_mtu
 from drivers.serial_port import resolve_port
+from rigctl.base.durable import read_bounded
 from rigctl.console.terminal import warn
 from rigctl.errors import DataError
 from rigctl.files.rig_file import RigFile
@@ -24,6 +25,7 @@ from rigctl.rig.rig import SIMULATED, cell_problem, find_driver, open_rig
 from rigctl.rig.simulated_parts import ON_NETWORK, THIS_MACHINE
 from rigctl.runs.records import START_SOURCES, start_error_text
 
+_MOST_SETTING_BYTES = 4096  # the kernel makes room for as much as is asked for
 _RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
 _WRITES = 20
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC
@@ -50,7 +52,7 @@ class Finding:
 
 def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Finding:
     """Return whether the system lets a socket hold two pictures."""
-    allowed = int(_RMEM_MAX.read_text()) if largest_bytes is None else largest_bytes
+    allowed = int(read_bounded(_RMEM_MAX, _MOST_SETTING_BYTES)) if largest_bytes is None else largest_bytes
     wanted = 2 * frame_bytes
     advice = None
     if allowed < wanted:
@@ -177,7 +179,7 @@ def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | Non
     """Return how long a USB adapter waits before it passes bytes on; None for a port whose adapter does not tell."""
     file = devices / Path(port).resolve().name / "latency_timer"
     try:
-        wait_ms = int(file.read_text())
+        wait_ms = int(read_bounded(file, _MOST_SETTING_BYTES))
     except (OSError, ValueError):
         return None
     advice = None

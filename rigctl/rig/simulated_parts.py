@@ -293,7 +293,7 @@ def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
         )
     camera = _simulated_camera(rig)
     # As bytes: the ends of lines stay what they are.
-    text = rig.read_bytes().decode("utf-8")
+    text = read_bounded(rig, MOST_TEXT_BYTES).decode("utf-8")
     table = _TABLE.search(text)
     if table is None:
         raise ConfigError(f"{rig}: has no table [simulation.camera] of its own to write into")

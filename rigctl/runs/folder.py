@@ -34,6 +34,7 @@ from rigctl.base.durable import (
     MOST_RECORD_BYTES,
     MOST_TEXT_BYTES,
     flush_folder,
+    open_plain,
     read_bounded,
     read_for_now,
     write_durably,
@@ -297,7 +298,7 @@ class RunTail:
 
     def _read_on(self) -> bytes:
         """Return the whole lines behind the place up to which the manifest has been read."""
-        with (self._path / MANIFEST_FILE).open("rb") as file:
+        with open_plain(self._path / MANIFEST_FILE) as file:
             file.seek(self._end)
             data = file.read(_MOST_BYTES_A_LOOK)
         whole, end, _ = data.rpartition(b"\n")

@@ -38,6 +38,7 @@ from model.sensor import Imperfections, Sensor, SensorNoise
 from model.surface.materials import Material, properties
 from model.surface.pbrdf import Surface, Tilt
 from rigctl.base.arrays import read_arrays
+from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 from rigctl.base.numbers import wrapped
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import Engine
@@ -259,7 +260,7 @@ class SkyStore:
 
     def _read(self, path: Path) -> Solution | None:
         try:
-            data = path.read_bytes()
+            data = read_bounded(path, MOST_RECORD_BYTES)
         except FileNotFoundError:
             return None
         except OSError as error:

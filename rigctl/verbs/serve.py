@@ -165,8 +165,7 @@ class _Sessions:
         """Return the session files by name; other files of the folder are left out."""
         if not self._rig.endswith(_RIG_FILE):
             return ()
-        found = sorted(self._sessions.glob("*.toml"))
-        return tuple(file.name for file in found if b"[[take]]" in file.read_bytes())
+        return tuple(file.name for file in sorted(self._sessions.glob("*.toml")) if _is_session(file))
 
     def plan(self, name: str) -> str:
         """Return frames, time and disk of a session in words; or raise what refuses it."""
@@ -221,6 +220,16 @@ class _Sessions:
 
     def _new_run(self, name: str) -> Path:
         return self._runs / f"{datetime.now(UTC):%Y-%m-%dT%H%M%SZ}-{Path(name).stem}"
+
+
+def _is_session(file: Path) -> bool:
+    """Return whether a file of the folder is for a session; links to nowhere, folders and pipes are not."""
+    from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+
+    try:
+        return b"[[take]]" in read_bounded(file, MOST_TEXT_BYTES)
+    except OSError:
+        return False
 
 
 def _need_text(name: str, prepared: "PreparedSession") -> str:

@@ -230,6 +230,7 @@ def _study(
 
 
 def _plan(path: Path, tolerance: float | None) -> _Plan:
+    from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
     from rigctl.files.study_file import load_study
     from rigctl.prediction.predict import ScenePredictor
     from rigctl.scene.scene import get
@@ -248,7 +249,7 @@ def _plan(path: Path, tolerance: float | None) -> _Plan:
     )
     return _Plan(
         file=file,
-        texts={one.name: one.read_text(encoding="utf-8") for one in (path, *file.scenes)},
+        texts={one.name: read_bounded(one, MOST_TEXT_BYTES).decode("utf-8") for one in (path, *file.scenes)},
         scenes=scenes,
         wanted=wanted,
         axes=axes,

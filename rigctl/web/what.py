@@ -10,6 +10,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Protocol, TypeVar
@@ -17,7 +18,7 @@ from typing import Annotated, Literal, Protocol, TypeVar
 from pydantic import ConfigDict, Field, JsonValue, with_config
 
 from drivers.interfaces import Camera, RotationStage
-from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, read_bounded
+from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, open_plain, read_bounded
 from rigctl.base.numbers import LARGEST, NS_PER_S, utc_text
 from rigctl.calibrations.flat import FlatFields
 from rigctl.calibrations.made_for import KINDS, CalibrationKind
@@ -628,11 +629,9 @@ def _curve(name: str, looks: Sequence[CycleLook]) -> dict[str, JsonValue]:
 def _json_files(folders: tuple[Path, ...]) -> Iterator[tuple[Path, int]]:
     """Return the files that may be calibrations, with the time of each."""
     for folder in folders:
-        try:
-            for path in sorted(folder.glob("*.json"))[:_MOST_FILES]:
+        for path in sorted(folder.glob("*.json"))[:_MOST_FILES]:
+            with suppress(OSError):  # a link to nowhere
                 yield path, path.stat().st_mtime_ns
-        except OSError:
-            continue
 
 
 def _of_rig(run: Run) -> tuple[CalibrationLook, ...]:
@@ -662,7 +661,7 @@ def _look(path: Path, run: Run) -> CalibrationLook | None:
 
 
 def _kind_of(path: Path) -> CalibrationKind | None:
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         head = file.read(_HEAD_BYTES)
     named = _KIND.search(head)
     if named is None:

@@ -1,11 +1,9 @@
 """Tests of the range that numbers of files and options keep to, and of files that are judged before they are read."""
 
-import os
 
 import pytest
 
 from rigctl import cli
-from rigctl.base.durable import read_bounded
 from rigctl.base.numbers import range_problem, wild_numbers
 from tests.rigctl.example_files import EXAMPLES
 
@@ -45,19 +43,6 @@ def test_a_file_that_is_meant_to_break_the_reader_is_refused(tmp_path, capsys, t
     (tmp_path / "scene.toml").write_text(text)
     assert cli.main(["predict", str(tmp_path / "scene.toml")]) == 2
     assert len(capsys.readouterr().err) < 1000
-
-
-def test_a_file_is_judged_by_its_size_before_it_is_read(tmp_path):
-    with (tmp_path / "sparse").open("wb") as file:
-        file.truncate(2**33)
-    with pytest.raises(OSError, match="8590 MB"):
-        read_bounded(tmp_path / "sparse", 1_000_000)
-
-
-def test_a_pipe_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="no plain file"):
-        read_bounded(tmp_path / "pipe", 1_000_000)
 
 
 def test_a_name_of_thousands_of_characters_is_a_usage_error(capsys):
