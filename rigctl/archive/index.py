@@ -5,7 +5,6 @@ folders and `comparison.json` files remain the truth: `update_index` reads those
 layout is made anew. `find` takes a condition of SQL, which an authorizer of SQLite keeps from doing more than reading.
 """
 
-import json
 import os
 import re
 import sqlite3
@@ -15,6 +14,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, NamedTuple
+
+from pydantic_core import from_json
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of
 from rigctl.base.numbers import shown
@@ -383,7 +384,7 @@ def _compare(index: sqlite3.Connection, root: Path, files: Sequence[Path]) -> No
 def _comparison(file: Path) -> tuple[str, dict[str, Fact], list[dict[str, Fact]]] | None:
     """Return the manifest, columns and regions of a comparison; None where the file is none that can be read."""
     try:
-        content = json.loads(read_bounded(file, MOST_RECORD_BYTES))
+        content = from_json(read_bounded(file, MOST_RECORD_BYTES))
         files = content["provenance"]["files"]
         facts: dict[str, Fact] = {
             "verdict": content["verdict"],

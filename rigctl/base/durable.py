@@ -9,8 +9,9 @@ import os
 import stat
 import threading
 from collections.abc import Callable
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import TypeVar
 
 from drivers.caller import Caller, LeftBehindError
 from rigctl.errors import RunFolderError
@@ -27,7 +28,7 @@ MOST_FRAME_BYTES = MOST_FRAME_MB * _BYTES_PER_MB
 MOST_OWN_FRAME_BYTES = 801 * _BYTES_PER_MB
 
 
-def open_plain(path: Path, most_bytes: int | None = None) -> BinaryIO:
+def open_plain(path: Path, most_bytes: int | None = None) -> BufferedReader:
     """Open a file for reading; OSError for folders, pipes and devices, which may never answer, and for large files."""
     facts = path.stat()
     if stat.S_ISDIR(facts.st_mode):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import from_json
 
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, sha256_of, write_durably
 from rigctl.base.numbers import utc_text
@@ -133,7 +134,7 @@ def checked_record(path: Path, text: bytes, record: type[Record], *, made_by: st
         other = _other_kind(text, made_by)
         if other is not None:
             raise DataError(f"{path}: this is {other}; {made_by}") from error
-        later = other_schema(json.loads(text), record)
+        later = other_schema(from_json(text), record)
         if later is not None:
             raise DataError(f"{path}: {later}\n  {made_by}") from error
         raise DataError(f"{describe(path, error)}\n  {made_by}") from error
@@ -142,7 +143,7 @@ def checked_record(path: Path, text: bytes, record: type[Record], *, made_by: st
 def _other_kind(text: bytes, made_by: str) -> str | None:
     """Return which kind of calibration a file is, or that it is no JSON; None where it says nothing of the kind."""
     try:
-        content = json.loads(text)
+        content = from_json(text)  # too deep is a ValueError of it
     except ValueError:
         return "no JSON file"
     kind = content.get("kind") if isinstance(content, dict) else None

@@ -1,6 +1,5 @@
 """Measures a stage with its own encoder: readback error, backlash, settling time; and the file that keeps them."""
 
-import json
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
@@ -10,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import from_json
 
 from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity, RotationStage
@@ -149,7 +149,7 @@ def load_settle_s(path: Path, *, identity: DeviceIdentity) -> float:
     """Return the time that a stage needs to come to rest [s], as it was measured."""
     found: object = None
     try:
-        found = json.loads(read_bounded(path, MOST_TEXT_BYTES))
+        found = from_json(read_bounded(path, MOST_TEXT_BYTES))
         content = _Content.model_validate(found)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 import threading
 import time
@@ -194,7 +195,7 @@ class RunWriter:
             file=f"{FRAMES_FOLDER}/{_file_name(record)}",
             height=counts.shape[0],
             width=counts.shape[1],
-            saturated_fraction=float(np.mean(counts >= record.saturation_dn)),
+            saturated_fraction=_share_from(counts, math.ceil(record.saturation_dn)),
         )
         data = encode_frame(counts, header_cards(record))
         write_durably(self.path / record.file, data)
@@ -219,6 +220,11 @@ class RunWriter:
     def closing_event(self, name: str, **facts: Any) -> None:
         """Note that what was to be done is done: the event holds how many frames there are, and their chain."""
         self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
+
+
+def _share_from(counts: NDArray[np.uint16], full_dn: int) -> float:
+    """Return the share of pixels with a count or more; most pictures have none, which their maximum tells at once."""
+    return np.count_nonzero(counts >= full_dn) / counts.size if counts.max() >= full_dn else 0.0
 
 
 def require_new_folder(path: Path) -> None:

@@ -8,12 +8,12 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from model.moments import Moments
 from model.processing import dolp
-from model.processing.mosaic import coarse_pictures
 from model.processing.reconstruction import aolp_moments_rad, design, stokes_moments
 from model.sensor import SensorNoise, temporal_variance_dn2
 from model.stokes import aolp_rad
@@ -74,7 +74,7 @@ class FrameSummary:
     saturated_fraction: float  #: Share of saturated pixels.
     means: Mapping[str, PixelMean]  #: Mean counts of the picture and of its regions, by name.
     #: Mean counts of some 20000 squares of pixels, NaN where one is saturated or missing, and the side of a square.
-    coarse: tuple[NDArray[np.float64], int] | None = None
+    coarse: tuple[NDArray[np.float32], int] | None = None
 
 
 class LiveNumbers:
@@ -115,31 +115,28 @@ class LiveNumbers:
     def content(self) -> LiveContent:
         """Return the numbers as they stand.
 
-        Of the last whole cycle; where frames are grouped by angle, of the last frame of each.
+        Of the last whole cycle; where frames are grouped by angle, of the last frame of each. Computed of a copy: the
+        session adds frames meanwhile.
         """
         with self._lock:
-            frames = self._cycle or of_one_exposure(list(self._angles.values()))
-            angles = {f"{angle:g}": _shown(frame) for (angle, _), frame in sorted(self._angles.items())}
-            if not frames:
-                return LiveContent(angles=angles, regions={}, drift=self._drift)
-            last, levels = frames[-1], self._levels
-            dark = DarkLevel(source=levels.source(last.exposure_s), mean_dn=levels.dark_dn(PICTURE, last.exposure_s))
-            return LiveContent(
-                angles=angles,
-                cycle=CyclePlace(round=last.round, cycle=last.cycle, exposure_ms=last.exposure_s * _MS_PER_S),
-                dark=dark,
-                sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
-                regions=polarizations(frames, levels=levels, extinction_ratio=self._extinction_ratio),
-                drift=self._drift,
-                diagnosis=self._diagnosis(),
-            )
-
-    def _diagnosis(self) -> LiveDiagnosis | None:
-        """Return what the last whole cycle says of its faults; made once for each."""
-        if self._diagnosed[0] is not self._cycle:
-            found = cycle_diagnosis(self._cycle, levels=self._levels, extinction_ratio=self._extinction_ratio)
-            self._diagnosed = (self._cycle, found)
-        return self._diagnosed[1]
+            cycle, drift, seen, levels = self._cycle, self._drift, dict(self._angles), self._levels.copy()
+        frames = cycle or of_one_exposure(list(seen.values()))
+        angles = {f"{angle:g}": _shown(frame) for (angle, _), frame in sorted(seen.items())}
+        if not frames:
+            return LiveContent(angles=angles, regions={}, drift=drift)
+        if self._diagnosed[0] is not cycle:  # made once for each
+            found = cycle_diagnosis(cycle, levels=levels, extinction_ratio=self._extinction_ratio)
+            self._diagnosed = (cycle, found)
+        last = frames[-1]
+        return LiveContent(
+            angles=angles,
+            cycle=CyclePlace(round=last.round, cycle=last.cycle, exposure_ms=last.exposure_s * _MS_PER_S),
+            dark=DarkLevel(source=levels.source(last.exposure_s), mean_dn=levels.dark_dn(PICTURE, last.exposure_s)),
+            sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
+            regions=polarizations(frames, levels=levels, extinction_ratio=self._extinction_ratio),
+            drift=drift,
+            diagnosis=self._diagnosed[1],
+        )
 
 
 class RegionMeans:
@@ -155,7 +152,8 @@ class RegionMeans:
         if counts.shape != self._shape:
             self._windows = self._fitted(counts.shape)
             self._shape = counts.shape
-        means = {PICTURE: PixelMean(mean_dn=float(counts.mean()), pixels=max(1, round(share * counts.size)))}
+        mean_dn = cv2.sumElems(counts)[0] / counts.size
+        means = {PICTURE: PixelMean(mean_dn=mean_dn, pixels=max(1, round(share * counts.size)))}
         for name, (rows, columns, inside) in self._windows.items():
             values = counts[rows, columns][inside]
             means[name] = PixelMean(mean_dn=float(values.mean()), pixels=max(1, round(share * values.size)))
@@ -173,7 +171,7 @@ def frame_summary(
     *,
     time_s: float,
     saturated_fraction: float,
-    coarse: tuple[NDArray[np.float64], int] | None = None,
+    coarse: tuple[NDArray[np.float32], int] | None = None,
 ) -> FrameSummary:
     """Return what a frame shows, by its record and the means of its counts."""
     target_deg = record.polarizer_angle_target_deg
@@ -191,13 +189,21 @@ def frame_summary(
     )
 
 
-def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> tuple[NDArray[np.float64], int]:
+def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> tuple[NDArray[np.float32], int]:
     """Return the mean counts of some 20000 squares of the pixels of a frame, and the side of a square."""
-    bad = counts >= record.saturation_dn
+    height, width = counts.shape
+    side = max(1, math.ceil(math.sqrt(height * width / _COARSE_PIXELS)))
+    counts, size = counts[: height - height % side, : width - width % side], (width // side, height // side)
+    full_dn = math.ceil(record.saturation_dn)  # a whole number: with a real one the picture is converted
+    bad = counts >= full_dn if counts.max() >= full_dn else np.zeros(1, dtype=np.bool_)
     if record.missing_dn is not None:
-        bad |= counts == record.missing_dn
-    means, good, side = coarse_pictures(counts[None].astype(np.float64), ~bad, most_pixels=_COARSE_PIXELS)
-    return np.where(good, means[0], np.nan), side
+        bad = bad | (counts == record.missing_dn)
+    strips = (counts[row : row + side] for row in range(0, len(counts), side))
+    sums = np.concatenate([cv2.reduce(strip, 0, cv2.REDUCE_SUM, dtype=cv2.CV_32F) for strip in strips])
+    means = cv2.resize(sums, size, interpolation=cv2.INTER_AREA) / np.float32(side)
+    if bad.any():
+        means[cv2.resize(bad.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.0] = np.nan
+    return np.asarray(means, dtype=np.float32), side
 
 
 def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:
@@ -216,6 +222,12 @@ class LightLevels:
     def __init__(self, noise: SessionNoise | None = None) -> None:
         self._noise = noise
         self._darks: dict[float, FrameSummary] = {}
+
+    def copy(self) -> "LightLevels":
+        """Return these levels; the copy stays as it is."""
+        levels = LightLevels(self._noise)
+        levels._darks = dict(self._darks)
+        return levels
 
     def add_dark(self, dark: FrameSummary) -> None:
         """Take in a dark frame."""
@@ -332,7 +344,8 @@ def cycle_diagnosis(
     coarse = [frame.coarse for frame in seen if frame.coarse is not None]
     if not coarse or len(coarse) < len(seen) or len({frame.angle_deg for frame in seen}) < _LEAST_ANGLES:
         return None
-    pictures = np.array([counts_dn for counts_dn, _ in coarse]) - levels.dark_dn(PICTURE, seen[0].exposure_s)
+    dark_dn = levels.dark_dn(PICTURE, seen[0].exposure_s)
+    pictures = np.array([counts_dn for counts_dn, _ in coarse], dtype=np.float64) - dark_dn
     usable = np.asarray(np.isfinite(pictures).all(axis=0))
     pictures = np.where(usable, pictures, 0.0)
     angles_rad = np.deg2rad([frame.measured_deg or 0.0 for frame in seen])

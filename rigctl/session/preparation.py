@@ -15,6 +15,7 @@ from rigctl.console.json_text import json_text
 from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import RoofChange
+from rigctl.files.regions import load_regions
 from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 from rigctl.files.session_file import SessionFile, load_session
 from rigctl.rig.rig import Rig, open_rig, require_drivers
@@ -65,10 +66,11 @@ def prepare_session(
     target_dolp_sigma: float | None = None,
     clock_ns: int | None = None,
     perturb: RoofChange | None = None,
+    regions: Path | None = None,
 ) -> PreparedSession:
     """Return a session as it will be taken; calibrations that are not named are picked from the store."""
     rig_file = with_simulation(load_rig(rig), clock_ns=clock_ns, perturb=perturb)
-    session_file = load_session(session)
+    session_file = load_session(session) if regions is None else _with_regions(load_session(session), regions)
     named: dict[CalibrationKind, Path | None] = {"noise": noise, "polarizer": polarizer}
     picked = picked_for_rig(rig_file, rig, now_ns=clock_of(rig_file).utc_ns(), store=store, named=named)
     found = picked.files | {kind: path for kind, path in named.items() if path not in (None, NONE)}
@@ -87,6 +89,13 @@ def prepare_session(
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
         picked=picked,
     )
+
+
+def _with_regions(session: SessionFile, file: Path) -> SessionFile:
+    """Return a session that watches the regions of a file; of its own, those with other names stay."""
+    drawn = load_regions(file)
+    names = {region.name for region in drawn}
+    return session.model_copy(update={"regions": [*drawn, *(own for own in session.regions if own.name not in names)]})
 
 
 def with_target(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,12 +53,18 @@ class CapturedFrame:
     def saturated_fraction(self) -> float:
         """Share of saturated pixels."""
         counts, full_dn = self.frame.counts, 2**self.frame.settings.bit_depth - 1
-        return np.count_nonzero(counts >= full_dn) / counts.size
+        return np.count_nonzero(counts >= full_dn) / counts.size if self.range_dn[1] >= full_dn else 0.0
 
     @cached_property
+    def range_dn(self) -> tuple[float, float]:
+        """The smallest and the largest count."""
+        least, most, *_ = cv2.minMaxLoc(self.frame.counts)
+        return least, most
+
+    @property
     def is_flat(self) -> bool:
         """All pixels have one value."""
-        return bool(self.frame.counts.min() == self.frame.counts.max())
+        return self.range_dn[0] == self.range_dn[1]
 
     @cached_property
     def is_blank(self) -> bool:

@@ -1,6 +1,7 @@
 """How a session stands now: the file ``status.json`` of its run, its state as far as the folder tells, and in words."""
 
 import json
+import math
 import shutil
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -10,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError, with_config
 
+from model.processing.reconstruction import aolp_is_defined
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import LARGEST
 from rigctl.errors import RunFolderError
@@ -54,6 +56,12 @@ class RegionPolarization:
     light_dn_per_s: float  #: S0 of the region's mean, in counts a second.
     #: Deviation of the angle to first order; None where no noise is known, or there is no polarization.
     aolp_sigma_deg: float | None = None
+
+    @property
+    def has_angle(self) -> bool:
+        """The angle is known to better than all that there are, as far as its deviation is known."""
+        sigma_deg = 0.0 if self.aolp_sigma_deg is None else self.aolp_sigma_deg
+        return self.aolp_deg is not None and bool(aolp_is_defined(math.radians(sigma_deg)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,8 +247,8 @@ def live_lines(live: LiveContent) -> Iterator[str]:
     if live.sum_rule is not None:
         yield f"(I0 + I90) / (I45 + I135)  {_estimate(live.sum_rule)}"
     for name, found in live.regions.items():
-        angle = "" if found.aolp_deg is None else f", AoLP {found.aolp_deg:.1f} deg"
-        yield f"DoLP of {name}  {_estimate(found.dolp)}{angle}"
+        angle = f"{found.aolp_deg:.1f} deg" if found.has_angle else "undefined"
+        yield f"DoLP of {name}  {_estimate(found.dolp)}, AoLP {angle}"
     if live.regions and live.dark is not None and live.dark.source is DarkSource.UNKNOWN:
         yield f"dark level {live.dark.source}"
     if live.drift is not None:

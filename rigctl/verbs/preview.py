@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _TIMEOUT_S = 10.0
 _LOOK_EACH_S = 1.0
 _LINE_EACH_S = 1.0
+_MS_PER_S = 1e3
 _RIG_FILE = ".toml"
 
 #: Numbers of each picture in words.
@@ -31,7 +32,7 @@ def preview(
     camera: str,
     /,
     *,
-    exposure_ms: Annotated[float, Parameter(validator=Number(gt=0.0))] = 10.0,
+    exposure_ms: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None,
     gain_db: float = 0.0,
     zoom: Annotated[int, Parameter(validator=Number(gte=1, lte=64))] = 1,
     listen: str = "127.0.0.1:8765",
@@ -51,7 +52,7 @@ def preview(
     camera : str
         Rig file, or a camera's address as it stands in one.
     exposure_ms : float
-        Exposure [ms].
+        Exposure [ms]; it follows the light unless given.
     gain_db : float
         Gain [dB].
     zoom : int
@@ -133,16 +134,20 @@ def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
     """Write what a camera sees into a file, stretched for the eye, picture after picture; yield its numbers."""
     from rigctl.base.durable import write_durably
     from rigctl.rig.focus import focus_of, jpeg_of, middle
-    from rigctl.web.rig import open_camera
+    from rigctl.web.rig import next_exposure_ms, open_camera
+    from rigctl.web.what import LiveLook
 
     best = 0.0
     with open_camera(camera) as one:
         _report(str(file))
-        one.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
+        exposure_ms = task.exposure_ms or LiveLook().exposure_ms
         while True:
-            frame = one.take_frame(timeout_s=task.exposure_s + _TIMEOUT_S)
+            settings = one.configure(exposure_s=exposure_ms / _MS_PER_S, gain_db=task.gain_db)
+            frame = one.take_frame(timeout_s=settings.exposure_s + _TIMEOUT_S)
             shown, bit_depth = middle(frame.counts, zoom=task.zoom), frame.settings.bit_depth
             focus = focus_of(shown, bit_depth=bit_depth)
+            if task.exposure_ms is None:
+                exposure_ms = next_exposure_ms(exposure_ms, focus.brightest)
             best = max(best, focus.sharpness)
             text = focus.text(best)
             try:

@@ -4,7 +4,7 @@ import re
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,12 +19,15 @@ from rigctl.verbs.options import FilePath
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
+    from rigctl.files.regions import Region
     from rigctl.session.preparation import PreparedSession
     from rigctl.web.page import Question
     from rigctl.web.server import Addresses, PageServer, Place
 
 _RIG_FILE = ".toml"
 _REGIONS_FILE = "regions.toml"
+# Beside the runs, for this user's eyes alone.
+_TOKENS_FILE = ".rigctl-page.json"
 # Such as gige:192.168.0.5; a run may be named by a time.
 _ADDRESS = re.compile(r"[A-Za-z][\w-]*:")
 
@@ -38,6 +41,7 @@ def serve(
     listen: str = "127.0.0.1:0",
     certificate: FilePath | None = None,
     key: FilePath | None = None,
+    new_tokens: bool = False,
     open_page: Annotated[bool, Parameter(name="--open")] = False,
 ) -> "ServedPage":
     """Serve a page: focus a rig, draw regions, start, hold and stop sessions; or watch a run as it grows.
@@ -58,13 +62,15 @@ def serve(
     sessions : path
         With a rig: folder of session files; this folder unless given.
     runs : path
-        With a rig: folder of the runs, which must exist; this folder unless given.
+        With a rig: folder of the runs, made where there is none; this folder unless given.
     listen : str
         Address and port of the page; 0.0.0.0:8765 lets a telephone in too.
     certificate : path
         TLS certificate.
     key : path
         Key of the certificate.
+    new_tokens : bool
+        Make new tokens: who has the old addresses is shut out.
     open_page : bool
         Open the page in this machine's browser.
 
@@ -80,16 +86,18 @@ def serve(
     """
     from rigctl.web.page import page_app
     from rigctl.web.server import PageServer, place_of
-    from rigctl.web.what import source_at
+    from rigctl.web.what import RunsOfFolder, source_at
 
     what = str(what)
     place = place_of(listen, None if certificate is None else Path(certificate), None if key is None else Path(key))
     if what.endswith(_RIG_FILE) or (_ADDRESS.match(what) and not Path(what).exists()):
-        server = _rig_server(what, Path(sessions or "."), Path(runs or "."), place)
+        server = _rig_server(what, Path(sessions or "."), Path(runs or "."), place, new_tokens=new_tokens)
     elif sessions is not None or runs is not None:
         raise ConfigError("--sessions, --runs: are for a rig; a page of runs starts no session")
     else:
-        server = PageServer(page_app(source_at(Path(what))), place, can_act=False)
+        source, path = source_at(Path(what)), Path(what)
+        kept = (path if isinstance(source, RunsOfFolder) else path.resolve().parent) / _TOKENS_FILE
+        server = PageServer(page_app(source), place, can_act=False, kept=kept, is_new=new_tokens)
     note("whoever has an address may use it; Ctrl-C ends the page")
     if server.addresses.is_for_others and certificate is None:
         warn("the page is not encrypted: others on this network can read its tokens; give --certificate and --key")
@@ -135,7 +143,7 @@ class ServedPage(Result):
         self.server.run()
 
 
-def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place") -> "PageServer":
+def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place", *, new_tokens: bool) -> "PageServer":
     """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
     from rigctl.web.page import Hands, camera_acts, page_app, region_acts, session_acts, stage_acts
     from rigctl.web.regions_page import write_regions
@@ -143,16 +151,20 @@ def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place") -> "PageSe
     from rigctl.web.server import PageServer
     from rigctl.web.what import RunsOfFolder
 
-    for name, folder in (("--sessions", sessions), ("--runs", runs)):
-        if not folder.is_dir():
-            raise ConfigError(f"{name} {folder}: there is no such folder")
+    if not sessions.is_dir():
+        raise ConfigError(f"--sessions {sessions}: there is no such folder")
     own = _Sessions(rig, sessions, runs)
     live = LiveRig(lambda: open_devices(rig), polarizer_of(rig))
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--runs {runs}: cannot be made: {error.strerror}") from error
     regions = runs / _REGIONS_FILE
     drawing = region_acts(lambda body: write_regions(regions, body, live.newest_counts()))
     acts = {**camera_acts(live), **stage_acts(live), **session_acts(own, live), **drawing}
-    hands = Hands(view=live, acts=acts, session_names=own.names, regions_file=regions.name)
-    return PageServer(page_app(RunsOfFolder(runs), hands), place, can_act=True)
+    hands = Hands(view=live, acts=acts, session_names=own.names, drawn=own.drawn, regions_file=regions.name)
+    page = page_app(RunsOfFolder(runs), hands)
+    return PageServer(page, place, can_act=True, kept=runs / _TOKENS_FILE, is_new=new_tokens)
 
 
 class _Sessions:
@@ -160,6 +172,7 @@ class _Sessions:
 
     def __init__(self, rig: str, sessions: Path, runs: Path) -> None:
         self._rig, self._sessions, self._runs = rig, sessions, runs
+        self._regions = runs / _REGIONS_FILE
 
     def names(self) -> tuple[str, ...]:
         """Return the session files by name; other files of the folder are left out."""
@@ -167,11 +180,20 @@ class _Sessions:
             return ()
         return tuple(file.name for file in sorted(self._sessions.glob("*.toml")) if _is_session(file))
 
+    def drawn(self) -> "Sequence[Region]":
+        """Return the regions that were drawn here; none where their file cannot be read."""
+        from rigctl.files.regions import load_regions
+
+        try:
+            return load_regions(self._regions) if self._regions.is_file() else ()
+        except ConfigError:
+            return ()
+
     def plan(self, name: str) -> str:
         """Return frames, time and disk of a session in words; or raise what refuses it."""
         from rigctl.session.preparation import prepare_session, require_takeable
 
-        prepared = prepare_session(Path(self._rig), self._file(name))
+        prepared = prepare_session(Path(self._rig), self._file(name), regions=self._regions if self.drawn() else None)
         doubts, light = require_takeable(prepared, self._new_run(name), asks_by_hold=True)
         return "\n".join([_need_text(name, prepared), *prepared.picked.lines, *prepared.doubts, *doubts, *light])
 
@@ -179,7 +201,8 @@ class _Sessions:
         """Start the session of a file in a process of its own; return the name of its run."""
         self.plan(name)
         run = self._new_run(name)
-        self._spawn("acquire", self._rig, str(self._file(name)), "--out", str(run), log=run)
+        drawn = ("--regions", str(self._regions)) if self.drawn() else ()
+        self._spawn("acquire", self._rig, str(self._file(name)), "--out", str(run), *drawn, log=run)
         return run.name
 
     def ask(self, name: str, what: "Question") -> None:
@@ -240,4 +263,6 @@ def _need_text(name: str, prepared: "PreparedSession") -> str:
     minutes, seconds = divmod(round(duration_s), 60)
     disk = "" if disk_bytes is None else f", {disk_bytes / 1e6:.0f} MB"
     kinds = ", ".join(f"{sum(step.kind == kind for step in steps)} {kind}" for kind in ("dark", "flat", "scene"))
-    return f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}"
+    regions = ", ".join(region.name for region in prepared.session_file.regions)
+    watched = f"; regions {regions}" if regions else ""
+    return f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}{watched}"

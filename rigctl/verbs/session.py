@@ -139,6 +139,7 @@ def acquire(
     calibrations: FilePath | None = None,
     scene: FilePath | None = None,
     target_dolp_sigma: float | None = None,
+    regions: FilePath | None = None,
     clock: str | None = None,
     perturb: RoofChange | None = None,
     ask: Ask = "terminal",
@@ -180,6 +181,8 @@ def acquire(
         Scene file, for --target-dolp-sigma.
     target_dolp_sigma : float
         Take as many cycles as bring the error of a pixel's DoLP in --scene to this.
+    regions : path
+        Regions file: watch these too; they replace those of the session file that have the same names.
     clock : str
         Simulated rig: its clock begins then, and the session does not wait.
     perturb : {"visibility", "aerosol", "dhr", "tilt", "drift"}
@@ -219,6 +222,7 @@ def acquire(
             target_dolp_sigma=target_dolp_sigma,
             clock_ns=time_option("--clock", clock),
             perturb=perturb,
+            regions=path(regions),
         )
         folder, by_hold = Path(out), ask == "hold"
         at_ns, until_ns = time_option("--at", at), time_option("--until", until)

@@ -7,7 +7,8 @@ becomes a path.
 import asyncio
 import json
 import math
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+import time
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib.resources import files
@@ -77,7 +78,7 @@ class Hands:
     acts: Mapping[str, Act]
     title: str = ""  #: Heading of the page; empty where it heads the list of runs.
     session_names: Callable[[], tuple[str, ...]] = tuple  #: Returns the names of the session files.
-    drawn: tuple[Region, ...] = ()  #: Regions that are there already.
+    drawn: Callable[[], Sequence[Region]] = tuple  #: Returns regions that are there already.
     regions_file: str = "regions.toml"  #: Name of the file that regions are written to.
     is_once: bool = False  #: The page ends as soon as regions are written.
 
@@ -215,6 +216,7 @@ class _Page:
 
     def __init__(self, source: Source, hands: Hands | None) -> None:
         self._source, self._hands, self._sockets = source, hands, Sockets()
+        self._began_ns = time.time_ns()
 
     async def state(self, request: Request) -> Response:
         content = await asyncio.to_thread(self._state, request.query_params)
@@ -281,7 +283,7 @@ class _Page:
 
     def _state(self, question: Mapping[str, Any]) -> dict[str, Any] | None:
         name = str(question.get("run", ""))
-        content: dict[str, Any] = {"rigctl": VERSION, **self._of_hands()}
+        content: dict[str, Any] = {"rigctl": VERSION, "began": self._began_ns, **self._of_hands()}
         rows = self._source.rows()
         if rows is not None and not name:
             return content | {"runs": [asdict(row) for row in rows]}
@@ -308,7 +310,7 @@ class _Page:
             "acts": list(hands.acts),
             "rig": asdict(hands.view.look()),
             "sessions": hands.session_names(),
-            "drawn": [region.model_dump(mode="json", exclude_none=True) for region in hands.drawn],
+            "drawn": [region.model_dump(mode="json", exclude_none=True) for region in hands.drawn()],
             "regions_file": hands.regions_file,
             "is_once": hands.is_once,
         }

@@ -29,7 +29,7 @@ class RegionsPage:
             view=StillPicture(picture),
             acts=region_acts(self._take),
             title=title,
-            drawn=tuple(drawn),
+            drawn=lambda: drawn,
             regions_file=file,
             is_once=True,
         )

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from importlib.resources import as_file, files
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, LimitError
 from drivers.interfaces import Camera, Frame, RotationStage
 from model.processing.mosaic import planes
 from rigctl.errors import ConfigError, DataError
@@ -34,8 +34,10 @@ from rigctl.web.pictures import (
 from rigctl.web.what import REST, LiveLook, OpenDevices, Task
 
 VIEW = "view"
-# Counts that a metered exposure aims at, as a share of the range.
-_AIM = 0.7
+# Counts that a metered exposure aims at, as a share of the range; between these two it stays as it is.
+_AIM, _LEAST_FILLED, _MOST_FILLED = 0.7, 0.4, 0.9
+_SHORTEST_MS, _LONGEST_MS = 0.001, 2000.0
+_STEP_WORTH = 0.1
 _LEAST_ANGLES = 3
 _KEPT = 8
 _TURN_DEG = 180.0
@@ -87,10 +89,12 @@ class LiveRig:
     def begin(self, task: Task) -> None:
         """Let the devices do something else; "rest" returns once they are closed."""
         with self._changed:
-            last_exposure_s, self._task, self._failure = self._task.exposure_s, task, None
+            self._task, self._failure = task, None
+            last_exposure_s = self._look.exposure_ms / _MS_PER_S
             self._look = LiveLook(
                 task=task.kind,
-                exposure_ms=task.exposure_ms,
+                exposure_ms=task.exposure_ms or self._look.exposure_ms,
+                is_automatic=task.exposure_ms is None,
                 gain_db=task.gain_db,
                 zoom=task.zoom,
                 sequence=self._look.sequence,
@@ -161,7 +165,7 @@ class LiveRig:
 
     def _do(self, devices: OpenDevices, task: Task) -> None:
         """Do one task until another is wanted."""
-        devices.camera.configure(exposure_s=task.exposure_s, gain_db=task.gain_db)
+        devices.camera.configure(exposure_s=self.look().exposure_ms / _MS_PER_S, gain_db=task.gain_db)
         if devices.cell_deg is not None:
             while self._wanted() is task:
                 self._look_through(devices, devices.cell_deg, task)
@@ -169,7 +173,8 @@ class LiveRig:
         if task.kind == "preview":
             while self._wanted() is task:
                 angle_deg = self._turned(devices.stage)
-                self._seen(self._frame(devices.camera, task), angle_deg)
+                self._expose_for_light(devices.camera, task, self._look.brightest)
+                self._seen(self._frame(devices.camera), angle_deg)
             return
         if devices.stage is None or len(task.angles_deg) < _LEAST_ANGLES:
             raise ConfigError("live polarimetry needs a stage, and three angles at least")
@@ -180,7 +185,8 @@ class LiveRig:
     def _look_through(self, devices: OpenDevices, cell_deg: tuple[float, ...], task: Task) -> None:
         """Take a picture behind a cell of polarizers: all angles at once, so that each has its maps."""
         began_s = time.monotonic()
-        frame = self._frame(devices.camera, task)
+        self._expose_for_light(devices.camera, task, self._look.brightest)
+        frame = self._frame(devices.camera)
         saturation_dn = 2.0**frame.settings.bit_depth - 1.0
         parts = planes(frame.counts, interpolation=devices.interpolation, saturation_dn=saturation_dn)
         # What is drawn upon and focused by is the mean of all angles: the cell itself is no texture of the scene.
@@ -195,14 +201,17 @@ class LiveRig:
         began_s = time.monotonic()
         frames: list[NDArray[np.float32]] = []
         angles_deg: list[float] = []
+        brightest = 0.0
         for angle_deg in task.angles_deg:
             if self._wanted() is not task:
                 return
             angles_deg.append(self._move(stage, angle_deg))
-            frame = self._frame(camera, task)
+            frame = self._frame(camera)
             frames.append(smaller(frame.counts, most_width=MAP_WIDTH))
             self._seen(frame, angles_deg[-1])
+            brightest = max(brightest, self._look.brightest)
         self._went_round(frames, angles_deg, time.monotonic() - began_s)
+        self._expose_for_light(camera, task, brightest)
 
     def _turned(self, stage: RotationStage | None) -> float | None:
         with self._changed:
@@ -220,8 +229,20 @@ class LiveRig:
         position = stage.move_to(polarizer.sense * (angle_deg - polarizer.offset_deg)).position
         return (polarizer.sense * position.angle_deg + polarizer.offset_deg) % _TURN_DEG
 
-    def _frame(self, camera: Camera, task: Task) -> Frame:
-        return camera.take_frame(timeout_s=task.exposure_s + _TIMEOUT_S)
+    def _frame(self, camera: Camera) -> Frame:
+        return camera.take_frame(timeout_s=self._look.exposure_ms / _MS_PER_S + _TIMEOUT_S)
+
+    def _expose_for_light(self, camera: Camera, task: Task, brightest: float) -> None:
+        """Set the exposure that suits what was seen, where it is to follow the light and is far off."""
+        before_ms = self._look.exposure_ms
+        if task.exposure_ms is not None or not self._look.width or _LEAST_FILLED <= brightest <= _MOST_FILLED:
+            return
+        wanted_ms = next_exposure_ms(before_ms, brightest)
+        if abs(wanted_ms - before_ms) > _STEP_WORTH * before_ms:
+            with suppress(LimitError):  # as short, or as long, as the camera can
+                settings = camera.configure(exposure_s=wanted_ms / _MS_PER_S, gain_db=task.gain_db)
+                with self._changed:
+                    self._look = replace(self._look, exposure_ms=settings.exposure_s * _MS_PER_S)
 
     def _seen(self, frame: Frame, angle_deg: float | None) -> None:
         is_focusing = self._task.kind == "preview"
@@ -239,7 +260,6 @@ class LiveRig:
                 best_sharpness=max(self._look.best_sharpness, focus.sharpness),
                 brightest=focus.brightest,
                 clipped=focus.saturated,
-                proposed_ms=_proposed_ms(exposure_ms, focus.brightest),
                 dark_dn=self._dark[1] if self._dark is not None and self._dark[0] == exposure_ms else None,
                 left=(full.shape[1] - shown.shape[1]) // 2,
                 top=(full.shape[0] - shown.shape[0]) // 2,
@@ -262,11 +282,10 @@ class LiveRig:
             )
 
 
-def _proposed_ms(exposure_ms: float, brightest: float) -> float | None:
-    """Return the exposure that fills the range; of a picture that is saturated or black, a step towards it."""
-    if brightest >= 1.0:
-        return exposure_ms / 4.0
-    return exposure_ms * _AIM / brightest if brightest > 0.0 else None
+def next_exposure_ms(exposure_ms: float, brightest: float) -> float:
+    """Return the exposure that fills the range; of a picture that is saturated or nearly black, a step towards it."""
+    wanted_ms = exposure_ms / 8.0 if brightest >= 1.0 else exposure_ms * min(_AIM / max(brightest, 1e-3), 8.0)
+    return min(max(wanted_ms, _SHORTEST_MS), _LONGEST_MS)
 
 
 @contextmanager

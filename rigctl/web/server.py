@@ -9,28 +9,32 @@ import os
 import secrets
 import socket
 import ssl
+import stat
 import threading
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Any, ClassVar, Literal, ParamSpec, Self, TypeVar, cast
-from urllib.parse import parse_qs, urlsplit
+from typing import Annotated, Any, ClassVar, Literal, ParamSpec, Self, TypeVar, cast
+from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
 
 import cv2
 import h11
 import numpy as np
 import uvicorn
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
 
 Right = Literal["look", "act"]
+Token = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{20,100}$")]
 P = ParamSpec("P")
 T = TypeVar("T")
 MOST_BODY_BYTES = 1_000_000
@@ -109,13 +113,21 @@ class Addresses:
 
 
 class PageServer:
-    """Listens for a page from the moment it is made. A context manager: it answers in a thread of its own meanwhile."""
+    """Listens for a page from the moment it is made. A context manager: it answers in a thread of its own meanwhile.
 
-    def __init__(self, app: ASGIApp, place: Place, *, can_act: bool) -> None:
-        self._listening = _listening(place)
+    Tokens and port are kept in the file `kept`: a page that is open connects again once its server is back.
+    """
+
+    def __init__(
+        self, app: ASGIApp, place: Place, *, can_act: bool, kept: Path | None = None, is_new: bool = False
+    ) -> None:
+        before = None if kept is None or is_new else _kept_access(kept)
+        self._listening = _listening(place, usual_port=0 if before is None else before.port)
         port = int(self._listening.getsockname()[1])
         is_secure = place.certificate is not None
-        access = Access()
+        access = replace(before or Access(), port=port)
+        if kept is not None and access != before:
+            _keep_access(kept, access)
         guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)
         try:
             self._server = uvicorn.Server(_config(guard, place))
@@ -142,13 +154,15 @@ class PageServer:
         self._listening.close()
 
 
+@with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, kw_only=True)
 class Access:
     """The two keys of a page."""
 
     #: Tokens: the first opens the page, the second opens it with hands.
-    look: str = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
-    act: str = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
+    look: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
+    act: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
+    port: Annotated[int, Field(ge=0, le=_MOST_PORT)] = 0  #: Where the page was last: its cookie is of that port.
 
     def right_of(self, token: str) -> Right | None:
         """Return what a token opens; None for one that is not ours."""
@@ -156,6 +170,9 @@ class Access:
         if secrets.compare_digest(given, self.act.encode("ascii")):
             return "act"
         return "look" if secrets.compare_digest(given, self.look.encode("ascii")) else None
+
+
+_ACCESS = TypeAdapter(Access)
 
 
 class Guard:
@@ -223,8 +240,10 @@ class Guard:
 
     def _with_cookie(self, scope: Scope) -> Response:
         """Exchange the token of an address for a cookie, so that it stands in no history and no picture of the page."""
+        rest = urlencode([(key, value) for key, value in parse_qsl(scope["query_string"].decode()) if key != "token"])
         # One slash: two would lead to another host.
-        response = RedirectResponse("/" + scope["path"].lstrip("/\\"), status_code=303)
+        where = "/" + scope["path"].lstrip("/\\") + (f"?{rest}" if rest else "")
+        response = RedirectResponse(where, status_code=303)
         response.set_cookie(
             self._cookie, _query_token(scope), httponly=True, samesite="strict", secure=self._scheme == "https"
         )
@@ -421,7 +440,32 @@ def _tls(place: Place) -> ssl.SSLContext:
     return context
 
 
-def _listening(place: Place) -> socket.socket:
+def _kept_access(file: Path) -> Access | None:
+    """Return the tokens of the page that was here before; None where there are none that are ours alone."""
+    try:
+        facts = file.lstat()
+        if not stat.S_ISREG(facts.st_mode) or facts.st_uid != os.getuid() or facts.st_mode & 0o077:
+            return None
+        return _ACCESS.validate_json(read_bounded(file, MOST_TEXT_BYTES))
+    except (OSError, ValueError):
+        return None
+
+
+def _keep_access(file: Path, access: Access) -> None:
+    """Keep tokens for the next page here, for this user's eyes alone; a folder that cannot be written keeps none."""
+    part = file.with_name(f"{file.name}.{os.getpid()}")
+    with suppress(OSError):
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+        with os.fdopen(descriptor, "wb") as content:
+            content.write(_ACCESS.dump_json(access))
+        part.replace(file)
+
+
+def _listening(place: Place, usual_port: int = 0) -> socket.socket:
+    """Return a socket that listens; where any port will do, at the usual one if it is free."""
+    if usual_port and not place.port:
+        with suppress(ConfigError):
+            return _listening(replace(place, port=usual_port))
     family = socket.AF_INET6 if ":" in place.host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

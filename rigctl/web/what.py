@@ -170,7 +170,7 @@ class Task:
 
     #: "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
     kind: TaskKind
-    exposure_ms: Annotated[float, Field(gt=0.0, le=600_000.0)] = 10.0
+    exposure_ms: Annotated[float, Field(gt=0.0, le=600_000.0)] | None = None  #: None: found by the camera's pictures.
     gain_db: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     zoom: Annotated[int, Field(ge=1, le=64)] = 1  #: The middle is shown and judged, so many times larger.
     #: Of the polarizer, for "polarimetry".
@@ -180,11 +180,6 @@ class Task:
         90.0,
         135.0,
     )
-
-    @property
-    def exposure_s(self) -> float:
-        """Integration time [s]."""
-        return self.exposure_ms / _MS_PER_S
 
 
 REST = Task(kind="rest")
@@ -197,6 +192,7 @@ class LiveLook:
     task: TaskKind = "rest"  #: As in `Task`.
     exposure_ms: float = 10.0  #: As set [ms], [dB].
     gain_db: float = 0.0
+    is_automatic: bool = True  #: The exposure follows the light.
     sequence: int = 0  #: Number of the newest picture, and of the newest maps; 0 where there is none.
     maps_sequence: int = 0
     angle_deg: float | None = None  #: Of the polarizer at the newest picture, by readback [deg].
@@ -205,8 +201,6 @@ class LiveLook:
     best_sharpness: float = 0.0
     brightest: float = 0.0  #: The 99.5 % quantile as a share of the range, and the share of saturated pixels.
     clipped: float = 0.0
-    #: Exposure at which the brightest parts come to 70 % of the range [ms]; None where that cannot be told.
-    proposed_ms: float | None = None
     cycles_per_min: float | None = None  #: How fast the polarizer goes round.
     #: Level without light that the maps subtract [DN]; None where none was taken at this exposure: DoLP reads too low.
     dark_dn: float | None = None
@@ -620,7 +614,7 @@ def _curve(name: str, looks: Sequence[CycleLook]) -> dict[str, JsonValue]:
         "name": name,
         "dolp": [None if one is None else one.dolp.value for one in seen],
         "dolp_std": [None if one is None else one.dolp.sigma for one in seen],
-        "aolp_deg": [None if one is None else one.aolp_deg for one in seen],
+        "aolp_deg": [None if one is None or not one.has_angle else one.aolp_deg for one in seen],
         "aolp_std_deg": [None if one is None else one.aolp_sigma_deg for one in seen],
         "light_dn_per_s": [None if one is None else one.light_dn_per_s for one in seen],
     }

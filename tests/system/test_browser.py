@@ -29,8 +29,8 @@ pytestmark = pytest.mark.skipif(
     CHROMIUM is None and not os.environ.get("RIGCTL_REQUIRE_BROWSER"),
     reason="needs Debian's chromium and rigctl[browser]",
 )
-DESK = {"viewport": {"width": 1280, "height": 900}}
-PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
+DESK = {"viewport": {"width": 1280, "height": 800}}
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
 # A folder to keep a picture of each state in, for whoever wants to look.
 PICTURES = os.environ.get("RIGCTL_BROWSER_PICTURES")
 
@@ -179,8 +179,9 @@ def test_preview_is_the_page_at_its_camera_alone(browser: Any, rig: Path, name: 
         tab.fill("#zoom", "1")
         tab.press("#zoom", "Enter")
         until(tab, lambda: tab.get_attribute("#outlines", "data-width") == "96")
-        tab.click("#proposed")
-        until(tab, lambda: not tab.inner_text("#rig-text").startswith("0.03000 ms"))
+        tab.fill("#exposure", "")
+        tab.press("#exposure", "Enter")
+        until(tab, lambda: "(automatic)" in tab.inner_text("#rig-text"))
 
 
 def drawn_at(tab: Any, *shares: tuple[float, float], by: str) -> None:
@@ -385,13 +386,8 @@ def test_a_session_is_watched_from_begin_to_end_through_all_that_can_happen(
 def test_a_session_is_started_answered_held_resumed_and_stopped_by_telephone(
     browser: Any, hands: str, rig: Path
 ) -> None:
-    def confirmed(tab: Any, name: str) -> None:
-        tab.tap(name)
-        tab.tap("#ask button[value=yes]")
-
     with looking(browser, hands, PHONE) as tab:
         tab.select_option("#session", "short.toml")
-        assert tab.is_disabled("#start")
         tab.tap("#plan")
         until(tab, lambda: "4001 frames (1 dark, 0 flat, 4000 scene)" in tab.inner_text("#plan-text"))
         keep_picture(tab, "plan-phone")
@@ -399,16 +395,17 @@ def test_a_session_is_started_answered_held_resumed_and_stopped_by_telephone(
         for wanted in ("Cover the lens", "Point the camera"):
             until(tab, lambda wanted=wanted: tab.inner_text("#advice").startswith(wanted))
             keep_picture(tab, f"asked-{wanted.split()[0].lower()}-phone")
-            confirmed(tab, "#resume")
+            tab.tap("#resume")
         state(tab, "live")
         tab.tap("#hold")
-        tab.tap("#ask button[value=no]")
-        confirmed(tab, "#hold")
         state(tab, "holding")
         keep_picture(tab, "holding-phone")
-        confirmed(tab, "#resume")
+        tab.tap("#resume")
         state(tab, "live")
-        confirmed(tab, "#stop")
+        tab.tap("#stop")
+        tab.tap("#ask button[value=no]")
+        tab.tap("#stop")
+        tab.tap("#ask button[value=yes]")
         state(tab, "stopped")
         tab.tap("#back")
         tab.wait_for_selector("#rows img")
@@ -416,3 +413,40 @@ def test_a_session_is_started_answered_held_resumed_and_stopped_by_telephone(
         keep_picture(tab, "list-phone")
         tab.tap("#rows a:has-text('calibrations')")
         tab.wait_for_selector("#calibrations")
+
+
+def test_regions_drawn_on_the_page_are_watched_by_the_next_session_and_the_page_outlives_its_server(
+    browser: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path).replace("speed=20", "speed=200"))
+    (tmp_path / "scene.toml").write_text(SESSION.format(name="scene", cycles=3).replace("dark", "scene"))
+    runs = tmp_path / "new" / "runs"
+    words = ("serve", str(tmp_path / "rig.toml"), "--sessions", str(tmp_path), "--runs", str(runs))
+    with ExitStack() as ends:
+        with served(*words) as told:
+            tab = ends.enter_context(looking(browser, told["act_url"], DESK, allowed=("ERR_", "WebSocket")))
+            assert "Press Look" in tab.inner_text("#closed")
+            assert tab.inner_text("#no-runs") == "No runs yet. Choose a session and press Start."
+            tab.click("[data-task=preview]")
+            tab.wait_for_selector("#view[data-sequence]")
+            for name in ("#view", "#view-histogram", "#start", "#region-save"):
+                box = tab.locator(name).bounding_box()
+                assert box["y"] + box["height"] <= 800, f"{name} is below the fold"
+            drawn_at(tab, (0.3, 0.3), (0.6, 0.7), by="mouse")
+            tab.fill("#region-name", "mine")
+            tab.click("#region-add")
+            tab.click("#region-save")
+            until(tab, lambda: tab.inner_text("#said") == "written: regions.toml")
+        tab.wait_for_selector("#lost:not([hidden])")
+        with served(*words) as again:
+            assert again == told
+            until(tab, lambda: "restarted" in tab.inner_text("#lost"))
+            tab.select_option("#session", "scene.toml")
+            tab.click("#start")
+            state(tab, "finished")
+            tab.wait_for_selector("#plot-dolp canvas")
+            until(tab, lambda: "mine" in tab.inner_text("#plot-dolp"))
+            keep_picture(tab, "regions-watched-desk")
+        with served(*words, "--new-tokens") as other:
+            assert other["act_url"] != told["act_url"]
+            until(tab, lambda: "new tokens" in tab.inner_text("#lost"))

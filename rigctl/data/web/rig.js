@@ -1,15 +1,15 @@
 // The rig's own part of the page: devices at work, regions drawn on the live picture, sessions started.
 "use strict";
 const corners = [], drawn = [], SETTINGS = ["exposure", "gain", "zoom"];
-let seenTask = "rest", liveKnown = {};
+let seenTask = "rest";
 
 async function act(name, content) {
   const response = await fetch(`/api/${name}`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content || {}) });
   const told = await response.json().catch(() => ({ error: response.statusText }));
-  $("said").textContent = told.error || told.done || (told.file ? `written: ${told.file}` : "");
+  $("said").textContent = told.error || (name === "task" ? "" : told.done) || (told.file ? `written: ${told.file}` : "");
   return response.ok ? told : null;
 }
-const task = (kind) => act("task", { kind, exposure_ms: Number($("exposure").value), gain_db: Number($("gain").value), zoom: Number($("zoom").value) });
+const task = (kind) => act("task", { kind, exposure_ms: Number($("exposure").value) || null, gain_db: Number($("gain").value), zoom: Number($("zoom").value) });
 for (const name of SETTINGS) {
   $(name).oninput = () => { $(name).dataset.told = "yes"; };
   $(name).onchange = () => { if (seenTask !== "rest") task(seenTask); };
@@ -17,31 +17,31 @@ for (const name of SETTINGS) {
 for (const button of document.querySelectorAll("[data-task]")) button.onclick = () => task(button.dataset.task);
 $("turn").onclick = () => act("turn", { angle_deg: Number($("angle").value) });
 $("dark").onclick = () => act("dark");
-$("proposed").onclick = () => { $("exposure").value = $("proposed").dataset.ms; if (seenTask !== "rest") task(seenTask); };
 
 function showRig(state) {
   $("rig").hidden = !state.hands || state.right !== "act";
   if ($("rig").hidden) return;
   for (const one of document.querySelectorAll("[data-act]")) one.hidden = !state.acts.includes(one.dataset.act);
-  $("region-save").textContent = `write ${state.regions_file}`;
+  $("region-save").textContent = `Write ${state.regions_file}`;
   if (!$("regions").dataset.told) { $("regions").dataset.told = "yes"; drawn.push(...state.drawn); regions(); }
   tellRig(state.rig);
   const names = state.sessions.join();
   if ($("session").dataset.names !== names) { $("session").dataset.names = names; $("session").replaceChildren(); for (const name of state.sessions) put($("session"), "option", name); }
+  $("no-sessions").hidden = names !== ""; $("start").disabled = $("plan").disabled = names === "";
 }
 
 // What the devices do and see, told with every picture: whoever turns the lens looks at the number.
 function tellRig(rig) {
   seenTask = rig.task;
   // Settings that others began with, the first time that there are any.
-  const settings = { exposure: Number(rig.exposure_ms.toPrecision(6)), gain: rig.gain_db, zoom: rig.zoom };
+  const settings = { exposure: rig.is_automatic ? "" : Number(rig.exposure_ms.toPrecision(6)), gain: rig.gain_db, zoom: rig.zoom };
   if (rig.task !== "rest") for (const name of SETTINGS) if (!$(name).dataset.told) { $(name).dataset.told = "yes"; $(name).value = settings[name]; }
   for (const button of document.querySelectorAll("[data-task]")) button.setAttribute("aria-pressed", button.dataset.task === rig.task);
-  const words = [rig.problem || (rig.task === "rest" ? "devices are closed" : `${rig.exposure_ms.toPrecision(4)} ms, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${(100 * rig.clipped).toPrecision(2)} % saturated`)];
+  const words = [rig.problem || (rig.task === "rest" ? "" : `${rig.exposure_ms.toPrecision(4)} ms${rig.is_automatic ? " (automatic)" : ""}, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${percent(rig.clipped)} saturated`)];
   if (rig.angle_deg !== null) words.push(`polarizer ${rig.angle_deg.toFixed(2)} deg`);
   if (rig.cycles_per_min !== null) words.push(`${rig.cycles_per_min.toFixed(1)} cycles a minute`);
   if (rig.task === "polarimetry") words.push(rig.dark_dn === null ? "no dark level taken: DoLP reads too low" : `dark level ${rig.dark_dn.toFixed(1)} DN`);
-  const text = words.join("; ");
+  const text = words.filter(Boolean).join("; ");
   if ($("rig-text").textContent !== text) $("rig-text").textContent = text;
   const isSeen = rig.task !== "rest" && rig.best_sharpness > 0;
   $("focus").hidden = !isSeen;
@@ -50,8 +50,7 @@ function tellRig(rig) {
     $("sharpness-now").textContent = (1e3 * rig.sharpness).toPrecision(4); $("sharpness-best").textContent = (1e3 * rig.best_sharpness).toPrecision(4);
     $("focus").dataset.sequence = rig.sequence;
   }
-  $("proposed").hidden = rig.proposed_ms === null || rig.task === "rest";
-  if (rig.proposed_ms !== null) { $("proposed").textContent = `take ${rig.proposed_ms.toPrecision(3)} ms`; $("proposed").dataset.ms = rig.proposed_ms.toPrecision(3); }
+  $("closed").hidden = rig.width > 0; $("view").parentNode.hidden = !rig.width;
   $("live-maps").hidden = !rig.maps_sequence;
   for (const name of ["left", "top", "width", "height"]) $("outlines").dataset[name] = rig[name];
   $("view").classList.toggle("pixels", rig.zoom > 1);
@@ -62,6 +61,7 @@ async function rigPictures(state) {
   let isNew = false;
   for (const name of ["view", ...(state.rig.maps_sequence ? MAPS : [])]) {
     const canvas = $(name === "view" ? "view" : `live-${name}`);
+    if (!canvas.offsetParent && name === "s0") continue; // a telephone has no room for it
     const answer = await ask({ want: "picture", of: "rig", name, after: liveKnown[name] || null });
     const length = new DataView(answer).getUint32(0), head = JSON.parse(new TextDecoder().decode(new Uint8Array(answer, 4, length)));
     if (head.rig) tellRig(head.rig);
@@ -160,10 +160,11 @@ $("region-save").onclick = async () => {
   if (newest.is_once) { isOver = true; $("lost").hidden = true; $("region-save").disabled = true; $("said").textContent = `sent: ${told.file} is written. This page can be closed.`; }
 };
 
-$("plan").onclick = async () => { const told = await act("plan", { session: $("session").value }); $("plan-text").textContent = told ? told.plan : ""; $("start").disabled = !told; };
-$("session").onchange = () => { $("start").disabled = true; $("plan-text").textContent = ""; };
+$("plan").onclick = async () => { const told = await act("plan", { session: $("session").value }); $("plan-text").textContent = told ? told.plan : ""; };
+$("session").onchange = () => { $("plan-text").textContent = ""; };
 $("start").onclick = async () => {
   $("start").disabled = true;
   const told = await act("start", { session: $("session").value });
-  if (told) { $("said").textContent = `started: ${told.run}`; const wait = setInterval(() => { if (newest && newest.runs && newest.runs.some((row) => row.run === told.run)) { clearInterval(wait); go(told.run); } }, 500); }
+  $("start").disabled = false;
+  if (told) { $("said").textContent = `Started: ${told.run}`; const wait = setInterval(() => { if (newest && newest.runs && newest.runs.some((row) => row.run === told.run)) { clearInterval(wait); go(told.run); } }, 500); }
 };

@@ -4,7 +4,7 @@ const $ = (id) => document.getElementById(id);
 const STATE_MS = 1000, IDLE_MS = 250, LATE_MS = 3000, STALL_MS = 10000, LIST_MS = 5000;
 const MAPS = ["s0", "dolp", "aolp"];
 const INKS = ["#0b6fd6", "#d1495b", "#2e933c", "#8d5fd3", "#d98200", "#00838f", "#7a5200", "#5f6b73"];
-let socket = null, run = new URLSearchParams(location.search).get("run") || "", selected = null, isChosen = false, known = {}, lastHeard = 0, newest = null, plots = {}, waiting = null, tries = 0;
+let socket = null, run = new URLSearchParams(location.search).get("run") || "", selected = null, isChosen = false, known = {}, lastHeard = 0, newest = null, plots = {}, waiting = null, tries = 0, liveKnown = {};
 
 // The look: as the device wants it, until a person chooses.
 const wanted = () => localStorage.getItem("look") || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
@@ -12,7 +12,11 @@ const dress = () => { document.documentElement.dataset.look = wanted(); };
 dress();
 $("look").onclick = () => { localStorage.setItem("look", wanted() === "dark" ? "light" : "dark"); dress(); plots = {}; if (newest) show(newest); };
 
-const utc = (text) => (text ? text.slice(0, 19).replace("T", " ") + " UTC" : "");
+// Times by both clocks, of 24 hours; where this place keeps UTC, once.
+const two = (n) => String(n).padStart(2, "0");
+const here = (at) => `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}`;
+const utc = (text) => { const at = new Date(text); return text ? `${text.slice(0, 19).replace("T", " ")} UTC${isNaN(at) || !at.getTimezoneOffset() ? "" : ` (${here(at)} here)`}` : ""; };
+const percent = (share) => { const p = 100 * share; return `${p === 0 || p >= 99.95 ? p.toFixed(0) : p >= 10 ? p.toFixed(1) : p.toPrecision(2)} %`; };
 const span = (s) => { const h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60; return h ? `${h} h ${m} min` : m ? `${m} min ${Math.round(s % 60)} s` : `${Math.round(s)} s`; };
 const put = (parent, tag, text, attributes = {}) => { const node = document.createElement(tag); if (text !== undefined && text !== null) node.textContent = text; for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value); parent.append(node); return node; };
 
@@ -22,8 +26,8 @@ function connect() {
   const own = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket = own;
   own.binaryType = "arraybuffer";
-  own.onopen = () => { tries = 0; known = {}; work(own); };
-  own.onmessage = (event) => { lastHeard = Date.now(); $("lost").hidden = true; if (waiting) { const told = waiting; waiting = null; told.resolve(event.data); } };
+  own.onopen = () => { tries = 0; known = {}; $("lost").classList.remove("again"); work(own); };
+  own.onmessage = (event) => { lastHeard = Date.now(); if (!$("lost").classList.contains("again")) $("lost").hidden = true; if (waiting) { const told = waiting; waiting = null; told.resolve(event.data); } };
   own.onclose = () => lost(own);
   setTimeout(() => { if (own.readyState === WebSocket.CONNECTING) lost(own); }, STALL_MS);
 }
@@ -35,9 +39,19 @@ setInterval(() => {
 }, 500);
 function tellLost() {
   if (isOver) return;
-  const since = lastHeard ? `nothing heard since ${new Date(lastHeard).toLocaleTimeString()}` : "no connection";
-  $("lost").textContent = `${since}; trying again. What is shown is old.`;
-  $("lost").hidden = false;
+  const since = lastHeard ? `nothing heard since ${here(new Date(lastHeard))}` : "no connection";
+  sayLost(`${since}; trying again. What is shown is old.`);
+}
+function sayLost(text, isAgain = false) { $("lost").textContent = text; $("lost").classList.toggle("again", isAgain); $("lost").hidden = false; }
+// A server that is back after a restart is asked anew; one with new tokens does not know this page any more.
+let began = 0;
+function heardFrom(state) {
+  if (began && state.began && began !== state.began) { sayLost("The server was restarted; connected again.", true); setTimeout(() => { if ($("lost").classList.contains("again")) $("lost").hidden = true; }, 8000); known = {}; liveKnown = {}; }
+  began = state.began || began;
+}
+async function isShutOut() {
+  const answer = await fetch("/api/state").catch(() => null);
+  if (answer && answer.status === 401) { isOver = true; sayLost("The server has new tokens: open the address that rigctl printed."); }
 }
 function lost(own) {
   if (own !== socket) return;
@@ -45,6 +59,7 @@ function lost(own) {
   tellLost();
   document.body.dataset.link = "lost";
   if (waiting) { const asked = waiting; waiting = null; asked.reject(new Error("lost")); }
+  isShutOut();
   setTimeout(connect, Math.min(1000 * 2 ** tries++, 5000));
 }
 const ask = (question) => new Promise((resolve, reject) => {
@@ -69,7 +84,7 @@ async function work(own) {
     while (own === socket && own.readyState === WebSocket.OPEN) {
       if (document.hidden) { await pause(IDLE_MS); continue; }
       const each = newest && newest.runs && !newest.hands ? LIST_MS : STATE_MS;
-      if (Date.now() - told > each) { told = Date.now(); newest = withCurves(JSON.parse(await ask({ want: "state", curves: curvesKey }))); show(newest); }
+      if (Date.now() - told > each) { told = Date.now(); newest = withCurves(JSON.parse(await ask({ want: "state", curves: curvesKey }))); heardFrom(newest); show(newest); }
       const isNew = newest.runs ? await rigPictures(newest) : await pictures();
       if (!isNew) await pause(IDLE_MS);
     }
@@ -108,9 +123,9 @@ function show(state) {
   $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
   $("simulated").hidden = !state.is_simulated;
   const canAct = state.right === "act" && state.hands;
-  $("advice").textContent = canAct ? state.advice.replace(/; then go on: .*/, "; then press go on") : state.advice; $("advice").hidden = !state.advice;
+  $("advice").textContent = canAct ? state.advice.replace(/; then go on: .*/, "; then press Continue") : state.advice; $("advice").hidden = !state.advice;
   facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
-  $("maps-of").textContent = state.maps_of ? `(${state.maps_of})` : "(none yet)";
+  $("maps-of").textContent = state.maps_of ? `of the last cycle: ${state.maps_of}` : "No maps yet: they need a whole cycle.";
   $("events").replaceChildren(); for (const one of state.events) put($("events"), "li", `${utc(one.utc)}  ${one.event}  ${one.facts}`);
   $("problems").replaceChildren(); for (const one of state.problems) put($("problems"), "li", one);
 }
@@ -157,22 +172,24 @@ function angles(frames) {
   }
   for (const button of $("angles").children) button.setAttribute("aria-selected", button.dataset.name === selected);
   const one = frames.find((frame) => frame.name === selected);
-  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : one.exposure_ms.toPrecision(4) + " ms"}, ${(100 * one.clipped).toPrecision(2)} % saturated (striped red); stretched for the eye` : "no frame yet";
+  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : one.exposure_ms.toPrecision(4) + " ms"}, ${percent(one.clipped)} saturated (striped red); stretched for the eye` : "No frame yet.";
 }
 
 function hands(state) {
-  $("hands").hidden = state.right !== "act" || !state.hands;
   const going = ["live", "holding", "waiting", "stale"].includes(state.state);
+  $("hands").hidden = state.right !== "act" || !state.hands || state.state === "finished";
   $("hold").disabled = !going || state.state === "holding"; $("stop").disabled = !going;
   $("resume").disabled = !["holding", "stopped", "interrupted"].includes(state.state);
 }
-for (const [name, question] of [["hold", "Hold the session after this frame?"], ["resume", "Go on with the session?"], ["stop", "Stop the session after this frame?"]]) {
+for (const name of ["hold", "resume", "stop"]) {
   $(name).onclick = async () => {
-    $("question").textContent = question; $("ask").showModal(); $("ask").querySelector("[value=no]").focus();
-    await new Promise((resolve) => $("ask").addEventListener("close", resolve, { once: true }));
-    if ($("ask").returnValue !== "yes") return;
+    if (name === "stop") { // the others can be taken back by a touch
+      $("question").textContent = "Stop the session after this frame?"; $("ask").showModal(); $("ask").querySelector("[value=no]").focus();
+      await new Promise((resolve) => $("ask").addEventListener("close", resolve, { once: true }));
+      if ($("ask").returnValue !== "yes") return;
+    }
     const response = await fetch(`/api/${name}?run=${encodeURIComponent(run)}`, { method: "POST" });
-    $("done").textContent = response.ok ? `${name}: asked` : `${name}: ${(await response.text()).slice(0, 200)}`;
+    $("done").textContent = response.ok ? { hold: "It holds after this frame.", resume: "It goes on.", stop: "It stops after this frame." }[name] : `${name}: ${(await response.text()).slice(0, 200)}`;
   };
 }
 
@@ -180,17 +197,17 @@ const style = (name) => getComputedStyle(document.documentElement).getPropertyVa
 const clock = (_, splits) => splits.map((t) => new Date(t * 1e3).toISOString().slice(11, 19));
 const digits = (_, splits) => { const step = splits.length > 1 ? Math.abs(splits[1] - splits[0]) : 1, n = Math.min(8, Math.max(0, 1 - Math.floor(Math.log10(step || 1)))); return splits.map((v) => v.toFixed(n)); };
 const axes = (x, y, isTime) => [x, y].map((label, i) => ({ label, values: isTime && !i ? clock : digits, space: i ? 30 : 80, stroke: style("--ink"), grid: { stroke: style("--line"), width: 0.5 }, ticks: { stroke: style("--line") }, size: i ? 78 : 46 }));
-function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = false, scales = {}) {
-  const box = $(id), width = Math.max(280, Math.min(box.clientWidth || 700, 1200)), key = JSON.stringify([title, xLabel, width, series.map((s) => s.label)]);
+function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = false, scales = {}, height = 200) {
+  const box = $(id), width = Math.max(280, Math.min(box.clientWidth || 700, 900)), key = JSON.stringify([title, xLabel, width, series.map((s) => s.label)]);
   if (plots[id] && plots[id].key === key) { plots[id].plot.setData(data); return; }
   box.replaceChildren();
   if (!data[0].length) return;
-  const plot = new uPlot({ title, width, height: 240, scales: { x: { time: isTime }, ...scales }, axes: axes(xLabel, yLabel, isTime), series: [{ label: xLabel }, ...series], legend: { live: false, show: series.length > 1 || isTime }, cursor: { show: false }, bands, tzDate: (ts) => uPlot.tzDate(new Date(ts * 1e3), "Etc/UTC") }, data, box);
+  const plot = new uPlot({ ...(title ? { title } : {}), width, height, scales: { x: { time: isTime }, ...scales }, axes: axes(xLabel, yLabel, isTime), series: [{ label: xLabel }, ...series], legend: { live: false, show: series.length > 1 || isTime }, cursor: { show: false }, bands, tzDate: (ts) => uPlot.tzDate(new Date(ts * 1e3), "Etc/UTC") }, data, box);
   plots[id] = { key, plot };
 }
 function histogram(head, id = "histogram") {
   const counts = head.histogram.map((n) => Math.log10(n + 1));
-  draw(id, "Histogram of the picture", "counts [share of the range]", "log10(pixels + 1)", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts]);
+  draw(id, null, "counts [share of the range]", "log pixels", [{ label: "pixels", stroke: style("--ink"), fill: style("--line"), points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) }], [counts.map((_, i) => i / counts.length), counts], [], false, {}, 140);
 }
 function curves(found) {
   if (!found) return;
@@ -227,9 +244,10 @@ window.onpopstate = () => location.reload();
 window.onresize = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
 function go(name) { history.pushState(null, "", name ? `?run=${encodeURIComponent(name)}` : "?"); location.reload(); }
 
-function list({ runs: rows, title }) {
-  $("run").textContent = title || "runs"; $("state").textContent = `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
-  $("state").hidden = $("runs").hidden = Boolean(title);
+function list({ runs: rows, title, hands }) {
+  $("run").textContent = title || (hands ? "Rig" : "Runs"); $("state").textContent = rows.length === 1 ? "1 run" : `${rows.length} runs`; $("state").className = "pill plain"; $("advice").hidden = true;
+  $("state").hidden = Boolean(title); $("runs").hidden = Boolean(title) || !rows.length; $("no-runs").hidden = Boolean(title) || rows.length > 0;
+  $("no-runs").textContent = hands ? "No runs yet. Choose a session and press Start." : "No runs yet. A run appears here as soon as rigctl acquire has begun it.";
   document.title = `rigctl: ${title || "runs"}`;
   const told = JSON.stringify(rows);
   if ($("rows").dataset.told === told) return;

@@ -1,13 +1,19 @@
 """Files that were found may be anything: a folder, a pipe, a link to nowhere, six gigabytes of nothing."""
 
 import ast
+import json
 import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
+from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
 
 import rigctl
 from rigctl.base.durable import read_bounded
+from tests.rigctl.example_files import EXAMPLES
 
 _ROOT = Path(rigctl.__file__).parent
 # Where a file is of this program or of the system, and not found: its place in the tree, what is read.
@@ -58,3 +64,29 @@ def test_a_file_is_judged_before_it_is_read(tmp_path):
     for name, words in said.items():
         with pytest.raises(OSError, match=words):
             read_bounded(tmp_path / name, 1_000_000)
+
+
+def test_a_page_of_a_rig_passes_over_what_is_no_session_and_no_run(tmp_path: Path) -> None:
+    for odd in ("one.toml", "two.json"):
+        (tmp_path / f".#{odd}").symlink_to(tmp_path / "nowhere")
+        (tmp_path / f"folder-{odd}").mkdir()
+        os.mkfifo(tmp_path / f"pipe-{odd}")
+        with (tmp_path / f"sparse-{odd}").open("wb") as file:
+            file.truncate(6 * 2**30)
+    for name in ("session.json", "manifest.jsonl"):
+        (tmp_path / f"of-{name}").mkdir()
+        os.mkfifo(tmp_path / f"of-{name}" / name)
+    (tmp_path / "session.toml").write_text("[[take]]")
+    shutil.copy(EXAMPLES / "rig-sim.toml", tmp_path)
+    with subprocess.Popen(
+        [sys.executable, "-m", "rigctl", "serve", "rig-sim.toml", "--json"], cwd=tmp_path, stdout=subprocess.PIPE
+    ) as page:
+        try:
+            address = json.loads(page.stdout.readline())["act_url"].replace("?", "api/state?")
+            opener = build_opener(HTTPCookieProcessor())
+            # The token becomes a cookie, and the way back to the state stays.
+            told = json.loads(opener.open(address, timeout=60).read())
+        finally:
+            page.terminate()
+    assert told["sessions"] == ["session.toml"]
+    assert told["runs"] == []

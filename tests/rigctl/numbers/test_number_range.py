@@ -1,6 +1,5 @@
 """Tests of the range that numbers of files and options keep to, and of files that are judged before they are read."""
 
-
 import pytest
 
 from rigctl import cli

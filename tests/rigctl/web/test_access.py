@@ -1,6 +1,7 @@
 """Who is let through to a page, request by request, without a network."""
 
 import asyncio
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -9,7 +10,15 @@ from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route, WebSocketRoute
 
-from rigctl.web.server import MOST_BODY_BYTES, Access, Guard, names_of_this_machine
+from rigctl.web.server import (
+    MOST_BODY_BYTES,
+    Access,
+    Addresses,
+    Guard,
+    PageServer,
+    Place,
+    names_of_this_machine,
+)
 
 ACCESS = Access()
 HOST = "127.0.0.1:8765"
@@ -131,3 +140,26 @@ def test_every_answer_forbids_scripts_of_others() -> None:
         assert "script-src 'self'" in headers["content-security-policy"]
         assert "unsafe" not in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"
+
+
+def _addresses(folder: Path, **words: Any) -> Addresses:
+    server = PageServer(APP, Place(), can_act=True, kept=folder / "tokens.json", **words)
+    with server:
+        return server.addresses
+
+
+def test_tokens_and_port_outlive_a_server_for_this_user_alone(tmp_path: Path) -> None:
+    first = _addresses(tmp_path)
+    assert (tmp_path / "tokens.json").stat().st_mode & 0o777 == 0o600
+    assert _addresses(tmp_path) == first
+    assert _addresses(tmp_path, is_new=True).act_url != first.act_url
+    kept = _addresses(tmp_path)
+    (tmp_path / "tokens.json").chmod(0o644)  # others may have read it
+    assert _addresses(tmp_path).act_url != kept.act_url
+    (tmp_path / "tokens.json").write_text("no tokens")
+    assert _addresses(tmp_path).act_url is not None
+    assert _addresses(tmp_path / "nowhere").look_url
+
+
+def test_a_look_link_keeps_what_it_asks_for() -> None:
+    assert answer("/", query=f"token={ACCESS.look}&run=a%20b")[1]["location"] == "/?run=a+b"

@@ -31,6 +31,15 @@ def test_a_camera_alone_is_focused_by_and_has_no_polarization() -> None:
     assert rig.look().task == "rest"
 
 
+def test_the_exposure_follows_the_light_unless_it_is_given() -> None:
+    rig = LiveRig(lambda: open_devices(CAMERA), polarizer_of(CAMERA))
+    rig.begin(Task(kind="preview"))
+    look = until(rig, lambda look: 0.4 <= look.brightest <= 0.9)
+    assert look.is_automatic
+    assert look.exposure_ms < 0.1  # of 10 ms that it begins with
+    rig.begin(REST)
+
+
 def test_a_camera_that_cannot_be_opened_is_a_problem_in_words() -> None:
     rig = LiveRig(lambda: open_devices("gige:nowhere.invalid"), polarizer_of(CAMERA))
     rig.begin(Task(kind="preview"))
