@@ -121,11 +121,11 @@ class PageServer:
     def __init__(
         self, app: ASGIApp, place: Place, *, can_act: bool, kept: Path | None = None, is_new: bool = False
     ) -> None:
-        before = None if kept is None or is_new else _kept_access(kept)
+        before = None if kept is None else _kept_access(kept)
         self._listening = _listening(place, usual_port=0 if before is None else before.port)
         port = int(self._listening.getsockname()[1])
         is_secure = place.certificate is not None
-        access = replace(before or Access(), port=port)
+        access = replace(Access() if before is None or is_new else before, port=port)
         if kept is not None and access != before:
             _keep_access(kept, access)
         guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)

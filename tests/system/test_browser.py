@@ -419,12 +419,13 @@ def test_regions_drawn_on_the_page_are_watched_by_the_next_session_and_the_page_
     browser: Any, tmp_path: Path
 ) -> None:
     (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path).replace("speed=20", "speed=200"))
-    (tmp_path / "scene.toml").write_text(SESSION.format(name="scene", cycles=3).replace("dark", "scene"))
+    (tmp_path / "three.toml").write_text(SESSION.format(name="three", cycles=3).replace("dark", "scene"))
     runs = tmp_path / "new" / "runs"
     words = ("serve", str(tmp_path / "rig.toml"), "--sessions", str(tmp_path), "--runs", str(runs))
     with ExitStack() as ends:
         with served(*words) as told:
-            tab = ends.enter_context(looking(browser, told["act_url"], DESK, allowed=("ERR_", "WebSocket")))
+            tab = ends.enter_context(looking(browser, told["act_url"], DESK, allowed=("ERR_", "WebSocket", "401")))
+            tab.wait_for_selector("#no-runs:not([hidden])")
             assert "Press Look" in tab.inner_text("#closed")
             assert tab.inner_text("#no-runs") == "No runs yet. Choose a session and press Start."
             tab.click("[data-task=preview]")
@@ -441,8 +442,10 @@ def test_regions_drawn_on_the_page_are_watched_by_the_next_session_and_the_page_
         with served(*words) as again:
             assert again == told
             until(tab, lambda: "restarted" in tab.inner_text("#lost"))
-            tab.select_option("#session", "scene.toml")
+            tab.select_option("#session", "three.toml")
             tab.click("#start")
+            until(tab, lambda: tab.inner_text("#advice").startswith("Point the camera"))
+            tab.click("#resume")
             state(tab, "finished")
             tab.wait_for_selector("#plot-dolp canvas")
             until(tab, lambda: "mine" in tab.inner_text("#plot-dolp"))
