@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from drivers.cameras.raw_files import RAW_SUFFIXES, RawPicture, read_raw
 from drivers.cameras.raw_planes import Plane
 from drivers.errors import LimitError, ProtocolError
-from rigctl.base.durable import MOST_FRAME_BYTES, read_bounded
+from rigctl.base.durable import MOST_FRAME_BYTES, open_plain, read_bounded
 from rigctl.errors import ConfigError, DataError
 
 _BYTES_PER_MB = 1_000_000
@@ -586,7 +586,7 @@ def _read_array(file: Path, inside: str, number: int, most_bytes: int) -> ImageF
 def _with_arrays(file: Path, use: Callable[[Mapping[str, Any], Mapping[str, Any]], Any]) -> Any:
     """Return what a function makes of the arrays of a file, by their places in it, and of the file's attributes."""
     try:
-        with file.open("rb") as start:
+        with open_plain(file) as start:
             is_classic = start.read(4) in _CLASSIC_NETCDF
         if is_classic:
             from scipy.io import netcdf_file
