@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, progress, warn
+from rigctl.console.terminal import note, progress
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.verbs.options import FilePath
 from rigctl.verbs.result import Part, Result
@@ -99,8 +99,6 @@ def serve(
         kept = (path if isinstance(source, RunsOfFolder) else path.resolve().parent) / _TOKENS_FILE
         server = PageServer(page_app(source), place, can_act=False, kept=kept, is_new=new_tokens)
     note("whoever has an address may use it; Ctrl-C ends the page")
-    if server.addresses.is_for_others and certificate is None:
-        warn("the page is not encrypted: others on this network can read its tokens; give --certificate and --key")
     if open_page:
         webbrowser.open(server.addresses.act_url or server.addresses.look_url)
     return ServedPage(server=server)

@@ -31,6 +31,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
+from rigctl.console.terminal import warn
 from rigctl.errors import ConfigError
 
 Right = Literal["look", "act"]
@@ -136,6 +137,11 @@ class PageServer:
             raise
         base = f"http{'s' if is_secure else ''}://{_shown(place.host)}:{port}/?token="
         self.addresses = Addresses(look_url=base + access.look, act_url=base + access.act if can_act else None)
+        if self.addresses.is_for_others and not is_secure:
+            warn(
+                "the page is not encrypted: others on this network can read its tokens. Give --certificate and --key "
+                "to rigctl serve, or stay on 127.0.0.1 and use ssh -L"
+            )
 
     def run(self) -> None:
         """Answer until somebody presses Ctrl-C, at low priority."""

@@ -163,3 +163,8 @@ def test_tokens_and_port_outlive_a_server_for_this_user_alone(tmp_path: Path) ->
 
 def test_a_look_link_keeps_what_it_asks_for() -> None:
     assert answer("/", query=f"token={ACCESS.look}&run=a%20b")[1]["location"] == "/?run=a+b"
+
+
+def test_a_page_for_others_that_is_not_encrypted_is_doubtful(caplog: pytest.LogCaptureFixture) -> None:
+    with PageServer(APP, Place(host="0.0.0.0"), can_act=False):
+        assert "not encrypted" in caplog.text
