@@ -161,8 +161,11 @@ def is_coarse(prediction: RegionPrediction, region: MeasuredRegion, measurement:
     """Return whether whole counts show in the DoLP of a region's pixels.
 
     (S1, S2) then stand on a grid, of which the law knows nothing. What that does to the mean length and its deviation
-    goes with the density of the law at 0, where the length has its corner: found by summing over grids.
+    goes with the density of the law at 0, where the length has its corner: found by summing over grids. Where noise
+    does not reach over a count, rounding moves the counts of single pixels besides.
     """
+    if region.is_by_law:
+        return True
     step = float(measurement.grid.to_unit.max())
     mean, cov = prediction.stokes_dn.mean[1:] / step, prediction.stokes_dn.cov[1:, 1:] / step**2
     width = float(np.linalg.det(cov)) ** 0.25
