@@ -693,9 +693,9 @@ def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
 
 
 # Chance that cycles which repeat themselves are taken for not doing so. What noise alone may give is not counted: it
-# would widen the errors of means of few cycles by a third. A drift needs so many cycles to be told from light that
-# wanders.
-_BY_CHANCE, _LEAST_CYCLES = 0.1, 4
+# would widen the errors of means of few cycles by a third. A drift is told from light that wanders by so many errors, of
+# so many cycles.
+_BY_CHANCE, _SURELY, _LEAST_CYCLES = 0.1, 4.0, 4
 
 
 def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | None = None) -> Repeatability:
@@ -713,22 +713,21 @@ def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | Non
     if len(means) < 2 or not float(level @ level) > 0.0:
         return Repeatability()
     own, common, slope, slope_variance = _variances(means, noise, np.arange(float(len(means)))[:, None])
-    if times is None or len(means) < _LEAST_CYCLES:
-        drifted = max(slope**2 - slope_variance, 0.0) * (1.0 - level.size**-2.0) / 12.0
-        is_chance = _is_chance(slope**2, slope_variance, 1)
-        return Repeatability(own=float(np.sqrt(own + (0.0 if is_chance else drifted))), common=float(np.sqrt(common)))
-    off = times - times.mean()
-    slope = _variances(means, noise, times)[2]
-    steady = means / (1.0 + slope * off)
-    own_left, common_left, _, slope_variance = _variances(steady, noise, times, freedom=len(means) - 2)
-    if _is_chance(slope**2, slope_variance, 1):
-        return Repeatability(own=float(np.sqrt(own)), common=float(np.sqrt(common)))
-    return Repeatability(
-        own=float(np.sqrt(own_left)),
-        common=float(np.sqrt(common_left)),
-        drift=slope,
-        drift_error=np.sqrt(slope_variance) * off.mean(axis=0),
-    )
+    if times is not None and len(means) >= _LEAST_CYCLES:
+        drift = _variances(means, noise, times)[2]
+        off = times - times.mean()
+        own_left, common_left, _, variance = _variances(
+            means / (1.0 + drift * off), noise, times, freedom=len(means) - 2
+        )
+        if drift**2 > _SURELY**2 * variance:
+            return Repeatability(
+                own=float(np.sqrt(own_left)),
+                common=float(np.sqrt(common_left)),
+                drift=drift,
+                drift_error=np.sqrt(variance) * off.mean(axis=0),
+            )
+    drifted = 0.0 if _is_chance(slope**2, slope_variance, 1) else max(slope**2 - slope_variance, 0.0) / 12.0
+    return Repeatability(own=float(np.sqrt(own + drifted * (1.0 - level.size**-2.0))), common=float(np.sqrt(common)))
 
 
 def _variances(
