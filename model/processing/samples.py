@@ -693,8 +693,8 @@ def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
 
 
 # Chance that cycles which repeat themselves are taken for not doing so. What noise alone may give is not counted: it
-# would widen the errors of means of few cycles by a third. A drift is told from light that wanders by so many errors, of
-# so many cycles.
+# would widen the errors of means of few cycles by a third. A drift is told from light that wanders by so many of its
+# errors, over so many cycles.
 _BY_CHANCE, _SURELY, _LEAST_CYCLES = 0.1, 4.0, 4
 
 
