@@ -127,11 +127,11 @@ class PageServer:
         port = int(self._listening.getsockname()[1])
         is_secure = place.certificate is not None
         access = replace(Access() if before is None or is_new else before, port=port)
-        if kept is not None and access != before:
-            _keep_access(kept, access)
         guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)
         try:
             self._server = uvicorn.Server(_config(guard, place))
+            if kept is not None and access != before:
+                _keep_access(kept, access)
         except ConfigError:
             self._listening.close()
             raise
