@@ -16,9 +16,8 @@ from enum import IntFlag
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.stats import chi2
 
+from model.numerics import chdtri, gammainc, gammaincinv
 from model.processing.maps import Float32Array, polarization_maps
 from model.sensor import temporal_variance_dn2
 from rigctl.calibrations.noise import NoiseParameters
@@ -29,6 +28,8 @@ _MOST_GROUPS, _LEAST_PIXELS, _KEPT_SHARE, _MOST_PIXELS = 64, 100, 0.99, 1_000_00
 _ROUNDS = 4
 # False alarms among all pixels of a run; where more pixels than this vary, the scene changed and nothing hit them.
 _FALSE_HITS, _MOST_HITS = 0.01, 0.01
+# Standard deviation of an angle of which nothing is known but that it is one of 180 deg.
+_ANY_ANGLE_DEG = np.float32(180.0 / np.sqrt(12.0))
 
 
 class Doubt(IntFlag):
@@ -47,7 +48,7 @@ class PixelErrors:
 
     cov: Float32Array  #: of S0, S1, S2, shape (3, 3, H, W)
     dolp: Float32Array  #: to first order, shape (H, W)
-    aolp_deg: Float32Array
+    aolp_deg: Float32Array  #: to first order, and at most 52 deg, where any angle may be
     doubts: NDArray[np.uint8]  #: bits of `Doubt`
     source: str  #: where the noise is known from, in words
 
@@ -76,7 +77,7 @@ def pixel_errors(measurement: Measurement, noise: NoiseParameters | None) -> Pix
     return PixelErrors(
         cov=np.einsum("in,jn,nhw->ijhw", plan.inverse, plan.inverse, of_mean).astype(np.float32),
         dolp=np.where(unknown, np.float32(np.nan), maps.dolp_std),
-        aolp_deg=np.where(unknown, np.float32(np.nan), np.rad2deg(maps.aolp_std_rad)),
+        aolp_deg=np.where(unknown, np.float32(np.nan), np.minimum(np.rad2deg(maps.aolp_std_rad), _ANY_ANGLE_DEG)),
         doubts=_doubts(measurement, scatter, variance),
         source=source,
     )
@@ -126,7 +127,7 @@ def _along_signal(
     if x.size == 0:
         return np.full_like(wanted, np.nan)
     step = -(-x.size // _MOST_PIXELS)
-    order = np.argsort(x[::step])
+    order = np.argsort(x[::step], kind="stable")  # the same groups on every machine
     x, y = x[::step][order], y[::step][order]
     groups = min(max(x.size // _LEAST_PIXELS, 1), _MOST_GROUPS)
     means = []
@@ -134,7 +135,7 @@ def _along_signal(
         small = np.sort(ys)[: max(int(_KEPT_SHARE * ys.size), 1)]
         share = small.size / ys.size
         # E[X | X < c] of a chi-square variable over its mean.
-        kept = chi2.cdf(chi2.ppf(share, freedom), freedom + 2) / share
+        kept = gammainc(freedom / 2 + 1, gammaincinv(freedom / 2, share)) / share
         means.append((max(float(xs.mean()), 0.0), float(small.mean()) / kept, np.sqrt(xs.size)))
     light, level, number = np.array(means).T
     scale = max(float(light.max()), 1e-12)
@@ -143,8 +144,17 @@ def _along_signal(
         # Weights by the line, not by the groups themselves: those that are small by chance would count too much.
         fitted = line[0] + line[1] * light / scale
         weight = number / np.maximum(fitted, 1e-12 + 1e-6 * fitted.max())
-        line, _ = nnls(np.column_stack([weight, weight * light / scale]), weight * level)
+        line = _line_above_zero(np.column_stack([weight, weight * light / scale]), weight * level)
     return np.asarray(line[0] + line[1] / scale * np.maximum(wanted, light.min()))
+
+
+def _line_above_zero(design: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the two coefficients, neither below 0, that fit best."""
+    both = np.linalg.lstsq(design, values)[0]
+    if np.all(both >= 0.0):
+        return np.asarray(both)
+    alone = np.diag(np.maximum(design.T @ values, 0.0) / np.maximum(np.square(design).sum(axis=0), 1e-300))
+    return np.asarray(min(alone, key=lambda line: np.square(design @ line - values).sum()))
 
 
 def _doubts(measurement: Measurement, scatter: FloatArray | None, variance: FloatArray) -> NDArray[np.uint8]:
@@ -154,7 +164,7 @@ def _doubts(measurement: Measurement, scatter: FloatArray | None, variance: Floa
     hit = np.zeros(shape, np.bool_)
     if scatter is not None and np.isfinite(variance).all():
         freedom = measurement.grid.cycles - 1
-        limit = chi2.isf(_FALSE_HITS / variance.size, freedom) / freedom
+        limit = chdtri(freedom, _FALSE_HITS / variance.size) / freedom
         hit = np.any(scatter > limit * np.maximum(variance, 1e-12), axis=0)
         hit &= hit.mean() <= _MOST_HITS
     for bit, pixels in (

@@ -36,7 +36,7 @@ PLANES = {
     "dolp": ("", "degree of linear polarization; NaN where it has no meaning"),
     "dolp_error": ("", f"{_NOISE} of DoLP, to first order"),
     "aolp_deg": ("deg", "angle of linear polarization, counter-clockwise from horizontal, 0 to 180"),
-    "aolp_error_deg": ("deg", f"{_NOISE} of AoLP, to first order; large where DoLP is not significant"),
+    "aolp_error_deg": ("deg", f"{_NOISE} of AoLP, to first order; 52 where any angle may be"),
     "dq": (
         "",
         "mask, 0 is good: "

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -149,6 +148,8 @@ class RegionMeans:
 
     def of(self, counts: NDArray[np.uint16], *, share: float = 1.0) -> dict[str, PixelMean]:
         """Return the mean of the whole picture, and of each region by its name."""
+        import cv2
+
         if counts.shape != self._shape:
             self._windows = self._fitted(counts.shape)
             self._shape = counts.shape
@@ -191,6 +192,8 @@ def frame_summary(
 
 def coarse_picture(counts: NDArray[np.uint16], record: FrameRecord) -> tuple[NDArray[np.float32], int]:
     """Return the mean counts of some 20000 squares of the pixels of a frame, and the side of a square."""
+    import cv2
+
     height, width = counts.shape
     side = max(1, math.ceil(math.sqrt(height * width / _COARSE_PIXELS)))
     counts, size = counts[: height - height % side, : width - width % side], (width // side, height // side)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,6 +57,8 @@ class CapturedFrame:
     @cached_property
     def range_dn(self) -> tuple[float, float]:
         """The smallest and the largest count."""
+        import cv2
+
         least, most, *_ = cv2.minMaxLoc(self.frame.counts)
         return least, most
 
