@@ -194,6 +194,7 @@ class DarkSignal:
     variances_dn2: FloatArray
     variance_covariance_dn4: FloatArray
     quantisation_limited: bool
+    shared_error_dn: float  #: error that all means share, by rounding or of a stated black level
 
     def mean_at(self, exposure_s: FloatArray) -> FloatArray:
         """Return the fitted mean at an exposure [DN]."""
@@ -248,6 +249,34 @@ def fit_dark_signal(darks: Sequence[LevelStatistics]) -> DarkSignal:
             + _shared_variance_error_dn2(darks) ** 2
         ),
         quantisation_limited=limited,
+        shared_error_dn=float(np.sqrt(QUANTISATION_VAR_DN2)) if limited else 0.0,
+    )
+
+
+def stated_dark_signal(black_level_dn: Estimate, flats: Sequence[LevelStatistics]) -> DarkSignal:
+    """Return the dark signal of flats without dark frames, whose black level is known from elsewhere.
+
+    The dark variance is somewhere between 0 and the variance of the faintest flat. All flats share its error, which
+    leaves the photon-transfer curve an intercept of its own. Dark current counts as light in mean and variance alike.
+    """
+    half_dn2 = 0.5 * min(flat.temporal_variance_dn2 for flat in flats)
+    mean = np.array([black_level_dn.value])
+    return DarkSignal(
+        mean_fit=ScatterFit(
+            parameters=mean,
+            covariance=np.array([[black_level_dn.std_error**2]]),
+            response=np.zeros((1, 0)),
+            scatter=0.0,
+            chi2_per_dof=None,
+        ),
+        variance_fit=None,
+        has_slope=False,
+        is_curved=False,
+        means_dn=mean,
+        variances_dn2=np.array([half_dn2]),
+        variance_covariance_dn4=np.array([[half_dn2**2]]),
+        quantisation_limited=False,
+        shared_error_dn=black_level_dn.std_error,
     )
 
 
@@ -378,8 +407,11 @@ class DarkMatch:
 def match_darks(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics]) -> DarkMatch:
     """Return the dark levels of the same exposure, interpolated between neighbours where there are none.
 
-    Outside of the darks' exposures the nearest one is taken; where an exposure is not known, all of them.
+    Outside of the darks' exposures the nearest one is taken; where an exposure is not known, all of them. Without darks
+    one stated level stands for all.
     """
+    if not darks:
+        return DarkMatch(weights=np.ones((len(flats), 1)), covered=np.ones(len(flats), dtype=bool))
     frames = np.array([float(dark.n_frames) for dark in darks])
     times = np.array([np.nan if dark.exposure_s is None else dark.exposure_s for dark in darks])
     wanted = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
@@ -572,7 +604,7 @@ def transfer_points(
         flat_variance_dn2=total,
         flat_std_error_dn2=np.array([flat.temporal_std_error_dn2 for flat in flats]),
         dark_covariance_dn4=match.weights @ dark.variance_covariance_dn4 @ match.weights.T,
-        black_error_dn=float(np.sqrt(QUANTISATION_VAR_DN2)) if dark.quantisation_limited else 0.0,
+        black_error_dn=dark.shared_error_dn,
         saturated=np.array([is_saturated(flat, ceiling_dn=ceiling_dn) for flat in flats]),
     )
 
@@ -735,9 +767,14 @@ class PhotonTransfer:
         return abs(float(self.fit.response[0, -1])) * self.gain_dn_per_e * self.linearity.variance_cubic_error_per_dn2
 
     @property
+    def gain_by_black(self) -> float:
+        """Derivative of the gain by the black level [1/e-]."""
+        return float(self.gain_response.sum()) * self.gain_dn_per_e
+
+    @property
     def gain_error_of_black_dn_per_e(self) -> float:
-        """Part of the gain's standard error that all signals share from the rounding of dark frames."""
-        return abs(float(self.gain_response.sum())) * self.gain_dn_per_e * self.points.black_error_dn
+        """Part of the gain's standard error by the error that all signals share."""
+        return abs(self.gain_by_black) * self.points.black_error_dn
 
     @property
     def top_dn(self) -> float:
@@ -784,6 +821,17 @@ def fit_photon_transfer(
     linearity = _linearity(flats, points, known, mean_variance_dn2) if known.any() else None
     fit = _fit_curve(points, used, linearity)
     return PhotonTransfer(points=points, used=used, fit=fit, linearity=linearity, saturation=usable.saturation)
+
+
+def with_fitted_dark_variance(transfer: PhotonTransfer) -> PhotonTransfer:
+    """Return a curve whose points lack the most likely dark variance, where the fit alone tells it."""
+    points, used = transfer.points, transfer.used
+    shared = points.dark_covariance_dn4[np.ix_(used, used)]
+    covariance = np.diag(np.square(points.flat_std_error_dn2[used])) + shared
+    covariance += np.diag(np.square(transfer.fit.scatter * points.signal_dn[used]))
+    residual = points.variance_dn2[used] - transfer.variance_at(points.signal_dn[used])
+    excess_dn2 = float(shared[0] @ np.linalg.solve(covariance, residual))
+    return replace(transfer, points=replace(points, variance_dn2=points.variance_dn2 - excess_dn2))
 
 
 def _linearity(

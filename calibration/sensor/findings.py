@@ -10,7 +10,7 @@ of curves compare the dark signal, the photon-transfer curve and the response wi
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -130,6 +130,8 @@ _MESSAGES = {
     "than {limit:.0%}): the lamp flickers or drifts between levels, or exposures are not exact; the gain stands, with "
     "a larger error since the response is known less well: let the lamp warm up",
     # Dark signal.
+    "no_darks": "there are no dark frames: gain and linearity rest on the stated black level of {black} DN; read noise "
+    "and dark current are not determined, nor is what pixels differ by: take two dark frames or more at each exposure",
     "dark_exposure_missing": "there are no dark frames around the exposure of {levels}; those of the nearest exposure "
     "were taken, and the difference in dark current counts as signal: take dark frames at the exposures of the flats, "
     "or at the shortest and the longest",
@@ -192,13 +194,15 @@ _NOT_LINEAR, _LAMP = 0.01, 0.01
 _LEAST_SIGNAL = 0.05
 
 
-def frame_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[Flag, ...]:
-    """Return the findings in dark and flat levels themselves; at least one of each.
+def frame_flags(
+    levels: Sequence[LevelStatistics], *, bit_depth: int, black_level_dn: Estimate | None = None
+) -> tuple[Flag, ...]:
+    """Return the findings in dark and flat levels themselves; at least one of each, or flats and a black level.
 
     Differences of frames whose light differs hold the pattern of the pixels, which looks like flicker, bands and noise
     that neighbours share: where a level refuses the set for its light, checks of light and noise do without that level.
     """
-    frames = _Frames(levels=levels, bit_depth=bit_depth)
+    frames = _Frames(levels=levels, bit_depth=bit_depth, black_level_dn=black_level_dn)
     of_samples: tuple[Callable[[_Frames], Flag | None], ...] = (
         _left_justified,
         _wrong_bit_depth,
@@ -227,14 +231,19 @@ def frame_flags(levels: Sequence[LevelStatistics], *, bit_depth: int) -> tuple[F
     flags = _found(check(frames) for check in of_samples)
     mixed = _mixed_levels(frames)
     steady = [level for level in levels if not any(level is one for one in mixed)]
-    if {level.kind for level in steady} != {"dark", "flat"}:
+    if black_level_dn is not None:
+        words = number_with_error(black_level_dn.value, black_level_dn.std_error)
+        flags = (*flags, _flag("no_darks", black=words))
+    if {level.kind for level in steady} != {level.kind for level in levels}:
         return flags
-    return (*flags, *_found(check(_Frames(levels=steady, bit_depth=bit_depth)) for check in of_light))
+    return (*flags, *_found(check(replace(frames, levels=steady)) for check in of_light))
 
 
-def gain_doubts(levels: Sequence[LevelStatistics], transfer: PhotonTransfer) -> dict[str, tuple[float, str]]:
+def gain_doubts(
+    levels: Sequence[LevelStatistics], transfer: PhotonTransfer, *, black_level_dn: Estimate
+) -> dict[str, tuple[float, str]]:
     """Return by how much of itself the gain is off by each finding that says so, and words for it, by its flag."""
-    frames, found = _Frames(levels=levels, bit_depth=16), {}
+    frames, found = _Frames(levels=levels, bit_depth=16, black_level_dn=black_level_dn), {}
     signal_dn = transfer.points.signal_dn[transfer.used]
     signal_dn = signal_dn[signal_dn >= _LEAST_SIGNAL * signal_dn.max()]
     gains = transfer.variance_at(signal_dn) / signal_dn
@@ -264,7 +273,9 @@ def curve_flags(
     return _found(
         (
             _non_monotonic_sweep(levels, wrong),
-            _light_not_constant([level for level in levels if not any(level is one for one in wrong)]),
+            _light_not_constant(
+                [level for level in levels if not any(level is one for one in wrong)], float(np.mean(dark.means_dn))
+            ),
             _not_photon_noise(transfer),
             _too_few_levels(transfer),
             _saturation_not_reached(flats, transfer),
@@ -273,7 +284,7 @@ def curve_flags(
             _response_not_linear(transfer),
             _unsteady_lamp(transfer),
             _dark_exposure_missing(flats, transfer, match),
-            _single_dark_exposure(dark),
+            _single_dark_exposure(dark) if len(flats) < len(levels) else None,
             _dark_current_changed(dark),
             _quantisation_limited(transfer, dark),
             _black_clamp(transfer, dark),
@@ -307,6 +318,7 @@ class _Frames:
 
     levels: Sequence[LevelStatistics]
     bit_depth: int
+    black_level_dn: Estimate | None  #: needed where there are no darks
 
     @cached_property
     def flats(self) -> list[LevelStatistics]:
@@ -318,7 +330,9 @@ class _Frames:
 
     @cached_property
     def dark_dn(self) -> float:
-        return float(np.mean([dark.mean_dn for dark in self.darks]))
+        if self.darks or self.black_level_dn is None:
+            return float(np.mean([dark.mean_dn for dark in self.darks]))
+        return self.black_level_dn.value
 
     @cached_property
     def open_flats(self) -> list[LevelStatistics]:
@@ -667,6 +681,8 @@ def _line_errors(levels: Sequence[LevelStatistics]) -> FloatArray:
 
 
 def _row_noise(frames: _Frames) -> Flag | None:
+    if not frames.darks:
+        return None
     variances, errors = (np.mean(of(frames.darks), axis=0) for of in (_line_variances, _line_errors))
     total = float(np.mean([dark.temporal_variance_dn2 for dark in frames.darks]))
     sizes = [
@@ -681,7 +697,7 @@ def _banding(frames: _Frames) -> tuple[int, float, float]:
     """Return where bright flats share more noise in time, rows (0) or columns (1), its share and the error of that."""
     flats = frames.bright_flats
     # Noise that lines share in the dark is a finding of its own.
-    in_dark = np.mean(_line_variances(frames.darks), axis=0)
+    in_dark = np.mean(_line_variances(frames.darks), axis=0) if frames.darks else np.zeros(2)
     noise = np.array([[flat.temporal_variance_dn2 or 1.0] for flat in flats])
     shares = np.mean((_line_variances(flats) - in_dark) / noise, axis=0)
     errors = np.mean(_line_errors(flats) / noise, axis=0) / np.sqrt(len(flats))
@@ -724,8 +740,7 @@ def _is_darker_than_neighbours(level: LevelStatistics, flats: Sequence[LevelStat
     return level.mean_dn < 0.5 * before < 0.5 * after
 
 
-def _light_not_constant(levels: Sequence[LevelStatistics]) -> Flag | None:
-    darks = [level.mean_dn for level in levels if level.kind == "dark"]
+def _light_not_constant(levels: Sequence[LevelStatistics], dark_dn: float) -> Flag | None:
     flats = _open([level for level in levels if level.kind == "flat"])
     # Above the flat of most noise the sensor saturates.
     peak_dn = max(flats, key=lambda flat: flat.temporal_variance_dn2).mean_dn if flats else 0.0
@@ -733,7 +748,7 @@ def _light_not_constant(levels: Sequence[LevelStatistics]) -> Flag | None:
     exposures = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
     if np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_LEVELS, len(flats) // 2):
         return None
-    signal = np.array([flat.mean_dn for flat in flats]) - float(np.mean(darks))
+    signal = np.array([flat.mean_dn for flat in flats]) - dark_dn
     # The shortest exposures are often longer than stated by a fixed time, and dark current bends them.
     is_lit = signal > _LIT * signal.max()
     if signal.min() <= 0.0 or np.count_nonzero(is_lit) < _LEAST_LEVELS:

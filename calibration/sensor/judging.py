@@ -46,6 +46,7 @@ from calibration.sensor.curves import (
     transfer_points,
     usable_points,
     wander_variance_dn2,
+    with_fitted_dark_variance,
 )
 from calibration.sensor.fits import CurveModel, PointInfluence, point_influence
 from calibration.sensor.levels import (
@@ -156,11 +157,11 @@ def judged_curve(
     usable = usable_points(points, full_signal_dn=full_dn, light=_stated_light(flats))
     mask = usable.mask
     stability = light_stability(_chosen(flats, mask), points.signal_dn[mask])
-    own_dn2 = np.square(match.weights) @ mean_sampling_variance(darks)
+    own_dn2 = np.square(match.weights) @ (mean_sampling_variance(darks) if darks else np.zeros(1))
     own_dn2 += np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0)
     bend = beyond_range(points, usable, full_signal_dn=full_dn)
 
-    noise, lit, by_dark = _by_noise(points, mask), mask, _dark_step(darks)
+    noise, lit, by_dark = _by_noise(points, mask, has_darks=bool(darks)), mask, _dark_step(darks)
     light = _by_light(flats, points, lit, own_dn2)
     change = _change(flats, lit, noise, light, by_dark)
     if change is None and np.any(bend > 0.0):
@@ -182,6 +183,8 @@ def judged_curve(
         mean_variance_dn2=own_dn2,
         wrong_light=wrong_light,
     )
+    if not darks:
+        transfer = with_fitted_dark_variance(transfer)
     if change is not None:
         transfer = replace(transfer, relative_gain_error_of_change=change[1])
     # Changes of the gain without each level, from the hat matrix.
@@ -330,19 +333,23 @@ def _dark_flag(dark: LevelStatistics, row: int, by_mean: PointInfluence, by_vari
     return Flag(name="wrong_dark", level=name, message=message)
 
 
-def _by_noise(points: TransferPoints, used: Mask) -> PointInfluence | None:
-    """Compare each used point of the photon-transfer curve with a curve through the others."""
+def _by_noise(points: TransferPoints, used: Mask, *, has_darks: bool) -> PointInfluence | None:
+    """Compare each used point of the photon-transfer curve with a curve through the others.
+
+    Without dark frames the variance at no signal is a term of the curve.
+    """
     signal, variance = points.signal_dn[used], points.variance_dn2[used]
     gain = float(np.median(variance / signal))
     dark = float(np.median(points.flat_variance_dn2[used] - variance))
     relative = points.flat_std_error_dn2[used] / points.flat_variance_dn2[used]
-    own = np.square(relative * np.maximum(dark + gain * signal, 0.0)) + np.diag(points.dark_covariance_dn4)[used]
-    scaled = signal / signal.max()
+    own = np.square(relative * np.maximum(dark + gain * signal, 0.0))
+    own += np.diag(points.dark_covariance_dn4)[used] if has_darks else 0.0
+    scaled, intercept = signal / signal.max(), () if has_darks else (0,)
     models = [
         CurveModel(
-            design=np.column_stack([scaled**power for power in powers]),
+            design=np.column_stack([scaled**power for power in (*intercept, *powers)]),
             scatter_shape=signal,
-            term_sizes=abs(gain) * signal.max() * np.where(np.equal(powers, 1), np.inf, _BEND_OF_NOISE),
+            term_sizes=abs(gain) * signal.max() * np.where(np.less((*intercept, *powers), 2), np.inf, _BEND_OF_NOISE),
         )
         for powers in ((1,), (1, 2), (1, 2, 3))
     ]

@@ -38,11 +38,12 @@ from calibration.sensor.curves import (
     match_darks,
     response_slope,
     sample_ceiling_dn,
+    stated_dark_signal,
     unusual_dark_current,
 )
-from calibration.sensor.emva1288 import EmvaFigure, emva1288_figures
+from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure, emva1288_figures
 from calibration.sensor.findings import curve_flags, frame_flags, gain_doubts, parameter_flags
-from calibration.sensor.judging import LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
+from calibration.sensor.judging import JudgedCurve, LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
 from calibration.sensor.levels import LevelStatistics, least_noise_dn2, small_scale_freedom, spatial_rounding_error_dn2
 from calibration.sensor.pattern import FixedPattern, left_out_flags, pattern_flags
 
@@ -100,15 +101,19 @@ class NoiseCalibration:
     transfer: PhotonTransfer
     dark: DarkSignal  #: lines through the dark levels
     flats: tuple[LevelStatistics, ...]  #: by ascending mean
-    darks: tuple[LevelStatistics, ...]  #: the sound ones, as given
-    spatial: SpatialLevels
+    darks: tuple[LevelStatistics, ...]  #: the sound ones, as given; none where the black level was stated
+    spatial: SpatialLevels | None  #: None without darks
     emva1288: dict[str, EmvaFigure | None]  #: by the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`
     influence: tuple[LevelInfluence, ...]  #: each flat compared with all others, in the order of `flats`
     light_stability: LightStability  #: wander of the light from frame to frame
 
 
 def calibrate_noise(
-    levels: Sequence[LevelStatistics], *, bit_depth: int, stated: StatedExposures = _STATED
+    levels: Sequence[LevelStatistics],
+    *,
+    bit_depth: int,
+    stated: StatedExposures = _STATED,
+    black_level_dn: Estimate | None = None,
 ) -> NoiseCalibration:
     """Return gain, read noise, dark current, black level, saturation, PRNU and DSNU of a sensor.
 
@@ -120,6 +125,9 @@ def calibrate_noise(
         Bits per sample, 1 to 16; the largest sample is 2**bit_depth - 1.
     stated : StatedExposures
         Where the exposures are from, for advice on their unit.
+    black_level_dn : Estimate or None
+        Black level [DN] in place of dark levels, which there must be none of then. The result has gain, linearity and
+        saturation; read noise, dark current, PRNU and DSNU are None.
 
     Raises
     ------
@@ -127,7 +135,7 @@ def calibrate_noise(
         The frames show something that makes any number from them wrong, there are no dark or no flat levels, they
         differ in size, or no flat can be used; what was found is in its flags.
     CalibrationError
-        The bit depth is not 1 to 16.
+        The bit depth is not 1 to 16, or there are dark levels and a black level.
 
     Notes
     -----
@@ -143,12 +151,13 @@ def calibrate_noise(
     EMVA Standard 1288, Release 4.0 Linear, sections 6 to 8. Different from it: the response of the sensor, weights,
     bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
-    flats, all_darks = _sorted_levels(levels, bit_depth)
-    flags = frame_flags(levels, bit_depth=bit_depth)
+    flats, all_darks = _sorted_levels(levels, bit_depth, black_level_dn)
+    flags = frame_flags(levels, bit_depth=bit_depth, black_level_dn=black_level_dn)
     flags += impossible_exposures(levels, stated=stated)
     _refuse_if_any(flags)
     darks, dark_flags = sound_darks(all_darks)
-    dark, match = fit_dark_signal(darks), match_darks(flats, darks)
+    dark = fit_dark_signal(darks) if black_level_dn is None else stated_dark_signal(black_level_dn, flats)
+    match = match_darks(flats, darks)
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
     curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
     wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
@@ -156,6 +165,8 @@ def calibrate_noise(
     _refuse_if_any(flags)
 
     transfer = curve.transfer
+    if black_level_dn is not None:
+        return _without_darks(flats, curve, dark, black_level_dn, flags)
     spatial = _choose_spatial_levels(flats, darks, transfer=transfer, match=match)
     measured = _measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
     best, covariance, of_parameters = _parameters(measured, dark, darks)
@@ -196,6 +207,59 @@ def calibrate_noise(
     )
 
 
+def _without_darks(
+    flats: Sequence[LevelStatistics],
+    curve: JudgedCurve,
+    dark: DarkSignal,
+    black_level_dn: Estimate,
+    flags: tuple[Flag, ...],
+) -> NoiseCalibration:
+    """Return what flats alone tell: gain, response and saturation."""
+    transfer, points, used = curve.transfer, curve.transfer.points, curve.transfer.used
+    response = transfer.gain_response
+    sampling = np.diag(np.square(points.flat_std_error_dn2[used])) + points.dark_covariance_dn4[np.ix_(used, used)]
+    variance = float(response @ sampling @ response) + _gain_variance_beyond_sampling(transfer)
+    gain = Estimate(value=transfer.gain_dn_per_e, std_error=float(np.sqrt(variance)), n=_frames(flats, used))
+    shared = transfer.gain_by_black * black_level_dn.std_error**2
+    saturation_e = _saturation(flats, transfer)
+    brightest = int(np.flatnonzero(used)[-1])
+    level, signal_dn = flats[brightest].ordinary, float(points.signal_dn[brightest])
+    largest_dn2 = max(level.small_scale_variance_dn2, 0.0) + _RESOLVED_SIGMA * level.std_error_dn2
+    slope = response_slope(transfer, signal_dn)
+    least_dn = signal_dn * max(slope.value - _RESOLVED_SIGMA * slope.std_error, 0.5)
+    return NoiseCalibration(
+        gain_dn_per_e=gain,
+        read_noise_e=None,
+        dark_current_e_per_s=None,
+        black_level_dn=black_level_dn,
+        saturation_e=saturation_e,
+        prnu=None,
+        dsnu_e=None,
+        covariance=JointCovariance(
+            names=("gain_dn_per_e", "black_level_dn"),
+            matrix=np.array([[variance, shared], [shared, black_level_dn.std_error**2]]),
+        ),
+        flags=by_consequence(flags),
+        bounds={"prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2)) / least_dn)} | _saturation_bound(transfer),
+        performance=Performance(
+            threshold_e=None,
+            dynamic_range=None,
+            snr_max=None if saturation_e is None else _root(saturation_e),
+            dark_current_variance_e_per_s=None,
+            dark_current_disagreement=None,
+            quantum_efficiency=None,
+        ),
+        transfer=transfer,
+        dark=dark,
+        flats=tuple(flats),
+        darks=(),
+        spatial=None,
+        emva1288=dict.fromkeys(EMVA_SYMBOLS),
+        influence=curve.levels,
+        light_stability=curve.stability,
+    )
+
+
 def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
     """Return a calibration with what its fixed pattern says, without a dark current where darks may have seen light.
 
@@ -211,6 +275,9 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     A dark current within what cameras usually have is taken for one unless the pattern shows light in it; one that is
     larger is taken for one where light would have shown, and is otherwise a bound.
     """
+    spatial = calibration.spatial
+    if spatial is None:
+        return calibration
     found = () if pattern is None else pattern_flags(pattern)
     # The pixel-by-pixel look at defects says more than that at their variance.
     named = {flag.name for flag in found}
@@ -218,9 +285,9 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     calibration = replace(calibration, flags=by_consequence((*kept, *found)))
     light = None if pattern is None else _dark_light(pattern, black_level_dn=calibration.black_level_dn.value)
     if light is not None:
-        calibration = _with_own_response(calibration, light.covariance)
+        calibration = _with_own_response(calibration, light.covariance, spatial)
     if light is not None and light.is_seen:
-        return _with_light(calibration, light.light)
+        return _with_light(calibration, light.light, calibration.darks[spatial.dark])
     current = calibration.dark_current_e_per_s
     if current is None or (light is not None and light.excludes_light):
         return calibration
@@ -238,6 +305,8 @@ def not_known(calibration: NoiseCalibration) -> dict[str, str]:
         The calibration; names of ``performance`` and ``emva1288`` are among the keys.
     """
     best, merit = calibration, calibration.performance
+    if not best.darks:
+        return _not_known_without_darks(best)
     names = {flag.name for flag in best.flags}
     found = {
         name: _REASONS[flags[0] if not names.intersection(flags) else next(one for one in flags if one in names)]
@@ -265,6 +334,14 @@ def not_known(calibration: NoiseCalibration) -> dict[str, str]:
     return found | _standard(best, found)
 
 
+def _not_known_without_darks(best: NoiseCalibration) -> dict[str, str]:
+    known = {"gain_dn_per_e", "saturation_e", "snr_max", "dark_current_disagreement"}
+    found = {name: _NO_DARKS for name in (*_NAMES, *vars(best.performance), *EMVA_SYMBOLS) if name not in known}
+    if best.saturation_e is None:
+        found |= dict.fromkeys(("saturation_e", "snr_max"), f"the sweep ends below it: {_brighter(best)}")
+    return found
+
+
 def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     """Return three lines to read first.
 
@@ -278,7 +355,8 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     gain = calibration.gain_dn_per_e
     share = gain.std_error / gain.value
     flagged = {flag.name for flag in calibration.flags}
-    doubts = gain_doubts((*calibration.flats, *calibration.darks), calibration.transfer)
+    levels = (*calibration.flats, *calibration.darks)
+    doubts = gain_doubts(levels, calibration.transfer, black_level_dn=calibration.black_level_dn)
     off, words = max((doubts[name] for name in flagged & doubts.keys()), default=(0.0, ""))
     trust = f"trust the gain to {max(share, off):.{1 if max(share, off) >= 1e-3 else 2}%}"
     # The headline is never better than the flags.
@@ -333,17 +411,23 @@ def total_noise_e(temporal_e: FloatArray, signal_e: FloatArray, *, prnu: float, 
 
 
 def _sorted_levels(
-    levels: Sequence[LevelStatistics], bit_depth: int
+    levels: Sequence[LevelStatistics], bit_depth: int, black_level_dn: Estimate | None
 ) -> tuple[list[LevelStatistics], list[LevelStatistics]]:
     if bit_depth not in range(1, 17):
         raise CalibrationError(f"bit_depth is {bit_depth}; allowed is 1 to 16")
     flats = sorted((level for level in levels if level.kind == "flat"), key=lambda level: level.mean_dn)
     darks = [level for level in levels if level.kind == "dark"]
-    if not flats or not darks:
+    if darks and black_level_dn is not None:
+        raise CalibrationError(
+            f"there are {len(darks)} dark levels, which tell the black level; {black_level_dn.value:g} DN may not be "
+            f"stated beside them"
+        )
+    if not flats or (not darks and black_level_dn is None):
         raise refused(
             "missing_levels",
             f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more; at least one of each is "
-            f"needed, better ten exposures with two flats and two darks at each",
+            f"needed, better ten exposures with two flats and two darks at each; without dark frames, state the black "
+            f"level",
         )
     shapes = {level.shape for level in levels}
     if len(shapes) > 1:
@@ -474,10 +558,7 @@ def _measured_covariance(
     statistics = _statistics_covariance(flats, darks, transfer, dark)
     covariance = np.zeros((6, 6))
     covariance[:4, :4] = response @ statistics @ response.T
-    scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
-    covariance[_GAIN, _GAIN] += float(scattered @ scattered) * transfer.fit.scatter**2
-    covariance[_GAIN, _GAIN] += (transfer.relative_gain_error_of_change * transfer.gain_dn_per_e) ** 2
-    covariance[_GAIN, _GAIN] += transfer.gain_error_of_linearity_dn_per_e**2 + transfer.gain_error_of_black_dn_per_e**2
+    covariance[_GAIN, _GAIN] += _gain_variance_beyond_sampling(transfer)
     # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
     covariance[_FLAT_SPATIAL, _FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
     size = 2 if dark.has_slope else 1
@@ -492,6 +573,17 @@ def _measured_covariance(
         )
     covariance[_BLACK_LEVEL, _BLACK_LEVEL] += max(level.spatial_variance_dn2, 0.0) / level.n_pixels
     return covariance
+
+
+def _gain_variance_beyond_sampling(transfer: PhotonTransfer) -> float:
+    scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
+    of_change = transfer.relative_gain_error_of_change * transfer.gain_dn_per_e
+    return (
+        float(scattered @ scattered) * transfer.fit.scatter**2
+        + of_change**2
+        + transfer.gain_error_of_linearity_dn_per_e**2
+        + transfer.gain_error_of_black_dn_per_e**2
+    )
 
 
 def _response(transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch, spatial: SpatialLevels) -> FloatArray:
@@ -778,6 +870,9 @@ def _quantum_efficiency(transfer: PhotonTransfer, gain: Estimate) -> Estimate | 
 _STACKS = "take a stack of 16 frames or more at half of saturation, and as many dark frames"
 
 
+_NO_DARKS = "there are no dark frames: take two or more at each exposure"
+
+
 _BY_FLAG = {
     "read_noise_e": ("quantisation_limited", "read_noise_not_resolved"),
     "dark_current_e_per_s": (
@@ -850,6 +945,7 @@ _NAMES = {
 
 
 _NEXT = {
+    "no_darks": "take dark frames, two or more at each exposure",
     "light_or_gain_changed": "take all levels again with automatic gain off and a lamp that is warm",
     "wrong_time_unit": "correct the unit of the exposures, as wrong_time_unit says",
     "light_in_darks": "cover the lens and take the dark frames again",
@@ -887,7 +983,8 @@ def _unknown(calibration: NoiseCalibration) -> str:
     if bounds:
         found.append(f"{_listed(bounds)} {'is a bound' if len(bounds) == 1 else 'are bounds'}")
     if unknown:
-        found.append(f"{_listed(unknown)} {'is' if len(unknown) == 1 else 'are'} not known")
+        known = "known" if calibration.darks else "determined"
+        found.append(f"{_listed(unknown)} {'is' if len(unknown) == 1 else 'are'} not {known}")
     return "; ".join(found) or "all best numbers are known"
 
 
@@ -997,17 +1094,17 @@ def _robust_std(picture: SingleArray) -> float:
     return 1.4826 * float(np.median(np.abs(picture)))
 
 
-def _share_of_flat(calibration: NoiseCalibration) -> float:
+def _share_of_flat(calibration: NoiseCalibration, spatial: SpatialLevels) -> float:
     """Return the dark signal within the flat of the fixed pattern over that of the dark stack, 1 where not known."""
-    flat_s = calibration.flats[calibration.spatial.flat].exposure_s
-    stack_s = calibration.darks[calibration.spatial.dark].exposure_s
+    flat_s = calibration.flats[spatial.flat].exposure_s
+    stack_s = calibration.darks[spatial.dark].exposure_s
     if flat_s is None or stack_s is None or not calibration.dark.has_slope:
         return 1.0
     of_flat, of_stack = calibration.dark.mean_at(np.array([flat_s, stack_s])) - calibration.black_level_dn.value
     return float(of_flat / of_stack) if of_stack > 0.0 and of_flat > 0.0 else 1.0
 
 
-def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> NoiseCalibration:
+def _with_own_response(calibration: NoiseCalibration, covariance: Estimate, spatial: SpatialLevels) -> NoiseCalibration:
     """Return a calibration whose PRNU is of the light alone, where dark signal and response go together.
 
     The variance of a flat less that of its dark holds twice their covariance: with a gain of each pixel's own, dark
@@ -1016,7 +1113,7 @@ def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> N
     prnu = calibration.prnu
     if prnu is None or abs(covariance.value) < _GAIN_SIGMA * covariance.std_error:
         return calibration
-    square = prnu.value**2 - 2.0 * _share_of_flat(calibration) * covariance.value
+    square = prnu.value**2 - 2.0 * _share_of_flat(calibration, spatial) * covariance.value
     if square <= 0.0:
         return calibration
     value = float(np.sqrt(square))
@@ -1032,9 +1129,9 @@ def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> N
     )
 
 
-def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibration:
+def _with_light(calibration: NoiseCalibration, light: Estimate, dark: LevelStatistics) -> NoiseCalibration:
     """Return a calibration whose dark current is uncertain by light, or a bound where that is more than usual."""
-    current, dark = calibration.dark_current_e_per_s, calibration.darks[calibration.spatial.dark]
+    current = calibration.dark_current_e_per_s
     flagged = replace(calibration, flags=by_consequence((*calibration.flags, _light_flag(light))))
     if current is None or not dark.exposure_s:
         return flagged

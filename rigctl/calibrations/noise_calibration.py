@@ -211,7 +211,9 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
             levels.append(level)
             if level_done is not None:
                 level_done(done, len(groups))
-    noise = calibrate_noise(levels, bit_depth=frames.bit_depth, stated=frames.stated)
+    noise = calibrate_noise(
+        levels, bit_depth=frames.bit_depth, stated=frames.stated, black_level_dn=frames.black_level_dn
+    )
     pattern = _fixed_pattern(noise, dict(zip(map(id, levels), groups, strict=True)))
     noise = with_pattern(noise, pattern)
     flags = (*noise.flags, *frames.flags)
@@ -240,6 +242,8 @@ def _measure(group: FrameGroup, keep_picture: bool) -> LevelStatistics:
 
 
 def _fixed_pattern(noise: NoiseCalibration, groups: dict[int, FrameGroup]) -> FixedPattern | None:
+    if noise.spatial is None:
+        return None
     chosen = noise.darks[noise.spatial.dark], noise.flats[noise.spatial.flat]
     dark, flat = (
         level if level.picture is not None else _measure(groups[id(level)], keep_picture=True) for level in chosen

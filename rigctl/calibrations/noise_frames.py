@@ -21,6 +21,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.estimate import Estimate
 from calibration.results import Flag, refused
 from calibration.sensor.curves import StatedExposures
 from calibration.sensor.levels import LevelKind
@@ -78,6 +79,7 @@ class FrameSet:
     source: FrameSource
     flags: tuple[Flag, ...] = ()
     stated: StatedExposures = field(default_factory=StatedExposures)
+    black_level_dn: Estimate | None = None  #: in place of dark frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +127,21 @@ def run_frames(path: Path, *, ignore_exclusions: bool = False) -> FrameSet:
         ),
         flags=(*flags, *record_flags(sorted(records, key=lambda record: record.sequence))),
         stated=StatedExposures(where="the record of the run", unit="s", has_option=False),
+        black_level_dn=_recorded_black_level(records),
     )
+
+
+# A black level that is stated without an error is known to a count.
+STATED_BLACK_ERROR_DN = 0.5
+
+
+def _recorded_black_level(records: Sequence[FrameRecord]) -> Estimate | None:
+    """Return the black level that all flats of a run without dark frames have."""
+    levels = {record.black_level_dn for record in records}
+    level = levels.pop() if len(levels) == 1 else None
+    if level is None or any(record.kind == "dark" for record in records):
+        return None
+    return Estimate(value=level, std_error=STATED_BLACK_ERROR_DN, n=len(records))
 
 
 def _shots(frames: Sequence[FrameRecord]) -> list[Shot]:
@@ -630,6 +646,38 @@ def _counts(path: Path, reading: ImageReading, shape: tuple[int, int] | None) ->
     if shape is not None and counts.shape != shape:
         raise DataError(f"{path}: has {counts.shape} rows and columns; the descriptor says {shape}")
     return counts
+
+
+def with_overscan(frames: FrameSet, box: tuple[int, int, int, int]) -> FrameSet:
+    """Return flats without the strip of pixels that get no light, and its mean as their black level.
+
+    The strip is x, y, width and height, and reaches along a whole side of the picture. Its error is the scatter of the
+    frames: the black level of some cameras moves with the light.
+    """
+    loaders = [load for group in frames.groups for load in group.loaders]
+    x, y, width, height = box
+    strip, rest = (slice(y, y + height), slice(x, x + width)), None
+    rows, columns = loaders[0]().shape
+    if min(x, y) >= 0 and min(width, height) > 0 and x + width <= columns and y + height <= rows:
+        if height == rows and width < columns and (x == 0 or x + width == columns):
+            rest = (slice(None), slice(width, None) if x == 0 else slice(0, x))
+        elif width == columns and height < rows and (y == 0 or y + height == rows):
+            rest = (slice(height, None) if y == 0 else slice(0, y), slice(None))
+    if rest is None:
+        raise ConfigError(
+            f"--overscan {x},{y},{width},{height}: has to be x,y,width,height of a strip along a whole side of the "
+            f"picture of {columns} x {rows} pixels, such as {columns - 16},0,16,{rows}"
+        )
+    means = np.array([load()[strip].mean() for load in loaders])
+    level = Estimate(value=float(means.mean()), std_error=max(float(means.std(ddof=1)), 1e-3), n=len(means))
+    groups = tuple(
+        replace(group, loaders=tuple(partial(_part, load, rest) for load in group.loaders)) for group in frames.groups
+    )
+    return replace(frames, groups=groups, black_level_dn=level)
+
+
+def _part(load: Loader, part: tuple[slice, slice]) -> NDArray[np.uint16]:
+    return np.ascontiguousarray(load()[part])
 
 
 def _files_digest(files: Sequence[Path]) -> str:

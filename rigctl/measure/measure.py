@@ -707,7 +707,10 @@ class TemporalNoise:
 def temporal_noise(noise: NoiseParameters) -> TemporalNoise:
     """Return what temporal noise rests on, by a noise calibration."""
     if noise.read_noise_e is None:
-        raise DataError("the noise calibration has no read_noise_e: it cannot predict a temporal deviation")
+        raise DataError(
+            "the noise calibration has no read_noise_e (it is not determined): it cannot predict a temporal deviation; "
+            "calibrate with dark frames"
+        )
     remarks = []
     dark = noise.dark_current_e_per_s
     if dark is None:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 _BEST, _STANDARD = "best", "EMVA 1288"
-_NOT_KNOWN = "not known"
+_NOT_KNOWN, _NOT_DETERMINED = "not known", "not determined"
 # Digits of a number without an error, and from where on powers of ten are written.
 _MOST_DIGITS, _LARGE, _THOUSAND = 6, 1e6, 1e3
 # Title, unit, factor from the file's unit to this one, key of the best number, key of the standard's.
@@ -140,18 +140,20 @@ def unknown_lines(noise: NoiseCalibration) -> list[str]:
         for name in (key, emva_key):
             if name is not None and name in reasons and title not in titles.setdefault(reasons[name], []):
                 titles[reasons[name]].append(title)
-    return [f"not known: {', '.join(words)}: {reason}" for reason, words in titles.items() if words]
+    missing = _NOT_KNOWN if noise.darks else _NOT_DETERMINED
+    return [f"{missing}: {', '.join(words)}: {reason}" for reason, words in titles.items() if words]
 
 
 def _row(
     noise: NoiseCalibration, title: str, unit: str, factor: float, key: str | None, emva_key: str | None
 ) -> CalibrationRow:
     best = None if key is None else _best(noise, key)
-    value, error, frames = ("", "", "") if key is None else _cells(best, factor)
+    missing = _NOT_KNOWN if noise.darks else _NOT_DETERMINED
+    value, error, frames = ("", "", "") if key is None else _cells(best, factor, missing)
     if key is not None and best is None and (bound := noise.bounds.get(key)) is not None:
         value = f"{bound.bound} {_brief(factor * bound.value)}"
     standard = None if emva_key is None else noise.emva1288[emva_key]
-    emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(standard, factor)
+    emva_value, emva_error, emva_frames = ("", "", "") if emva_key is None else _cells(standard, factor, missing)
     if standard is not None and standard.bound is not None:
         emva_value, emva_error = f"{standard.bound} {_brief(factor * standard.value)}", ""
     return CalibrationRow(
@@ -172,10 +174,10 @@ def _best(noise: NoiseCalibration, key: str) -> Estimate | None:
     return found
 
 
-def _cells(found: Estimate | EmvaFigure | None, factor: float) -> tuple[str, str, str]:
+def _cells(found: Estimate | EmvaFigure | None, factor: float, missing: str) -> tuple[str, str, str]:
     """Return value and standard error to two digits of the error, and the number of frames."""
     if found is None:
-        return _NOT_KNOWN, "", ""
+        return missing, "", ""
     value = factor * found.value
     if not found.std_error:
         return f"{value:.4g}", "", str(found.n)
@@ -284,7 +286,7 @@ def _light(flats: tuple[LevelStatistics, ...]) -> tuple[FloatArray | None, str]:
 def dark_png(calibration: NoiseCalibration) -> bytes | None:
     """Return mean and variance of the dark frames against exposure; None where exposures are not known."""
     exposures = [level.exposure_s for level in calibration.darks if level.exposure_s is not None]
-    if len(exposures) < len(calibration.darks):
+    if not exposures or len(exposures) < len(calibration.darks):
         return None
     time_s = np.array(exposures)
     figure, (left, right) = subplots(1, 2, size=(9.6, 4.4))
@@ -399,7 +401,7 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
     transfer = calibration.transfer
     points, seen = transfer.points, transfer.points.signal_dn > 0.0
     total_dn2 = points.flat_variance_dn2
-    dark_dn2 = float(np.median(total_dn2 - points.variance_dn2))
+    dark_dn2 = max(float(np.median(total_dn2 - points.variance_dn2)), 0.0)
     signal_dn = np.geomspace(min(points.signal_dn[seen].min() / 2.0, 2.0), points.signal_dn.max(), 300)
     fit_dn2 = dark_dn2 + transfer.variance_at(signal_dn)
     noisy = total_dn2 > 0.0
@@ -441,7 +443,8 @@ def _left_dn(calibration: NoiseCalibration) -> float:
 
 def _draw_regimes(axes: Axes, calibration: NoiseCalibration, signal_dn: FloatArray, *, dark_dn: float) -> None:
     gain = calibration.gain_dn_per_e.value
-    axes.plot(signal_dn, np.full_like(signal_dn, dark_dn), color=_GREY, ls=":", lw=1.2, label=_dark_label(dark_dn))
+    if calibration.darks:
+        axes.plot(signal_dn, np.full_like(signal_dn, dark_dn), color=_GREY, ls=":", lw=1.2, label=_dark_label(dark_dn))
     axes.plot(
         signal_dn,
         np.sqrt(gain * signal_dn),
@@ -736,7 +739,8 @@ def _curves(noise: NoiseCalibration) -> Iterable[Section]:
     yield _pictured("Signal-to-noise ratio", snr_png(noise), _SNR + (no_curve if noise.read_noise_e is None else ""))
     yield _pictured("Linearity", linearity_png(noise), _LINEARITY, otherwise="The light of the levels is not known.")
     caption = _DARK.format("" if noise.dark_current_e_per_s is None else _DARK_CURRENT)
-    yield _pictured("Dark signal", dark_png(noise), caption, otherwise="Exposures of the dark frames are not known.")
+    no_dark = "Exposures of the dark frames are not known." if noise.darks else "There are no dark frames."
+    yield _pictured("Dark signal", dark_png(noise), caption, otherwise=no_dark)
 
 
 def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "There is nothing to draw.") -> Section:
@@ -747,7 +751,7 @@ def _pictured(title: str, png: bytes | None, caption: str, *, otherwise: str = "
 
 
 def _pattern(pattern: FixedPattern | None) -> Iterable[Section]:
-    blocks: tuple[Block, ...] = (Paragraph(text="No flat is brighter than its dark: there are no maps."),)
+    blocks: tuple[Block, ...] = (Paragraph(text="No flat is brighter than a dark level: there are no maps."),)
     if pattern is not None:
         by_frequency = "The fixed pattern by spatial frequency; independent pixels make a level line."
         blocks = (
@@ -793,8 +797,11 @@ def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
     noise, made_for = calibration.noise, calibration.frames.made_for
     frames = [level.n_frames for level in (*noise.flats, *noise.darks)]
     exposures = [level.exposure_s for level in (*noise.flats, *noise.darks) if level.exposure_s is not None]
-    flat, dark = noise.flats[noise.spatial.flat], noise.darks[noise.spatial.dark]
-    rows, columns = flat.shape
+    rows, columns = noise.flats[0].shape
+    pattern = _NOT_DETERMINED
+    if noise.spatial is not None:
+        flat, dark = noise.flats[noise.spatial.flat], noise.darks[noise.spatial.dark]
+        pattern = f"{flat.n_frames} flats at {flat.mean_dn:.0f} DN and {dark.n_frames} darks"
     return [
         *((name.replace("_", " "), _known(getattr(made_for, name))) for name in _MADE_FOR),
         ("temperature", "not known" if made_for.temperature_c is None else f"{made_for.temperature_c:.1f} °C"),
@@ -802,7 +809,7 @@ def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
         ("levels", f"{len(noise.flats)} with light, {len(noise.darks)} dark, {sum(frames)} frames"),
         ("exposures", f"{_ms(min(exposures))} to {_ms(max(exposures))}" if exposures else "not known"),
         ("light varied by", "exposure time" if len(set(exposures)) > len(noise.darks) // 2 > 0 else "lamp"),
-        ("fixed pattern from", f"{flat.n_frames} flats at {flat.mean_dn:.0f} DN and {dark.n_frames} darks"),
+        ("fixed pattern from", pattern),
     ]
 
 

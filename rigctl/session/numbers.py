@@ -373,7 +373,9 @@ def noise_numbers(calibration: NoiseParameters) -> SessionNoise:
     """Return the numbers of a noise calibration that a session needs: they go into the run."""
     missing = [name for name in _NEEDED if name not in calibration.known]
     if missing:
-        raise ConfigError(f"--noise: the calibration has no {', '.join(missing)}")
+        raise ConfigError(
+            f"--noise: the calibration has no {', '.join(missing)} (not determined); calibrate with dark frames"
+        )
     sensor = calibration.sensor_noise()
     return SessionNoise(
         gain_dn_per_e=sensor.gain_dn_per_e,

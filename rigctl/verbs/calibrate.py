@@ -63,6 +63,9 @@ def noise(
     bit_depth: Annotated[int | None, Parameter(validator=validators.Number(gte=1, lte=16))] = None,
     plane: Plane | None = None,
     exposure_unit: ExposureUnit | None = None,
+    black_level_dn: Annotated[float | None, Parameter(validator=validators.Number(gte=0))] = None,
+    black_level_error_dn: Annotated[float | None, Parameter(validator=validators.Number(gt=0))] = None,
+    overscan: str | None = None,
     plot: Annotated[FilePath | None, Writes()] = None,
     report: Annotated[FilePath | None, Writes()] = None,
     defects: Annotated[FilePath | None, Writes()] = None,
@@ -79,6 +82,9 @@ def noise(
 
     Exposures are read in nanoseconds from a descriptor, milliseconds from a table, seconds from a header, and in the
     unit that follows them in a name; --exposure-unit states another, and the unit of exp000522 in a name.
+
+    Flats without dark frames give gain, linearity and saturation where the black level is known: stated by
+    --black-level-dn, from --overscan, or as a run records it. Read noise and dark current are then not determined.
 
     Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
 
@@ -100,6 +106,12 @@ def noise(
         Colour of RAW files, such as green.
     exposure_unit : {"ns", "us", "ms", "s"}
         Unit of stated exposures, where it is not the usual one.
+    black_level_dn : float
+        Counts without light [DN], where there are no dark frames.
+    black_level_error_dn : float
+        Standard error of the black level [DN]; 0.5 unless given.
+    overscan : str
+        Strip of pixels without light as X,Y,WIDTH,HEIGHT: its mean is the black level.
     plot : path
         Draw the photon-transfer curve (PNG).
     report : path
@@ -134,6 +146,7 @@ def noise(
 
     written = [Path(path) for path in (out, plot, report, defects) if path is not None]
     _require_folders(written)
+    box = _overscan_box(overscan)
     most_bytes = max_frame_mb * 1_000_000
     try:
         source = _noise_frames(
@@ -146,6 +159,7 @@ def noise(
             exposure_unit=exposure_unit,
             ignore_exclusions=frames.get("ignore_exclusions", False),
         )
+        source = _with_black_level(source, black_level_dn, black_level_error_dn, box)
         with Progress(console=progress(), transient=True) as bar:
             task = bar.add_task("levels", total=None)
             found = calibrate_frames(
@@ -239,11 +253,46 @@ def _noise_frames(
     return table_frames(table or Path(), bit_depth=bit_depth, reading=reading, exposure_unit=exposure_unit)
 
 
+def _overscan_box(text: str | None) -> tuple[int, int, int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d{1,6}),(\d{1,6}),(\d{1,6}),(\d{1,6})", text.replace(" ", ""))
+    if found is None:
+        raise ConfigError(f"--overscan: is {text!r}; write x,y,width,height in pixels, such as 2048,0,32,2048")
+    x, y, width, height = map(int, found.groups())
+    return x, y, width, height
+
+
+def _with_black_level(
+    frames: "FrameSet", level_dn: float | None, error_dn: float | None, box: tuple[int, int, int, int] | None
+) -> "FrameSet":
+    """Return frames with the black level that stands for dark frames, if one is given."""
+    from dataclasses import replace
+
+    from calibration.estimate import Estimate
+    from rigctl.calibrations.noise_frames import STATED_BLACK_ERROR_DN, with_overscan
+
+    given = [name for name, one in (("--black-level-dn", level_dn), ("--overscan", box)) if one is not None]
+    if error_dn is not None and level_dn is None:
+        raise ConfigError("--black-level-error-dn: is the error of --black-level-dn, which is not given")
+    if len(given) > 1:
+        raise ConfigError(f"{' and '.join(given)}: give one of them")
+    if given and any(group.kind == "dark" for group in frames.groups):
+        raise ConfigError(f"{given[0]}: there are dark frames, which tell the black level; leave it")
+    if box is not None:
+        return with_overscan(frames, box)
+    if level_dn is None:
+        return frames
+    n_frames = sum(len(group.loaders) for group in frames.groups)
+    level = Estimate(value=level_dn, std_error=error_dn or STATED_BLACK_ERROR_DN, n=n_frames)
+    return replace(frames, black_level_dn=level)
+
+
 def _defects_png(path: Path, calibration: "FrameCalibration") -> bytes:
     import cv2
 
     if calibration.pattern is None:
-        raise DataError(f"{path}: there is no defect map, since no flat is brighter than its dark")
+        raise DataError(f"{path}: there is no defect map, since no flat is brighter than a dark level")
     done, encoded = cv2.imencode(".png", calibration.pattern.defects.mask)
     if not done:
         raise ConfigError(f"{path}: a map of this size cannot be written as PNG")
@@ -334,7 +383,7 @@ def _dark_current(path: Path, found: "NoiseParameters", by_variance: bool) -> "M
     if by_variance:
         current = None if found.performance is None else found.performance.dark_current_variance_e_per_s
     if current is None:
-        raise DataError(f"{path}: has no dark current; it needs dark frames at two exposures or more")
+        raise DataError(f"{path}: its dark current is not determined; it needs dark frames at two exposures or more")
     return current
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from calibration.estimate import Estimate
+from calibration.results import CalibrationError
 from calibration.sensor.curves import brighter_fatter
 from calibration.sensor.levels import LevelStatistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
@@ -149,6 +150,46 @@ def test_estimates_say_how_many_frames_they_are_from() -> None:
 @pytest.mark.parametrize("name", ["gain_dn_per_e", "read_noise_e"])
 def test_gain_and_read_noise_of_other_sweeps(case: Case, name: str) -> None:
     assert_covers(scores(calibrations(case), name, TRUTH[name]))
+
+
+@pytest.mark.parametrize("case", [clean, bent, lamp_swept])
+def test_the_gain_of_flats_whose_black_level_is_stated(case: Case) -> None:
+    found = []
+    for seed, levels in enumerate(sweeps(case)):
+        black = Estimate(value=60.0 + np.random.default_rng(seed).normal(0.0, 0.5), std_error=0.5, n=1)
+        flats = [level for level in levels if level.kind == "flat"]
+        found.append(calibrate_noise(flats, bit_depth=12, black_level_dn=black))
+    assert_covers(scores(found, "gain_dn_per_e", 0.25))
+    for one in found:
+        missing = (one.read_noise_e, one.dark_current_e_per_s, one.dsnu_e, one.prnu, one.performance.threshold_e)
+        assert missing == (None,) * 5
+        assert one.bounds["prnu"].value > 0.01
+        assert not {"read_noise_e", "dark_current_e_per_s", "dsnu_e"} & one.bounds.keys()
+
+
+def test_the_response_is_the_same_without_darks() -> None:
+    levels, black = sweeps(bent)[0], Estimate(value=60.0, std_error=0.5, n=1)
+    flats = [level for level in levels if level.kind == "flat"]
+    with_darks = calibrate_noise(levels, bit_depth=12).transfer.linearity
+    without = calibrate_noise(flats, bit_depth=12, black_level_dn=black).transfer.linearity
+    assert with_darks is not None
+    assert without is not None
+    error = np.sqrt(np.diag(with_darks.covariance + without.covariance))
+    assert abs(without.quadratic_per_dn - with_darks.quadratic_per_dn) < error[0]
+    assert abs(without.cubic_per_dn2 - with_darks.cubic_per_dn2) < error[1]
+
+
+def test_a_level_of_other_noise_is_found_without_darks() -> None:
+    flats = [level for level in sweeps(clean)[0] if level.kind == "flat"]
+    flats[4] = replace(flats[4], temporal_variance_dn2=1.5 * flats[4].temporal_variance_dn2)
+    found = calibrate_noise(flats, bit_depth=12, black_level_dn=Estimate(value=60.0, std_error=0.5, n=1))
+    assert "wrong_variance" in {flag.name for flag in found.flags}
+    assert abs(score(found, "gain_dn_per_e", 0.25)) < 4.0
+
+
+def test_a_black_level_is_not_stated_beside_darks() -> None:
+    with pytest.raises(CalibrationError, match="dark levels, which tell the black level"):
+        calibrate_noise(sweeps(clean)[0], bit_depth=12, black_level_dn=Estimate(value=60.0, std_error=0.5, n=1))
 
 
 def test_scores_of_the_gain_where_the_response_is_bent() -> None:

@@ -1,14 +1,20 @@
 """``rigctl calibrate noise`` and ``rigctl calibrate doubling`` from the command line to the files."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from rigctl.calibrations.noise import QUANTITIES, read_noise_file
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.errors import ConfigError
 from rigctl.runs.writer import RunWriter
+from rigctl.session.numbers import noise_numbers
 from tests.rigctl.noise_sessions import (
     BLACK_LEVEL_DN,
     GAIN_DN_PER_E,
@@ -58,6 +64,74 @@ def test_a_plot_is_a_png_file(tmp_path: Path) -> None:
     run, plot = write_noise_run(tmp_path / "run"), tmp_path / "curve.png"
     main(["calibrate", "noise", "--run", str(run), "--out", str(tmp_path / "noise.json"), "--plot", str(plot)])
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def write_flats(folder: Path, *, overscan: int = 0) -> Path:
+    """Return a folder of PNG flats, with so many columns without light at the right."""
+    folder.mkdir()
+    strip = np.random.default_rng(2)
+    for number, (kind, exposure_s, counts) in enumerate(frames()):
+        if kind == "flat":
+            dark = np.rint(strip.normal(BLACK_LEVEL_DN, 2.5, (counts.shape[0], overscan))).astype(np.uint16)
+            cv2.imwrite(str(folder / f"flat_{exposure_s * 1e3:g}ms_{number:03}.png"), np.hstack([counts, dark]))
+    return folder
+
+
+@pytest.mark.parametrize(("columns", "options"), [(0, ["--black-level-dn", "60"]), (8, ["--overscan", "64,0,8,48"])])
+def test_flats_without_darks_give_the_gain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], columns: int, options: list[str]
+) -> None:
+    flats, out, page = write_flats(tmp_path / "flats", overscan=columns), tmp_path / "noise.json", tmp_path / "n.html"
+    given = ["--folder", str(flats), "--bit-depth", "12", "--out", str(out), "--report", str(page), *options]
+    assert main(["calibrate", "noise", *given]) == 0
+    shown = capsys.readouterr().out
+    found, content = read_noise_file(out), json.loads(out.read_text())
+    assert abs(found.gain_dn_per_e.value - GAIN_DN_PER_E) < 4.0 * found.gain_dn_per_e.std_error
+    assert abs(found.black_level_dn.value - BLACK_LEVEL_DN) < 2.0 * found.black_level_dn.std_error
+    assert content["linearity"] is not None
+    for name, title in (("read_noise_e", "read noise"), ("dark_current_e_per_s", "dark current by mean")):
+        assert content[name] is None
+        assert "no dark frames" in content["not_known"][name]
+        assert re.search(rf"{title}\W+not determined", shown)
+        assert re.search(rf"{title}\W.{{0,80}}not determined", page.read_text(), re.DOTALL)
+    with pytest.raises(ConfigError, match=r"read_noise_e \(not determined"):
+        noise_numbers(found)
+
+
+def test_flats_of_a_run_that_records_its_black_level_need_no_option(tmp_path: Path) -> None:
+    run, out = tmp_path / "run", tmp_path / "noise.json"
+    with RunWriter.create(run, {"origin": "simulated"}) as writer:
+        for sequence, (kind, exposure_s, counts) in enumerate(frames()):
+            record = make_record(sequence, kind=kind, exposure_s=exposure_s, bit_depth=12, saturation_dn=4095.0)
+            if kind == "flat":
+                writer.write_frame(replace(record, black_level_dn=BLACK_LEVEL_DN), counts)
+    assert main(["calibrate", "noise", "--run", str(run), "--out", str(out)]) == 0
+    assert read_noise_file(out).black_level_dn.value == BLACK_LEVEL_DN
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "missing_levels"),
+        (["--black-level-dn", "60", "--overscan", "60,0,4,48"], "give one of them"),
+        (["--black-level-error-dn", "1"], "which is not given"),
+        (["--overscan", "1,2"], "write x,y,width,height"),
+        (["--overscan", "30,0,4,48"], "strip along a whole side"),
+    ],
+)
+def test_what_cannot_be_the_black_level_of_flats(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    given = ["--folder", str(write_flats(tmp_path / "flats")), "--bit-depth", "12", "--out", str(tmp_path / "n.json")]
+    assert main(["calibrate", "noise", *given, *options]) in (EXIT_USAGE, EXIT_DATA)
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_black_level_beside_dark_frames_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = write_noise_run(tmp_path / "run")
+    given = ["--run", str(run), "--out", str(tmp_path / "noise.json"), "--black-level-dn", "60"]
+    assert main(["calibrate", "noise", *given]) == EXIT_USAGE
+    assert "there are dark frames" in capsys.readouterr().err
 
 
 def test_refused_frames_are_exit_4_and_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
