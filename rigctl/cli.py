@@ -17,7 +17,15 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import (
+    App,
+    CoercionError,
+    CycloptsError,
+    Group,
+    MissingArgumentError,
+    Parameter,
+    UnusedCliTokensError,
+)
 
 from rigctl.base.destination import (
     Destination,
@@ -33,7 +41,7 @@ from rigctl.console.anonymity import anonymous
 from rigctl.console.console_streams import lasting_streams, visible
 from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
 from rigctl.errors import ConfigError
-from rigctl.verbs.headings import HEADINGS, MOVED
+from rigctl.verbs.headings import HEADINGS
 from rigctl.verbs.options import NOT_AN_INPUT, Writes
 
 # Of malloc.h, and the memory beyond which it is given back to the system: some pictures of 2448 x 2048.
@@ -48,6 +56,7 @@ _EPILOGUE = (
     "Every command also takes --json (answer in JSON, failures too), --force (replace results of another command or of "
     "other inputs) and --anonymous (leave serial numbers, ports, site, folders and machine out of results)."
 )
+_KINDS = {float: "a number", int: "a whole number"}
 _EXIT_CODES = "Exit codes: 0 done, 2 usage, 3 device, 4 data, 5 disagrees, 75 stopped on request."
 
 
@@ -161,8 +170,7 @@ def _run(tokens: list[str], flags: set[str]) -> int:
         command, bound = parsed(tokens)
         return _call(command, bound, flags, verb=verb)
     except CycloptsError as error:
-        text = f"{tokens[0]!r} is now: rigctl {MOVED[tokens[0]]}" if tokens and tokens[0] in MOVED else str(error)
-        code, message = EXIT_USAGE, f"{text}\nTry: rigctl {verb} --help".replace("  --help", " --help")
+        code, message = EXIT_USAGE, f"{_mistake(error)}\nTry: rigctl {verb} --help".replace("  --help", " --help")
     except KeyboardInterrupt:
         code, message = EXIT_INTERRUPTED, "interrupted"
     except SystemExit as finished:
@@ -175,6 +183,20 @@ def _run(tokens: list[str], flags: set[str]) -> int:
         sys.stdout.write(failure_json(code, visible(said), verb=tokens[0] if tokens else "", error=failed))
     _say(message)
     return code
+
+
+def _mistake(error: CycloptsError) -> str:
+    """Return what is wrong with a command line."""
+    if isinstance(error, UnusedCliTokensError):
+        found = " ".join(map(repr, error.unused_tokens or ()))
+        return f"{found}: nothing is expected there; the name of an option may be missing before it"
+    name = "" if error.argument is None else error.argument.name
+    if type(error) is MissingArgumentError:
+        has_begun = error.keyword is not None or (error.argument is not None and bool(error.argument.tokens))
+        return f"{error.keyword or name} " + ("needs a value" if has_begun else "is missing")
+    if isinstance(error, CoercionError) and error.token is not None and error.target_type in _KINDS:
+        return f"{error.token.keyword or name} {error.token.value!r}: must be {_KINDS[error.target_type]}"
+    return str(error)
 
 
 def _verb_of(tokens: Sequence[str]) -> Iterator[str]:

@@ -35,7 +35,8 @@ def results() -> Console:
     # A table in a file or a pipe need not be squeezed into the width of a terminal.
     width = None if sys.stdout.isatty() else _WIDTH_OF_FILES
     # Without markup: "[deg]" is a unit here and no style.
-    return _SafeConsole(soft_wrap=True, highlight=False, markup=False, width=width)
+    # Words are kept whole on a terminal; in a file a sentence is one line.
+    return _SafeConsole(soft_wrap=not sys.stdout.isatty(), highlight=False, markup=False, width=width)
 
 
 def progress() -> Console:

@@ -83,19 +83,4 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
     },
 }
 
-# Names that verbs had before, and what does their work now.
-MOVED = {
-    "record": "acquire --trace FILE",
-    "calibrations": "calibrate list, or calibrate history --out FILE.png",
-    "point": "calibrate pointing RUN",
-    "dolp": "paper --figure 5, paper --estimators",
-    "exclude": "note RUN --exclude FRAMES REASON",
-    "info": "status RUN --contents",
-    "log": "status RUN --log",
-    "notify": "doctor RIG.toml --try-notices",
-    "stage": "calibrate stage",
-    "summary": "status RUN --page FILE",
-    "watch": "serve RUN",
-}
-
 VERBS = tuple(verb for verbs in HEADINGS.values() for verb in verbs)
