@@ -8,7 +8,7 @@ whether numbers are in the predicted order, whatever their scale.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,12 @@ from model.quantities import ORDERED, angle_of, is_counts
 from model.sensor import drifting_light
 from model.stokes import dolp
 from rigctl.base.numbers import p_value
-from rigctl.comparison.rows import Row
 from rigctl.imports.levels import histogram, odd_pattern, saturation_plateau
 from rigctl.measure.diagnose import RunDiagnosis, diagnose_run
 from rigctl.measure.measure import Measurement, frame_order, signal_of_cycle
+
+if TYPE_CHECKING:
+    from rigctl.comparison.rows import Row
 
 FloatArray = NDArray[np.float64]
 Verdict = Literal["sound", "flagged", "refused", "not testable"]
@@ -496,7 +498,7 @@ ADVICE: dict[Cause, str] = {
 _OF_LAW = ("dolp_pixels", "dolp_snr")
 
 
-def diagnose(rows: Sequence[Row], *, is_of_law: bool = False) -> tuple[Cause, ...]:
+def diagnose(rows: Sequence["Row"], *, is_of_law: bool = False) -> tuple[Cause, ...]:
     """Return the causes that would show as the disagreeing rows do; none where all rows agree.
 
     What a cause cannot touch tells it apart: a scale leaves s1, s2, DoLP and AoLP alone, a turned axis leaves S0 and
@@ -521,7 +523,7 @@ def _any_count(quantities: set[str]) -> bool:
     return any(is_counts(quantity) or quantity in ("s1", "s2") for quantity in quantities)
 
 
-def _axis_cause(rows: Sequence[Row]) -> Cause:
+def _axis_cause(rows: Sequence["Row"]) -> Cause:
     """Return whether one turn, or one mirror, explains the angles of polarization of all regions."""
     angles = [row for row in rows if row.quantity == "aolp_deg" and row.statistic == "mean" and row.std_error]
     weights = np.array([1.0 / (row.std_error or 1.0) ** 2 for row in angles])
@@ -555,13 +557,13 @@ class Trend:
         return None if share is None else share == 1.0
 
 
-def trends_of(rows: Sequence[Row], cov: FloatArray | None, measurement: Measurement) -> tuple[Trend, ...]:
+def trends_of(rows: Sequence["Row"], cov: FloatArray | None, measurement: Measurement) -> tuple[Trend, ...]:
     """Return the trends within one run: of counts over angles, and of each scale-free quantity over regions."""
     predicted_cov = np.zeros((len(rows), len(rows))) if cov is None else cov
     return (*_over_angles(rows, predicted_cov, measurement), *_over_regions(rows, predicted_cov))
 
 
-def trend(rows: Sequence[Row], *, over: str, predicted_cov: FloatArray, measured_cov: FloatArray) -> Trend:
+def trend(rows: Sequence["Row"], *, over: str, predicted_cov: FloatArray, measured_cov: FloatArray) -> Trend:
     """Return the trend of one quantity along rows."""
     order = rank_correlation(
         [row.predicted for row in rows],
@@ -572,7 +574,7 @@ def trend(rows: Sequence[Row], *, over: str, predicted_cov: FloatArray, measured
     return Trend(quantity=rows[0].quantity, over=over, order=order)
 
 
-def _over_angles(rows: Sequence[Row], cov: FloatArray, measurement: Measurement) -> Iterable[Trend]:
+def _over_angles(rows: Sequence["Row"], cov: FloatArray, measurement: Measurement) -> Iterable[Trend]:
     for name, region in measurement.regions.items():
         places = [
             k
@@ -589,7 +591,7 @@ def _over_angles(rows: Sequence[Row], cov: FloatArray, measurement: Measurement)
             yield Trend(quantity="counts", over=found.over, order=found.order)
 
 
-def _over_regions(rows: Sequence[Row], cov: FloatArray) -> Iterable[Trend]:
+def _over_regions(rows: Sequence["Row"], cov: FloatArray) -> Iterable[Trend]:
     for quantity in ORDERED:
         places = [k for k, row in enumerate(rows) if (row.quantity, row.statistic) == (quantity, "mean")]
         if len(places) >= _LEAST_NUMBERS:

@@ -24,7 +24,7 @@ from rigctl.calibrations.noise import NoiseParameters
 from rigctl.measure.measure import FloatArray, Measurement, signal_of_cycle
 
 # A line is fitted through at most so many groups of at least so many pixels of like signal, without the largest share.
-_MOST_GROUPS, _LEAST_PIXELS, _KEPT_SHARE, _MOST_PIXELS = 64, 100, 0.99, 1_000_000
+_MOST_GROUPS, _LEAST_PIXELS, _KEPT_SHARE, _MOST_PIXELS = 64, 100, 0.99, 200_000
 _ROUNDS = 4
 # False alarms among all pixels of a run; where more pixels than this vary, the scene changed and nothing hit them.
 _FALSE_HITS, _MOST_HITS = 0.01, 0.01
@@ -73,9 +73,9 @@ def pixel_errors(measurement: Measurement, noise: NoiseParameters | None) -> Pix
     maps = polarization_maps(measurement.channels.astype(np.float32), plan, deviations=np.sqrt(np.nan_to_num(of_mean)))
     if maps.dolp_std is None or maps.aolp_std_rad is None:
         raise AssertionError("deviations were given")
-    unknown = np.isnan(of_mean).any(axis=0)
+    unknown = np.isnan(of_mean.sum(axis=0))
     return PixelErrors(
-        cov=np.einsum("in,jn,nhw->ijhw", plan.inverse, plan.inverse, of_mean).astype(np.float32),
+        cov=np.tensordot(plan.inverse[:, None] * plan.inverse, of_mean, axes=1).astype(np.float32),
         dolp=np.where(unknown, np.float32(np.nan), maps.dolp_std),
         aolp_deg=np.where(unknown, np.float32(np.nan), np.minimum(np.rad2deg(maps.aolp_std_rad), _ANY_ANGLE_DEG)),
         doubts=_doubts(measurement, scatter, variance),
@@ -109,10 +109,15 @@ def _scatter(measurement: Measurement) -> FloatArray:
     scale = light.mean() / light if np.all(light > 0.0) else np.ones(cycles)
     total, squares = np.zeros_like(measurement.channels), np.zeros_like(measurement.channels)
     for cycle in range(cycles):
-        apart = signal_of_cycle(measurement, cycle) * scale[cycle] - measurement.channels
+        apart = signal_of_cycle(measurement, cycle)
+        apart *= scale[cycle]
+        apart -= measurement.channels
         total += apart
-        squares += np.square(apart)
-    return np.asarray(np.maximum(squares - np.square(total) / cycles, 0.0) / (cycles - 1))
+        apart *= apart
+        squares += apart
+    total *= total
+    squares -= total / cycles
+    return np.asarray(np.maximum(squares, 0.0) / (cycles - 1))
 
 
 def _along_signal(
@@ -123,12 +128,13 @@ def _along_signal(
     The largest squares of each group are left out, so that a particle's hit does not count; what that takes from a mean
     is known of the chi-square distribution.
     """
-    x, y = signal[:, good].ravel(), squares[:, good].ravel()
-    if x.size == 0:
+    chosen = np.flatnonzero(good)
+    if chosen.size == 0:
         return np.full_like(wanted, np.nan)
-    step = -(-x.size // _MOST_PIXELS)
-    order = np.argsort(x[::step], kind="stable")  # the same groups on every machine
-    x, y = x[::step][order], y[::step][order]
+    chosen = chosen[:: -(-chosen.size * len(signal) // _MOST_PIXELS)]
+    x, y = (values.reshape(len(values), -1)[:, chosen].ravel() for values in (signal, squares))
+    order = np.argsort(x, kind="stable")  # the same groups on every machine
+    x, y = x[order], y[order]
     groups = min(max(x.size // _LEAST_PIXELS, 1), _MOST_GROUPS)
     means = []
     for xs, ys in zip(np.array_split(x, groups), np.array_split(y, groups), strict=True):

@@ -4,7 +4,6 @@
 """
 
 import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from rigctl.console.anonymity import is_anonymous, told
 from rigctl.errors import ConfigError
 from rigctl.measure.measure import Measurement
 from rigctl.measure.pixel_errors import Doubt, PixelErrors
+from rigctl.runs.fits import encode_image
 from rigctl.runs.folder import MANIFEST_FILE
 from rigctl.version import VERSION
 
@@ -80,39 +80,35 @@ def stokes_fits(measurement: Measurement, errors: PixelErrors, calibrations: Map
 
     FITS standard 4.0, sections 8.2 and 9; SOLARNET Metadata Recommendations, section 5.4.1, for POLCCONV and POLCANGL.
     """
-    from astropy.io import fits
-
     planes = planes_of(measurement, errors)
-
-    def unit(make: Any, extension: str, *names: str, **cards: Any) -> Any:
-        values = [planes[name].values for name in names]
-        made = make(np.stack(values) if len(values) > 1 else values[0])
-        made.header["EXTNAME"] = extension
-        made.header["BUNIT"] = (planes[names[0]].unit, "unit of the samples")
-        made.header["ROWORDER"] = ("TOP-DOWN", "first row is the top of the picture")
-        for key, value in cards.items():
-            made.header[key] = value
-        for name in names:
-            made.header["COMMENT"] = f"{name}: {planes[name].meaning}"
-        return made
-
-    science = unit(fits.PrimaryHDU, "SCI", "s0", "s1", "s2")
-    science.header.update(_facts(measurement, errors, calibrations))
-    units = [
-        science,
-        unit(fits.ImageHDU, "ERR", "s0_error", "s1_error", "s2_error", UTYPE="StdDevUncertainty"),
-        unit(fits.ImageHDU, "COV", "s0_s1_cov", "s0_s2_cov", "s1_s2_cov"),
-        unit(fits.ImageHDU, "DQ", "dq"),
-        unit(fits.ImageHDU, "DOLP", "dolp"),
-        unit(fits.ImageHDU, "DOLP_ERR", "dolp_error"),
-        unit(fits.ImageHDU, "AOLP", "aolp_deg"),
-        unit(fits.ImageHDU, "AOLP_ERR", "aolp_error_deg"),
-    ]
-    for one in units:
-        one.add_checksum()
-    file = io.BytesIO()
-    fits.HDUList(units).writeto(file)
-    return file.getvalue()
+    facts = {
+        key: value if isinstance(value, tuple) else (value, "")
+        for key, value in _facts(measurement, errors, calibrations).items()
+    }
+    units: dict[str, tuple[tuple[str, ...], dict[str, tuple[Any, str]]]] = {
+        "SCI": (("s0", "s1", "s2"), {"EXTEND": (True, "")} | facts),
+        "ERR": (("s0_error", "s1_error", "s2_error"), {"UTYPE": ("StdDevUncertainty", "")}),
+        "COV": (("s0_s1_cov", "s0_s2_cov", "s1_s2_cov"), {}),
+        "DQ": (("dq",), {}),
+        "DOLP": (("dolp",), {}),
+        "DOLP_ERR": (("dolp_error",), {}),
+        "AOLP": (("aolp_deg",), {}),
+        "AOLP_ERR": (("aolp_error_deg",), {}),
+    }
+    return b"".join(
+        encode_image(
+            np.stack([planes[name].values for name in names]) if len(names) > 1 else planes[names[0]].values,
+            {
+                "EXTNAME": (extension, ""),
+                "BUNIT": (planes[names[0]].unit, "unit of the samples"),
+                "ROWORDER": ("TOP-DOWN", "first row is the top of the picture"),
+            }
+            | cards,
+            comments=[f"{name}: {planes[name].meaning}" for name in names],
+            is_extension=extension != "SCI",
+        )
+        for extension, (names, cards) in units.items()
+    )
 
 
 def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path]) -> dict[str, Any]:

@@ -4,8 +4,9 @@ From the headers alone a lost manifest can be made again.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -181,21 +182,30 @@ def encode_frame(counts: NDArray[Any], cards: Mapping[str, tuple[CardValue, str]
     return _whole_file(_size_cards(counts), cards, plain)
 
 
-def encode_image(image: NDArray[np.generic], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
-    """Return the bytes of a FITS file that holds a computed image or a stack of images."""
+def encode_image(
+    image: NDArray[np.generic],
+    cards: Mapping[str, tuple[CardValue, str]],
+    *,
+    comments: Iterable[str] = (),
+    is_extension: bool = False,
+) -> bytes:
+    """Return the bytes of a FITS file that holds a computed image or a stack of images, or of an extension of it."""
+    first = ("XTENSION", "IMAGE", "FITS standard 4.0") if is_extension else ("SIMPLE", True, "FITS standard 4.0")
     sizes: list[tuple[str, CardValue, str]] = [
-        ("SIMPLE", True, "FITS standard 4.0"),
+        first,
         ("BITPIX", _BITPIX[image.dtype.name], "bits of a sample, below 0 for real numbers"),
         ("NAXIS", image.ndim, ""),
         *((f"NAXIS{k}", length, "") for k, length in enumerate(reversed(image.shape), start=1)),
+        *((("PCOUNT", 0, ""), ("GCOUNT", 1, "")) if is_extension else ()),
     ]
     swapped = image.astype(image.dtype.newbyteorder(">"))
-    return _whole_file("".join(make_card(*size) for size in sizes), cards, swapped.tobytes())
+    said = "".join(f"COMMENT {line:<72}" for text in comments for line in wrap(text, 72))
+    return _whole_file("".join(make_card(*size) for size in sizes), cards, swapped.tobytes(), said)
 
 
-def _whole_file(sizes: str, cards: Mapping[str, tuple[CardValue, str]], samples: bytes) -> bytes:
+def _whole_file(sizes: str, cards: Mapping[str, tuple[CardValue, str]], samples: bytes, comments: str = "") -> bytes:
     data = _fill_block(samples, b"\0")
-    text = sizes + "".join(make_card(key, *card) for key, card in cards.items())
+    text = sizes + "".join(make_card(key, *card) for key, card in cards.items()) + comments
     text += make_card("DATASUM", str(ones_complement_sum(data)), "sum of the data, 32 bit")
     unsummed = _header(text, NO_CHECKSUM)
     total = ones_complement_sum(unsummed + data)
