@@ -78,7 +78,8 @@ class SignalEstimate:
     at_ends
         Share of the counts that lie at either end of the range, shape (2,).
     misfit
-        Largest difference of the shares of counts up to a number, by the law and as found.
+        Largest difference of the shares of counts up to a number, by the law and as found; infinite for counts of three
+        kinds, which any deviation fits.
     stands_for
         What each count from the lower end to the upper stands for: numbers whose mean over the counts is `mean_dn`, and
         whose scatter is its error.
@@ -130,7 +131,7 @@ def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstim
         mean_dn=mean,
         std_dn=std,
         at_ends=number[[0, -1]] / total,
-        misfit=float(np.max(np.abs(np.cumsum(number / total - share)))),
+        misfit=float(np.max(np.abs(np.cumsum(number / total - share)))) if kinds.size > _LEAST_COUNTS else np.inf,
         stands_for=mean + influence,
     )
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from model.counts import DITHERED_DN, ROUNDING_VAR_DN2, estimate_signal, rounded_moments
+from model.counts import DITHERED_DN, ROUNDING_VAR_DN2, estimate_signal, rounded_moments, rounding_error_rms
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
 from model.processing.dolp_interval import dolp_intervals, is_polarized
@@ -319,7 +319,8 @@ def _measured_regions(
                 # What is saturated for another reason than noise is left out, and not estimated.
                 if used is None or used[2] is None:
                     used = _cleaned(name, given, own, frames)
-                values, own, signal, at_ends, hits = used
+                values, own, signal, rounding, at_ends, hits = used
+                error = np.hypot(error, rounding)
                 if hits is not None:
                     hit, error = int(hits.pixels.sum()), np.hypot(error, hits.left_error)
                 excluded = int(mask.sum() - own.sum()) - hit
@@ -357,8 +358,8 @@ def _is_cut_off(frames: CorrectedFrames, inside: NDArray[np.bool_]) -> bool:
     return frames.are_counts and _CLIPPED < share < _MOSTLY_CLIPPED
 
 
-# Pixels, where they are, what they stand for, shares of counts at both ends, and what was hit.
-_Cleaned = tuple[FloatArray, NDArray[np.bool_], FloatArray | None, tuple[float, float], Hits | None]
+# Pixels, where they are, what they stand for, errors by rounding, shares of counts at both ends, and what was hit.
+_Cleaned = tuple[FloatArray, NDArray[np.bool_], FloatArray | None, FloatArray, tuple[float, float], Hits | None]
 
 
 def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: CorrectedFrames) -> _Cleaned:
@@ -369,7 +370,7 @@ def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: C
         kept[inside] = ~hits.pixels
         pixels = pixels[:, :, ~hits.pixels] - hits.left[:, None]
     if not frames.are_counts:
-        return pixels, kept, None, (float(np.mean(frames.at_zero[kept])), 0.0), hits
+        return pixels, kept, None, np.zeros(pixels.shape[1]), (float(np.mean(frames.at_zero[kept])), 0.0), hits
     return pixels, kept, *_signal_by_law(name, pixels, frames), hits
 
 
@@ -396,39 +397,47 @@ def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> 
 _CLIPPED, _MOSTLY_CLIPPED = 1e-3, 0.5
 
 # Largest difference of shares of counts, by the law and as found, from which on the law is not theirs.
-_MISFIT = 0.03
+_MISFIT = 0.01
 
 
 def _signal_by_law(
     name: str, pixels: FloatArray, frames: CorrectedFrames
-) -> tuple[FloatArray | None, tuple[float, float]]:
+) -> tuple[FloatArray | None, FloatArray, tuple[float, float]]:
     """Return what the pixels of each angle stand for by the law of counts, mean over the cycles.
 
-    None where noise dithers and hardly a count lies at an end, and where the law does not describe the counts. And the
-    largest shares of counts at 0 and at saturation.
+    None where noise dithers and hardly a count lies at an end, and where the law does not describe the counts of every
+    angle: texture that it does not know is in all of them, and few counts do not show it. Then the error of each angle
+    by rounding; and the largest shares of counts at 0 and at saturation.
     """
     grid, throughput = frames.grid, frames.corrections.throughput
     to_counts = 1.0 / grid.to_unit * (1.0 if throughput is None else throughput.value)
-    signal, ends, is_needed, is_lawful = pixels.mean(axis=0), np.zeros(2), False, True
-    for angle, (factor, level) in enumerate(zip(to_counts, frames.dark_level.level_dn, strict=True)):
-        counts = np.maximum(np.rint(pixels[:, angle] * factor + level), 0.0).astype(np.int64)
-        top, std = int(np.ceil(grid.records[0][angle].saturation_dn)), float(counts.std())
-        shares = np.array([np.mean(counts == 0), np.mean(counts >= top)])
-        ends = np.maximum(ends, shares)
-        if shares[0] > _MOSTLY_CLIPPED:
-            raise DataError(
-                f"region {name}: {shares[0]:.0%} of its counts behind {grid.channel_names[angle]} are 0: what the "
-                "light is cannot be told; raise the camera's black level, or expose for longer"
-            )
-        if shares.max() <= _CLIPPED and std >= DITHERED_DN:
-            continue
-        highest = top if shares[1] else int(counts.max() + 6.0 * std + 10.0)
-        found = estimate_signal(counts, highest=highest)
-        is_lawful &= found is not None and found.misfit < _MISFIT + counts.size**-0.5
-        if found is not None:
-            is_needed = True
-            signal[angle] = (found.stands_for[np.minimum(counts, highest)].mean(axis=0) - level) / factor
-    return (signal if is_needed and is_lawful else None), (float(ends[0]), float(ends[1]))
+    levels = frames.dark_level.level_dn
+    counts = np.maximum(np.rint(pixels * to_counts[:, None] + levels[:, None]), 0.0).astype(np.int64)
+    tops = np.array([int(np.ceil(record.saturation_dn)) for record in grid.records[0]])
+    stds = counts.std(axis=(0, 2))
+    at_zero, at_top = np.mean(counts == 0, axis=(0, 2)), np.mean(counts >= tops[:, None], axis=(0, 2))
+    ends = float(at_zero.max()), float(at_top.max())
+    if ends[0] > _MOSTLY_CLIPPED:
+        raise DataError(
+            f"region {name}: {ends[0]:.0%} of its counts behind {grid.channel_names[int(at_zero.argmax())]} are 0: "
+            "what the light is cannot be told; raise the camera's black level, or expose for longer"
+        )
+    is_moved = (np.maximum(at_zero, at_top) > _CLIPPED) | (stds < DITHERED_DN)
+    signal, rounding = pixels.mean(axis=0), np.zeros(len(tops))
+    if not is_moved.any():
+        return None, rounding, ends
+    is_lawful = True
+    for angle, top in enumerate(tops.tolist()):
+        own, std = counts[:, angle], stds[angle]
+        highest = top if at_top[angle] else int(own.max() + 6.0 * std + 10.0)
+        found = estimate_signal(own, highest=highest)
+        is_lawful &= found is not None and found.misfit < _MISFIT + own.size**-0.5
+        if found is None:
+            rounding[angle] = rounding_error_rms(np.sqrt(max(std**2 - ROUNDING_VAR_DN2, 0.0)))
+        elif is_moved[angle]:
+            rounding[angle] = abs(found.mean_dn - own.mean())
+            signal[angle] = (found.stands_for[np.minimum(own, highest)].mean(axis=0) - levels[angle]) / to_counts[angle]
+    return (signal, np.zeros(len(tops)), ends) if is_lawful else (None, rounding / to_counts, ends)
 
 
 # Fewer pixels than this give no fourth moment worth the name.

@@ -72,6 +72,8 @@ def test_the_signal_behind_counts_is_that_of_greatest_likelihood(mean, std, high
 
 def test_counts_of_two_kinds_tell_of_no_deviation_and_two_lights_do_not_fit():
     assert estimate_signal(np.array([3, 3, 4, 4, 3]), highest=255) is None
+    # Three kinds fit some deviation whatever made them: dark spots of a picture as well as noise.
+    assert estimate_signal(np.repeat([10, 11, 12], [179, 6214, 7]), highest=255).misfit == np.inf
     draws = np.random.default_rng(4)
     two = np.concatenate([draws.normal(4.0, 3.0, 2000), draws.normal(34.0, 3.0, 2000)])
     assert estimate_signal(np.maximum(np.rint(two), 0.0).astype(int), highest=255).misfit > 0.1
