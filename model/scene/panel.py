@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from model import stokes as geometry
 from model.scene.sky_light import DiffuseRadiance, Illumination, Nodes, hemisphere_nodes, nodes_toward
 from model.stokes import rotate_frame
-from model.surface.pbrdf import SLOPE_CUT, LocalGeometry, Surface, Tilt, evaluate, facet_nodes, local_geometry
+from model.surface.facets import SLOPE_CUT, facet_nodes
+from model.surface.pbrdf import LocalGeometry, Surface, Tilt, evaluate, local_geometry
 
 # Position of a camera, as seen from its target
 

@@ -13,17 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc
 
 from model.numerics import ndtri
-from model.surface.pbrdf import (
-    INDEX_MAX,
-    SLOPE_RMS_MIN,
-    Diffuse,
-    Lobe,
-    Surface,
-    checked_azimuth,
-    checked_zenith,
-    evaluate,
-    reflectance_at,
-)
+from model.surface.diffuse import Diffuse
+from model.surface.facets import INDEX_MAX, SLOPE_RMS_MIN, Lobe, checked_azimuth, checked_zenith, reflectance_at
+from model.surface.pbrdf import Surface, evaluate
 
 FloatArray = NDArray[np.float64]
 

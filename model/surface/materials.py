@@ -8,7 +8,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from model.surface.pbrdf import DiffuseKind, Shadowing, Surface
+from model.surface.diffuse import DiffuseKind
+from model.surface.facets import Shadowing
+from model.surface.pbrdf import Surface
 
 # Materials of surfaces: each property with its uncertainty, its source and how far it can be trusted
 

@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from model.surface.diffuse import DiffuseKind
+from model.surface.facets import Shadowing
 from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties
-from model.surface.pbrdf import DiffuseKind, Shadowing
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Name
 from rigctl.files.toml import Allowed, Section, load

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.stokes import dolp
+from model.surface.facets import lobe_reflectance
 from model.surface.materials import Material, properties
-from model.surface.pbrdf import Surface, findings, hemispherical_reflectance, lobe_reflectance, mueller
+from model.surface.pbrdf import Surface, findings, hemispherical_reflectance, mueller
 from rigctl.files.materials import NM_PER_M
 
 FloatArray = NDArray[np.float64]

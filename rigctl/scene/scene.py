@@ -25,8 +25,8 @@ from pydantic import BaseModel
 
 from model.effects.names import ALL, Effect
 from model.prediction import RigErrors
+from model.surface.facets import SLOPE_RMS_MIN
 from model.surface.materials import Material, Property, assumed_properties
-from model.surface.pbrdf import SLOPE_RMS_MIN
 from rigctl.base.numbers import percent
 from rigctl.errors import ConfigError
 from rigctl.files.place import GeometrySection, PointingSection

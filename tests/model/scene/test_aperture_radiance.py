@@ -6,7 +6,8 @@ import pytest
 from model.scene.panel import Rules, View, aperture_lights
 from model.scene.sky_light import illuminate
 from model.stokes import aolp_rad, dolp, rotate_frame
-from model.surface.pbrdf import Surface, Tilt, mueller, mueller_elements
+from model.surface.facets import mueller_elements
+from model.surface.pbrdf import Surface, Tilt, mueller
 from tests.model.made_lighting import MadeLighting, even_sky
 
 PAINT = Surface(n=1.5, slope_rms=0.15, dhr=0.05)

@@ -5,7 +5,8 @@ import pytest
 
 from model.scene.panel import PanelLight, Rules, View, reflected_by_rules, reflected_diffuse
 from model.stokes import dolp
-from model.surface.pbrdf import Surface, Tilt, lobe_reflectance, mueller
+from model.surface.facets import lobe_reflectance
+from model.surface.pbrdf import Surface, Tilt, mueller
 from tests.model.made_lighting import SUN_AZIMUTH_RAD, even_sky, polarized_sky, skylight
 
 GLOSSY = Surface(n=1.5, slope_rms=0.15)

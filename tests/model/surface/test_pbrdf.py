@@ -12,19 +12,16 @@ from hypothesis import strategies as st
 from scipy.special import erfc
 
 from model.stokes import aolp_rad, rotation
-from model.surface import pbrdf as fresnel
+from model.surface import facets as fresnel
+from model.surface.diffuse import reflectance_table
+from model.surface.facets import Lobe, facet_nodes, half_vector_geometry, lobe_reflectance
 from model.surface.pbrdf import (
-    Lobe,
     Surface,
     Tilt,
-    facet_nodes,
     findings,
-    half_vector_geometry,
     hemispherical_reflectance,
-    lobe_reflectance,
     local_geometry,
     mueller,
-    reflectance_table,
     tilted_mueller,
 )
 from tests.model.surface.oracles import direction, facet_mueller, level_mueller
