@@ -33,6 +33,7 @@ _ROUNDED = (
         1e-3,
     ),  # rounding moves pixels across 0 and 180 deg; stokes.fits has the same to 1e-5
     (re.compile(r"/diagnosis/terms/"), 0.05),
+    (re.compile(r"/light/[^/]*/error$"), 1e-6),  # the difference of two numbers that are nearly the same
 )
 _NO_ORDER = re.compile(r"/diagnosis/terms/.*(/samples/|confused_with)")
 _ERROR_KEYS = ("std_error", "std", "sigma", "rms", "error")
