@@ -6,7 +6,8 @@ many times what is there; but light that was scattered once, by the beam or by t
 solving anything.
 """
 
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -27,7 +28,8 @@ from model.atmosphere.air import Column
 from model.atmosphere.layers import henyey_greenstein
 from model.atmosphere.sky import STANDARD_SETTINGS, BandLighting, Fidelity, compute_lighting
 from model.effects.bounds import LightLimits, added, bound_of, is_narrow, radiance_bounds
-from model.effects.names import ALL, LIGHT, Bound, Effect
+from model.effects.names import LIGHT, Bound, Decision, Effect, EffectPlan
+from model.effects.planner import EFFECTS
 from model.numerics import gauss_legendre
 from model.quantities import SHARES, is_counts
 from model.scene.panel import PanelLight
@@ -38,6 +40,8 @@ from model.stokes import rotate_frame
 FloatArray = NDArray[np.float64]
 
 _DOLP_TOLERANCE = 1e-11
+# Sizes of effects are shown with two digits.
+_ROUGH, _ROUGH_LAW = 1e-2, 1e-6
 # The least of so many times is taken: another program's turn on the processor is not counted.
 _REPEATS = 3
 # Means that are computed in two ways differ by this share of S0. Where DoLP is 0 but for rounding, as of a level panel
@@ -68,25 +72,83 @@ class CheckedEffect:
 def check_effects(
     scene: LitScene,
     settings: Settings,
-    bounds: dict[Effect, Bound],
+    plan: EffectPlan,
     *,
     make_store: Callable[[], LightStore] = LightStore,
 ) -> tuple[CheckedEffect, ...]:
-    """Return what leaving out each of some effects changes, one at a time, each of the light with a new store."""
+    """Return what leaving out each of some effects changes, one at a time, each of the light with a new store.
+
+    Of the scene as it is asked for: effects that are left out by request are nowhere, but where their own change is
+    looked for.
+    """
     # Of the distribution of DoLP the error must not hide what is to be seen.
     settings = replace(settings, dolp_tolerance=min(settings.dolp_tolerance, _DOLP_TOLERANCE))
-    store = make_store()
-    whole, whole_s = _evaluated(scene, settings, ALL, store)
+    store, asked = make_store(), plan.asked
+    whole, whole_s = _evaluated(scene, settings, asked, store)
     # What acts behind the lens is compared by the time behind the lens: the light of the store is the same.
-    _, behind_s = _evaluated(scene, settings, ALL, store)
+    _, behind_s = _evaluated(scene, settings, asked, store)
     found = []
-    for effect, bound in bounds.items():
-        is_light = effect in LIGHT
-        without, without_s = _evaluated(scene, settings, ALL - {effect}, make_store() if is_light else store)
-        actual = change(whole, without)
-        with_s = whole_s if is_light else behind_s
-        found.append(CheckedEffect(effect=effect, bound=bound, actual=actual, with_s=with_s, without_s=without_s))
+    for one in plan.decisions:
+        is_light, with_it = one.effect in LIGHT, whole
+        if one.effect not in asked:
+            with_it, _ = _evaluated(scene, settings, asked | {one.effect}, make_store() if is_light else store)
+        without, without_s = _evaluated(scene, settings, asked - {one.effect}, make_store() if is_light else store)
+        found.append(
+            CheckedEffect(
+                effect=one.effect,
+                bound=one.bound,
+                actual=change(with_it, without),
+                with_s=whole_s if is_light else behind_s,
+                without_s=without_s,
+            )
+        )
     return tuple(found)
+
+
+def with_changes(
+    scene: LitScene, plan: EffectPlan, settings: Settings, *, store: LightStore, acting: bool = True
+) -> EffectPlan:
+    """Return a plan with what its effects change: those that nobody stated, at the ends of their usual range.
+
+    Those that act, or are left out by request, are evaluated too if `acting`. Settings of sky and light are the given
+    ones, but for coarse rules of what a field of view adds.
+    """
+    settings = replace(
+        settings,
+        hemisphere_tolerance=max(settings.hemisphere_tolerance, _ROUGH),
+        tiles_per_side=2,
+        dolp_tolerance=_ROUGH_LAW,
+    )
+    on = frozenset(one.effect for one in plan.decisions if one.answer != "left out")
+    variants = [(one.effect, seen) for one in plan.decisions for seen in _variants(scene, one, acting=acting)]
+    whole, *others = (
+        one.readings
+        for one in evaluate_all([scene, *(seen for _, seen in variants)], settings, effects=on, store=store)
+    )
+    found: dict[Effect, list[Bound]] = defaultdict(list)
+    for (effect, _), other in zip(variants, others, strict=True):
+        found[effect].append(change(whole, other))
+    if acting:
+        # The scenes of one evaluation have the same parts of the light.
+        for one in plan.decisions:
+            if one.answer == "acts" and one.effect in LIGHT:
+                without = evaluate(scene, settings, effects=on - {one.effect}, store=store)
+                found[one.effect].append(change(whole, without.readings))
+            elif one.forced and not one.acts:
+                with_it = evaluate(scene, settings, effects=on | {one.effect}, store=store)
+                found[one.effect].append(change(with_it.readings, whole))
+    return replace(
+        plan, decisions=tuple(replace(one, changes=tuple(found.get(one.effect, ()))) for one in plan.decisions)
+    )
+
+
+def _variants(scene: LitScene, one: Decision, *, acting: bool) -> Iterator[LitScene]:
+    """Yield the scenes that show what an effect changes: with it at both ends of its range, or without it."""
+    entry = EFFECTS[one.effect]
+    if one.answer == "not stated" and entry.usual is not None:
+        yield from (entry.usual.stated(scene, value) for value in (entry.usual.low, entry.usual.high))
+    elif acting and one.answer == "acts" and one.effect not in LIGHT:
+        yield entry.removed(scene)
 
 
 def chain_time_s(
@@ -104,11 +166,12 @@ def chain_time_s(
 
 def change(whole: Readings, without: Readings) -> Bound:
     """Return the largest difference of each kind between two sets of readings, but for rounding of no polarization."""
-    found = Bound()
+    found: dict[str, float] = defaultdict(float)
     for reading, apart in differences(whole, without).items():
         if apart > _rounding(reading, whole):
-            found = found.worse(Bound(**{kind_of(reading): apart}))
-    return found
+            kind = kind_of(reading)
+            found[kind] = max(found[kind], apart)
+    return Bound(**found)
 
 
 def _rounding(reading: Reading, whole: Readings) -> float:

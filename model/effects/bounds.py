@@ -24,7 +24,7 @@ from model.effects.names import EVERYTHING, LIGHT, Bound, Effect
 from model.numerics import chdtri, erfc, expn
 from model.processing.detection import CONDITION_LIMIT
 from model.processing.reconstruction import design
-from model.scene.field import BACKSCATTER, FieldPart, cosine_fourth, half_diagonal_rad, middle, off_axis
+from model.scene.field import BACKSCATTER, FieldPart, cosine_fourth, middle, off_axis
 from model.scene.panel import View, aperture_lights
 from model.scene.scene import Air, LitRegion, LitScene
 from model.scene.sky_light import illuminate
@@ -133,39 +133,11 @@ _WITH_BEAM = ("total", "reflected", "reflected_sun")
 
 # Optical depth falls at most as this power of the wavelength: molecules have 4.1, no aerosol more.
 _POWER = 4.2
-# Least bound of skylight in daylight, over the light of the beam.
-_LEAST_SKY = 0.1
 
 
-def may_be_small(scene: LitScene, *, depth: float, tolerance: float) -> bool:
-    """Return whether field or band of a scene in daylight may be found small enough to be left out.
-
-    Parameters
-    ----------
-    scene
-        All that the scene is.
-    depth
-        Optical depth of its air, 0.05 or more.
-    tolerance
-        That the sum of what is left out may reach, 0.05 or less.
-
-    Notes
-    -----
-    The bound of skylight is a tenth of the beam's light at the least there: 2.25 depth / mu0^2. With so much of it no
-    bound of skylight is within the tolerance, and this is what the bounds of field and band come to at the least.
-    """
-    air, view = scene.air, scene.view
-    if air is None or view is None:
-        return True
-    slant = 1.0 / np.cos(view.zenith_rad)
-    steepness = _steepness(air, depth, slant)
-    of_band = 0.5 * _relative_variance(air) * steepness * (steepness + 5.0) * _LEAST_SKY
-    fields = [
-        _SKY_ROOM * _LEAST_SKY * 2.0 * (1.0 / one.surface.slope_rms + 4.0 * slant) * half_diagonal_rad(one.part)
-        for one in scene.regions
-        if one.surface is not None and one.part is not None
-    ]
-    return of_band <= tolerance or 0.0 < max(fields, default=0.0) <= tolerance
+def is_thin(air: Air) -> bool:
+    """Return whether air is so thin that bounds of its light are of use."""
+    return _bound_air(air).depth < _THIN
 
 
 _NOTHING = Disturbance()

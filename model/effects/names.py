@@ -110,6 +110,25 @@ class Decision:
     reason: str
     forced: bool = False  #: whether the user decided
     acts_by_bound: bool = True  #: whether it is computed by the rule "safe"
+    is_unstated: bool = False  #: whether it may be there though the scene says nothing of it
+    #: Changes as they were evaluated: without an effect that acts; with one that is not stated, at both ends of its
+    #: usual range. Empty where none was evaluated.
+    changes: tuple[Bound, ...] = ()
+
+    @property
+    def answer(self) -> Literal["acts", "left out", "not stated"]:
+        """What was decided."""
+        if self.is_unstated and not self.forced:
+            return "not stated"
+        return "acts" if self.acts else "left out"
+
+    @property
+    def change(self) -> Bound:
+        """The larger of the evaluated changes, or the bound."""
+        found = Bound()
+        for one in self.changes:
+            found = found.worse(one)
+        return found if self.changes else self.bound
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +144,16 @@ class EffectPlan:
     def active(self) -> frozenset[Effect]:
         """Effects that act."""
         return frozenset(one.effect for one in self.decisions if one.acts)
+
+    @property
+    def asked(self) -> frozenset[Effect]:
+        """All effects but those that are left out by request."""
+        return ALL - {one.effect for one in self.decisions if one.forced and not one.acts}
+
+    def unstated_above(self, tolerance: float) -> "tuple[Decision, ...]":
+        """Return the effects that nobody stated and that usually change a number by more, the largest first."""
+        found = [one for one in self.decisions if one.answer == "not stated" and one.change.largest > tolerance]
+        return tuple(sorted(found, key=lambda one: -one.change.largest))
 
     @property
     def remarks(self) -> tuple[str, ...]:

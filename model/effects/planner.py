@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from model.effects.names import ALL, EVERYTHING, LIGHT, Bound, Decision, Effect, EffectPlan, EffectRule
+from model.scene.field import whole_field
 from model.scene.scene import LightParts, LitScene
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ SharperBound = Callable[[Mapping[str, "LightLimits"]], Bound | None]
 
 _NO_CHOICE: Mapping[Effect, bool] = {}
 _ALL = "every effect acts by request"
+# Effects that are decided before the others.
+_OF_AIR = frozenset({Effect.SKYLIGHT, Effect.PATH_RADIANCE})
 # Of a tolerance, what is below this is 0 to rounding.
 _ROUNDING = 1e-15
 
@@ -33,7 +36,6 @@ def plan(
     forced: Mapping[Effect, bool] = _NO_CHOICE,
     rule: EffectRule = "safe",
     sharper: SharperBound | None = None,
-    asked: bool = True,
 ) -> EffectPlan:
     """Return which effects a scene calls for.
 
@@ -49,8 +51,6 @@ def plan(
         By bounds, or every effect acts; the decisions say in either case what "safe" would leave out.
     sharper : callable or None
         Gives a sharper bound of skylight, called where the general one is above the tolerance; None for none.
-    asked : bool
-        Whether bounds of the light are computed; if not, its effects act unless the user forces one.
 
     Raises
     ------
@@ -59,18 +59,14 @@ def plan(
 
     Notes
     -----
-    Skylight and path radiance are decided first. Bounds of means add, shares of variances add, and so do the bounds
-    made of them. Where skylight and path radiance are left out, the band counts only with what it changes besides.
+    Bounds of means add, shares of variances add, and so do the bounds made of them. Skylight and path radiance are
+    decided first: where both are left out, the band counts only with what it changes besides.
     """
     if not tolerance >= 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is 0 or more")
-    decisions, spent = _stated(scene, forced), Bound()
-    if asked or LIGHT & forced.keys():
-        of_light, spent = _of_light(scene, tolerance, forced, sharper)
-        decisions += of_light
-    else:
-        reason = "costs less than to look for a bound of it"
-        decisions += [Decision(effect=one, acts=True, bound=EVERYTHING, reason=reason) for one in LIGHT]
+    of_light, spent = _of_light(scene, tolerance, forced, sharper)
+    decisions = [_by_statement(scene, effect, forced) for effect in Effect if effect not in of_light]
+    decisions += of_light.values()
     if rule == "all":
         decisions, spent = [one if one.forced else replace(one, acts=True, reason=_ALL) for one in decisions], Bound()
     order = list(Effect)
@@ -78,7 +74,9 @@ def plan(
     return EffectPlan(decisions=tuple(decisions), tolerance=tolerance, spent=spent, rule=rule)
 
 
-def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float = 0.0) -> EffectPlan:
+def plan_of_all(
+    forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float = 0.0, scene: LitScene | None = None
+) -> EffectPlan:
     """Return the plan in which every effect acts that is not left out by request; no bound is computed."""
     decisions = tuple(
         Decision(
@@ -87,6 +85,7 @@ def plan_of_all(forced: Mapping[Effect, bool] = _NO_CHOICE, *, tolerance: float 
             bound=EVERYTHING,
             reason=_by_request(forced[effect]) if effect in forced else _ALL,
             forced=effect in forced,
+            is_unstated=scene is not None and _by_statement(scene, effect, forced).is_unstated,
         )
         for effect in Effect
     )
@@ -111,32 +110,38 @@ def acting_parts(effects: frozenset[Effect]) -> LightParts:
     )
 
 
-def _stated(scene: LitScene, forced: Mapping[Effect, bool]) -> list[Decision]:
-    """Decisions on the effects of sensor and session, which act where the scene states them."""
-    found = []
-    for effect, entry in EFFECTS.items():
-        if entry.is_stated is None:
-            continue
-        is_stated = bool(entry.is_stated(scene))  # of numpy's numbers it is one of numpy's, which JSON does not hold
-        found.append(
-            Decision(
-                effect=effect,
-                acts=forced.get(effect, is_stated),
-                bound=EVERYTHING if is_stated else Bound(),
-                reason=_by_request(forced[effect]) if effect in forced else "stated" if is_stated else "not stated",
-                forced=effect in forced,
-                acts_by_bound=is_stated or effect in forced,
-            )
-        )
-    return found
+def _by_statement(scene: LitScene, effect: Effect, forced: Mapping[Effect, bool]) -> Decision:
+    entry = EFFECTS[effect]
+    is_stated = bool(entry.is_stated(scene))  # of numpy's numbers it is one of numpy's, which JSON does not hold
+    is_unstated = not is_stated and entry.usual is not None and entry.usual.can_be(scene)
+    if effect in forced:
+        reason = _by_request(forced[effect])
+    elif is_stated:
+        reason = "stated"
+    else:
+        reason = "not stated" if is_unstated else entry.reason_absent
+    return Decision(
+        effect=effect,
+        acts=forced.get(effect, is_stated),
+        bound=EVERYTHING if is_stated else Bound(),
+        reason=reason,
+        forced=effect in forced,
+        acts_by_bound=is_stated or effect in forced,
+        is_unstated=is_unstated,
+    )
 
 
 def _of_light(
     scene: LitScene, tolerance: float, forced: Mapping[Effect, bool], sharper: SharperBound | None
-) -> tuple[list[Decision], Bound]:
-    """Decisions on the effects of the light, and the sum of the bounds of those that are left out."""
-    from model.effects.bounds import effect_bounds, light_limits
+) -> tuple[dict[Effect, Decision], Bound]:
+    """Decisions on the effects of the light that are there, and the sum of the bounds of those that are left out."""
+    from model.effects.bounds import effect_bounds, is_thin, light_limits
 
+    there = [effect for effect in Effect if effect in LIGHT and EFFECTS[effect].is_stated(scene)]
+    if not there or scene.air is None or not is_thin(scene.air):
+        # Thick air: the sky alone may add a tenth of the beam's light, and no bound is of use beside it.
+        unknown = dict.fromkeys(there, EVERYTHING)
+        return _decided(unknown, unknown, Bound(), forced, tolerance)[0], Bound()
     # Noise that is left out by request hides nothing of what the light changes.
     left = acting(scene, ALL - {effect for effect, is_on in forced.items() if not is_on and effect not in LIGHT})
     limits = light_limits(scene)
@@ -146,15 +151,16 @@ def _of_light(
         found = sharper(limits)
         if found is not None:
             bounds[Effect.SKYLIGHT] = general.tighter(replace(found, detection=general.detection))
-    of_air = {effect: bounds.pop(effect) for effect in (Effect.SKYLIGHT, Effect.PATH_RADIANCE)}
+    of_air = {one: bounds[one] for one in there if one in _OF_AIR}
     first, spent = _decided(of_air, of_air, Bound(), forced, tolerance)
-    counted = dict(bounds)
-    if not any(one.acts or one.forced for one in first):
+    others = {one: bounds[one] for one in there if one not in first}
+    counted = dict(others)
+    if not any(one.acts or one.forced for one in first.values()):
         # One wavelength misses nothing of light that is not computed.
         dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
         counted |= effect_bounds(left, dark, frozenset({Effect.WAVELENGTHS}))
-    others, spent = _decided(bounds, counted, spent, forced, tolerance)
-    return first + others, spent
+    rest, spent = _decided(others, counted, spent, forced, tolerance)
+    return first | rest, spent
 
 
 def _decided(
@@ -163,9 +169,9 @@ def _decided(
     spent: Bound,
     forced: Mapping[Effect, bool],
     tolerance: float,
-) -> tuple[list[Decision], Bound]:
-    """Decisions on some effects, smallest first, and the sum of what is left out; `counted` is what each adds to it."""
-    found = []
+) -> tuple[dict[Effect, Decision], Bound]:
+    """Decisions on effects, smallest first, and the sum of what is left out; `counted` is what each adds to it."""
+    found = {}
     for effect in sorted(bounds, key=lambda one: (counted[one].largest, one)):
         total = spent + counted[effect]
         size = total.largest if counted[effect].largest > 0.0 else 0.0
@@ -173,7 +179,7 @@ def _decided(
         if effect in forced:
             reason = _by_request(acts)
         elif size == 0.0:
-            reason = "is not there"
+            reason = "changes nothing"
         elif np.isinf(size):
             reason = "no useful bound"
         else:
@@ -181,15 +187,13 @@ def _decided(
             reason = f"sum {shown} {'>' if acts else '<='} {tolerance:.1e}"
         if not acts and effect not in forced:
             spent = total
-        found.append(
-            Decision(
-                effect=effect,
-                acts=acts,
-                bound=bounds[effect],
-                reason=reason,
-                forced=effect in forced,
-                acts_by_bound=acts or effect in forced,
-            )
+        found[effect] = Decision(
+            effect=effect,
+            acts=acts,
+            bound=bounds[effect],
+            reason=reason,
+            forced=effect in forced,
+            acts_by_bound=acts or effect in forced,
         )
     return found, spent
 
@@ -202,12 +206,24 @@ def _by_request(is_on: bool) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Usual:
+    """The usual range of the input of an effect, and the scene with it where the scene states none."""
+
+    low: float  #: SI; angles in radians
+    high: float
+    stated: Callable[[LitScene, float], LitScene]
+    can_be: Callable[[LitScene], bool] = lambda _: True  #: whether the scene leaves room for the effect
+
+
+@dataclass(frozen=True, kw_only=True)
 class EffectEntry:
     """An effect: a new one is an entry here and the place that computes it; one of the light has a bound as well."""
 
     changes: str
     removed: Callable[[LitScene], LitScene]
-    is_stated: Callable[[LitScene], bool] | None = None  #: None for effects of the light, which have a bound
+    is_stated: Callable[[LitScene], bool]
+    usual: Usual | None = None  #: None for an effect that every scene states, or that follows from others
+    reason_absent: str = "stated as 0"  #: why it is not there where it is neither stated nor has a usual size
     place: str = "model.effects.planner"
     cost: str = "microseconds"
 
@@ -237,15 +253,47 @@ def _without_texture(scene: LitScene) -> LitScene:
     return replace(scene, regions=regions)
 
 
+def _with_session(name: str) -> Callable[[LitScene, float], LitScene]:
+    return lambda scene, value: _without_session(**{name: value})(scene)
+
+
+def _with_texture(scene: LitScene, rms: float) -> LitScene:
+    return replace(scene, regions=tuple(replace(one, texture_rms=rms) for one in scene.regions))
+
+
+def _with_field(scene: LitScene, width_rad: float) -> LitScene:
+    part = whole_field(width_rad=width_rad, height_rad=width_rad)
+    return replace(
+        scene, regions=tuple(replace(one, part=part if one.surface is not None else None) for one in scene.regions)
+    )
+
+
+def _has_materials(scene: LitScene) -> bool:
+    return any(one.surface is not None for one in scene.regions)
+
+
+def _has_extents(scene: LitScene) -> bool:
+    return any(one.part is not None for one in scene.regions)
+
+
 def _has_texture(scene: LitScene) -> bool:
     return any(one.texture_rms > 0.0 or any(one.texture_diagonal) or np.any(one.texture_cov) for one in scene.regions)
 
+
+def _from_height(scene: LitScene, height_m: float) -> LitScene:
+    return scene if scene.view is None else replace(scene, view=replace(scene.view, height_m=height_m))
+
+
+_IN_RADIANCE = "in the radiance"
 
 EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
     {
         Effect.FIELD_OF_VIEW: EffectEntry(
             changes="mean light and its spread over a region",
             removed=_without_part("field_of_view"),
+            is_stated=_has_extents,
+            usual=Usual(low=np.radians(1.0), high=np.radians(5.0), stated=_with_field, can_be=_has_materials),
+            reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="a light for each tile",
         ),
@@ -253,16 +301,22 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
             changes="covariance over pixels",
             removed=_without_texture,
             is_stated=_has_texture,
+            usual=Usual(low=0.005, high=0.03, stated=_with_texture),
         ),
         Effect.SKYLIGHT: EffectEntry(
             changes="mean light",
             removed=_without_part("skylight"),
+            is_stated=_has_materials,
+            reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="sky, and an integral over it a view",
         ),
         Effect.PATH_RADIANCE: EffectEntry(
             changes="mean light",
             removed=_without_part("path_radiance"),
+            is_stated=lambda scene: _has_materials(scene) and scene.sensor_height_m > 0.0,
+            usual=Usual(low=1.5, high=30.0, stated=_from_height, can_be=_has_materials),
+            reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="one ray a view",
         ),
@@ -296,6 +350,8 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
         Effect.WAVELENGTHS: EffectEntry(
             changes="light of sky and path",
             removed=_without_part("wavelengths"),
+            is_stated=_has_materials,
+            reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="a solution for each",
         ),
@@ -303,16 +359,20 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
             changes="degree of polarization, temporal noise",
             removed=_without_session(polarizer_angle_std_rad=0.0),
             is_stated=lambda scene: scene.imperfections.polarizer_angle_std_rad > 0.0,
+            usual=Usual(low=np.radians(0.02), high=np.radians(0.2), stated=_with_session("polarizer_angle_std_rad")),
         ),
         Effect.MISREGISTRATION: EffectEntry(
             changes="correlation of texture between frames",
             removed=_without_session(misregistration_pixels=0.0),
             is_stated=lambda scene: scene.imperfections.misregistration_pixels > 0.0 and _has_texture(scene),
+            usual=Usual(low=0.05, high=0.5, stated=_with_session("misregistration_pixels"), can_be=_has_texture),
+            reason_absent="no texture to shift",
         ),
         Effect.DRIFT: EffectEntry(
             changes="mean Stokes parameters",
             removed=_without_session(drift=0.0),
             is_stated=lambda scene: scene.imperfections.drift != 0.0,
+            usual=Usual(low=0.001, high=0.01, stated=_with_session("drift")),
         ),
         Effect.NONUNIFORMITY: EffectEntry(
             changes="covariance over pixels",
@@ -327,14 +387,16 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
         Effect.FALLOFF: EffectEntry(
             changes="counts and their spread over a region",
             removed=_without_session(off_axis_falloff=False),
-            is_stated=lambda scene: (
-                scene.imperfections.off_axis_falloff and any(one.part is not None for one in scene.regions)
-            ),
+            is_stated=lambda scene: scene.imperfections.off_axis_falloff and _has_extents(scene),
+            reason_absent="no extent",
             place="model.accuracy.chain",
         ),
         Effect.ADJACENCY: EffectEntry(
             changes="mean light",
             removed=_without_session(surround_albedo=None),
+            is_stated=lambda scene: scene.imperfections.surround_albedo is not None,
+            usual=Usual(low=0.05, high=0.5, stated=_with_session("surround_albedo"), can_be=_has_materials),
+            reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
         ),
     }

@@ -101,6 +101,17 @@ def size(value: float) -> str:
     return "0" if abs(value) < _ROUNDING else f"{value:.1e}"
 
 
+# Below this a change is not told from rounding in what a solution gives.
+_LEAST_CHANGE = 1e-10
+
+
+def change_text(value: float) -> str:
+    """Return the size of a change: 0, two digits, or "any" where it has no limit."""
+    if not isfinite(value):
+        return "any"
+    return "0" if value < _LEAST_CHANGE else f"{value:.2g}"
+
+
 def chance(probability: float) -> str:
     """Return a probability to two digits; how small one is that is very small means nothing."""
     if not isfinite(probability):

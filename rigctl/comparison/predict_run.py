@@ -100,6 +100,9 @@ class RunPredictor:
 def run_predictor(measurement: Measurement, scene: Scene) -> RunPredictor:
     """Return what predicts a run from a scene."""
     used = scene_of_run(scene, measurement.run, measurement.grid.frames)
+    if measurement.flat is not None:
+        # A flat field takes the falloff of the lens with it.
+        used = replace(used, errors=used.errors.model_copy(update={"off_axis_falloff": False}))
     return RunPredictor(
         measurement=measurement, stated=scene, inputs=gather(_with_cycle(used, measurement)), light=SceneLight()
     )

@@ -457,8 +457,8 @@ class ErrorsSection(Section):
     from frame to frame along each axis (both standard deviations), `texture_correlation_px` the distance at which the
     correlation of the texture has fallen to 0.61, `illumination_drift` the change of the light from the first frame of
     a cycle to the last over its mean, `surround_albedo` that of the near surroundings where it is not
-    atmosphere.ground_albedo, `off_axis_falloff` whether light falls as cos^4 over a region's extent (no flat field).
-    Each number may have a standard uncertainty.
+    atmosphere.ground_albedo, `off_axis_falloff` whether light falls as cos^4 over a region's extent: it does, unless
+    frames are divided by a flat field. Each number may have a standard uncertainty.
     """
 
     polarizer_angle_std_deg: Annotated[
@@ -501,8 +501,8 @@ class ErrorsSection(Section):
         ErrorNumber(field="surround_albedo", unit="", meaning="albedo of the near surroundings", most=1.0),
     ] = None
     """Albedo of the near surroundings, where it is not `atmosphere.ground_albedo`. Example: `0.2`."""
-    off_axis_falloff: bool = False
-    """Light falls as cos^4 over a region's extent (no flat field). Example: `true`."""
+    off_axis_falloff: bool = True
+    """Light falls as cos^4 over a region's extent; false for frames divided by a flat field. Example: `false`."""
 
 
 def error_numbers() -> dict[str, ErrorNumber]:

@@ -165,7 +165,6 @@ class ScenePredictor:
                 tolerance=tolerance,
                 forced=forced_effects(self.scene),
                 rule=rule,
-                is_of_many=of is not None,
             )
 
     def to_tolerance(
@@ -192,6 +191,15 @@ class ScenePredictor:
                 clock=clock,
             )
         return found.cases[0]
+
+    def with_unstated(self, effects: "EffectPlan", found: "Predicted") -> "EffectPlan":
+        """Return a plan with what effects that nobody stated would change, at the settings of a prediction."""
+        from model.accuracy.effect_check import with_changes
+
+        with as_config_error(f"scene {self.scene.name}"):
+            return with_changes(
+                self.lit_scene(), effects, found.result.settings, store=self._light.lights, acting=False
+            )
 
     def series_to_tolerance(
         self,

@@ -7,8 +7,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from model.effects.planner import EFFECTS
-from rigctl.base.numbers import NOTHING, size
+from rigctl.base.numbers import NOTHING, change_text, percent, size
 from rigctl.report.table import Column, Table
+from rigctl.scene.effects import statement_of
 
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
@@ -63,6 +64,7 @@ def _entry(decision: Decision, checked: CheckedEffect | None) -> dict[str, Json]
     entry: dict[str, Json] = {
         "effect": decision.effect.value,
         "acts": decision.acts,
+        "answer": decision.answer,
         "forced": decision.forced,
         "bound": _numbers(decision.bound),
         "reason": decision.reason,
@@ -71,6 +73,11 @@ def _entry(decision: Decision, checked: CheckedEffect | None) -> dict[str, Json]
         "cost": facts.cost,
         "safe": {"acts": decision.acts_by_bound},
     }
+    if decision.changes:
+        entry |= {"sizes": [_numbers(one) for one in decision.changes]}
+    if decision.answer == "not stated":
+        found = statement_of(decision.effect)
+        entry |= {"usual": found.words, "table": found.table, "line": found.line}
     if checked is None:
         return entry
     return entry | {
@@ -81,6 +88,30 @@ def _entry(decision: Decision, checked: CheckedEffect | None) -> dict[str, Json]
 
 def _numbers(bound: Bound) -> dict[str, float | None]:
     return {kind: value if math.isfinite(value) else None for kind, value in asdict(bound).items()}
+
+
+# Kinds of numbers that an effect changes, as a table and a sentence name them.
+KINDS = {"ratios": "DoLP", "radiance": "counts", "deviations": "noise", "detection": "P_D"}
+
+
+def unstated_line(plan: EffectPlan) -> str:
+    """Return in one line which effects nobody stated though they usually change more than is allowed; "" for none."""
+    tolerance = plan.tolerance
+    named = [
+        f"{one.effect} ({_kinds(one.change, tolerance)}; {statement_of(one.effect).words})"
+        for one in plan.unstated_above(tolerance)
+    ]
+    return f"not stated, and usually above {tolerance:.2g}: {', '.join(named)}" if named else ""
+
+
+def _kinds(found: Bound, tolerance: float) -> str:
+    sizes = ((kind, getattr(found, kind)) for kind in KINDS)
+    return ", ".join(f"{KINDS[kind]} {_in_unit(kind, value)}" for kind, value in sizes if value > tolerance)
+
+
+def _in_unit(kind: str, value: float) -> str:
+    is_relative = kind in ("radiance", "deviations") and math.isfinite(value)
+    return percent(value) if is_relative else change_text(value)
 
 
 def left_out_line(plan: EffectPlan) -> str:

@@ -1,16 +1,16 @@
-"""Planning of effects: those that a scene calls for, and what leaving the others out truly changes."""
+"""Planning of effects: those that a scene calls for, what leaving others out changes, and what nobody stated."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from math import degrees
 from typing import TYPE_CHECKING
 
-from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects, skylight_bound
-from model.accuracy.plan import optical_depth
+from model.accuracy.effect_check import CheckedEffect, chain_time_s, check_effects, skylight_bound, with_changes
+from model.accuracy.plan import NUMERICAL_SETTINGS, WAVELENGTHS, settings_at
 from model.accuracy.predict import SMALLEST
-from model.effects.bounds import may_be_small
-from model.effects.names import ALL, Effect, EffectPlan, EffectRule
-from model.effects.planner import plan, plan_of_all
+from model.effects.names import Effect, EffectPlan, EffectRule
+from model.effects.planner import EFFECTS, plan, plan_of_all
 from rigctl.errors import as_config_error
 from rigctl.scene.light import SceneLight, lit_scene, readout_of, sensor_of, settings_of
 from rigctl.scene.scene import forced_effects
@@ -25,8 +25,52 @@ Tell = Callable[[float], None]
 
 # Share of a tolerance that may go to effects that are left out; numerical settings have the rest.
 SHARE = 0.5
-# Optical depth below which the sky may be left out.
-_THIN = 0.05
+# Levels at which sizes of effects are evaluated: two digits, in a second.
+_ROUGH = dict.fromkeys(NUMERICAL_SETTINGS, 1) | {WAVELENGTHS: 2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statement:
+    """How a scene file states an effect, and its usual range in words."""
+
+    table: str
+    line: str  #: with the upper end of the range
+    words: str
+
+
+def statement_of(effect: Effect) -> Statement:
+    """Return what to add to a scene file that says nothing of an effect."""
+    usual = EFFECTS[effect].usual
+    if usual is None:
+        raise ValueError(f"{effect}: every scene states it")
+    table, key, words, scale = _STATEMENTS[effect]
+    low, high = scale(usual.low), scale(usual.high)
+    return Statement(table=table, line=key.format(f"{high:g}"), words=words.format(f"{low:g}", f"{high:g}"))
+
+
+def _same(value: float) -> float:
+    return value
+
+
+def _percent(value: float) -> float:
+    return 100.0 * value
+
+
+# Table of the scene file, line, words for the range, and the unit in which the file has it.
+_STATEMENTS: dict[Effect, tuple[str, str, str, Callable[[float], float]]] = {
+    Effect.FIELD_OF_VIEW: (
+        "[field_of_view]",
+        'width_deg = {0}, height_deg = {0}, and extent = "field" in [[regions]]',
+        "{} to {} deg",
+        degrees,
+    ),
+    Effect.TEXTURE: ("[[regions]]", "texture_rms = {}", "rms {} to {}", _same),
+    Effect.PATH_RADIANCE: ("[geometry]", "camera_height_m = {}", "{} to {} m", _same),
+    Effect.POLARIZER_ANGLE: ("[errors]", "polarizer_angle_std_deg = {}", "{} to {} deg", degrees),
+    Effect.MISREGISTRATION: ("[errors]", "misregistration_px = {}", "{} to {} px", _same),
+    Effect.DRIFT: ("[errors]", "illumination_drift = {}", "{} to {}", _same),
+    Effect.ADJACENCY: ("[errors]", "surround_albedo = {}", "albedo {}-{}", _same),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,38 +121,27 @@ def plan_effects(
     return PlannedScene(scene=lit, settings=settings, plan=found, remarks=(*scene.remarks, *found.remarks))
 
 
-def plan_for_prediction(
-    lit: "LitScene",
-    *,
-    tolerance: float,
-    forced: Mapping[Effect, bool],
-    rule: EffectRule,
-    is_of_many: bool,
-) -> EffectPlan:
-    """Return which effects a scene calls for where finding that out must cost less than what it saves.
+def with_sizes(planned: PlannedScene, *, tell: Tell | None = None) -> PlannedScene:
+    """Return a planned scene with the size of every effect that acts or is not stated, to about two digits."""
+    settings = settings_at(_ROUGH, SHARE * 1e-3, face_m=planned.scene.sensor_height_m)
+    store = SceneLight(is_kept_between_runs=False, tell=tell).lights
+    with as_config_error("effects"):
+        return replace(planned, plan=with_changes(planned.scene, planned.plan, settings, store=store))
 
-    Of one scene in daylight an estimate costs more than what it may leave out: the sky is solved either way. So does a
-    bound, but of a narrow band or field. Effects other than those of the light are not estimated: they cost nothing.
-    """
+
+def plan_for_prediction(
+    lit: "LitScene", *, tolerance: float, forced: Mapping[Effect, bool], rule: EffectRule
+) -> EffectPlan:
+    """Return which effects a scene calls for at a tolerance, all of which numerical settings have by the rule "all"."""
     # The least tolerance has nothing to share.
     share = SHARE * tolerance if tolerance * (1.0 - SHARE) >= SMALLEST else 0.0
     if rule == "all":
-        return plan_of_all(forced, tolerance=share)
-
-    depth = optical_depth(lit)
-    pays = is_of_many or depth < _THIN
-    return plan(
-        lit,
-        tolerance=share,
-        forced=forced,
-        sharper=partial(skylight_bound, lit),
-        asked=pays or may_be_small(lit, depth=depth, tolerance=share),
-    )
+        return plan_of_all(forced, tolerance=share, scene=lit)
+    return plan(lit, tolerance=share, forced=forced, sharper=partial(skylight_bound, lit))
 
 
 def verify_effects(planned: PlannedScene, *, tell: Tell | None = None) -> Verification:
     """Return what leaving out each effect truly changes, whether it acts or not."""
-    bounds = {one.effect: one.bound for one in planned.plan.decisions}
 
     def empty() -> "LightStore":
         return SceneLight(is_kept_between_runs=False, tell=tell).lights
@@ -118,7 +151,7 @@ def verify_effects(planned: PlannedScene, *, tell: Tell | None = None) -> Verifi
 
     with as_config_error("--verify"):
         return Verification(
-            checked=check_effects(planned.scene, planned.settings, bounds, make_store=empty),
-            all_s=time_s(ALL),
+            checked=check_effects(planned.scene, planned.settings, planned.plan, make_store=empty),
+            all_s=time_s(planned.plan.asked),
             planned_s=time_s(planned.plan.active),
         )

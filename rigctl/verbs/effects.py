@@ -1,6 +1,7 @@
 """`rigctl effects`: which effects of the model a scene calls for, and what each effect of a simulated camera costs."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -10,25 +11,24 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.failures import EXIT_OWN_FAULT
+from rigctl.base.numbers import change_text
 from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.console.terminal import note, solving_shown
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import EffectOptions, FilePath, Writes
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
-    from model.effects.names import Decision, EffectPlan
+    from model.effects.names import Bound, Decision, EffectPlan
     from rigctl.report.table import Table
     from rigctl.rig.simulation import RenderingCost, RenderingCosts
     from rigctl.scene.effects import Verification
 
     Row = tuple[Decision, CheckedEffect | None]
 
-# Numbers that an effect changes: field of `model.effects.names.Bound`, and its name in the table.
-_KINDS = {"radiance": "counts", "ratios": "DoLP, s1, s2", "deviations": "noise, SNR", "detection": "P_D"}
-_LEAST_SHOWN = 1e-10
+# Changes below this are not drawn.
+_LEAST_DRAWN = 1e-10
 
 
 def effects(
@@ -42,11 +42,13 @@ def effects(
     out: Annotated[FilePath | None, Writes(kind="folder", names=("effects.png", "effects.json"))] = None,
     **options: Unpack[EffectOptions],
 ) -> "EffectsResult | RenderingResult":
-    """List the effects of the model, largest first: which act in a scene, which are left out, and why.
+    """List the effects of the model, largest first: which act in a scene, are left out or not stated, and why.
 
-    An effect is left out while the sum of the bounds of all that are left out stays within half of the tolerance. A
-    bound is the most that leaving the effect out can change: counts and radiance (relative), DoLP, S1/S0 and S2/S0
-    (absolute), standard deviations and SNR (relative), probabilities of detection (absolute).
+    An effect acts, is left out, or is not stated. The size of one that acts is found by leaving it out, that of one
+    that is not stated by adding it at both ends of its usual range. An effect of the light is left out while the sum of
+    the bounds of all that are left out stays within half of the tolerance. Changes are of counts and radiance
+    (relative), of DoLP, S1/S0 and S2/S0 (absolute), of standard deviations and SNR (noise, relative), and of
+    probabilities of detection (P_D, absolute).
 
     Of a rig file with [simulation]: the effects that the simulated camera's pictures go through, and the time of each.
 
@@ -61,8 +63,8 @@ def effects(
     tolerance : float
         Of a prediction; effects may take half of it.
     verify : bool
-        Evaluate the chain with and without each effect: its true change, and its time. A bound that does not hold is a
-        fault of the program (exit code 70).
+        Evaluate the chain with and without each effect at the settings of the scene: its true change, and its time.
+        Exit code 1 if a bound does not hold.
     noise : path
         Noise calibration in place of the assumed noise.
     wide : bool
@@ -88,7 +90,7 @@ def effects(
         return _rendering(Path(file))
     from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
-    from rigctl.scene.effects import plan_effects, verify_effects
+    from rigctl.scene.effects import plan_effects, verify_effects, with_sizes
     from rigctl.scene.reading import scene_of_file, with_choices
 
     chosen = with_choices(
@@ -99,11 +101,9 @@ def effects(
     record = scene_of_file(chosen, None if noise is None else read_noise_file(Path(noise)))
     with solving_shown() as tell:
         planned = plan_effects(record, tolerance=tolerance, rule=options.get("effects") or "safe")
+        planned = with_sizes(planned, tell=tell)
         checked = verify_effects(planned, tell=tell) if verify else None
     found = EffectsResult(plan=planned.plan, checked=checked, remarks=planned.remarks, is_wide=wide)
-    if checked is not None and checked.violations:
-        names = ", ".join(one.effect.value for one in checked.violations)
-        warn(f"a bound does not hold: {names}. This is a fault of the program: please report the scene")
     if out is not None:
         note(f"{' and '.join(found.write(Path(out)))} in {out}")
     return found
@@ -120,13 +120,17 @@ class EffectsResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """70 where a bound does not hold."""
-        return EXIT_OWN_FAULT if self.checked is not None and self.checked.violations else 0
+        """1 where a bound does not hold."""
+        return 1 if self.checked is not None and self.checked.violations else 0
 
     def content(self) -> Iterable[Part]:
-        """Return how many effects act and what the others change, the table, and what verification found."""
+        """Return how many effects act and what the others change, the table, what to add, and what was verified."""
+        from rigctl.report.effects import unstated_line
+
         yield self._answer()
+        yield from filter(None, [unstated_line(self.plan)])
         yield from self._wide_tables() if self.is_wide else [self._table()]
+        yield from self._lines_to_add()
         yield from self.remarks
         if self.checked is not None:
             yield self._verified(self.checked)
@@ -134,50 +138,54 @@ class EffectsResult(Result):
 
     def _answer(self) -> str:
         decisions, spent = self.plan.decisions, self.plan.spent
-        count, acting = len(decisions), sum(one.acts for one in decisions)
-        asked = sum(one.forced and not one.acts for one in decisions)
-        others = count - acting - asked
-        first = f"{acting} of {count} effects act"
-        by_request = f"; {asked} left out by request" if asked else ""
-        if not others:
-            return f"{first}{by_request}."
-        if spent.largest == 0.0:
-            return f"{first}{by_request}; the other {others} change nothing."
-        most = f"DoLP by at most {_size(spent.ratios)}"
-        if spent.largest > spent.ratios:
-            most += f" and no number by more than {_size(spent.largest)}"
-        return f"{first}{by_request}; the other {others} together change {most} (allowed: {self.plan.tolerance:.2g})."
+        count = Counter(one.answer for one in decisions)
+        asked = sum(one.forced and one.answer == "left out" for one in decisions)
+        others = count["left out"] - asked
+        text = f"{count['acts']} of {len(decisions)} effects act"
+        if asked:
+            text += f"; {asked} left out by request"
+        if others and spent.largest == 0.0:
+            text += f"; the other {others} change nothing"
+        elif others:
+            text += f"; the other {others} together change DoLP by at most {change_text(spent.ratios)}"
+            if spent.largest > spent.ratios:
+                text += f" and no number by more than {change_text(spent.largest)}"
+            text += f" (allowed: {self.plan.tolerance:.2g})"
+        return f"{text}; {count['not stated']} are not stated." if count["not stated"] else f"{text}."
 
     def _rows(self) -> "tuple[Row, ...]":
         found = {} if self.checked is None else {one.effect: one for one in self.checked.checked}
         rows = [(one, found.get(one.effect)) for one in self.plan.decisions]
-        return tuple(sorted(rows, key=lambda row: (not row[0].acts, -row[0].bound.largest, -_actual(row[1]))))
+        return tuple(sorted(rows, key=lambda row: -row[0].change.largest))
 
     def _table(self) -> "Table[Row]":
         from rigctl.report.table import Column, Table
 
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
-            Column(title="decision", text=_decision, left=True),
-            Column(title="at most", text=_at_most),
-            Column(title="of", text=lambda row: _largest_kind(row[0]), left=True),
-            Column(title="reason", text=self._reason, left=True),
+            Column(title="answer", text=lambda row: row[0].answer, left=True),
+            Column(title="change", text=_change),
+            Column(title="of", text=lambda row: _largest_kind(row[0].change), left=True),
+            Column(title="of DoLP", text=lambda row: change_text(row[0].change.ratios)),
+            Column(title="why", text=lambda row: _why(row[0]), left=True),
         ]
         if self.checked is not None:
-            columns.insert(3, Column(title="truly", text=lambda row: _true(row[1])))
+            columns.insert(5, Column(title="truly", text=_true))
         return Table(columns=tuple(columns), rows=self._rows())
 
     def _wide_tables(self) -> "Iterable[Table[Row]]":
         from model.effects.planner import EFFECTS
+        from rigctl.report.effects import KINDS
         from rigctl.report.table import Column, Table
 
         columns: list[Column[Row]] = [
             Column(title="effect", text=lambda row: row[0].effect.value, left=True),
-            Column(title="decision", text=_decision, left=True),
-            *(Column(title=title, text=partial(_bound, kind=kind)) for kind, title in _KINDS.items()),
+            Column(title="answer", text=lambda row: row[0].answer, left=True),
+            *(Column(title=title, text=partial(_of_kind, kind=kind)) for kind, title in KINDS.items()),
+            *(Column(title=f"{title} <=", text=partial(_bound, kind=kind)) for kind, title in KINDS.items()),
         ]
         if self.checked is not None:
-            columns += [Column(title="truly", text=lambda row: _true(row[1])), Column(title="time", text=_time)]
+            columns += [Column(title="truly", text=_true), Column(title="time", text=_time)]
         yield Table(columns=tuple(columns), rows=self._rows())
         sources: tuple[Column[Row], ...] = (
             columns[0],
@@ -187,23 +195,27 @@ class EffectsResult(Result):
         )
         yield Table(columns=sources, rows=self._rows())
 
-    def _reason(self, row: "Row") -> str:
-        from model.effects.names import LIGHT
+    def _lines_to_add(self) -> Iterable[str]:
+        """Yield what the scene file would say of the effects that nobody stated, by its tables."""
+        from rigctl.scene.effects import statement_of
 
-        one = row[0]
-        if one.forced:
-            return "by request"
-        if one.effect not in LIGHT:
-            return one.reason if one.acts else ""
-        if not one.acts:
-            return "" if one.bound.largest == 0.0 else "within what is allowed"
-        if self.plan.rule == "all":
-            return "all act"
-        return "above what is left" if math.isfinite(one.bound.largest) else "no useful bound"
+        lines: dict[str, list[str]] = {}
+        for one in self.plan.unstated_above(self.plan.tolerance):
+            found = statement_of(one.effect)
+            lines.setdefault(found.table, []).append(found.line)
+        if lines:
+            yield "To state them, add to the scene file, with your own numbers:"
+        for table, some in lines.items():
+            yield "\n".join([f"  {table}", *(f"  {line}" for line in some)])
 
     def _verified(self, checked: "Verification") -> str:
         saved = max(1.0 - checked.planned_s / checked.all_s, 0.0)
-        held = "every bound holds" if not checked.violations else f"{len(checked.violations)} bounds do NOT hold"
+        failed = [f"{one.effect} (bound {one.bound.in_words}; is {one.actual.in_words})" for one in checked.violations]
+        held = (
+            f"does NOT hold: the bound of {'; '.join(failed)}. Please report the scene"
+            if failed
+            else "every bound holds"
+        )
         return (
             f"Verified: {held}; {checked.planned_s:.3g} s with the effects that act, {checked.all_s:.3g} s with all "
             f"({saved:.0%} saved)."
@@ -223,29 +235,31 @@ class EffectsResult(Result):
         return write_folder(folder, {"effects.png": self._chart(), "effects.json": json_file(self.as_json())})
 
     def _chart(self) -> bytes:
-        """Return a bar for the bound of each effect, against what is allowed, on a logarithmic axis."""
-        from model.effects.names import LIGHT
+        """Return a bar for the change by each effect, against what is allowed, on a logarithmic axis."""
         from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
 
-        shown = [row for row in self._rows() if row[0].effect in LIGHT and row[0].bound.largest > _LEAST_SHOWN]
-        rows = shown[::-1]
-        finite = [row[0].bound.largest for row in rows if math.isfinite(row[0].bound.largest)]
+        colours = {"acts": MEASURED, "left out": PREDICTED, "not stated": "grey"}
+        rows = [row for row in self._rows() if row[0].change.largest > _LEAST_DRAWN][::-1]
+        finite = [row[0].change.largest for row in rows if math.isfinite(row[0].change.largest)]
         right = 10.0 * max([*finite, self.plan.tolerance, 1.0])
-        figure, (axes,) = subplots(1, 1, size=(8.0, 1.6 + 0.3 * len(rows)))
+        figure, (axes,) = subplots(1, 1, size=(8.0, 1.8 + 0.3 * len(rows)))
         for place, (one, checked) in enumerate(rows):
-            axes.barh(place, min(one.bound.largest, right), color=MEASURED if one.acts else PREDICTED, height=0.6)
-            if not math.isfinite(one.bound.largest):
-                axes.text(right, place, "no bound ", ha="right", va="center", color="white", fontsize=8)
-            if checked is not None and _LEAST_SHOWN < checked.actual.largest < math.inf:
+            axes.barh(place, min(one.change.largest, right), color=colours[one.answer], height=0.6)
+            if not math.isfinite(one.change.largest):
+                axes.text(right, place, "any amount ", ha="right", va="center", color="white", fontsize=8)
+            if checked is not None and _LEAST_DRAWN < checked.actual.largest < math.inf:
                 axes.plot(checked.actual.largest, place, "k|", markersize=12)
         if self.plan.tolerance > 0.0:
             axes.axvline(self.plan.tolerance, color="black", linestyle="--")
         axes.set_yticks(range(len(rows)), [row[0].effect.value for row in rows])
         axes.set_xscale("log")
-        axes.set_xlim(_LEAST_SHOWN, right)
-        axes.set_xlabel("most that leaving the effect out can change any number")
+        axes.set_xlim(_LEAST_DRAWN, right)
+        axes.set_xlabel("largest change of any number: bound of what is left out, size of the others")
         true = "" if self.checked is None else "; |: true change"
-        axes.set_title(f"orange: acts; blue: left out; dashed: allowed, {self.plan.tolerance:.2g}{true}", fontsize=9)
+        axes.set_title(
+            f"orange: acts; blue: left out; grey: not stated; dashed: allowed, {self.plan.tolerance:.2g}{true}",
+            fontsize=9,
+        )
         return png(figure)
 
 
@@ -290,47 +304,48 @@ def _rendering(path: Path) -> RenderingResult:
     return RenderingResult(costs=rendering_costs(simulation))
 
 
-def _decision(row: "Row") -> str:
+def _largest_kind(found: "Bound") -> str:
+    from rigctl.report.effects import KINDS
+
+    largest = max(KINDS, key=lambda kind: getattr(found, kind))
+    return KINDS[largest] if found.largest > 0.0 else ""
+
+
+def _why(one: "Decision") -> str:
+    """Return the reason in a few words."""
+    from rigctl.scene.effects import statement_of
+
+    if one.forced:
+        return "by request"
+    if one.answer == "not stated":
+        return statement_of(one.effect).words
+    if one.reason.startswith("sum"):
+        return "above allowed" if one.acts else "within allowed"
+    return one.reason
+
+
+def _change(row: "Row") -> str:
+    """Return the size of an effect; of one that is left out the bound."""
     one = row[0]
-    if one.acts:
-        return "acts"
-    return "left out" if one.forced or one.bound.largest > 0.0 else "not stated"
+    text = change_text(one.change.largest)
+    return f"<={text}" if not one.acts and not one.changes and one.bound.largest > 0.0 else text
 
 
-def _largest_kind(one: "Decision") -> str:
-    values = {kind: getattr(one.bound, kind) for kind in _KINDS}
-    largest = max(values, key=lambda kind: values[kind])
-    # What has no bound at all is not of one kind.
-    return _KINDS[largest] if 0.0 < values[largest] < math.inf else ""
+def _of_kind(row: "Row", *, kind: str) -> str:
+    return change_text(getattr(row[0].change, kind)) if row[0].changes else ""
 
 
 def _bound(row: "Row", *, kind: str) -> str:
-    return _size(getattr(row[0].bound, kind))
-
-
-def _at_most(row: "Row") -> str:
-    """Return the bound; nothing of an effect of sensor or session, which acts where it is stated, without a bound."""
     from model.effects.names import LIGHT
 
-    one = row[0]
-    return "-" if one.acts and one.effect not in LIGHT else _size(one.bound.largest)
+    return change_text(getattr(row[0].bound, kind)) if row[0].effect in LIGHT else ""
 
 
-def _actual(checked: "CheckedEffect | None") -> float:
-    return 0.0 if checked is None else checked.actual.largest
-
-
-def _true(checked: "CheckedEffect | None") -> str:
-    return "" if checked is None else _size(checked.actual.largest)
+def _true(row: "Row") -> str:
+    one, checked = row
+    return "" if checked is None or one.answer == "not stated" else change_text(checked.actual.largest)
 
 
 def _time(row: "Row") -> str:
     checked = row[1]
     return "" if checked is None else f"{1e3 * max(checked.with_s - checked.without_s, 0.0):.2g} ms"
-
-
-def _size(value: float) -> str:
-    """Return a change in words: none, no bound, or two digits; what no double of 0.1 could show is 0."""
-    if not math.isfinite(value):
-        return "any"
-    return "0" if value < _LEAST_SHOWN else f"{value:.2g}"

@@ -113,6 +113,7 @@ def predict(
             accuracy = predictor.to_tolerance(
                 tolerance, effects=effects, estimated_only=options.get("estimated_only", False)
             )
+            effects = predictor.with_unstated(effects, accuracy)
             predictions, remarks = accuracy.result.predictions, (*predictor.remarks, *effects.remarks)
         found = Prediction(
             predictions=predictions,
@@ -295,11 +296,12 @@ class Prediction(Result):
 
     def _lines(self) -> Iterable[Part]:
         if self.accuracy is not None and self.effects is not None:
-            from rigctl.report.effects import left_out_line
+            from rigctl.report.effects import left_out_line, unstated_line
             from rigctl.report.tradeoff import accuracy_lines, accuracy_table
 
             yield accuracy_table(self.accuracy)
             yield from (*accuracy_lines(self.accuracy), left_out_line(self.effects))
+            yield from filter(None, [unstated_line(self.effects)])
         yield from (*self.scene_remarks, *self.warnings)
         if self.uncertainty is not None:
             from rigctl.report.prediction import correlation_lines

@@ -51,7 +51,7 @@ def test_effect_of_sensor_or_session_acts_where_it_is_stated(effect):
     (found,) = [one for one in plan(removed, tolerance=0.0).decisions if one.effect is effect]
     assert not found.acts
     assert found.bound == Bound()
-    assert found.reason == "not stated"
+    assert found.answer == ("left out" if EFFECTS[effect].usual is None else "not stated")
 
 
 def test_every_effect_is_decided_once_and_says_why():
@@ -87,10 +87,19 @@ def test_what_is_left_out_by_request_takes_nothing_of_the_tolerance():
     assert forced.spent.largest <= 0.01
 
 
-def test_effects_of_the_light_act_where_no_bound_of_them_is_asked_for():
-    found = plan(DIM, tolerance=0.01, asked=False)
-    assert {one.effect for one in found.decisions if "costs less" in one.reason} == LIGHT
+def test_effects_of_the_light_act_in_thick_air_by_no_bound():
+    found = plan(panel_scene(surround_albedo=0.4, half_field_rad=0.01), tolerance=0.01)
+    assert {one.effect for one in found.decisions if one.reason == "no useful bound"} == LIGHT
     assert found.active >= LIGHT
+
+
+def test_what_no_scene_states_is_told_apart_from_what_is_left_out():
+    found = {one.effect: one for one in plan(panel_scene(), tolerance=0.01).decisions}
+    for effect in (Effect.DRIFT, Effect.POLARIZER_ANGLE, Effect.ADJACENCY, Effect.FIELD_OF_VIEW, Effect.TEXTURE):
+        assert found[effect].answer == "not stated"
+    assert found[Effect.NONUNIFORMITY].answer == "left out"
+    assert found[Effect.MISREGISTRATION].reason == "no texture to shift"
+    assert plan(radiance_scene(), tolerance=0.01).unstated_above(0.01) == ()
 
 
 def test_every_effect_acts_by_the_rule_all_but_what_a_user_leaves_out():

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from model.effects.names import LIGHT
+from model.effects.names import LIGHT, Effect
 from model.prediction import pair_detections
 from rigctl.cli import main
 from rigctl.errors import ConfigError
@@ -198,5 +198,5 @@ def test_in_daylight_no_bound_is_looked_for_of_one_scene():
         ScenePredictor(load_scene(EXAMPLES / "effects" / f"{name}.toml"), None).effect_plan(0.01)
         for name in ("roof-3m", "lamp")
     )
-    assert {one.effect for one in day.decisions if "costs less" in one.reason} == LIGHT
-    assert not lamp.active >= LIGHT
+    assert {one.effect for one in day.decisions if one.reason == "no useful bound"} == LIGHT
+    assert not lamp.active >= LIGHT - {Effect.ADJACENCY}
