@@ -90,8 +90,7 @@ class Sensor:
     quantum_efficiency
         Electrons per photon in the band, in (0, 1].
     wavelength_m
-        Effective wavelength of the band [m], > 0; `model.sensor` gives it, and the form for a band
-        resolved into samples.
+        Effective wavelength of the band [m], > 0; `effective_wavelength_m` gives it.
     exposure_s
         Exposure time of a frame [s], > 0.
     bit_depth
@@ -206,7 +205,7 @@ def electrons_per_radiance(sensor: Sensor) -> float:
     """Return the photo-electrons of a pixel and frame per unit of band radiance behind the polarizer.
 
     Differs from [MK14]: eq. (17) as printed lacks pi. With one effective wavelength the relative error is
-    lambda_used / lambda_effective - 1, see `model.sensor`.
+    lambda_used / lambda_effective - 1, see `effective_wavelength_m`.
 
     [MK14] eq. (17).
     """

@@ -603,10 +603,7 @@ class _SolvedBlock:
 def _solve_blocks(
     setting: _Setting, coefficients: NDArray[np.float64], blocks: Sequence[tuple[range, bool]]
 ) -> list[_SolvedBlock]:
-    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has.
-
-    definition: see `model.atmosphere.solver.sum_orders`
-    """
+    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has."""
     solved: list[_SolvedBlock] = []
     for modes, polarized in blocks:
         scattering = _scattering_of(setting.grid, coefficients, modes=modes, polarized=polarized)
@@ -868,8 +865,6 @@ def _estimate_error(setting: _Setting, coefficients: NDArray[np.float64], blocks
     """Estimated error of quadrature and of the orders left out, as a share of the mean radiance that leaves.
 
     The larger share of the light that leaves at the top and at the ground; the errors of the blocks are added.
-
-    definition: see `model.atmosphere.solver.residual`
     """
     grid = _refined(setting.grid)
     fine = replace(setting, grid=grid, transport=_transport_of(grid))

@@ -334,7 +334,7 @@ def _with_address(rig: RigFile, address: str) -> RigFile:
 
 
 class StillPicture:
-    """One picture, whole, as `rigctl.web.server.View` asks for it."""
+    """One picture, whole, as `rigctl.web.page.View` asks for it."""
 
     def __init__(self, grey: NDArray[np.uint8]) -> None:
         self._picture = Picture(jpeg=cv2.imencode(".jpg", grey, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1].tobytes())
