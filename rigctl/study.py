@@ -234,10 +234,10 @@ def _at(varied: VariedSection, parameter: Parameter, share: FloatArray) -> Float
 
 Predictions = Mapping[str, RegionPrediction]
 
-# Enough for a worker to be busy some seconds, few enough that little is lost when it ends.
-_MOST_CASES = 64
-# Batches of each worker, so that none waits long for the last of another.
-_ROUNDS = 8
+# Enough for a worker to be busy some seconds, few enough that little is lost when it ends; and batches of each worker,
+# so that none waits long for the last of another. To a tolerance few cases are judged, the fewer the larger a batch is.
+_MOST_CASES, _ROUNDS = 64, 8
+_MOST_TO_TOLERANCE, _ROUNDS_TO_TOLERANCE = 256, 2
 _SKIES_EACH = 2
 # A worker keeps what it knows of this many scenes.
 _SCENES_KEPT = 2
@@ -272,11 +272,12 @@ class BatchResult:
 
 def batches_of(cases: Sequence[Case], scenes: Sequence[StudyScene], wanted: Wanted, *, workers: int) -> Iterator[Batch]:
     """Yield batches; those of one sky come one after another, and are cut only where there are many."""
-    most = max(1, min(_MOST_CASES, math.ceil(len(cases) / (workers * _ROUNDS))))
+    largest, rounds = (_MOST_CASES, _ROUNDS) if wanted.tolerance is None else (_MOST_TO_TOLERANCE, _ROUNDS_TO_TOLERANCE)
+    most = max(1, min(largest, math.ceil(len(cases) / (workers * rounds))))
     ordered = sorted(cases, key=lambda case: (case.scene, sky_of(case), case.number))
     skies = [list(group) for _, group in groupby(ordered, key=lambda case: (case.scene, sky_of(case)))]
     # With enough skies for all workers none is solved twice.
-    piece = _MOST_CASES if len(skies) >= _SKIES_EACH * workers else most
+    piece = largest if len(skies) >= _SKIES_EACH * workers else most
     held: list[Case] = []
     for cut in (sky[k : k + piece] for sky in skies for k in range(0, len(sky), piece)):
         if held and (held[0].scene != cut[0].scene or len(held) + len(cut) > most):
@@ -301,14 +302,37 @@ def compute(batch: Batch) -> BatchResult:
     if batch.code != code_version():
         raise ConfigError(f"a worker has rigctl {code_version()}, the study {batch.code}: install the same on both")
     predictor = _predictor(batch.scene)
-    found: list[Predictions | str] = []
-    seconds, skies = [], []
-    for case in batch.cases:
-        start_s = time.perf_counter()
-        found.append(_predicted(predictor, dict(case.values), batch.wanted.tolerance))
-        seconds.append(time.perf_counter() - start_s)
-        skies.append(sky_of(case))
-    return _result(batch, predictor, found, seconds, skies)
+    found = _computed(predictor, [dict(case.values) for case in batch.cases], batch.wanted.tolerance)
+    return _result(batch, predictor, found, [sky_of(case) for case in batch.cases])
+
+
+def _computed(
+    predictor: ScenePredictor, changes: Sequence[dict[str, float]], tolerance: float | None
+) -> list[tuple[Predictions | str, float]]:
+    """Return predictions of cases, or why there are none, and the time that each took [s].
+
+    To a tolerance some are judged, and the others follow from those around them. Where one fails, halves are tried.
+    """
+    if tolerance is None or len(changes) == 1:
+        return [_timed(predictor, values, tolerance) for values in changes]
+    try:
+        for values in changes:
+            require_within(predictor.scene, values, option="case")
+        scenes = [with_values(predictor.scene, values) for values in changes]
+        points = np.array([list(values.values()) for values in changes])
+        cases = predictor.series_to_tolerance(scenes, tolerance, points=points).cases
+    except Exception:  # the case that fails says why when it is alone
+        half = len(changes) // 2
+        return _computed(predictor, changes[:half], tolerance) + _computed(predictor, changes[half:], tolerance)
+    return [(one.result.predictions, sum((one.stage_s or one.result.stage_s).values())) for one in cases]
+
+
+def _timed(
+    predictor: ScenePredictor, values: dict[str, float], tolerance: float | None
+) -> tuple[Predictions | str, float]:
+    start_s = time.perf_counter()
+    found = _predicted(predictor, values, tolerance)
+    return found, time.perf_counter() - start_s
 
 
 @lru_cache(maxsize=_SCENES_KEPT)
@@ -337,10 +361,10 @@ def _predicted(predictor: ScenePredictor, values: dict[str, float], tolerance: f
 def _result(
     batch: Batch,
     predictor: ScenePredictor,
-    found: Sequence[Predictions | str],
-    seconds: Sequence[float],
+    timed: Sequence[tuple[Predictions | str, float]],
     skies: Sequence[tuple[float, ...]],
 ) -> BatchResult:
+    found = [one for one, _ in timed]
     regions = tuple(region.name for region in predictor.scene.regions)
     there = [place for place, one in enumerate(found) if not isinstance(one, str)]
     predictions = [one for one in found if not isinstance(one, str)]
@@ -354,7 +378,7 @@ def _result(
         p_detection=p_detection,
         auc=auc,
         roc=_rocs(batch.wanted, regions, predictions, there, len(found)),
-        seconds=np.array(seconds),
+        seconds=np.array([seconds for _, seconds in timed]),
         is_new_sky=np.array(
             [batch.scene.file.atmosphere is not None and (k == 0 or sky != skies[k - 1]) for k, sky in enumerate(skies)]
         ),

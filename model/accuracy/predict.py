@@ -1,12 +1,14 @@
 """Predictions of scenes to a numerical tolerance, in about the least time.
 
-`predict` takes one scene, or the scenes of a sweep or grid. Each scene that is judged goes through the same loop: a
-plan of numerical settings is chosen by their likely errors and costs, the chain is evaluated, the errors of its numbers
-are estimated, and the settings that count are raised until the errors fit or finer settings do not exist.
+`predict` takes one scene, the scenes of a sweep or grid, or scenes that are scattered over some numbers. Each scene
+that is judged goes through the same loop: a plan of numerical settings is chosen by their likely errors and costs, the
+chain is evaluated, the errors of its numbers are estimated, and the settings that count are raised until the errors
+fit or finer settings do not exist.
 
 Of many scenes only some are judged: the corners of a coarse lattice over the grid, and cases near a glint. A case
 between them takes the finest of their plans, and its errors follow from theirs with a margin; where that does not keep
-the tolerance the case is judged itself. A single scene is a lattice of one case.
+the tolerance the case is judged itself. A single scene is a lattice of one case. Of scattered cases those that lie
+together make a cloud, whose outermost cases stand for the corners.
 """
 
 from __future__ import annotations
@@ -166,6 +168,7 @@ def predict(
     *,
     tolerance: float,
     shape: Index | None = None,
+    points: FloatArray | None = None,
     effects: frozenset[Effect] = ALL,
     planned: EffectPlanner | None = None,
     estimated_only: bool = False,
@@ -183,6 +186,8 @@ def predict(
         deviations and SNR (S1 and S2 as shares of S0).
     shape : tuple of int or None
         Cases along each axis of a grid; None for one axis.
+    points : (N, D) array or None
+        The D numbers of each of N scattered scenes that change, in any order; in place of `shape`.
     effects : frozenset of Effect
         That act; what leaving one out costs is not counted here.
     planned : callable or None
@@ -220,7 +225,8 @@ def predict(
     sizes = (len(scenes),) if shape is None else shape
     run = _Run(
         dict(zip(product(*(range(size) for size in sizes)), scenes, strict=True)),
-        shape=sizes,
+        cells=lattice(sizes) if points is None else clouds(points),
+        is_line=points is None and sum(size > 1 for size in sizes) <= 1,
         tolerance=tolerance,
         acting=effects,
         planned=planned,
@@ -250,7 +256,8 @@ class _Run:
         self,
         scenes: Mapping[Index, LitScene],
         *,
-        shape: Index,
+        cells: Sequence[Cell | Cloud],
+        is_line: bool,
         tolerance: float,
         acting: frozenset[Effect],
         planned: EffectPlanner | None,
@@ -258,7 +265,7 @@ class _Run:
         store: LightStore,
         clock: Clock,
     ) -> None:
-        self._scenes, self._shape, self._tolerance = scenes, shape, tolerance
+        self._scenes, self._cells, self._is_line, self._tolerance = scenes, cells, is_line, tolerance
         self._acting, self._planned, self._estimated_only = acting, planned, estimated_only
         self._store, self._clock = store, clock
         # A single scene stands for no others.
@@ -272,11 +279,10 @@ class _Run:
 
     def predicted(self) -> Predictions:
         """Judge some, then take the others by their neighbours."""
-        whole = lattice(self._shape)
         # The first alone, for its errors tell by what plan the others begin.
-        self._judge(whole[0].low)
-        self._judge_all(self._looked_at(whole))
-        cells = [leaf for cell in whole for leaf in self._checked(cell)]
+        self._judge(self._cells[0].corners[0])
+        self._judge_all(self._looked_at(self._cells))
+        cells = [leaf for cell in self._cells for leaf in self._checked(cell)]
         for cell in self._spot_checked(cells):
             self._fill(cell)
         return Predictions(
@@ -287,7 +293,7 @@ class _Run:
             spot_checks_held=sum(self._spots),
         )
 
-    def _looked_at(self, cells: Iterable[Cell]) -> Iterator[Index]:
+    def _looked_at(self, cells: Iterable[Cell | Cloud]) -> Iterator[Index]:
         """Yield the corners of cells, and the cases at a glint."""
         for cell in cells:
             yield from cell.corners
@@ -301,7 +307,7 @@ class _Run:
             skies.setdefault(_sky(self._scenes[place]), []).append(place)
         return [place for under_one in skies.values() for place in under_one]
 
-    def _checked(self, cell: Cell) -> Iterator[Cell]:
+    def _checked(self, cell: Cell | Cloud) -> Iterator[Cell | Cloud]:
         """Judge the corners of a cell; divide it at a glint, and where one corner makes all that is inside dear."""
         corners = self._judge_all(cell.corners)
         if not cell.is_divisible:
@@ -313,24 +319,24 @@ class _Run:
         else:
             yield cell
 
-    def _divided(self, cell: Cell, place: Index) -> Iterator[Cell]:
+    def _divided(self, cell: Cell | Cloud, place: Index) -> Iterator[Cell | Cloud]:
         self._judge(place)
         for part in cell.divided(place):
             yield from self._checked(part)
 
-    def _glint(self, cell: Cell) -> Index | None:
+    def _glint(self, cell: Cell | Cloud) -> Index | None:
         """Return the case of a cell that is nearest to a glint; None where a corner is."""
         nearest = min(_from_glint_rad(self._scenes[place]) for place in cell.corners)
         inside = min(cell.places, key=lambda place: _from_glint_rad(self._scenes[place]))
         return inside if _from_glint_rad(self._scenes[inside]) < nearest - _NEARER_RAD else None
 
-    def _is_dear(self, cell: Cell, corners: Sequence[Predicted]) -> bool:
+    def _is_dear(self, cell: Cell | Cloud, corners: Sequence[Predicted]) -> bool:
         """Return whether so many cases would take the plan of one dear corner that judging one more costs less."""
         times = [corner.expected_s for corner in corners]
         inside = len(list(cell.places)) - len(corners)
         return inside * (max(times) - min(times)) > _DEAR * _JUDGING * max(times)
 
-    def _spot_checked(self, cells: Sequence[Cell]) -> Iterator[Cell]:
+    def _spot_checked(self, cells: Sequence[Cell | Cloud]) -> Iterator[Cell | Cloud]:
         """Judge the middle of some cells; where one is not as its corners tell divide it, and look at all others."""
         open_cells = [cell for cell in cells if cell.is_divisible]
         looked_at = self._are_as_told(open_cells[::_SPOT_CHECKED])
@@ -342,7 +348,7 @@ class _Run:
             else:
                 yield from self._divided(cell, cell.middle)
 
-    def _are_as_told(self, cells: Sequence[Cell]) -> dict[Cell, bool]:
+    def _are_as_told(self, cells: Sequence[Cell | Cloud]) -> dict[Cell | Cloud, bool]:
         """Return whether the errors in the middle of each cell are within what its corners tell."""
         corners = {cell: self._judge_all(cell.corners) for cell in cells}
         by_plan: dict[tuple[tuple[str, int], ...], list[Index]] = {}
@@ -365,7 +371,7 @@ class _Run:
         small, errors = _SMALL * self._tolerance, judged.errors
         return all(errors[key] <= max(error, small) for key, error in told.items())
 
-    def _fill(self, cell: Cell) -> None:
+    def _fill(self, cell: Cell | Cloud) -> None:
         """Predict all cases of a cell; where its corners do not do, judge one of them, and fill the parts."""
         corners = self._judge_all(cell.corners)
         self._found |= {place: self._judged[place] for place in cell.places if place in self._judged}
@@ -373,9 +379,8 @@ class _Run:
         between, harder = self._between(left, corners)
         self._found |= between
         refused = [place for place in left if place not in between]
-        is_grid = len([size for size in self._shape if size > 1]) > 1
         # They stand for no others.
-        last = [place for place in refused if place in harder or is_grid]
+        last = [place for place in refused if place in harder or not self._is_line]
         self._found |= zip(last, self._judge_all(last, share=1.0), strict=True)
         if unsure := [place for place in refused if place not in self._found]:
             inside = _inside(cell, unsure[0])
@@ -596,7 +601,7 @@ def _left_out(plan: EffectPlan, acting: frozenset[Effect]) -> _LeftOut:
     return (found, plan.spent.largest) if found else _NOTHING_LEFT_OUT
 
 
-def _inside(cell: Cell, place: Index) -> Index:
+def _inside(cell: Cell | Cloud, place: Index) -> Index:
     """Return the middle of a cell, or a case of it where all that is between its corners lies along its edges."""
     return place if cell.middle in cell.corners else cell.middle
 
@@ -795,10 +800,6 @@ class Cell:
         """True if there are cases between its corners."""
         return any(high - low > 1 for low, high in zip(self.low, self.high, strict=True))
 
-    def holds(self, place: Index) -> bool:
-        """Return whether a case belongs to it."""
-        return all(low <= one <= high for low, one, high in zip(self.low, place, self.high, strict=True))
-
     def divided(self, place: Index) -> tuple[Cell, ...]:
         """Return the parts that have a case of this one as a corner; along an axis at whose end it is, none is cut."""
         parts = [
@@ -806,6 +807,75 @@ class Cell:
             for low, one, high in zip(self.low, place, self.high, strict=True)
         ]
         return tuple(Cell(low=tuple(a for a, _ in ends), high=tuple(b for _, b in ends)) for ends in product(*parts))
+
+
+# Scattered cases of a cloud, at most: its corners are an eighth of them, or less.
+_IN_CLOUD = 64
+# Of more numbers than this its corners are the ends of each; of fewer those of each diagonal.
+_MOST_DIAGONALS = 3
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Cases that lie near one another, scattered over some numbers."""
+
+    members: tuple[Index, ...]
+    points: FloatArray = field(compare=False, repr=False)  #: of all cases, each number over its range
+
+    @cached_property
+    def corners(self) -> tuple[Index, ...]:
+        """The outermost cases, each once."""
+        own = self._own
+        count = own.shape[1]
+        ways = np.array(list(product((-1.0, 1.0), repeat=count))) if count <= _MOST_DIAGONALS else np.eye(count)
+        ends = np.concatenate([(own @ ways.T).argmax(axis=0), (own @ ways.T).argmin(axis=0)])
+        return tuple(dict.fromkeys(self.members[k] for k in ends))
+
+    @property
+    def places(self) -> tuple[Index, ...]:
+        """All cases, its corners among them."""
+        return self.members
+
+    @property
+    def middle(self) -> Index:
+        """The case in its middle."""
+        own = self._own
+        return self.members[int(np.square(own - own.mean(axis=0)).sum(axis=1).argmin())]
+
+    @property
+    def is_divisible(self) -> bool:
+        """True if there are cases between its corners."""
+        return len(self.members) > len(self.corners)
+
+    def divided(self, place: Index) -> tuple[Cloud, ...]:
+        """Return its halves, both with this case."""
+        parts = self._halves([one for one in self.members if one != place])
+        return tuple(Cloud((place, *part), self.points) for part in parts if part)
+
+    def leaves(self) -> Iterator[Cloud]:
+        """Yield clouds that hold no more cases than one should."""
+        if len(self.members) <= _IN_CLOUD:
+            yield self
+            return
+        for part in self._halves(self.members):
+            yield from Cloud(part, self.points).leaves()
+
+    def _halves(self, members: Sequence[Index]) -> tuple[tuple[Index, ...], tuple[Index, ...]]:
+        """Return cases cut in two across the number that changes most."""
+        axis = int(np.ptp(self._own, axis=0).argmax())
+        ordered = sorted(members, key=lambda place: float(self.points[place[0], axis]))
+        return tuple(ordered[: len(ordered) // 2]), tuple(ordered[len(ordered) // 2 :])
+
+    @property
+    def _own(self) -> FloatArray:
+        return self.points[[place[0] for place in self.members]]
+
+
+def clouds(points: FloatArray) -> tuple[Cloud, ...]:
+    """Return scattered cases as clouds."""
+    span = np.ptp(points, axis=0)
+    scaled = points[:, span > 0.0] / span[span > 0.0] if np.any(span > 0.0) else np.zeros((len(points), 1))
+    return tuple(Cloud(tuple((k,) for k in range(len(points))), scaled).leaves())
 
 
 # Steps of the grid between corners, by the number of its axes: corners are so few that looking at them closely is a

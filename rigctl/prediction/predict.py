@@ -207,10 +207,14 @@ class ScenePredictor:
         tolerance: float,
         *,
         shape: tuple[int, ...] | None = None,
+        points: NDArray[np.float64] | None = None,
         rule: "EffectRule" = "safe",
         estimated_only: bool = False,
     ) -> "Predictions":
-        """Return what the model says of this scene with some numbers changed step by step, to a numerical error."""
+        """Return what the model says of this scene with some numbers changed, to a numerical error.
+
+        They change step by step along a grid of a `shape`, or are scattered: `points` are the numbers of each scene.
+        """
         from model.accuracy import predict as to_tolerance
 
         for scene in scenes:
@@ -220,6 +224,7 @@ class ScenePredictor:
                 [self.lit_scene(scene) for scene in scenes],
                 tolerance=tolerance,
                 shape=shape,
+                points=points,
                 effects=acting_effects(self.scene),
                 planned=None if rule == "all" else lambda lit: self.effect_plan(tolerance, rule=rule, of=lit),
                 estimated_only=estimated_only,

@@ -45,6 +45,8 @@ def study(
 
     Finished cases are kept as they come. Ctrl-C stops (exit 75); the same command goes on, and does nothing twice. A
     case that fails is a row with its reason. Cases under one sky are computed together, which saves most of their time.
+    With --tolerance the cases of a batch are one series: some are judged, the others follow from those around them, so
+    that numbers depend on the batch by less than the tolerance.
 
     Example: rigctl study examples/study-panels.toml --out panels-study --workers 2
 

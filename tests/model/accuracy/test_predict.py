@@ -18,7 +18,7 @@ from model.accuracy.plan import (
     WAVELENGTHS,
     settings_at,
 )
-from model.accuracy.predict import ESTIMATES, predict, told_errors
+from model.accuracy.predict import ESTIMATES, clouds, predict, told_errors
 from model.atmosphere.layers import AerosolKind
 from model.atmosphere.sky import Fidelity, SolverSettings
 from model.effects.names import ALL, LIGHT, Effect
@@ -194,6 +194,38 @@ def test_a_grid_is_judged_at_its_corners_and_keeps_its_order():
     for view, case in zip(views, found.cases, strict=True):
         seen = [np.mean([tile.view.zenith_rad for tile in one.lights]) for one in case.result.lights.values()]
         assert np.allclose(seen, view.zenith_rad, atol=np.radians(2.0))
+
+
+def test_scattered_cases_keep_their_tolerance_though_few_are_judged():
+    scene, store = _series(1)[0], LightStore()
+    rng = np.random.default_rng(2)
+    points = np.column_stack([np.radians(rng.uniform(20.0, 30.0, 24)), rng.uniform(0.8, 1.2, 24)])
+    scenes = [
+        replace(
+            scene,
+            view=replace(scene.view, zenith_rad=float(zenith)),
+            sensor=replace(scene.sensor, exposure_s=float(share) * scene.sensor.exposure_s),
+        )
+        for zenith, share in points
+    ]
+    found = predict(scenes, points=points, tolerance=TOLERANCE)
+    assert found.judged <= 12
+    assert found.spot_checks >= 1
+    between = next(place for place, case in enumerate(found.cases) if not case.is_judged)
+    truth = evaluate(scenes[between], _FINE, store=store)
+    off = differences(found.cases[between].result.readings, truth.readings)
+    assert all(error <= TOLERANCE for key, error in off.items() if key not in found.cases[between].not_guaranteed)
+
+
+def test_scattered_cases_are_cut_into_clouds_that_hold_each_once():
+    points = np.random.default_rng(1).uniform(size=(300, 5)) * [1.0, 10.0, 0.0, 3.0, 1.0]
+    found = clouds(points)
+    assert sorted(place for cloud in found for place in cloud.places) == [(k,) for k in range(300)]
+    assert max(len(cloud.places) for cloud in found) <= 64
+    assert all(len(cloud.corners) <= 2 * 4 for cloud in found)  # the third number does not change
+    parts = found[0].divided(found[0].middle)
+    assert all(found[0].middle in part.places for part in parts)
+    assert sum(len(part.places) for part in parts) == len(found[0].places) + 1
 
 
 def test_a_probability_that_rises_between_two_judged_cases_has_the_error_of_its_rise():

@@ -125,6 +125,21 @@ def test_a_case_that_fails_is_a_row_with_its_reason(tmp_path, scheduler):
     assert str(store.reason.values[0]) == ""
 
 
+def test_a_batch_to_a_tolerance_is_one_series_of_which_a_case_may_fail(tmp_path):
+    cases = f"""
+kind = "list"
+[cases.parameters]
+"regions.left.stokes_radiance.0" = {{ values = [10.0, 2.0, 11.0, 12.0] }}
+"{EXPOSURE}" = {{ values = [0.01, 0.01, 0.02, 0.03] }}
+"""
+    found = study(study_file(tmp_path, cases), out=tmp_path / "out", workers=1, tolerance=0.01).table.arrays
+    alone = ScenePredictor(load_scene(tmp_path / "small.toml"), None)
+    assert [bool(reason) for reason in found.reasons] == [False, True, False, False]
+    for place, s0, exposure in ((0, 10.0, 0.01), (2, 11.0, 0.02), (3, 12.0, 0.03)):
+        expected = alone.predictions({"regions.left.stokes_radiance.0": s0, EXPOSURE: exposure})["left"]
+        assert found.values[place, 0, 0] == pytest.approx(expected.quantities["dolp"]["mean"], abs=0.01)
+
+
 def test_sobol_ranks_what_matters(tmp_path, scheduler):
     cases = f'\nkind = "sobol"\nn = 32\n[cases.parameters]\n"{EXPOSURE}" = {{ range = [0.02, 0.03] }}\n'
     cases += f'"{EFFICIENCY}" = {{ std = 0.001 }}\n'
