@@ -181,7 +181,7 @@ class NumericalAccuracy:
             return self._error_of_ratio(region, quantity, numbers)
         if quantity == "aolp_deg":
             return self._error_of_angle(region, statistic, numbers["dolp"]["mean"], numbers[quantity][statistic])
-        found = self._in_tolerance(region, quantity, statistic)
+        found = self.in_tolerance(region, quantity, statistic)
         if statistic == "mean" and quantity in SHARES:
             return found
         scale = (
@@ -192,23 +192,23 @@ class NumericalAccuracy:
     def _error_of_ratio(self, region: str, quantity: str, numbers: Quantities) -> float:
         """Of counts over their mean: an error of S0 cancels but for what is not linear, one of (s1, s2) does not."""
         ratio, counts = abs(numbers[quantity]["mean"]), [name for name in numbers if is_counts(name)]
-        own = self._in_tolerance(region, counts_name(angle_of(quantity.removeprefix(_RATIO))), "mean")
-        of_counts = ratio * (own + max(self._in_tolerance(region, name, "mean") for name in counts))
-        turned = hypot(*(self._in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
+        own = self.in_tolerance(region, counts_name(angle_of(quantity.removeprefix(_RATIO))), "mean")
+        of_counts = ratio * (own + max(self.in_tolerance(region, name, "mean") for name in counts))
+        turned = hypot(*(self.in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
         # The mean of the channels over that of unpolarised light: they are (S0 + S1 cos + S2 sin) / 2.
         level = 2.0 * sum(numbers[name]["mean"] for name in counts) / len(counts) / numbers["s0"]["mean"]
         return min(of_counts, turned * (1.0 + ratio) / level + _NOT_LINEAR * of_counts)
 
     def _error_of_angle(self, region: str, statistic: str, dolp: float, number: float) -> float:
         """Of the mean: half the angle by which (s1, s2) may turn; of a deviation: as of theirs, and of DoLP."""
-        turned = hypot(*(self._in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
+        turned = hypot(*(self.in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
         if statistic == "mean":
             return 0.5 * turned / dolp / radians(1.0) if dolp > 0.0 else inf
-        of_deviations = max(self._in_tolerance(region, name, statistic) for name in ("s1n", "s2n"))
+        of_deviations = max(self.in_tolerance(region, name, statistic) for name in ("s1n", "s2n"))
         return abs(number) * (of_deviations + (turned / dolp if dolp > 0.0 else inf))
 
-    def _in_tolerance(self, region: str, quantity: str, statistic: str) -> float:
-        """Numerical error and what left out effects may change, in the units of a tolerance."""
+    def in_tolerance(self, region: str, quantity: str, statistic: str) -> float:
+        """Return numerical error and what left out effects may change, in the units of a tolerance."""
         key = Reading(region, quantity, statistic)
         spent = float(getattr(self.effects.spent, kind_of(key))) if self.left_out else 0.0
         return self.found.budget.total.get(key, inf) + spent
@@ -334,13 +334,13 @@ def _to_its_errors(
         made = _with_prediction(predictor, alpha=alpha, scale=scale, radiometric=radiometric, coarser=coarser)
         return made, tried.beside(made.rows, made.predictions)
 
-    comparison, found = compared(_accuracy_at(run, tolerance, rule))
+    comparison, found = compared(accuracy_at(run, tolerance, rule))
     # Errors of rows are those of the first comparison; a second one is made with what they ask.
     chosen = found
     for _ in range(_MOST_TRIED):
         if chosen.next_tolerance is None:
             break
-        finer = _accuracy_at(run, chosen.next_tolerance, rule).beside(comparison.rows, comparison.predictions)
+        finer = accuracy_at(run, chosen.next_tolerance, rule).beside(comparison.rows, comparison.predictions)
         # Where finer settings are not to be had, as of very deep air, a smaller tolerance changes nothing.
         if finer.share >= chosen.share:
             break
@@ -468,7 +468,7 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
     )
 
 
-def _accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
+def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
     """Return the prediction of a run to a tolerance."""
     scene = run.inputs.scene
     planned = plan_effects(scene, tolerance=tolerance, readout=run.readout, exposure_s=run.exposure_s)

@@ -16,6 +16,7 @@ from rigctl.verbs.options import (
     FilePath,
     RegionsPath,
     RunPath,
+    ScaledOptions,
     ScenePath,
     Writes,
     calibrations_of,
@@ -29,7 +30,9 @@ if TYPE_CHECKING:
     from rigctl.comparison.series import ComparedSeries, SeriesPoint
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
-    from rigctl.measure.calibrations import CalibrationPaths
+    from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, RunCalibrations
+    from rigctl.measure.diagnose import DiagnosedRun
+    from rigctl.scene.scene import Scene
 
 _FILES = (
     "comparison.json",
@@ -104,7 +107,7 @@ def compare(
         A file is wrong, or the run is unfit for what is asked.
     """
     given: list[Any] = [run, *more]
-    if more and scene is None and _is_scene(given[-1]):
+    if more and scene is None and is_scene(given[-1]):
         scene = given.pop()
     runs = [Path(one) for one in given]
     result: ComparisonResult | SeriesResult
@@ -120,7 +123,8 @@ def compare(
     return result
 
 
-def _is_scene(given: "RunPath | ScenePath") -> bool:
+def is_scene(given: "RunPath | ScenePath") -> bool:
+    """Return whether an argument is a scene: one that was read, or a TOML file."""
     from rigctl.files.scene_file import SceneFile
 
     return isinstance(given, SceneFile) or (isinstance(given, str | Path) and Path(given).suffix == ".toml")
@@ -326,27 +330,19 @@ def compare_run(
 ) -> "Comparison":
     """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
     from rigctl.comparison.compare import compare_run_with_model
-    from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
-    from rigctl.measure.diagnose import diagnosed
-    from rigctl.runs.check import used_run
+    from rigctl.measure.calibrations import correction_remarks
     from rigctl.runs.records import monitor_line, monitor_traces, read_events
-    from rigctl.scene.reading import scene_of_file
 
     require_possible(scene, regions, options)
-    paths = calibrations_of(options)
-    model, drawn = _outlined(scene, regions, options)
-    record = used_run(run, ignore_exclusions=options.get("ignore_exclusions", False))
-    scaling = ("radiometric",) if options.get("scale") == "panel" else ()
-    picked = picked_for_run(paths, record, ("noise", "polarizer", "flat", "registration", *scaling))
-    given = read_calibrations(picked.paths, record)
-    seen = diagnosed(record, drawn, given, correct=tuple(options.get("correct", ())))
+    read = read_scene_run(run, scene, regions, options)
+    model, drawn, given, seen = read.model, read.outlines, read.calibrations, read.seen
     scale = options.get("scale", "absolute")
     if model is None and (scale != "absolute" or given.radiometric is not None):
         raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
     made = compare_run_with_model(
         seen,
         drawn,
-        scene=None if model is None else scene_of_file(model, given.noise),
+        scene=model,
         noise=given.noise,
         alpha=_alpha(options),
         scale=scale,
@@ -357,17 +353,50 @@ def compare_run(
     return replace(
         made,
         remarks=(
-            *picked.lines,
+            *read.picked.lines,
             *given.doubts,
             *seen.remarks,
             *correction_remarks(seen.measurement, drawn),
-            *(monitor_line(trace) for trace in monitor_traces(read_events(record.path))),
+            *(monitor_line(trace) for trace in monitor_traces(read_events(seen.measurement.run.path))),
             *made.remarks,
         ),
         outlines=tuple(drawn),
         noise=given.noise,
+        picked=read.picked,
+        files=_used_files(run, scene, regions, read.picked.paths),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneRun:
+    """A run, measured in the regions of a scene."""
+
+    model: "Scene | None"  #: the scene with the run's noise calibration; None where there is none
+    outlines: "list[Region]"
+    picked: "PickedCalibrations"
+    calibrations: "RunCalibrations"
+    seen: "DiagnosedRun"
+
+
+def read_scene_run(run: Path, scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions) -> SceneRun:
+    """Read a run with its calibrations, and measure the regions of a scene or of a regions file."""
+    from rigctl.measure.calibrations import picked_for_run, read_calibrations
+    from rigctl.measure.diagnose import diagnosed
+    from rigctl.runs.check import used_run
+    from rigctl.scene.reading import scene_of_file
+
+    paths = calibrations_of(options)
+    model, drawn = _outlined(scene, regions, options)
+    record = used_run(run, ignore_exclusions=options.get("ignore_exclusions", False))
+    scaling = ("radiometric",) if options.get("scale") == "panel" else ()
+    picked = picked_for_run(paths, record, ("noise", "polarizer", "flat", "registration", *scaling))
+    given = read_calibrations(picked.paths, record)
+    return SceneRun(
+        model=None if model is None else scene_of_file(model, given.noise),
+        outlines=drawn,
         picked=picked,
-        files=_used_files(run, scene, regions, picked.paths),
+        calibrations=given,
+        seen=diagnosed(record, drawn, given, correct=tuple(options.get("correct", ()))),
     )
 
 
@@ -387,7 +416,7 @@ def _alpha(options: CompareOptions) -> float:
 
 
 def _outlined(
-    scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
+    scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions
 ) -> "tuple[SceneFile | None, list[Region]]":
     """Return scene and regions; those of a scene with the outlines of the regions file, where it has them."""
     from rigctl.scene.reading import with_choices

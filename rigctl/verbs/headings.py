@@ -58,6 +58,10 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "stokes": ("rigctl.verbs.stokes:stokes", "Measure Stokes parameters, DoLP and AoLP of a run and its regions."),
         "detect": ("rigctl.verbs.detect:detect", "Detect a target by its polarization: RX map and ROC of a run."),
         "compare": ("rigctl.verbs.compare:compare", "Compare a run with the model, with a verdict."),
+        "infer": (
+            "rigctl.verbs.infer:infer",
+            "Infer uncertain numbers of a scene from runs: material, aerosol, scale.",
+        ),
     },
     "Model": {
         "predict": ("rigctl.verbs.predict:predict", "Predict counts, Stokes parameters and DoLP of a scene."),

@@ -160,8 +160,8 @@ class EffectOptions(TypedDict, total=False):
     left_out: Annotated[Sequence[str], Parameter(name="--without")]
 
 
-class CompareOptions(FrameOptions, EffectOptions, total=False):
-    """How runs are compared with the model.
+class ScaledOptions(FrameOptions, EffectOptions, total=False):
+    """How a run and a scene are brought together.
 
     Parameters
     ----------
@@ -170,16 +170,28 @@ class CompareOptions(FrameOptions, EffectOptions, total=False):
         factor that is fitted to the run (free).
     radiometric : path or "none"
         Radiometric calibration, for scale panel.
-    alpha : float
-        Chance of any false disagreement, 0 to 1; 0.001 unless given.
     """
 
     scale: ScaleKind
     radiometric: FilePath | None
+
+
+extend_help(ScaledOptions, FrameOptions, EffectOptions)
+
+
+class CompareOptions(ScaledOptions, total=False):
+    """How runs are compared with the model.
+
+    Parameters
+    ----------
+    alpha : float
+        Chance of any false disagreement, 0 to 1; 0.001 unless given.
+    """
+
     alpha: float
 
 
-extend_help(CompareOptions, FrameOptions, EffectOptions)
+extend_help(CompareOptions, ScaledOptions)
 
 
 class EngineOptions(TypedDict, total=False):
@@ -213,7 +225,7 @@ def engine_of(options: EngineOptions) -> "mapped.Engine":
     return mapped.Engine(scheduler=scheduler, workers=workers or os.cpu_count() or 1)
 
 
-def calibrations_of(frames: FrameOptions | CompareOptions) -> "CalibrationPaths":
+def calibrations_of(frames: FrameOptions | ScaledOptions) -> "CalibrationPaths":
     """Return the calibration files that the options name, and the store that the others are picked from.
 
     Raises
@@ -228,7 +240,7 @@ def calibrations_of(frames: FrameOptions | CompareOptions) -> "CalibrationPaths"
         "polarizer": frames.get("polarizer"),
         "flat": frames.get("flat"),
         "registration": frames.get("register"),
-        "radiometric": cast(CompareOptions, frames).get("radiometric"),
+        "radiometric": cast(ScaledOptions, frames).get("radiometric"),
     }
     store = frames.get("calibrations")
     return calibration_paths(

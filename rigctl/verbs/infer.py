@@ -1,0 +1,163 @@
+"""`rigctl infer`: the posterior of a scene's uncertain numbers from one run or several."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from rigctl.console.json_text import Json
+from rigctl.console.terminal import note, steps_shown
+from rigctl.errors import ConfigError
+from rigctl.verbs.options import FilePath, RegionsPath, RunPath, ScaledOptions, ScenePath, Writes
+from rigctl.verbs.result import Part, Result
+
+if TYPE_CHECKING:
+    from rigctl.comparison.inference import Inference
+
+_FILES = ("posterior.json", "posterior.csv", "draws.csv", "corner.png", "check.png", "*.toml")
+
+
+def infer(
+    run: RunPath,
+    /,
+    *more: RunPath | ScenePath,
+    scene: ScenePath | None = None,
+    inputs: Annotated[Sequence[str], Parameter(name="--input")] = (),
+    regions: RegionsPath | None = None,
+    discrepancy: Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))] = 0.02,
+    most_steps: Annotated[int, Parameter(validator=Number(gte=250))] = 20_000,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 1,
+    out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
+    **options: Unpack[ScaledOptions],
+) -> "InferenceResult":
+    """Infer uncertain numbers of a scene from one run or several: material, aerosol, pointing, scale.
+
+    The prior is what the scene file says: every number with a std. The answer is the posterior of those of which the
+    runs say something, or of those that are chosen; all others widen it. The model may be wrong by a discrepancy, whose
+    size is inferred too, so that a model that does not fit gives a wide posterior.
+
+    With --out, computed points and the chain are kept in the folder: after a kill the same command goes on.
+
+    The exit code is 4 where the chain has not converged, and 5 where even the discrepancy does not explain the runs.
+
+    Example: rigctl infer runs/panels examples/scene-panels-uncertain.toml --noise noise.json --out inferred
+
+    Parameters
+    ----------
+    run : path or Run
+        Run folder.
+    more : path
+        More run folders of the same rig; the scene file may stand last.
+    scene : path or SceneFile
+        Scene file, if it does not stand last.
+    inputs : sequence of str
+        Key of a number to infer, such as atmosphere.visibility_km; all that the runs say something of unless given.
+        Repeatable.
+    regions : path or sequence of Region
+        Regions file: the scene's regions where they are now.
+    discrepancy : float
+        How far the model is expected to be wrong in S1/S0 and S2/S0; five times that in ln S0. 0: it is taken as right.
+    most_steps : int
+        Longest chain of an ensemble.
+    seed : int
+        Of all draws.
+    out : path
+        Folder for numbers, pictures, draws, and the materials that were inferred.
+    **options
+        Calibrations, scale and effects, see `ScaledOptions`.
+
+    Returns
+    -------
+    InferenceResult
+        Prior and posterior of each input, and how well the model explains each region.
+
+    Raises
+    ------
+    ConfigError, DataError
+        A file is wrong, a run is unfit for what is asked, or the chain has not converged.
+    """
+    from rigctl.comparison.inference import infer_inputs
+    from rigctl.comparison.series import require_one_instrument
+    from rigctl.mapped import PARTS_FOLDER, held_folder
+    from rigctl.verbs.compare import is_scene, read_scene_run
+
+    given: list[Any] = [run, *more]
+    if more and scene is None and is_scene(given[-1]):
+        scene = given.pop()
+    if scene is None:
+        raise ConfigError("give a scene file, last or with --scene: its numbers with a std are the prior")
+    read = [read_scene_run(Path(one), scene, regions, options) for one in given]
+    require_one_instrument([one.seen.measurement.run for one in read])
+    folder = None if out is None else Path(out)
+    with steps_shown() as tell, nullcontext() if folder is None else held_folder(folder):
+        found = infer_inputs(
+            [one.seen for one in read],
+            [one.model for one in read if one.model is not None],
+            chosen=tuple(inputs),
+            scale=options.get("scale", "absolute"),
+            radiometric=read[0].calibrations.radiometric,
+            discrepancy=discrepancy,
+            seed=seed,
+            most_steps=most_steps,
+            folder=None if folder is None else folder / PARTS_FOLDER,
+            tell=tell,
+        )
+        result = InferenceResult(inference=found)
+        if folder is not None:
+            note(f"posterior: {', '.join(str(folder / name) for name in result.write(folder))}")
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InferenceResult(Result):
+    """Posterior of a scene's inputs, as a sentence, as tables and as `posterior.json` has it."""
+
+    inference: "Inference"  #: all of it: draws, prior, data, covariance
+
+    @property
+    def exit_code(self) -> int:
+        """5 where the model does not explain the runs, even with its discrepancy."""
+        from rigctl.console.failures import EXIT_DISAGREES
+        from rigctl.report.inference import unexplained
+
+        return EXIT_DISAGREES if unexplained(self.inference) else 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, overruled or left out."""
+        return self.inference.remarks
+
+    def content(self) -> Iterable[Part]:
+        """Return what the runs taught, prior and posterior of each input, and how well each region is explained."""
+        from rigctl.report import inference as report
+
+        found = self.inference
+        yield report.answer(found)
+        yield report.inputs_table(found)
+        yield from report.doubts(found)
+        yield report.regions_table(found)
+        yield report.effort(found)
+        yield lambda: report.corner_png(found)
+
+    def as_json(self) -> dict[str, Json]:
+        """Return what posterior.json holds."""
+        from rigctl.report.inference import inference_json
+
+        return inference_json(self.inference)
+
+    def write(self, folder: Path) -> tuple[str, ...]:
+        """Write numbers, pictures, draws and inferred materials into a folder; return the names of the files."""
+        from rigctl.report.inference import write_inference
+
+        return write_inference(self.inference, folder)
+
+    def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
+        """Return prior, posterior and information gain of each input as a data frame."""
+        from rigctl.report.data_frames import data_frame
+        from rigctl.report.inference import inputs_table
+
+        return data_frame(inputs_table(self.inference), backend)
