@@ -39,7 +39,7 @@ def region_mean_moments(values: ArrayLike, inside: NDArray[np.bool_]) -> Moments
     independent pixels: texture makes neighbours alike in what channels share, and says nothing of what their ratios
     are left with.
     """
-    array = _checked(values, least=4)
+    array, inside = _checked(values, least=4), inside[_part_with(inside)]
     moments = mean_moments(array)
     total = float(moments.mean.sum())
     factor = array.sum(axis=0) / total if total > 0.0 else np.zeros(array.shape[1])
@@ -175,6 +175,8 @@ def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
     ----------
     Batch means; truncated sum of autocovariances, the mean's own variance put back; definition.
     """
+    part = _part_with(inside)
+    image, inside = image[part], inside[part]
     count = int(inside.sum())
     if not _neighbours_are_alike(image, inside):
         return float(count)
@@ -294,7 +296,8 @@ class RunningPixels:
         times: FloatArray | None = None,
         noise_inflation: float = 1.0,
     ) -> None:
-        self._inverse, self._inside, self._times = inverse, inside, times
+        self._inverse, self._times = inverse, times
+        self._inside = None if inside is None else inside[_part_with(inside)]
         self._noise_inflation = noise_inflation
         self._means: list[FloatArray] = []
         self._channels, self._stokes = _Running(), _Running()
@@ -609,6 +612,14 @@ def _checked(values: ArrayLike, *, least: int) -> FloatArray:
     if not np.all(np.isfinite(array)):
         raise ValueError(f"values holds {int(np.sum(~np.isfinite(array)))} numbers that are not finite")
     return array
+
+
+def _part_with(inside: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the part of a picture that holds a region; it begins where a block does."""
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    first = [int(places[0]) // _BLOCK_SIDE * _BLOCK_SIDE if places.size else 0 for places in (rows, columns)]
+    last = [int(places[-1]) + 1 if places.size else 0 for places in (rows, columns)]
+    return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def _excess(values: FloatArray, inside: NDArray[np.bool_]) -> float:

@@ -180,13 +180,15 @@ def masks(regions: list[Region], *, width: int, height: int) -> dict[str, NDArra
 def _mask(region: Region, *, width: int, height: int) -> NDArray[np.bool_]:
     """Even-odd rule at pixel centres: OpenCV's filled polygon also takes each pixel that an edge touches."""
     vertices = np.asarray(region.outline(), dtype=np.float64)
-    x, y = np.meshgrid(np.arange(width), np.arange(height))
-    inside = np.zeros((height, width), dtype=np.bool_)
+    mask = np.zeros((height, width), dtype=np.bool_)
+    (left, top), (right, bottom) = np.floor(vertices.min(axis=0)), np.ceil(vertices.max(axis=0))
+    inside = mask[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1]
+    x, y = np.arange(inside.shape[1]) + max(left, 0.0), np.arange(inside.shape[0])[:, None] + max(top, 0.0)
     for (x1, y1), (x2, y2) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
         crosses = (y1 > y) != (y2 > y)
         if y1 != y2:
             inside ^= crosses & (x < (x2 - x1) * (y - y1) / (y2 - y1) + x1)
-    return inside
+    return mask
 
 
 def regions_text(file: RegionsFile) -> str:

@@ -561,21 +561,20 @@ class CorrectedFrames:
 
     def pixels(self, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
         """Return the signal of every frame in each region, shape (cycles, N, P)."""
-        pixels = {
-            name: np.empty((self.grid.cycles, self.grid.angles, int(mask.sum()))) for name, mask in inside.items()
-        }
+        places = {name: np.flatnonzero(mask) for name, mask in inside.items()}
+        pixels = {name: np.empty((self.grid.cycles, self.grid.angles, of.size)) for name, of in places.items()}
         for cycle in range(self.grid.cycles):
-            for name, found in self.cycle(cycle, inside).items():
+            for name, found in self.cycle(cycle, places).items():
                 pixels[name][cycle] = found
         return pixels
 
-    def cycle(self, cycle: int, inside: Mapping[str, NDArray[np.bool_]]) -> dict[str, FloatArray]:
-        """Return the signal of the frames of a cycle in each region, shape (N, P)."""
-        pixels = {name: np.empty((self.grid.angles, int(mask.sum()))) for name, mask in inside.items()}
+    def cycle(self, cycle: int, places: Mapping[str, NDArray[np.intp]]) -> dict[str, FloatArray]:
+        """Return the signal of the frames of a cycle in each region, shape (N, P), by the places of its pixels."""
+        pixels = {name: np.empty((self.grid.angles, of.size)) for name, of in places.items()}
         for angle in range(self.grid.angles):
-            signal = self.read(cycle, angle)
-            for name, mask in inside.items():
-                pixels[name][angle] = signal[mask]
+            signal = self.read(cycle, angle).ravel()
+            for name, of in places.items():
+                pixels[name][angle] = signal[of]
         return pixels
 
     def read(self, cycle: int, angle: int) -> FloatArray:

@@ -269,9 +269,7 @@ def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
 
     Only when all frames were read is it known which pixels are usable in all of them.
     """
-    held_bytes = (
-        sum(int(mask.sum()) for mask in inside.values()) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
-    )
+    held_bytes = sum(map(np.count_nonzero, inside.values())) * frames.grid.cycles * frames.grid.angles * _FLOAT_BYTES
     if held_bytes <= MOST_HELD_BYTES:
         pixels = frames.pixels(inside)
         return lambda name, own: pixels[name][:, :, own[inside[name]]]
@@ -282,10 +280,9 @@ def _repeats(inside: Masks, frames: CorrectedFrames, plan: Design) -> _Repeats:
         name: RunningPixels(plan.inverse, inside=mask & usable, times=frames.grid.times, noise_inflation=inflation)
         for name, mask in inside.items()
     }
-    again = frames.anew()
+    again, places = frames.anew(), {name: np.flatnonzero(mask & usable) for name, mask in inside.items()}
     for cycle in range(frames.grid.cycles):
-        of_cycle = again.cycle(cycle, {name: mask & usable for name, mask in inside.items()})
-        for name, found in of_cycle.items():
+        for name, found in again.cycle(cycle, places).items():
             running[name].add(found)
     return lambda name, _: running[name].result()
 
@@ -305,9 +302,9 @@ def _measured_regions(
     unmeasured: dict[str, str] = {}
     for name, mask in inside.items():
         own = mask & usable
-        excluded, edge = int(np.sum(mask & ~usable)), int(np.sum(outer[name] & ~mask))
+        excluded, edge = int(np.count_nonzero(mask & ~usable)), int(np.count_nonzero(outer[name] & ~mask))
         try:
-            require_pixels(name, int(own.sum()), excluded=excluded, edge=edge)
+            require_pixels(name, int(np.count_nonzero(own)), excluded=excluded, edge=edge)
             given = repeats(name, own)
             error: FloatArray | float = 0.0 if found is None else found.level_error(channels, own)
             signal, at_ends, hit = None, (float(np.mean(frames.at_zero[own])), 0.0), 0
@@ -323,7 +320,7 @@ def _measured_regions(
                 error = np.hypot(error, rounding)
                 if hits is not None:
                     hit, error = int(hits.pixels.sum()), np.hypot(error, hits.left_error)
-                excluded = int(mask.sum() - own.sum()) - hit
+                excluded = int(np.count_nonzero(mask) - np.count_nonzero(own)) - hit
                 given = repeated(
                     values,
                     plan.inverse,
