@@ -7,7 +7,7 @@ solving anything.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import (
+    ChainResult,
     LightStore,
     Reading,
     Readings,
@@ -28,7 +29,7 @@ from model.atmosphere.air import Column
 from model.atmosphere.layers import henyey_greenstein
 from model.atmosphere.sky import STANDARD_SETTINGS, BandLighting, Fidelity, compute_lighting
 from model.effects.bounds import LightLimits, added, bound_of, is_narrow, radiance_bounds
-from model.effects.names import LIGHT, Bound, Decision, Effect, EffectPlan
+from model.effects.names import LIGHT, Bound, Effect, EffectPlan
 from model.effects.planner import EFFECTS
 from model.numerics import gauss_legendre
 from model.quantities import SHARES, is_counts
@@ -113,42 +114,72 @@ def with_changes(
     Those that act, or are left out by request, are evaluated too if `acting`. Settings of sky and light are the given
     ones, but for coarse rules of what a field of view adds.
     """
-    settings = replace(
-        settings,
-        hemisphere_tolerance=max(settings.hemisphere_tolerance, _ROUGH),
-        tiles_per_side=2,
-        dolp_tolerance=_ROUGH_LAW,
-    )
-    on = frozenset(one.effect for one in plan.decisions if one.answer != "left out")
-    variants = [(one.effect, seen) for one in plan.decisions for seen in _variants(scene, one, acting=acting)]
-    whole, *others = (
-        one.readings
-        for one in evaluate_all([scene, *(seen for _, seen in variants)], settings, effects=on, store=store)
-    )
+    on = _not_left_out(plan)
+    behind = [one for one in plan.decisions if acting and one.answer == "acts" and one.effect not in LIGHT]
+    removed = [(one.effect, EFFECTS[one.effect].removed(scene)) for one in behind]
+    unstated = _unstated(scene, plan, _NO_RANGES)
+    whole, *others = _evaluated_variants(scene, plan, settings, store=store, variants=(*unstated, *removed))
     found: dict[Effect, list[Bound]] = defaultdict(list)
-    for (effect, _), other in zip(variants, others, strict=True):
-        found[effect].append(change(whole, other))
+    for (effect, _), other in zip((*unstated, *removed), others, strict=True):
+        found[effect].append(change(whole.readings, other.readings))
     if acting:
         # The scenes of one evaluation have the same parts of the light.
         for one in plan.decisions:
             if one.answer == "acts" and one.effect in LIGHT:
-                without = evaluate(scene, settings, effects=on - {one.effect}, store=store)
-                found[one.effect].append(change(whole, without.readings))
+                without = evaluate(scene, _rough(settings), effects=on - {one.effect}, store=store)
+                found[one.effect].append(change(whole.readings, without.readings))
             elif one.forced and not one.acts:
-                with_it = evaluate(scene, settings, effects=on | {one.effect}, store=store)
-                found[one.effect].append(change(with_it.readings, whole))
+                with_it = evaluate(scene, _rough(settings), effects=on | {one.effect}, store=store)
+                found[one.effect].append(change(with_it.readings, whole.readings))
     return replace(
         plan, decisions=tuple(replace(one, changes=tuple(found.get(one.effect, ()))) for one in plan.decisions)
     )
 
 
-def _variants(scene: LitScene, one: Decision, *, acting: bool) -> Iterator[LitScene]:
-    """Yield the scenes that show what an effect changes: with it at both ends of its range, or without it."""
-    entry = EFFECTS[one.effect]
-    if one.answer == "not stated" and entry.usual is not None:
-        yield from (entry.usual.stated(scene, value) for value in (entry.usual.low, entry.usual.high))
-    elif acting and one.answer == "acts" and one.effect not in LIGHT:
-        yield entry.removed(scene)
+# Ends of the range of an effect's input, SI.
+Ranges = Mapping[Effect, tuple[float, float]]
+_NO_RANGES: Ranges = {}
+Variants = Sequence[tuple[Effect, LitScene]]
+
+
+def with_unstated(
+    scene: LitScene, plan: EffectPlan, settings: Settings, *, store: LightStore, ranges: Ranges = _NO_RANGES
+) -> tuple[ChainResult, tuple[tuple[Effect, ChainResult], ...]]:
+    """Return the results of a scene, and of it with each effect that nobody stated at the ends of its range.
+
+    Ranges are the usual ones but for those that are given.
+    """
+    variants = _unstated(scene, plan, ranges)
+    whole, *others = _evaluated_variants(scene, plan, settings, store=store, variants=variants)
+    return whole, tuple((effect, other) for (effect, _), other in zip(variants, others, strict=True))
+
+
+def _evaluated_variants(
+    scene: LitScene, plan: EffectPlan, settings: Settings, *, store: LightStore, variants: Variants
+) -> tuple[ChainResult, ...]:
+    """Return the results of a scene and of its variants, to two digits of what they differ by."""
+    scenes = [scene, *(seen for _, seen in variants)]
+    return evaluate_all(scenes, _rough(settings), effects=_not_left_out(plan), store=store)
+
+
+def _unstated(scene: LitScene, plan: EffectPlan, ranges: Ranges) -> Variants:
+    found = []
+    for one in plan.decisions:
+        usual = EFFECTS[one.effect].usual
+        if one.answer == "not stated" and usual is not None:
+            ends = ranges.get(one.effect, (usual.low, usual.high))
+            found += [(one.effect, usual.stated(scene, value)) for value in ends]
+    return found
+
+
+def _not_left_out(plan: EffectPlan) -> frozenset[Effect]:
+    return frozenset(one.effect for one in plan.decisions if one.answer != "left out")
+
+
+def _rough(settings: Settings) -> Settings:
+    """Return settings with coarse rules of what a field of view adds; sky and light are as they were."""
+    hemisphere = max(settings.hemisphere_tolerance, _ROUGH)
+    return replace(settings, hemisphere_tolerance=hemisphere, tiles_per_side=2, dolp_tolerance=_ROUGH_LAW)
 
 
 def chain_time_s(

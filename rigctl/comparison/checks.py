@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.polarimeter.pictures import Registration, register
 from calibration.results import CalibrationError
+from model.effects.names import Effect
 from model.moments import Moments
 from model.processing.agreement import RankCorrelation, chi_square_tail, rank_correlation
 from model.processing.diagnosis import region_residual
@@ -288,12 +289,7 @@ def _drift(measurement: Measurement) -> Check:
     name, cycles = "drift of the light", measurement.grid.cycles
     if cycles < 3 or not measurement.regions:
         return Check(name=name, verdict="not testable", text="needs three cycles or more")
-    light = np.array([_light(measurement, cycle) for cycle in range(cycles)])
-    relative = light / light.mean() - 1.0
-    time = np.arange(cycles) - 0.5 * (cycles - 1)
-    slope = float(time @ relative / (time @ time))
-    left = relative - slope * time
-    error = float(np.sqrt(left @ left / (cycles - 2) / (time @ time)))
+    slope, error = _slope(measurement)
     false = _false_dolp(measurement, slope)
     return Check(
         name=name,
@@ -301,6 +297,30 @@ def _drift(measurement: Measurement) -> Check:
         text=f"{slope:+.3%} +- {error:.3%} a cycle, which alone would show as a DoLP of {false:.5f} in the order in "
         f"which the angles were taken; flagged above {_DRIFT_FLAGGED:.1%}",
     )
+
+
+def _slope(measurement: Measurement) -> tuple[float, float]:
+    """Change of the light in a cycle over its mean, and its standard error."""
+    cycles = measurement.grid.cycles
+    light = np.array([_light(measurement, cycle) for cycle in range(cycles)])
+    relative = light / light.mean() - 1.0
+    time = np.arange(cycles) - 0.5 * (cycles - 1)
+    slope = float(time @ relative / (time @ time))
+    left = relative - slope * time
+    return slope, float(np.sqrt(left @ left / (cycles - 2) / (time @ time)))
+
+
+def shown_effects(measurement: Measurement, registration: Registration | str) -> dict[Effect, tuple[float, float]]:
+    """Return the size of effects that the run itself shows, and its standard error: drift and misregistration."""
+    found: dict[Effect, tuple[float, float]] = {}
+    if measurement.grid.cycles >= 3 and measurement.regions:
+        found[Effect.DRIFT] = _slope(measurement)
+    if measurement.shifts is None and not isinstance(registration, str):
+        # Along each axis, against their mean.
+        moved = registration.shift_pixels - registration.shift_pixels.mean(axis=0)
+        errors = registration.std_error_pixels
+        found[Effect.MISREGISTRATION] = (float(np.sqrt(np.mean(moved**2))), float(np.sqrt(np.mean(errors**2))))
+    return found
 
 
 def _light(measurement: Measurement, cycle: int) -> float:

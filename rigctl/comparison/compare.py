@@ -10,7 +10,7 @@ scene a run's own means and texture go through noise model and DoLP law. Checks 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import hypot, inf, radians
+from math import copysign, hypot, inf, radians
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.accuracy.chain import Reading
-from model.accuracy.effect_check import kind_of
+from model.accuracy.effect_check import kind_of, with_unstated
 from model.accuracy.plan import NUMERICAL_SETTINGS
 from model.accuracy.predict import SMALLEST, Predicted, predict
 from model.effects.names import LIGHT, Effect, EffectPlan, EffectRule
@@ -45,11 +45,18 @@ from rigctl.comparison.checks import (
     region_verdicts,
     registration_of,
     run_checks,
+    shown_effects,
     trends_of,
     verdict_of,
     without_decisions,
 )
-from rigctl.comparison.explain import InputAttribution, attribute_residuals
+from rigctl.comparison.explain import (
+    InputAttribution,
+    UnstatedEffect,
+    attribute_residuals,
+    unstated_effects,
+    unstated_lines,
+)
 from rigctl.comparison.predict_run import RunPredictor, run_predictor
 from rigctl.comparison.rows import (
     RegionBudget,
@@ -84,6 +91,7 @@ from rigctl.prediction.predict import (
     propagate_numbers,
 )
 from rigctl.scene.effects import plan_effects
+from rigctl.scene.light import lit_scene, sensor_of
 from rigctl.scene.scene import Inputs, Scene, acting_effects, only_uncertain
 
 FloatArray = NDArray[np.float64]
@@ -232,6 +240,7 @@ class Comparison:
     propagation: Propagation | None = None  #: what their uncertainty does to the rows
     #: What would explain the residuals; None where no input has an uncertainty.
     attribution: InputAttribution | None = None
+    unstated: tuple[UnstatedEffect, ...] = ()  #: effects that nobody stated, the largest first
     trends: tuple[Trend, ...] = ()  #: whether the order of numbers is as predicted; empty without a scene
     budgets: tuple[RegionBudget, ...] = ()  #: of the uncertainty of each region's polarization, by cause
     checks: tuple[Check, ...] = ()  #: whether the run is sound, before any model
@@ -305,17 +314,17 @@ def compare_run_with_model(
     The numerical tolerance to begin with is chosen unless it is given.
     """
     if scene is None:
-        made = compare_closed_loop(seen.measurement, noise=noise, alpha=alpha)
-    else:
-        made = _to_its_errors(
-            run_predictor(seen.measurement, scene),
-            alpha=alpha,
-            scale=scale,
-            radiometric=radiometric,
-            rule=rule,
-            tolerance=tolerance or _FIRST_TOLERANCE,
-        )
-    return _judged(made, seen, regions)
+        return _judged(compare_closed_loop(seen.measurement, noise=noise, alpha=alpha), seen, regions)
+    run = run_predictor(seen.measurement, scene)
+    made = _to_its_errors(
+        run,
+        alpha=alpha,
+        scale=scale,
+        radiometric=radiometric,
+        rule=rule,
+        tolerance=tolerance or _FIRST_TOLERANCE,
+    )
+    return _with_unstated(_judged(made, seen, regions), run)
 
 
 def _to_its_errors(
@@ -466,6 +475,27 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
         unjudged=unjudged,
         run_diagnosis=diagnosis,
     )
+
+
+def _with_unstated(comparison: Comparison, run: RunPredictor) -> Comparison:
+    """Return a comparison with the effects that nobody stated, of sizes that the run shows or that are usual."""
+    accuracy, scene = comparison.accuracy, run.inputs.scene
+    if accuracy is None:
+        return comparison
+    shown = shown_effects(run.measurement, registration_of(run.measurement))
+    sensor = sensor_of(scene, run.exposure_s)
+    with as_config_error(f"scene {scene.name}"):
+        whole, others = with_unstated(
+            lit_scene(scene, sensor=sensor, readout=run.readout),
+            accuracy.effects,
+            accuracy.found.result.settings,
+            store=run.light.lights,
+            ranges={effect: (value, value + copysign(2.0 * error, value)) for effect, (value, error) in shown.items()},
+        )
+    predicted = [(effect, one.predictions) for effect, one in others]
+    found = unstated_effects(comparison.rows, whole.predictions, predicted, shown)
+    lines = unstated_lines(found, disagrees=bool(comparison.disagreements))
+    return replace(comparison, unstated=found, remarks=(*comparison.remarks, *lines))
 
 
 def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:

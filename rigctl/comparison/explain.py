@@ -4,17 +4,21 @@ Each uncertain input is moved as far as it removes the residuals best (a Bayesia
 count are those that are not functions of one another, with the covariance of their measurement.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.names import Effect
+from model.prediction import RegionPrediction
 from model.processing import agreement as bayesian_update
 from model.processing.agreement import Propagation, chi_square_tail, deviations_cov
-from rigctl.comparison.rows import Row, off_prediction
+from rigctl.base.numbers import percent, to_digits
+from rigctl.comparison.rows import Row, error_of_both, off_prediction, with_ratios
 from rigctl.measure.measure import Measurement
 from rigctl.prediction.predict import NumberKey
+from rigctl.scene.effects import statement_of
 from rigctl.scene.scene import Inputs, parameters
 
 FloatArray = NDArray[np.float64]
@@ -247,3 +251,80 @@ def _told_from(names: Sequence[str]) -> str:
     if len(names) > _NAMED:
         return f"; these data hardly see it, {len(names)} other inputs could look the same"
     return "; these data cannot tell it from " + ", ".join(names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnstatedEffect:
+    """An effect that nobody stated, against the rows of a comparison."""
+
+    effect: Effect
+    range: str  #: its usual one, or what the run shows, in words
+    is_shown: bool  #: whether the run shows its size
+    errors: float  #: largest change of a tested number, over the standard error of that row
+    removes: float  #: share of the residuals' chi-square that it removes, at that size of its range which removes most
+
+
+# An effect that removes less of the residuals than this is not their cause.
+_EXPLAINS = 0.5
+
+
+def unstated_effects(
+    rows: Sequence[Row],
+    whole: Mapping[str, RegionPrediction],
+    others: Iterable[tuple[Effect, Mapping[str, RegionPrediction]]],
+    shown: Mapping[Effect, tuple[float, float]],
+) -> tuple[UnstatedEffect, ...]:
+    """Return what effects that nobody stated do to the tested rows of a comparison, the largest first.
+
+    Predictions are without them and with each at both ends of its range; `shown` is the size of those that the run
+    shows, and its standard error.
+    """
+    tested = [row for row in rows if row.agrees is not None and error_of_both(row) > 0.0]
+    if not tested:
+        return ()
+    errors = np.array([error_of_both(row) for row in tested])
+    residual = np.array([off_prediction(row, row.measured) for row in tested]) / errors
+
+    def off(predictions: Mapping[str, RegionPrediction]) -> FloatArray:
+        numbers = [predictions[row.region].quantities[row.quantity].get(row.statistic, np.nan) for row in tested]
+        found = np.array([off_prediction(row, number) for row, number in zip(tested, numbers, strict=True)])
+        return np.asarray(np.nan_to_num(found / errors))
+
+    # At the upper end of each range.
+    ends = {effect: off(with_ratios(predictions)) - off(with_ratios(whole)) for effect, predictions in others}
+    found = [
+        UnstatedEffect(
+            effect=effect,
+            range=_shown(*shown[effect]) if effect in shown else statement_of(effect).words,
+            is_shown=effect in shown,
+            errors=float(np.max(np.abs(changes))),
+            removes=_removed(residual, changes, has_sign=effect is Effect.DRIFT),
+        )
+        for effect, changes in ends.items()
+    ]
+    return tuple(sorted(found, key=lambda one: -one.errors))
+
+
+def _removed(residual: FloatArray, changes: FloatArray, *, has_sign: bool) -> float:
+    """Share of a chi-square that changes remove, taken by the factor up to 1 that removes most."""
+    length, size = float(residual @ residual), float(changes @ changes)
+    if length == 0.0 or size == 0.0:
+        return 0.0
+    factor = float(np.clip(changes @ residual / size, -1.0 if has_sign else 0.0, 1.0))
+    left = residual - factor * changes
+    return max(1.0 - float(left @ left) / length, 0.0)
+
+
+def _shown(value: float, error: float) -> str:
+    return f"the run shows {to_digits(value, error)} +- {to_digits(error, error)}"
+
+
+def unstated_lines(found: Sequence[UnstatedEffect], *, disagrees: bool) -> Iterable[str]:
+    """Yield the effects that nobody stated and that could move a number beyond its error, or fit the residuals."""
+    large = [f"{one.effect} ({one.errors:.2g} errors; {one.range})" for one in found if one.errors > 1.0]
+    if large:
+        yield f"not stated, and able to move a tested number by more than its error: {', '.join(large)}"
+    likely = sorted((one for one in found if one.removes > _EXPLAINS), key=lambda one: -one.removes)
+    if disagrees and likely:
+        named = ", ".join(f"{one.effect} ({percent(one.removes)} of their chi-square; {one.range})" for one in likely)
+        yield f"effects that nobody stated and that could explain the residuals: {named}"

@@ -369,6 +369,10 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "trends": [_trend_json(found) for found in comparison.trends],
         "budget": {found.region: found.parts for found in comparison.budgets},
         "checks": [asdict(check) for check in comparison.checks],
+        "unstated_effects": [
+            {"effect": one.effect.value} | {key: value for key, value in vars(one).items() if key != "effect"}
+            for one in comparison.unstated
+        ],
         "remarks": list(comparison.remarks),
         "not_tested": list(comparison.not_tested),
         "accuracy": None if comparison.accuracy is None else _accuracy(comparison.accuracy),

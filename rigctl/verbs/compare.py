@@ -186,6 +186,7 @@ class ComparisonResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the verdict, what disagrees, and where that points; then how it was found."""
         from rigctl.comparison.checks import ADVICE
+        from rigctl.comparison.explain import unstated_lines
         from rigctl.report.comparison import row_table
         from rigctl.report.comparison import scores_png as scores
 
@@ -197,6 +198,7 @@ class ComparisonResult(Result):
             yield from (f"points to {cause}: {ADVICE[cause]}" for cause in found.points_to)
             if found.attribution is not None:
                 yield f"what would explain it: {found.attribution.remark}"
+        yield from unstated_lines(found.unstated, disagrees=found.agrees is False)
         yield from _of_run(found)
         yield from (f"hardly tested: {weak}" for weak in found.weak)
         if found.scale is not None:
