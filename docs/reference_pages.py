@@ -24,7 +24,7 @@ from pydantic_core import PydanticUndefined
 
 from model.atmosphere import aerosols, layers
 from model.effects.planner import EFFECTS
-from model.surface.materials import MATERIALS, Property
+from model.surface.materials import MATERIALS, Property, properties
 from rigctl.archive.index import COLUMNS
 from rigctl.cli import commands_page
 from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
@@ -449,12 +449,10 @@ def materials_page() -> str:
     )
     for key, material in MATERIALS.items():
         text += f"\n## `{key}`\n\n| property | value | std | basis | confidence | source |\n|---|---|---|---|---|---|\n"
-        for name in ("n", "k", "slope_rms", "dhr", "specular_weight"):
-            found = getattr(material, name)
-            if found is not None:
-                basis = "assumed" if found.assumed else "measured"
-                cells = [name, _values(found), f"{found.standard_uncertainty:g}", basis]
-                text += f"| {' | '.join([*cells, found.confidence, _cell(found.source)])} |\n"
+        for name, found in properties(material).items():
+            basis = "assumed" if found.assumed else "measured"
+            cells = [name, _values(found), f"{found.standard_uncertainty:g}", basis]
+            text += f"| {' | '.join([*cells, found.confidence, _cell(found.source)])} |\n"
     text += (
         "\n## Aerosols\n\n`atmosphere.aerosol_type` selects the particles. Rural and tropospheric are those of Shettle "
         "& Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177). The others are "

@@ -305,10 +305,11 @@ def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: _
     """Return the limits of a region's radiance before sky and path are known.
 
     Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
-    most fp = |(F10, F20)| + the norm of the rest of F, which a diffuse term has not. Either is at most the largest of
-    it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid with the mirror
-    direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times the bound of the
-    sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that is far less.
+    most fp = |(F10, F20)| + the norm of the rest of F, which an unpolarized diffuse term has not. Either is at most
+    the largest of it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid
+    with the mirror direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times
+    the bound of the sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that
+    is far less.
 
     [MK14] eq. (2), (3).
     """

@@ -383,7 +383,7 @@ def write_specular(out: FloatArray, geometry: HalfVectorGeometry, *, lobe: Lobe,
         shadowing=lobe.shadowing,
     )
     m00, m01, m22 = mueller_elements(cos2_psi=g.cos2_psi, n=lobe.n, k=lobe.k)
-    write_rotated(out, g, m00 * scale, m01 * scale, m22 * scale)
+    write_rotated(out, g, m00=m00 * scale, m01=m01 * scale, m11=m00 * scale, m22=m22 * scale)
 
 
 def _facet_density(tan2_beta: FloatArray, *, slope_rms: float) -> FloatArray:
@@ -397,18 +397,20 @@ def _facet_density(tan2_beta: FloatArray, *, slope_rms: float) -> FloatArray:
         return np.asarray(weight * (1.0 + tan2_beta) ** 2 / (2.0 * np.pi * variance))
 
 
-def write_rotated(out: FloatArray, g: HalfVectorGeometry, m00: FloatArray, m01: FloatArray, m22: FloatArray) -> None:
-    """Turn the facet's matrix into the horizontal axes of both rays."""
+def write_rotated(
+    out: FloatArray, g: HalfVectorGeometry, *, m00: FloatArray, m01: FloatArray, m11: FloatArray, m22: FloatArray
+) -> None:
+    """Turn a matrix in the axes of the plane of scattering, M10 = M01, into the horizontal axes of both rays."""
     ci, si, cr, sr = g.cos_2eta_i, g.sin_2eta_i, g.cos_2eta_r, g.sin_2eta_r
     out[:, 0, 0] = m00
     out[:, 0, 1] = m01 * ci
     out[:, 0, 2] = m01 * si
     out[:, 1, 0] = m01 * cr
     out[:, 2, 0] = m01 * sr
-    row_1, row_2 = m00 * cr, m22 * sr
+    row_1, row_2 = m11 * cr, m22 * sr
     out[:, 1, 1] = row_1 * ci + row_2 * si
     out[:, 1, 2] = row_1 * si - row_2 * ci
-    row_1, row_2 = m00 * sr, m22 * cr
+    row_1, row_2 = m11 * sr, m22 * cr
     out[:, 2, 1] = row_1 * ci - row_2 * si
     out[:, 2, 2] = row_1 * si + row_2 * ci
 

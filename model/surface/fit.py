@@ -6,7 +6,7 @@ from the profile of chi-square (`profile_interval`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -514,6 +514,7 @@ def _parts(problem: FitProblem, values: FloatArray) -> tuple[Lobe, float, Diffus
         specular_weight=weight,
         excess=chosen["dhr"],
         dhr_angle_rad=start.dhr_angle_rad,
+        single=start.single,
     )
     return lobe, weight, term
 
@@ -632,12 +633,7 @@ def _surface_of_values(problem: FitProblem, values: FloatArray) -> Surface:
     physical = _physical_values(problem, values)
     chosen = {name: getattr(problem.start, name) for name in _PARAMETERS}
     chosen.update({name: float(value) for name, value in zip(problem.names, physical, strict=True)})
-    return Surface(
-        **chosen,
-        dhr_angle_rad=problem.start.dhr_angle_rad,
-        shadowing=problem.start.shadowing,
-        diffuse=problem.start.diffuse,
-    )
+    return replace(problem.start, **chosen)
 
 
 def _bound_words(problem: FitProblem, internal: FloatArray) -> list[str]:

@@ -102,17 +102,26 @@ class Material:
         Properties.
     dhr
         Property, or None: no diffuse term.
+    single_scattering, asymmetry, single_dolp, depolarization
+        Properties, or None where the diffuse term does not count what one particle scatters.
     dhr_angle_rad
         Zenith angle at which the DHR was measured [rad].
+    diffuse
+        Form of the diffuse term that describes it.
     """
 
     name: str
     n: Property
     k: Property
     slope_rms: Property
-    dhr: Property | None
+    dhr: Property | None = None
     specular_weight: Property
+    single_scattering: Property | None = None
+    asymmetry: Property | None = None
+    single_dolp: Property | None = None
+    depolarization: Property | None = None
     dhr_angle_rad: float = math.radians(8.0)
+    diffuse: DiffuseKind = "coupled"
 
 
 def constant(
@@ -149,7 +158,7 @@ def surface_of(
     *,
     wavelength_m: float,
     shadowing: Shadowing = "v-cavity",
-    diffuse: DiffuseKind = "coupled",
+    diffuse: DiffuseKind | None = None,
 ) -> Surface:
     """Return the surface that a material makes at one wavelength.
 
@@ -157,8 +166,10 @@ def surface_of(
     ----------
     wavelength_m
         Wavelength in air [m].
-    shadowing, diffuse
+    shadowing
         As in `Surface`.
+    diffuse
+        As in `Surface`; None is the material's own.
 
     Returns
     -------
@@ -174,14 +185,10 @@ def surface_of(
         raise ValueError(f"wavelength_m = {wavelength_m} m; allowed is above 0")
     try:
         return Surface(
-            n=material.n.at(wavelength_m),
-            k=material.k.at(wavelength_m),
-            slope_rms=material.slope_rms.at(wavelength_m),
-            dhr=None if material.dhr is None else material.dhr.at(wavelength_m),
+            **{name: found.at(wavelength_m) for name, found in properties(material).items()},
             dhr_angle_rad=material.dhr_angle_rad,
             shadowing=shadowing,
-            diffuse=diffuse,
-            specular_weight=material.specular_weight.at(wavelength_m),
+            diffuse=material.diffuse if diffuse is None else diffuse,
         )
     except ValueError as error:
         raise ValueError(f"material {material.name!r} at {wavelength_m * 1e9:.4g} nm: {error}") from error
@@ -193,7 +200,7 @@ def properties(material: Material) -> dict[str, Property]:
     Returns
     -------
     dict
-        Name to property; "dhr" only where there is one.
+        Name to property; those that may be None only where there is one.
     """
     named = {field.name: getattr(material, field.name) for field in fields(material)}
     return {name: value for name, value in named.items() if isinstance(value, Property)}
@@ -222,7 +229,7 @@ def _require_table(values: Sequence[float], wavelengths_m: Sequence[float]) -> N
         raise ValueError(f"wavelengths_m = {tuple(wavelengths_m)} m; allowed is ascending from above 0")
 
 
-# Five materials to begin with. Most of their values are assumed: replace them by what was measured
+# Materials to begin with. Most of their values are assumed: replace them by what was measured
 
 _BINDER = (
     "acrylic binder: 1.4946 at 550 nm, Zhang et al. (2020), via refractiveindex.info; urethanes about 1.48 to 1.50"
@@ -376,6 +383,44 @@ _ALUMINIUM = Material(
     specular_weight=_ALL_SHOWN,
 )  # fmt: skip
 
+_GERMER = (
+    "fitted to the Mueller BRDF of Germer, Appl. Opt. 56, 9333 (2017), incidence 15 to 75 deg; "
+    "uncertainty from leaving out one angle of incidence"
+)
+_GERMER_WAVELENGTHS_M = (351e-9, 532e-9, 633e-9, 1064e-9)
+
+
+def _of_germer(*values: float, standard_uncertainty: float) -> Property:
+    return Property(
+        values=values,
+        wavelengths_m=_GERMER_WAVELENGTHS_M,
+        standard_uncertainty=standard_uncertainty,
+        source=_GERMER,
+        confidence="high",
+        assumed=False,
+    )
+
+
+_SINTERED_PTFE = Material(
+    name="sintered PTFE",
+    n=constant(
+        1.35,
+        standard_uncertainty=0.02,
+        source="PTFE, index lists: 1.35 to 1.38; of the fits no more than n with specular_weight is determined",
+        confidence="medium",
+        assumed=True,
+    ),
+    k=_no_absorption(0.001),
+    slope_rms=constant(0.30, standard_uncertainty=0.03, source=_GERMER, confidence="high", assumed=False),
+    dhr=_of_germer(0.984, 0.982, 0.983, 0.983, standard_uncertainty=0.003),
+    specular_weight=_of_germer(0.061, 0.086, 0.091, 0.103, standard_uncertainty=0.03),
+    single_scattering=_of_germer(0.906, 0.907, 0.932, 1.0, standard_uncertainty=0.07),
+    asymmetry=_of_germer(0.446, 0.507, 0.509, 0.514, standard_uncertainty=0.015),
+    single_dolp=_of_germer(0.179, 0.229, 0.249, 0.271, standard_uncertainty=0.007),
+    depolarization=_of_germer(0.532, 0.347, 0.326, 0.321, standard_uncertainty=0.03),
+    diffuse="volume",
+)
+
 MATERIALS: Mapping[str, Material] = MappingProxyType(
     {
         "black-paint": _BLACK_PAINT,
@@ -383,6 +428,7 @@ MATERIALS: Mapping[str, Material] = MappingProxyType(
         "asphalt": _ASPHALT,
         "glass": _GLASS,
         "aluminium": _ALUMINIUM,
+        "sintered-ptfe": _SINTERED_PTFE,
     }
 )
 

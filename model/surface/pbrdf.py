@@ -13,7 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from model import stokes as geometry
 from model.stokes import rotation
-from model.surface.diffuse import DIFFUSE, Diffuse, DiffuseKind, add_diffuse, diffuse_error, diffuse_row
+from model.surface.diffuse import (
+    DIFFUSE,
+    Diffuse,
+    DiffuseKind,
+    SingleScattering,
+    add_diffuse,
+    diffuse_error,
+    diffuse_row,
+    single_excess,
+)
 from model.surface.facets import (
     HemisphericalReflectance,
     Lobe,
@@ -47,14 +56,24 @@ class Surface:
     shadowing
         "none", "v-cavity", "smith" or "smith-correlated".
     diffuse
-        "lambert", "balance", "coupled" or "polarised"; see `model.surface.diffuse.add_diffuse`.
+        "lambert", "balance", "coupled", "polarised" or "volume"; see `model.surface.diffuse.add_diffuse`.
     specular_weight
         B, share of the surface that shows the lobe (dust and pores hide the rest), 0 to 1.
+    single_scattering
+        Of "volume": weight w of the light that one particle of the body scatters, 0 to 1. 1 is a deep body that does
+        not absorb.
+    asymmetry
+        Of "volume": mean cosine of the angle by which a particle scatters, -0.8 to 0.8.
+    single_dolp
+        Of "volume": degree of polarization of unpolarised light that one particle scatters by 90 deg, 0 to 1, and
+        less the larger the asymmetry.
+    depolarization
+        Of "volume": share of polarized light that a particle depolarizes, 0 to 1.
 
     Raises
     ------
     ValueError
-        If a value is outside its range, or `dhr` is below what the lobe alone reflects.
+        If a value is outside its range, or `dhr` is below what the lobe, or lobe and single scattering, reflect.
     """
 
     n: float
@@ -65,6 +84,10 @@ class Surface:
     shadowing: Shadowing = "v-cavity"
     diffuse: DiffuseKind = "coupled"
     specular_weight: float = 1.0
+    single_scattering: float = 0.0
+    asymmetry: float = 0.0
+    single_dolp: float = 0.0
+    depolarization: float = 0.0
 
     def __post_init__(self) -> None:
         lobe = self.lobe
@@ -76,6 +99,12 @@ class Surface:
             raise ValueError(f"dhr_angle_rad = {self.dhr_angle_rad} rad; allowed is 0 to below pi/2")
         if self.dhr is not None:
             _require_dhr(self.dhr, self.specular_weight, reflectance_at(lobe, self.dhr_angle_rad), self.dhr_angle_rad)
+        term = self.diffuse_term
+        if term is not None and term.kind == "volume" and (over := single_excess(term)) > _DHR_ROUNDING:
+            raise ValueError(
+                f"dhr = {self.dhr:g} is inconsistent: lobe and single scattering reflect {over:.3g} more. Lower "
+                "single_scattering or raise dhr"
+            )
 
     @property
     def lobe(self) -> Lobe:
@@ -95,6 +124,17 @@ class Surface:
             specular_weight=self.specular_weight,
             excess=max(self.dhr - specular, 0.0),
             dhr_angle_rad=self.dhr_angle_rad,
+            single=self.single,
+        )
+
+    @property
+    def single(self) -> SingleScattering:
+        """Light that one particle of the body scatters, where the diffuse term counts it."""
+        return SingleScattering(
+            weight=self.single_scattering,
+            asymmetry=self.asymmetry,
+            dolp=self.single_dolp,
+            depolarization=self.depolarization,
         )
 
 
@@ -171,7 +211,7 @@ def findings(surface: Surface) -> tuple[str, ...]:
     remedy = (
         'shadowing="none" loses no light to neighbouring facets: choose "v-cavity" or a Smith form'
         if surface.shadowing == "none"
-        else 'choose diffuse="polarised", which conserves energy for every polarization, or lower dhr'
+        else 'choose diffuse="volume" or "polarised", which conserve energy for every polarization, or lower dhr'
     )
     reflected = {"polarised light": total.s0 + np.abs(total.s1), "unpolarised light": total.s0}
     excessive = {light: _first_angle_deg(share > limit) for light, share in reflected.items()}
@@ -214,7 +254,7 @@ def hemispherical_reflectance(theta_i_rad: ArrayLike, *, surface: Surface) -> He
     s0, s1, error = weight * lobe.s0, weight * lobe.s1, weight * lobe.error
     if term is not None:
         row = diffuse_row(angles.ravel(), diffuse=term).reshape(2, *angles.shape)
-        s0, s1, error = s0 + row[0], s1 + row[1], error + weight * diffuse_error(term)
+        s0, s1, error = s0 + row[0], s1 + row[1], error + diffuse_error(term)
     return HemisphericalReflectance(s0=s0, s1=s1, error=error)
 
 
@@ -342,7 +382,7 @@ def evaluate(
         theta_i, theta_r = np.where(hidden, 0.0, theta_i), np.where(hidden, 0.0, theta_r)
         write_specular(out[block], half_vector_geometry(theta_i, theta_r, phi), lobe=lobe, weight=specular_weight)
         if diffuse is not None:
-            add_diffuse(out[block], theta_i, theta_r, diffuse=diffuse)
+            add_diffuse(out[block], theta_i, theta_r, phi, diffuse=diffuse)
         out[block][hidden] = 0.0
     return out.reshape(*angles[0].shape, 3, 3)
 

@@ -1,8 +1,9 @@
 """A surface's parameters from regions of runs: measured Stokes parameters in, fitted material out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +202,7 @@ def _fitted(file: SurfaceFitFile, start: Material, fit: SurfaceFit) -> Material 
     if not np.all(np.isfinite(fit.information.standard_uncertainty)):
         return None
     runs = ", ".join(dict.fromkeys(section.run.name for section in file.observation))
-    found = properties(start)
+    found: dict[str, Any] = dict(properties(start))
     for name, value, spread in zip(fit.names, fit.values, fit.information.standard_uncertainty, strict=True):
         found[name] = constant(
             float(value),
@@ -210,12 +211,5 @@ def _fitted(file: SurfaceFitFile, start: Material, fit: SurfaceFit) -> Material 
             confidence="low" if fit.findings else "medium",
             assumed=False,
         )
-    return Material(
-        name=file.name,
-        n=found["n"],
-        k=found["k"],
-        slope_rms=found["slope_rms"],
-        dhr=found.get("dhr"),
-        specular_weight=found["specular_weight"],
-        dhr_angle_rad=start.dhr_angle_rad,
-    )
+    fitted: Material = replace(start, name=file.name, diffuse=fit.surface.diffuse, **found)
+    return fitted

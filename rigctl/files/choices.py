@@ -45,7 +45,7 @@ ROOF_CHANGES: tuple[RoofChange, ...] = get_args(RoofChange)
 
 # How facets hide one another, and the form of the diffuse term, as `model.surface.pbrdf.Surface` has them.
 Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]
-DiffuseKind = Literal["lambert", "balance", "coupled", "polarised"]
+DiffuseKind = Literal["lambert", "balance", "coupled", "polarised", "volume"]
 
 
 # Units of exposures, and seconds in each.

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from model.surface.diffuse import DiffuseKind
+from model.surface.diffuse import ASYMMETRY_MOST, DiffuseKind
 from model.surface.facets import Shadowing
 from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties
 from rigctl.errors import ConfigError
@@ -76,6 +76,13 @@ NotBelow0 = Annotated[PropertySection, _within("not be below 0", lambda value: v
 From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <= value <= 1), Allowed("from 0, to 1")]
 
 
+Cosine = Annotated[
+    PropertySection,
+    _within(f"lie in [-{ASYMMETRY_MOST:g}, {ASYMMETRY_MOST:g}]", lambda value: abs(value) <= ASYMMETRY_MOST),
+    Allowed(f"from -{ASYMMETRY_MOST:g}, to {ASYMMETRY_MOST:g}"),
+]
+
+
 class MaterialFile(Section):
     """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean."""
 
@@ -95,19 +102,29 @@ class MaterialFile(Section):
     """Angle from the normal at which dhr was measured. Example: `8.0`."""
     specular_weight: From0To1 = PropertySection(value=[1.0], source="not in the file: taken as 1, a clean surface")
     """Factor on the light that facets mirror. Example: `1.0`."""
+    diffuse: DiffuseKind | None = None
+    """Form of the diffuse term; left out, `"volume"` with single_scattering, else `"coupled"`. Example: `"volume"`."""
+    single_scattering: From0To1 | None = None
+    """Weight of light that one particle of the body scatters. Example: `{ value = 0.9, std = 0.05 }`."""
+    asymmetry: Cosine | None = None
+    """Mean cosine of the angle by which a particle scatters. Example: `{ value = 0.5, std = 0.05 }`."""
+    single_dolp: From0To1 | None = None
+    """DoLP of unpolarized light that a particle scatters by 90 deg. Example: `{ value = 0.23, std = 0.02 }`."""
+    depolarization: From0To1 | None = None
+    """Share of polarized light that a particle depolarizes. Example: `{ value = 0.4, std = 0.05 }`."""
 
 
 def load_material(path: Path) -> Material:
     """Return the material of a material file."""
     file = load(path, MaterialFile)
+    given = {
+        name: found for name in MaterialFile.model_fields if isinstance(found := getattr(file, name), PropertySection)
+    }
     return Material(
         name=file.name,
-        n=_property(file.n),
-        k=_property(file.k),
-        slope_rms=_property(file.slope_rms),
-        dhr=None if file.dhr is None else _property(file.dhr),
-        specular_weight=_property(file.specular_weight),
+        **{name: _property(found) for name, found in given.items()},
         dhr_angle_rad=math.radians(file.dhr_angle_deg),
+        diffuse=file.diffuse or ("coupled" if file.single_scattering is None else "volume"),
     )
 
 
@@ -134,6 +151,7 @@ def material_toml(material: Material) -> str:
     lines = [
         f"name = {_quoted(material.name)}",
         f"dhr_angle_deg = {math.degrees(material.dhr_angle_rad):.12g}",
+        f'diffuse = "{material.diffuse}"',
     ]
     for name, given in properties(material).items():
         lines += ["", f"[{name}]"]
@@ -212,8 +230,8 @@ class SurfaceFitFile(Section):
     """Limits of what is found. Example: `{ n = [1.3, 1.8] }`."""
     shadowing: Shadowing = "v-cavity"
     """How facets hide one another. Example: `"v-cavity"`."""
-    diffuse: DiffuseKind = "coupled"
-    """Form of the diffuse term. Example: `"coupled"`."""
+    diffuse: DiffuseKind | None = None
+    """Form of the diffuse term, in place of the material's own. Example: `"coupled"`."""
     unmodelled_std: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Deviation of S1/S0 and S2/S0 that the model is taken to miss. Example: `0.002`."""
     observation: Annotated[list[ObservationSection], Field(min_length=1)]

@@ -685,8 +685,8 @@ class SceneRegion(Region):
     """Azimuth to which it leans, clockwise from north. Example: `180.0`."""
     shadowing: Shadowing = "v-cavity"
     """How facets hide one another. Example: `"v-cavity"`."""
-    diffuse: DiffuseKind = "coupled"
-    """Form of the diffuse term. Example: `"coupled"`."""
+    diffuse: DiffuseKind | None = None
+    """Form of the diffuse term, in place of the material's own. Example: `"coupled"`."""
     extent: Literal["point", "field", "rectangle"] = "point"
     """What it fills: the point on the axis, the whole field, or its own rectangle. Example: `"rectangle"`."""
     texture_rms: NotNegative = Uncertain(value=0.0)

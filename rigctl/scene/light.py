@@ -479,7 +479,12 @@ def _picture_part(scene: "Scene", region: "SceneRegionRecord", field: "FieldSect
 def _surface(material: Material, given: SceneRegion) -> Surface:
     """Return what a region is made of; its properties are those at the sensor's wavelength already."""
     values: dict[str, Any] = {name: found.values[0] for name, found in properties(material).items()}
-    return Surface(**values, dhr_angle_rad=material.dhr_angle_rad, shadowing=given.shadowing, diffuse=given.diffuse)
+    return Surface(
+        **values,
+        dhr_angle_rad=material.dhr_angle_rad,
+        shadowing=given.shadowing,
+        diffuse=material.diffuse if given.diffuse is None else given.diffuse,
+    )
 
 
 def _texture_covariance(region: "SceneRegionRecord") -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from pydantic import BaseModel
 
 from model.effects.names import ALL, Effect
 from model.prediction import RigErrors
+from model.surface.diffuse import ASYMMETRY_MOST
 from model.surface.facets import SLOPE_RMS_MIN
 from model.surface.materials import Material, Property, assumed_properties
 from rigctl.base.numbers import percent
@@ -270,6 +271,15 @@ MATERIAL_ROWS = (
     _row("slope_rms", "", "deviation of the facets' slopes, per axis", SLOPE_RMS_MIN, place="material.slope_rms"),
     _row("dhr", "", "directional-hemispherical reflectance", most=1.0, place="material.dhr"),
     _row("specular_weight", "", "weight of the specular lobe", most=1.0, place="material.specular_weight"),
+    *(
+        _row(key, "", meaning, least, most, place=f"material.{key}")
+        for key, meaning, least, most in (
+            ("single_scattering", "weight of light that one particle of the body scatters", 0.0, 1.0),
+            ("asymmetry", "mean cosine of the angle by which a particle scatters", -ASYMMETRY_MOST, ASYMMETRY_MOST),
+            ("single_dolp", "DoLP of light that one particle scatters by 90 deg", 0.0, 1.0),
+            ("depolarization", "share of polarized light that a particle depolarizes", 0.0, 1.0),
+        )
+    ),
     _row("dhr_angle_deg", "deg", "zenith angle at which the dhr was measured", place="material.dhr_angle_rad"),
 )
 

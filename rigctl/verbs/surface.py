@@ -33,7 +33,7 @@ def surface(
     wavelength_nm: float = 550.0,
     sun_zenith_deg: float = 45.0,
     shadowing: Shadowing = "v-cavity",
-    diffuse: DiffuseKind = "coupled",
+    diffuse: DiffuseKind | None = None,
     at: FilePath | None = None,
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
 ) -> "SurfaceResult | SurfaceReadings | ManySurfaces | MaterialList":
@@ -65,8 +65,8 @@ def surface(
         Angle of the sun from the normal, 0 to below 90 [deg].
     shadowing : {"none", "v-cavity", "smith", "smith-correlated"}
         How facets hide one another.
-    diffuse : {"lambert", "balance", "coupled", "polarised"}
-        Form of the diffuse term.
+    diffuse : {"lambert", "balance", "coupled", "polarised", "volume"}
+        Form of the diffuse term, in place of the material's own.
     at : path
         CSV file of geometries: columns incidence_deg, reflection_deg, azimuth_deg (180 is forward, counted as phi in
         the conventions) and, where it varies, wavelength_nm. Prints them as CSV with f00_per_sr, s1 and s2 (over S0),
@@ -109,7 +109,7 @@ def surface(
 
 
 def _sheet(
-    name: str, wavelength_nm: float, sun_zenith_deg: float, *, shadowing: Shadowing, diffuse: DiffuseKind
+    name: str, wavelength_nm: float, sun_zenith_deg: float, *, shadowing: Shadowing, diffuse: DiffuseKind | None
 ) -> "SurfaceSheet":
     from model.surface.materials import surface_of
     from rigctl.files.materials import NM_PER_M, find_material
@@ -128,7 +128,7 @@ _READINGS = ("f00_per_sr", "s1", "s2", "dolp")
 
 
 def _readings(
-    name: str, at: Path, wavelength_nm: float, *, shadowing: Shadowing, diffuse: DiffuseKind
+    name: str, at: Path, wavelength_nm: float, *, shadowing: Shadowing, diffuse: DiffuseKind | None
 ) -> "SurfaceReadings":
     import numpy as np
 
