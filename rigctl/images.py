@@ -294,10 +294,15 @@ class ImageFile:
     first_row_stated: bool  #: The file itself says so.
     header: Mapping[str, HeaderValue]  #: Value by keyword; empty where the format has none.
     remarks: tuple[str, ...] = ()  #: What else one has to know of the file.
+    unset: NDArray[np.bool_] | None = (
+        None  #: Samples that are NaN or infinite; their counts are the least of the others.
+    )
 
     @property
     def raw_counts(self) -> NDArray[np.uint16]:
-        """The samples of one read of a camera; DataError if they are sums, means or below 0."""
+        """The samples of one read of a camera; DataError if they are sums, means, below 0, or no numbers."""
+        if self.unset is not None:
+            raise DataError(f"{np.count_nonzero(self.unset)} samples are NaN or infinite")
         if self.counts.dtype == np.uint16:
             return np.asarray(self.counts, dtype=np.uint16)
         broken = int(np.count_nonzero(self.counts != np.floor(self.counts)))
@@ -447,9 +452,10 @@ def _image(
     remarks: tuple[str, ...] = (),
     plane: Plane | None = None,
 ) -> ImageFile:
-    counts = _counts(pixels)
+    counts, unset = _counts(pixels)
     return ImageFile(
         counts=counts,
+        unset=unset,
         sample_bits=32 if counts.dtype != np.uint16 else 8 if pixels.dtype.itemsize == 1 else 16,
         first_row=first_row,
         first_row_stated=is_stated,
@@ -458,18 +464,22 @@ def _image(
     )
 
 
-def _counts(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return samples as unsigned 16 bits where these hold them, and in double precision otherwise."""
+def _counts(pixels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
+    """Return samples as unsigned 16 bits where these hold them, else in double precision, and which are no numbers."""
     if pixels.size == 0:
         raise DataError("has no pixels")
     if pixels.dtype.kind not in "uif":
         raise DataError(f"has samples of the type {pixels.dtype}; numbers are needed")
-    if pixels.dtype.kind == "f" and (unset := int(np.count_nonzero(~np.isfinite(pixels)))):
-        raise DataError(f"{unset} samples are NaN or infinite; give missing pixels a count and name it: --missing-dn")
+    unset = None
+    if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
+        unset = ~np.isfinite(pixels)
+        if unset.all():
+            raise DataError("all samples are NaN or infinite")
+        pixels = np.where(unset, pixels[~unset].min(), pixels)
     is_whole = pixels.dtype.kind != "f" or not np.any(pixels != np.floor(pixels))
     if is_whole and pixels.min() >= 0 and pixels.max() <= _LARGEST:
-        return np.ascontiguousarray(pixels, dtype=np.uint16)
-    return np.ascontiguousarray(pixels, dtype=np.float64)
+        return np.ascontiguousarray(pixels, dtype=np.uint16), unset
+    return np.ascontiguousarray(pixels, dtype=np.float64), unset
 
 
 def _read_fits(data: bytes, plane: Plane | None, most_bytes: int) -> ImageFile:

@@ -76,6 +76,36 @@ def reads_of(header: Header) -> tuple[int, bool, str]:
     return 1, False, ""
 
 
+# One-based, both ends included, the first row of the file is 1.
+_SECTION = re.compile(r"\[(\d+):(\d+),(\d+):(\d+)\]")
+_OVERSCAN_KEY, _LIT_KEYS = "BIASSEC", ("TRIMSEC", "DATASEC")
+
+
+def sections_of(
+    header: Header, shape: tuple[int, int]
+) -> tuple[tuple[slice, slice] | None, tuple[slice, slice] | None, str]:
+    """Return rows and columns that see light, those of the overscan, and the keyword of the first; None where not said.
+
+    NOAO keywords, https://noirlab.edu/science/documents/scidoc0434.
+    """
+    found = {key: _section(header, key, shape) for key in (*_LIT_KEYS, _OVERSCAN_KEY)}
+    key = next((key for key in _LIT_KEYS if found[key] is not None), "")
+    return found.get(key), found[_OVERSCAN_KEY], key
+
+
+def _section(header: Header, key: str, shape: tuple[int, int]) -> tuple[slice, slice] | None:
+    match = _SECTION.fullmatch(str(header.get(key, "")).replace(" ", ""))
+    if match is None:
+        return None
+    left, right, first, last = map(int, match.groups())
+    if not (1 <= left <= right <= shape[1] and 1 <= first <= last <= shape[0]):
+        size = f"{shape[1]} x {shape[0]}"
+        raise ConfigError(
+            f"{key} = {header[key]} does not lie within the picture of {size} pixels: correct or delete it"
+        )
+    return slice(first - 1, last), slice(left - 1, right)
+
+
 def key_of_all(keys: Sequence[str], headers: Sequence[Header]) -> str | None:
     """Return the first keyword under which every header has a number of 0 or more; None where there is none."""
     for key in keys:
@@ -91,6 +121,10 @@ def angles_of(names: Sequence[str], headers: Sequence[Header]) -> tuple[tuple[fl
         values = [_angle_text(header, key) for header in headers]
         if all(values):
             return tuple(map(float, values)), f"by the header keyword {key}"
+    retarders = [_angle_text(header, RETARDER_KEY) for header in headers]
+    if all(retarders) and len({2.0 * float(one) % 180.0 for one in retarders}) >= _LEAST_ANGLES:
+        by = f"by twice the header keyword {RETARDER_KEY}, as of a half-wave plate before a fixed polarizer"
+        return tuple(2.0 * float(one) for one in retarders), by
     numbers = [_NUMBER.findall(name.rpartition(".")[0] or name) for name in names]
     # Names of one set have the same numbers at the same places; places are counted from the end.
     columns = [[found[-place] for found in numbers] for place in range(1, min(map(len, numbers), default=0) + 1)]

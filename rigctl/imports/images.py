@@ -157,7 +157,8 @@ def _black_level_problems(
     if sum(ways) > 1:
         yield "--black-level-dn, --black-level-key, --black-level-from-darks: give one of them"
     kinds = {image.kind for image in images} or {request.kind or "scene"}
-    if not any(ways) and "scene" in kinds and "dark" not in kinds and not darks_are_there:
+    is_known = all(image.black_level_dn is not None for image in images if image.kind == "scene")
+    if not (any(ways) or (images and is_known)) and "scene" in kinds and "dark" not in kinds and not darks_are_there:
         key = headers.key_of_all(headers.BLACK_LEVEL_KEYS, [image.header for image in images])
         yield (
             "black level: say --black-level-dn X, --black-level-key KEY, or --black-level-from-darks where dark "
@@ -219,13 +220,14 @@ def find_scale(
     levels_by_file: Sequence[NDArray[np.int64]] = (),
     borders: Sequence[Border] = (),
     wide: Sequence["SurveyedImage"] = (),
+    unset: int = 0,
 ) -> Scale:
     """Return what the counts mean, by what the user says and the counts themselves show.
 
-    `wide` are images whose counts are no whole numbers of 16 bits.
+    `wide` are images whose counts are no whole numbers of 16 bits; `unset` is how many pixels are no numbers.
     """
     if wide:
-        return _scale_of_wide(request, levels, wide)
+        return _scale_of_wide(request, levels, wide, unset)
     depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
     shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
@@ -236,7 +238,7 @@ def find_scale(
     missing_dn, missing_remarks = _missing(request, levels, black_level_dn, dark)
     is_asked = request.missing_dn is None and not request.none_missing
     is_marked = is_asked and (len({border.value_dn for border in dark}) > 1 or any(b.is_elsewhere for b in dark))
-    if is_marked:
+    if is_marked or (unset and request.missing_dn is None):
         missing_dn = float(_unused(levels, shift, saturation_dn) << shift)
     unit = 2**shift
     return Scale(
@@ -245,11 +247,17 @@ def find_scale(
         saturation_dn=saturation_dn / unit,
         missing_dn=None if missing_dn is None else missing_dn / unit,
         marks_borders_below_dn=darkest_dn if is_marked else None,
-        remarks=(*depth_remarks, *shift_remarks, *saturation_remarks, *missing_remarks),
+        remarks=(*depth_remarks, *shift_remarks, *saturation_remarks, *missing_remarks, *_unset_remarks(unset)),
     )
 
 
-def _scale_of_wide(request: ImportRequest, levels: NDArray[np.int64], images: Sequence["SurveyedImage"]) -> Scale:
+def _unset_remarks(unset: int) -> tuple[str, ...]:
+    return (f"{unset} pixels are NaN or infinite, and are taken as missing",) if unset else ()
+
+
+def _scale_of_wide(
+    request: ImportRequest, levels: NDArray[np.int64], images: Sequence["SurveyedImage"], unset: int
+) -> Scale:
     """Return the scale of sums, means and counts below 0: of those the bits show nothing, and have to be stated."""
     low, high = min(image.range_dn[0] for image in images), max(image.range_dn[1] for image in images)
     reads = max(image.reads for image in images)
@@ -273,13 +281,14 @@ def _scale_of_wide(request: ImportRequest, levels: NDArray[np.int64], images: Se
     )
     in_part = "pixels that were saturated in some of the reads are not recognised: their means are too small"
     unit = images[0].unit
+    missing_dn = request.missing_dn if request.missing_dn is not None or not unset else _LOWEST_DN * unit
     return Scale(
         bit_depth=request.bit_depth,
         shift_bits=0,
         saturation_dn=saturation_dn / unit if stated else float(saturation_dn),
-        missing_dn=None if request.missing_dn is None else request.missing_dn / unit,
+        missing_dn=None if missing_dn is None else missing_dn / unit,
         marks_borders_below_dn=None,
-        remarks=(*remarks, *((in_part,) if reads > 1 else ())),
+        remarks=(*remarks, *((in_part,) if reads > 1 else ()), *_unset_remarks(unset)),
     )
 
 
@@ -467,6 +476,9 @@ class SurveyedImage:
     range_dn: tuple[float, float] = (0.0, 0.0)  #: Least and largest count of one read.
     is_wide: bool = False  #: These are no whole numbers of 16 bits.
     at_zero: int = 0  #: Pixels of the count 0.
+    unset: int = 0  #: Pixels that are NaN or infinite.
+    lit: tuple[slice, slice] | None = None  #: Rows and columns that see light, where the header says so.
+    by_sections: tuple[str, ...] = ()  #: What was done by keywords of sections.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -523,6 +535,7 @@ def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: li
         remarks.append(f"files are of {words} (--coadds N or --averaged N if that is wrong)")
     if summed:
         remarks.append("counts and exposure are those of one read")
+    remarks += dict.fromkeys(text for image in images for text in image.by_sections)
     if request.exposure_s is None and request.exposure_key is None and not request.same_exposure:
         key = headers.key_of_all(headers.EXPOSURE_KEYS, [image.header for image in images])
         if key is not None:
@@ -546,12 +559,21 @@ def _survey(
     if request.coadds is not None or request.averaged is not None:
         reads, is_sum = request.coadds or request.averaged or 1, request.coadds is not None
     unit = reads if is_sum else 1
-    counts: NDArray[Any] = image.counts / unit if unit > 1 else image.counts
+    lit, overscan, key = headers.sections_of(image.header, image.counts.shape)
+    whole = np.s_[:, :]
+    samples, unset = image.counts[lit or whole], None if image.unset is None else image.unset[lit or whole]
+    counts: NDArray[Any] = samples / unit if unit > 1 else samples
+    good = counts if unset is None else counts[~unset]
     black_level_dn = _number(image.header, "--black-level-key", request.black_level_key, request.black_level_dn)
+    by_sections = () if lit is None else (f"pictures are cut to {key}",)
+    if black_level_dn is None and not request.black_level_from_darks and overscan is not None:
+        strip = image.counts[overscan] if image.unset is None else image.counts[overscan][~image.unset[overscan]]
+        black_level_dn = float(strip.mean()) if strip.size else None
+        by_sections = (*by_sections, "the black level is the mean of the overscan, BIASSEC")
     is_wide = counts.dtype != np.uint16
     return SurveyedImage(
         path=path,
-        shape=(image.counts.shape[0], image.counts.shape[1]),
+        shape=(counts.shape[0], counts.shape[1]),
         kind=request.kind or headers.kind_of(image.header, path.name) or "scene",
         sample_bits=image.sample_bits,
         first_row=_first_row(request, image),
@@ -563,15 +585,18 @@ def _survey(
         black_level_dn=None if black_level_dn is None else black_level_dn / unit,
         start_utc=_start(image.header),
         remarks=image.remarks,
-        levels=histogram(counts),
+        levels=histogram(good),
         border=None if request.no_border_search or is_wide else constant_border(counts),
         is_jpeg=not is_wide and _is_jpeg(counts),
         header=image.header,
         reads=reads,
         unit=unit,
-        range_dn=(float(counts.min()), float(counts.max())),
+        range_dn=(float(good.min()), float(good.max())),
         is_wide=is_wide,
-        at_zero=int(np.count_nonzero(counts == 0)),
+        at_zero=int(np.count_nonzero(good == 0)),
+        unset=0 if unset is None else int(np.count_nonzero(unset)),
+        lit=lit,
+        by_sections=by_sections,
     )
 
 
@@ -694,7 +719,7 @@ def frames_of(
             placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
             shifted = _of_one_read(counts, image) if image.is_wide else _in_place(counts, scale.shift_bits)
             if border is not None and scale.missing_dn is not None:
-                shifted = np.where(border, np.uint16(scale.missing_dn), shifted)
+                shifted = np.where(border, shifted.dtype.type(scale.missing_dn), shifted)
             yield placed, shifted
             sequence += 1
 
@@ -732,12 +757,14 @@ def _place(record: FrameRecord) -> Place:
 def _pictures(
     request: ImportRequest, image: SurveyedImage, scale: Scale
 ) -> Iterator[tuple[float | None, NDArray[Any], NDArray[np.bool_] | None]]:
-    """Yield angle, counts, and which pixels are of a border that has to be marked."""
-    counts = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes).counts
-    upright = counts if image.first_row == "top" else counts[::-1]
-    below_dn, border = scale.marks_borders_below_dn, None
+    """Yield angle, counts, and which pixels have to be marked as missing: of a border, or without a number."""
+    file = read_image(image.path, plane=request.plane, most_bytes=request.most_bytes)
+    part, rows = image.lit or np.s_[:, :], slice(None, None, 1 if image.first_row == "top" else -1)
+    upright = file.counts[part][rows]
+    below_dn, border = scale.marks_borders_below_dn, None if file.unset is None else file.unset[part][rows]
     if below_dn is not None and image.border is not None and image.border.value_dn < below_dn:
-        border = border_pixels(upright, image.border.value_dn)
+        of_border = border_pixels(upright, image.border.value_dn)
+        border = of_border if border is None else border | of_border
     if request.mosaic_deg is None:
         yield image.angle_deg, upright, border
         return

@@ -63,8 +63,10 @@ def import_images(
     """Make a run out of images that exist, or add images of another kind to such a run.
 
     Angles are those of the transmission axis, counter-clockwise from horizontal in the picture as shown. Headers and
-    names of files are read; state what they do not say. What is recognised is reported, and noted in every frame. Every
-    file is looked at before anything is written, and all of its frames are in the run, or none.
+    names of files are read; state what they do not say. Where headers have TRIMSEC or DATASEC, pictures are cut to it.
+    RETANG is taken as the angle of a half-wave plate, which turns the axis by twice as much. What is recognised is
+    reported, and noted in every frame. Every file is looked at before anything is written, and all of its frames are
+    in the run, or none.
 
     Example: rigctl import runs/panels panel_0.png panel_45.png panel_90.png panel_135.png --same-exposure
     --black-level-dn 15 --stokes panels
@@ -103,7 +105,7 @@ def import_images(
     same_exposure : bool
         One exposure for all files, not known how long.
     black_level_dn : float
-        Counts without light [DN as in the files].
+        Counts without light [DN as in the files]; else the mean of the overscan, where headers have BIASSEC.
     black_level_key : str
         Header keyword with the black level [DN].
     black_level_from_darks : bool
@@ -119,7 +121,7 @@ def import_images(
     saturation_dn : float
         Saturated at and above this [DN as in the files].
     missing_dn : float or "none"
-        Value of pixels not received [DN as in the files], or none.
+        Value of pixels not received [DN as in the files], or none. NaN and infinite samples are missing anyway.
     no_border_search : bool
         Do not look for constant pixels along the edges.
     first_row : {"top", "bottom"}
@@ -320,6 +322,7 @@ def _scale(request: "ImportRequest", survey: "Survey", present: "RunRecord | Non
         levels_by_file=tuple(image.levels for image in survey.images),
         borders=tuple(image.border for image in survey.images if image.border is not None),
         wide=tuple(image for image in survey.images if image.is_wide),
+        unset=sum(image.unset for image in survey.images),
     )
     return replace(scale, remarks=(*remarks, *scale.remarks))
 

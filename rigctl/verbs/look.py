@@ -90,7 +90,11 @@ def look(
     if angles is not None and len(angles) != len(paths):
         raise ConfigError(f"--angles: {len(angles)} angles for {len(paths)} files; give one for each file")
     images = _read(paths, plane, max_frame_mb * _BYTES_PER_MB)
-    rows = [image.counts if (first_row or image.first_row) == "top" else image.counts[::-1] for image in images]
+    pictures = [
+        image.counts if image.unset is None else np.where(image.unset, np.nan, image.counts) for image in images
+    ]
+    is_top = [(first_row or image.first_row) == "top" for image in images]
+    rows = [picture if top else picture[::-1] for picture, top in zip(pictures, is_top, strict=True)]
     if mosaic is not None:
         found, source = tuple(mosaic) * len(rows), "as given"
         height, width = (side - side % 2 for side in rows[0].shape)
@@ -109,11 +113,13 @@ def look(
         )
     counts = np.stack(rows)
     channels = np.stack([counts[at == angle].mean(axis=0, dtype=np.float64) for angle in distinct])
-    largest = 2 ** max(int(max(counts.max(), 0)).bit_length(), 8) - 1
+    unset = np.isnan(channels).any(axis=0)
+    largest = 2 ** max(int(max(np.nanmax(counts), 0)).bit_length(), 8) - 1
     plateau = saturation_plateau(histogram(counts), full_scale_dn=largest)
     largest = plateau.value_dn if plateau is not None and plateau.certain else largest
     clipped = np.any(counts >= largest, axis=0)
-    maps = polarization_images(design(np.radians(distinct)), channels, unusable=clipped)
+    plan = design(np.radians(distinct))
+    maps = polarization_images(plan, np.where(unset, 0.0, channels), unusable=clipped | unset)
     result = LookResult(
         maps=maps,
         angles_deg={} if mosaic is not None else dict(zip(map(str, paths), found, strict=True)),

@@ -86,13 +86,21 @@ def test_first_image_of_a_fits_file_is_taken_and_that_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("pixels", "reason"),
     [
-        (np.where(np.eye(6, 9) > 0, np.nan, COUNTS), "NaN or infinite"),
+        (np.full((6, 9), np.nan), "NaN or infinite"),
         (np.zeros((2, 3, 4), np.int16), "has axes of 2 x 3 x 4"),
     ],
 )
 def test_fits_that_is_no_image_of_counts_is_refused(tmp_path, pixels, reason):
     with pytest.raises(DataError, match=reason):
         read_image(write_fits(tmp_path / "image.fits", pixels))
+
+
+def test_samples_that_are_no_numbers_are_marked_and_are_no_raw_image(tmp_path):
+    image = read_image(write_fits(tmp_path / "image.fits", np.where(np.eye(6, 9) > 0, np.nan, COUNTS)))
+    np.testing.assert_array_equal(image.unset, np.eye(6, 9) > 0)
+    np.testing.assert_array_equal(image.counts[~image.unset], COUNTS[~image.unset])
+    with pytest.raises(DataError, match="6 samples are NaN or infinite"):
+        _ = image.raw_counts
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from rigctl.cli import main
 from rigctl.imports import headers
 from rigctl.runs.folder import read_run
 from rigctl.verbs.import_images import import_images
+from rigctl.verbs.look import look
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.run_samples import noisy_counts
 
@@ -207,3 +208,57 @@ def test_the_second_command_gives_a_calibrated_result(tmp_path, capsys):
     with fits.open(tmp_path / "out" / "stokes.fits") as file:
         # 576 pixels, each known to about 0.03.
         assert np.nanmean(file["DOLP"].data) == pytest.approx(DOLP, abs=0.01)
+
+
+def test_pixels_that_are_no_numbers_are_missing(tmp_path):
+    rng = np.random.default_rng(4)
+    for name, more in (("whole", 0.0), ("means", 0.25)):
+        (tmp_path / name).mkdir()
+        for angle in ANGLES_DEG:
+            counts = (single_reads(rng, angle)[0] + more).astype(np.float32)
+            counts[2:4, 5] = np.nan, np.inf
+            write(tmp_path / name / f"{angle}.fits", counts, POLAR=float(angle))
+        run = tmp_path / f"run-{name}"
+        found = import_images(run, [tmp_path / name], bit_depth=12, black_level_dn=BLACK_DN)
+        assert "8 pixels are NaN or infinite, and are taken as missing" in " ".join(found.remarks)
+        maps = look([tmp_path / name], out=tmp_path / "look.png").maps
+        assert np.argwhere(maps.unusable).tolist() == [[20, 5], [21, 5]]
+        result = stokes(run, out=tmp_path / f"out-{name}")
+        assert np.nanmedian(result.dolp) == pytest.approx(DOLP, abs=0.05)
+        with fits.open(tmp_path / f"out-{name}" / "stokes.fits") as file:
+            # FITS without ROWORDER has its bottom row first.
+            assert np.argwhere(file["DQ"].data[::-1] & 4).tolist() == [[2, 5], [3, 5]]
+            assert np.isnan(file["DOLP"].data[::-1][2:4, 5]).all()
+
+
+def test_the_overscan_gives_the_black_level_and_is_cut_off(tmp_path):
+    rng = np.random.default_rng(6)
+    for angle in ANGLES_DEG:
+        counts = np.full((26, 32), BLACK_DN + 3, dtype=np.uint16)
+        counts[1:25, 4:28] = single_reads(rng, angle)[0] + 3
+        keys = {"BIASSEC": "[29:32,1:26]", "TRIMSEC": "[5:28,2:25]", "DATASEC": "[1:28,1:26]"}
+        write(tmp_path / f"{angle}.fits", counts, POLAR=float(angle), **keys)
+    found = import_images(tmp_path / "run", sorted(tmp_path.glob("*.fits")), bit_depth=12)
+    assert "pictures are cut to TRIMSEC" in " ".join(found.remarks)
+    frames = read_run(tmp_path / "run").frames
+    assert {(one.width, one.height, one.black_level_dn) for one in frames} == {(24, 24, BLACK_DN + 3.0)}
+    assert np.median(stokes(tmp_path / "run").dolp) == pytest.approx(DOLP, abs=0.05)
+    assert {one.black_level_dn for one in _with_level(tmp_path, 40)} == {40.0}
+
+
+def _with_level(folder, level_dn):
+    files = sorted(folder.glob("*.fits"))
+    import_images(folder / "stated", files, bit_depth=12, black_level_dn=level_dn)
+    return read_run(folder / "stated").frames
+
+
+def test_a_section_beyond_the_picture_is_named(tmp_path, capsys):
+    files = [write(tmp_path / f"{k}.fits", noisy_counts(k), POLAR=60.0 * k, TRIMSEC="[1:9999,1:9]") for k in range(3)]
+    assert main(["import", str(tmp_path / "run"), *map(str, files), "--bit-depth", "12", "--black-level-dn", "1"]) == 2
+    assert "TRIMSEC = [1:9999,1:9] does not lie within the picture" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_half_wave_plate_turns_the_axis_by_twice_its_angle():
+    found, how = headers.angles_of(["a", "b", "c", "d"], [{"RETANG": one} for one in (0.0, 22.5, 45, "67.5")])
+    assert found == (0.0, 45.0, 90.0, 135.0)
+    assert "half-wave plate" in how
