@@ -182,6 +182,8 @@ def require_free(destinations: Iterable[Destination], origin: Origin, *, inputs:
     seen: set[Path] = set()
     for one in destinations:
         try:
+            with suppress(FileNotFoundError):
+                one.path.stat()  # refuses a link that leads to itself, which only some versions of Python do below
             path = one.path.resolve()
             problem = _problem(one, origin, force=force)
             if path in seen:

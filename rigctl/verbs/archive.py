@@ -226,9 +226,8 @@ class ManyCompared(CompareOptions, ManyRuns, total=False):
     """How the runs of an archive are compared with the model."""
 
 
-for _group, _extended in ((ManyMeasured, FrameOptions), (ManyCompared, CompareOptions)):
-    _group.__doc__ = f"{_group.__doc__}\n\n    Parameters\n    ----------"
-    extend_help(_group, _extended, ManyRuns)
+extend_help(ManyMeasured, FrameOptions, ManyRuns)
+extend_help(ManyCompared, CompareOptions, ManyRuns)
 
 
 def compare(

@@ -8,6 +8,7 @@ flat keywords in Python, flat options on the command line, one declaration.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, TypedDict, cast
 
@@ -91,10 +92,16 @@ MaxFrameMb: TypeAlias = Annotated[int, Parameter(validator=Number(gte=1, lte=100
 ValidDays: TypeAlias = Annotated[float | None, Parameter(validator=Number(gte=0.0))]
 
 
+# Below the word that begins the parameters of a docstring.
+_PARAMETERS = "-" * len("Parameters")
+
+
 def extend_help(group: type, *extended: type) -> None:
     """Add to the docstring of a group of options the parameters of the groups that it extends."""
-    parameters = [str(other.__doc__).partition("----------\n")[2].rstrip() for other in extended]
-    group.__doc__ = "\n".join([str(group.__doc__).rstrip(), *parameters, ""])
+    own, *others = (cleandoc(str(one.__doc__)) for one in (group, *extended))
+    if _PARAMETERS not in own:
+        own += f"\n\nParameters\n{_PARAMETERS}"
+    group.__doc__ = "\n".join([own, *(other.partition(_PARAMETERS)[2].strip() for other in others), ""])
 
 
 class RunOptions(TypedDict, total=False):

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 
@@ -97,6 +98,9 @@ def test_a_prediction_of_stated_light_solves_no_sky_and_opens_no_picture():
         "numpy.testing",
         "rigctl.runs.records",
     }
+    # From 1.18 on scipy's compiled functions import its linear algebra themselves.
+    if tuple(map(int, version("scipy").split(".")[:2])) >= (1, 18):
+        later -= {"scipy.linalg", "numpy.f2py", "numpy.testing"}
     assert (code, sorted(later & modules)) == (0, [])
 
 

@@ -135,7 +135,7 @@ def _rows(commands, mistakes):
 
 _UNPLACEABLE = [("run/x", "takes no results"), ("/proc/x", "cannot be written")]
 # The same function judges all of a kind: one command of each stands for these.
-_RARE = [("session.toml/x", "folder"), ("n" * 300, "File name too long"), ("loop", "Symlink loop")]
+_RARE = [("session.toml/x", "folder"), ("n" * 300, "File name too long"), ("loop", "Too many levels of symbolic links")]
 _RARE_FILES = [
     ("none/x.json", "does not exist"),
     ("link-to-mine", "not written by rigctl"),
