@@ -20,6 +20,17 @@ def wrapped(angle: AngleT, *, turn: float) -> AngleT:
     return (angle + half) % turn - half
 
 
+# Correlations below this are rounding.
+_NO_CORRELATION = 1e-12
+
+
+def covariance_rows(cov: "NDArray[np.float64]") -> list[list[float]]:
+    """Return a covariance as lists, for files; what cancels to rounding is 0."""
+    std = abs(cov.diagonal()) ** 0.5
+    rows: list[list[float]] = (cov * (abs(cov) > _NO_CORRELATION * std[:, None] * std) + 0.0).tolist()  # no -0
+    return rows
+
+
 # No quantity of a camera, a stage, a scene or a session is larger in any unit that people write it in; products of a
 # dozen such numbers are finite.
 LARGEST = 1e12

@@ -17,7 +17,7 @@ from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
 from calibration.sensor.levels import LevelStatistics, Spectrogram, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise, first_lines, not_known, with_pattern
 from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram, fixed_pattern
-from rigctl.base.numbers import utc_text
+from rigctl.base.numbers import covariance_rows, utc_text
 from rigctl.calibrations.noise import QUANTITIES, SCHEMA_VERSION
 from rigctl.calibrations.noise_frames import FrameGroup, FrameSet
 from rigctl.console.json_text import Json
@@ -40,7 +40,7 @@ def noise_content(calibration: NoiseCalibration, frames: FrameSet, *, created_ns
         **{name: _estimate(found, calibration.bounds.get(name)) for name, found in estimates.items()},
         "covariance": {
             "names": list(calibration.covariance.names),
-            "matrix": calibration.covariance.matrix.tolist(),
+            "matrix": covariance_rows(calibration.covariance.matrix),
         },
         "flags": [asdict(flag) for flag in calibration.flags],
         "performance": asdict(calibration.performance),
@@ -102,7 +102,7 @@ def _linearity(transfer: PhotonTransfer) -> dict[str, Json] | None:
         "light": curve.light,
         "quadratic_per_dn": curve.quadratic_per_dn,
         "cubic_per_dn2": curve.cubic_per_dn2,
-        "covariance": curve.covariance.tolist(),
+        "covariance": covariance_rows(curve.covariance),
         "relative_scatter": curve.relative_scatter,
         "brighter_fatter": None if spreading is None else asdict(spreading),
     }

@@ -7,8 +7,8 @@ noise behind each polarizer angle comes from the best source there is:
 2. the scatter of the pixels over the cycles, as a line over the signal (read noise and shot noise);
 3. what is left of the fit, where one cycle has more angles than three. That holds what single angles get wrong, too.
 
-With one cycle of three angles nothing shows the noise: all errors are NaN. Errors of calibrations and of the dark
-level, which all pixels share, are not among them; those are in the errors of regions.
+With one cycle of three angles nothing shows the noise: all errors are NaN. What dark level and throughput may be off by
+is the same for all pixels, and stands by itself (`PixelErrors.calibration`); errors of regions hold both.
 """
 
 from dataclasses import dataclass
@@ -28,6 +28,8 @@ _MOST_GROUPS, _LEAST_PIXELS, _KEPT_SHARE, _MOST_PIXELS = 64, 100, 0.99, 200_000
 _ROUNDS = 4
 # False alarms among all pixels of a run; where more pixels than this vary, the scene changed and nothing hit them.
 _FALSE_HITS, _MOST_HITS = 0.01, 0.01
+# Correlations below this are 0.
+_ROUNDING = 1e-12
 # Standard deviation of an angle of which nothing is known but that it is one of 180 deg.
 _ANY_ANGLE_DEG = np.float32(180.0 / np.sqrt(12.0))
 
@@ -51,6 +53,7 @@ class PixelErrors:
     aolp_deg: Float32Array  #: to first order, and at most 52 deg, where any angle may be
     doubts: NDArray[np.uint8]  #: bits of `Doubt`
     source: str  #: where the noise is known from, in words
+    calibration: Float32Array  #: standard errors of S0, S1, S2 by dark level and throughput, shape (3, H, W)
 
 
 def pixel_errors(measurement: Measurement, noise: NoiseParameters | None) -> PixelErrors:
@@ -75,12 +78,35 @@ def pixel_errors(measurement: Measurement, noise: NoiseParameters | None) -> Pix
         raise AssertionError("deviations were given")
     unknown = np.isnan(of_mean.sum(axis=0))
     return PixelErrors(
-        cov=np.tensordot(plan.inverse[:, None] * plan.inverse, of_mean, axes=1).astype(np.float32),
+        cov=_cov_of_stokes(plan.inverse, of_mean),
         dolp=np.where(unknown, np.float32(np.nan), maps.dolp_std),
         aolp_deg=np.where(unknown, np.float32(np.nan), np.minimum(np.rad2deg(maps.aolp_std_rad), _ANY_ANGLE_DEG)),
         doubts=_doubts(measurement, scatter, variance),
         source=source,
+        calibration=_by_shared_errors(measurement),
     )
+
+
+def _cov_of_stokes(inverse: FloatArray, variance: FloatArray) -> Float32Array:
+    """Return the covariance of S0, S1, S2; what cancels to rounding is 0."""
+    cov = np.tensordot(inverse[:, None] * inverse, variance, axes=1)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        rounding = _ROUNDING * np.sqrt(cov[i, i] * cov[j, j])
+        cov[i, j] = cov[j, i] = np.where(np.abs(cov[i, j]) < rounding, 0.0, cov[i, j])
+    return np.asarray(cov, dtype=np.float32)
+
+
+def _by_shared_errors(measurement: Measurement) -> Float32Array:
+    """Return the standard errors of S0, S1, S2 by the dark level, one for all angles, and the throughput of each."""
+    grid, inverse = measurement.grid, measurement.plan.inverse
+    of_level = measurement.dark_level.std_error_dn * grid.to_unit
+    off = inverse @ of_level
+    level = np.square(np.where(np.abs(off) < _ROUNDING * (np.abs(inverse) @ of_level), 0.0, off))
+    relative = np.square(inverse * measurement.corrections.relative_error(grid.angles))
+    found = np.broadcast_to(level[:, None, None], (3, *measurement.saturated.shape))
+    if relative.any():
+        found = found + np.tensordot(relative, np.square(measurement.channels), axes=1)
+    return np.asarray(np.sqrt(found), dtype=np.float32)
 
 
 def _by_calibration(measurement: Measurement, noise: NoiseParameters) -> FloatArray:

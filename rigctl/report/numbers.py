@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from rigctl.base.numbers import covariance_rows
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
 from rigctl.report.data_files import finite
@@ -109,7 +110,7 @@ def measurement_json(measurement: Measurement, textures: dict[str, Texture] | No
 def texture_json(texture: Texture) -> dict[str, Json]:
     """Return the texture of a region as JSON holds it: of (S0, S1, S2), in the square of the measurement's unit."""
     return {
-        "cov": texture.cov.tolist(),
+        "cov": [*covariance_rows(texture.cov)],
         "std_error": texture.std_error.tolist(),
         "rank_one_share": finite(texture.rank_one_share),
         "common_factor_rms": texture.common_factor_rms,

@@ -21,7 +21,7 @@ from rigctl.runs.fits import encode_image
 from rigctl.runs.folder import MANIFEST_FILE
 from rigctl.version import VERSION
 
-_NOISE = "standard error by noise"
+_NOISE, _SHARED = "standard error by noise", "standard error by dark level and throughput, one for all pixels,"
 # Name to unit and meaning; "S" is the unit of S0: DN, or DN/s where exposures differ.
 PLANES = {
     "s0": ("S", "S0, all of the light, dark level off"),
@@ -30,6 +30,9 @@ PLANES = {
     "s0_error": ("S", f"{_NOISE} of S0"),
     "s1_error": ("S", f"{_NOISE} of S1"),
     "s2_error": ("S", f"{_NOISE} of S2"),
+    "s0_calibration_error": ("S", f"{_SHARED} of S0"),
+    "s1_calibration_error": ("S", f"{_SHARED} of S1"),
+    "s2_calibration_error": ("S", f"{_SHARED} of S2"),
     "s0_s1_cov": ("S2", "covariance of S0 and S1 by noise"),
     "s0_s2_cov": ("S2", "covariance of S0 and S2 by noise"),
     "s1_s2_cov": ("S2", "covariance of S1 and S2 by noise"),
@@ -61,7 +64,7 @@ def planes_of(measurement: Measurement, errors: PixelErrors) -> dict[str, Plane]
         zip(
             PLANES,
             (
-                *images.stokes, *std, errors.cov[0, 1], errors.cov[0, 2], errors.cov[1, 2],
+                *images.stokes, *std, *errors.calibration, errors.cov[0, 1], errors.cov[0, 2], errors.cov[1, 2],
                 images.dolp, errors.dolp, images.aolp_deg, errors.aolp_deg, errors.doubts,
             ),
             strict=True,
@@ -76,24 +79,28 @@ def planes_of(measurement: Measurement, errors: PixelErrors) -> dict[str, Plane]
 
 
 def stokes_fits(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[str, Path]) -> bytes:
-    """Return a FITS file: SCI (S0, S1, S2), ERR, COV, DQ, DOLP, DOLP_ERR, AOLP, AOLP_ERR.
+    """Return a FITS file: SCI (S0, S1, S2), ERR, COV, DQ, DOLP, DOLP_ERR, AOLP, AOLP_ERR, CALERR.
 
     FITS standard 4.0, sections 8.2 and 9; SOLARNET Metadata Recommendations, section 5.4.1, for POLCCONV and POLCANGL.
     """
-    planes = planes_of(measurement, errors)
+    planes, of_noise = planes_of(measurement, errors), {"ERRTYPE": ("noise", "what it is the error of; see CALERR")}
     facts = {
         key: value if isinstance(value, tuple) else (value, "")
         for key, value in _facts(measurement, errors, calibrations).items()
     }
     units: dict[str, tuple[tuple[str, ...], dict[str, tuple[Any, str]]]] = {
         "SCI": (("s0", "s1", "s2"), {"EXTEND": (True, "")} | facts),
-        "ERR": (("s0_error", "s1_error", "s2_error"), {"UTYPE": ("StdDevUncertainty", "")}),
-        "COV": (("s0_s1_cov", "s0_s2_cov", "s1_s2_cov"), {}),
+        "ERR": (("s0_error", "s1_error", "s2_error"), {"UTYPE": ("StdDevUncertainty", ""), **of_noise}),
+        "COV": (("s0_s1_cov", "s0_s2_cov", "s1_s2_cov"), of_noise),
         "DQ": (("dq",), {}),
         "DOLP": (("dolp",), {}),
-        "DOLP_ERR": (("dolp_error",), {}),
+        "DOLP_ERR": (("dolp_error",), of_noise),
         "AOLP": (("aolp_deg",), {}),
-        "AOLP_ERR": (("aolp_error_deg",), {}),
+        "AOLP_ERR": (("aolp_error_deg",), of_noise),
+        "CALERR": (
+            tuple(f"s{k}_calibration_error" for k in range(3)),
+            {"UTYPE": ("StdDevUncertainty", ""), "ERRTYPE": ("calibration", "what it is the error of")},
+        ),
     }
     return b"".join(
         encode_image(

@@ -239,13 +239,15 @@ class PointingResult(Result):
         """Return angles, their covariance, sources and contradictions."""
         import numpy as np
 
+        from rigctl.base.numbers import covariance_rows
+
         names = ("azimuth_deg", "elevation_deg", "roll_deg")
         numbers = zip(names, np.degrees(self.pose.angles_rad).tolist(), np.degrees(self.pose.std_rad), strict=True)
         return {
             "camera_looks": {name: {"value": value, "std": float(std)} for name, value, std in numbers},
-            "covariance_deg2": (np.degrees(1.0) ** 2 * self.pose.covariance).tolist(),
+            "covariance_deg2": covariance_rows(np.degrees(1.0) ** 2 * self.pose.covariance),
             "geometry": _as_numbers(self.geometry),
-            "joint": {"parameters": list(self.joint[0]), "covariance_deg2": self.joint[1].tolist()},
+            "joint": {"parameters": list(self.joint[0]), "covariance_deg2": covariance_rows(self.joint[1])},
             "regions": {name: _as_numbers(numbers) for name, numbers in self.regions.items()},
             "unclear": dict(self.unclear),
             "sources": list(self.sources),

@@ -8,6 +8,7 @@ from astropy.io import fits
 from astropy.nddata import CCDData
 from astropy.wcs import WCS
 
+from rigctl.base.numbers import covariance_rows
 from rigctl.measure.measure import measure
 from rigctl.measure.pixel_errors import Doubt, pixel_errors
 from rigctl.verbs.stokes import stokes
@@ -117,7 +118,10 @@ def test_stokes_fits_opens_in_astropy_with_its_errors(tmp_path):
     np.testing.assert_allclose(np.square(data.uncertainty.array), variances, rtol=1e-5)
     assert str(data.unit) == "DN"
     with fits.open(path, checksum=True) as units:
-        assert [unit.name for unit in units] == ["SCI", "ERR", "COV", "DQ", "DOLP", "DOLP_ERR", "AOLP", "AOLP_ERR"]
+        names = ["SCI", "ERR", "COV", "DQ", "DOLP", "DOLP_ERR", "AOLP", "AOLP_ERR", "CALERR"]
+        assert [unit.name for unit in units] == names
+        errors = {name: units[name].header["ERRTYPE"] for name in ("ERR", "COV", "CALERR")}
+        assert errors == {"ERR": "noise", "COV": "noise", "CALERR": "calibration"}
         np.testing.assert_allclose(units["COV"].data[0], found.errors.cov[0, 1])
         np.testing.assert_allclose(units["DOLP"].data, found.dolp)
         np.testing.assert_array_equal(units["DQ"].data, found.errors.doubts)
@@ -133,3 +137,22 @@ def test_the_mean_of_reads_has_the_noise_of_a_mean(tmp_path):
     records = tuple(tuple(replace(record, reads=9, real_counts=True) for record in c) for c in measured.grid.records)
     nine = pixel_errors(replace(measured, grid=replace(measured.grid, records=records)), noise_calibration())
     np.testing.assert_allclose(one.cov, 9.0 * nine.cov, rtol=1e-5, atol=1e-9)
+
+
+def test_what_all_pixels_share_stands_by_itself_and_is_that_of_the_regions(tmp_path):
+    """Dark frames whose mean is known to some tenths of a count: of S0, twice as much as of an angle."""
+    made = session(tmp_path / "run", 1, cycles=2)
+    measured = measure(made, regions=[])
+    measured = replace(measured, dark_level=replace(measured.dark_level, std_error_dn=0.25))
+    found = pixel_errors(measured, noise_calibration())
+    np.testing.assert_allclose(found.calibration[0], 0.5, rtol=1e-6)
+    np.testing.assert_allclose(found.calibration[1:], 0.0, atol=1e-6)
+    # At exact angles S1 and S2 have no frame in common.
+    assert not found.cov[1, 2].any()
+    assert found.cov[0, 1].any()
+
+
+def test_a_covariance_that_cancels_to_rounding_is_written_as_0():
+    assert covariance_rows(np.array([[4.0, -1e-16], [-1e-16, 1.0]])) == [[4.0, 0.0], [0.0, 1.0]]
+    assert str(covariance_rows(np.array([[4.0, -1e-16], [-1e-16, 1.0]]))[0][1]) == "0.0"
+    assert covariance_rows(np.array([[1.0, 0.5], [0.5, 1.0]])) == [[1.0, 0.5], [0.5, 1.0]]
