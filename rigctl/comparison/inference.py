@@ -88,17 +88,25 @@ class RegionNumbers:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Inference:
-    """Posterior of the inputs of a scene."""
+class Evidence:
+    """Runs and a scene, ready to be inferred from."""
 
     runs: tuple[str, ...]
     parameters: tuple[Parameter, ...]  #: inferred inputs, with the prior of the scene
     problem: Problem
-    posterior: Posterior
     numbers: tuple[RegionNumbers, ...]
     untaught: tuple[str, ...]  #: uncertain inputs that the runs say next to nothing of
     remarks: tuple[str, ...]
     scene: Scene
+    digest: str  #: of data, scene, choices and code
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Inference:
+    """Posterior of the inputs of a scene."""
+
+    evidence: Evidence
+    posterior: Posterior
 
     @cached_property
     def p_values(self) -> FloatArray:
@@ -113,17 +121,17 @@ class Inference:
     @cached_property
     def discrepancy(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of the discrepancy, shape (regions, 3) each."""
-        mean, std = bayes.discrepancy_moments(self.problem, self.posterior)
+        mean, std = bayes.discrepancy_moments(self.evidence.problem, self.posterior)
         return mean.reshape(-1, 3), std.reshape(-1, 3)
 
     @property
     def indistinguishable(self) -> tuple[tuple[str, ...], ...]:
         """Groups of inputs of which only a combination is known."""
-        return tuple(tuple(self.parameters[k].key for k in group) for group in self.posterior.together)
+        return tuple(tuple(self.evidence.parameters[k].key for k in group) for group in self.posterior.together)
 
     def _chances(self, *, discrepancy: bool) -> FloatArray:
-        blocks = [one.rows for one in self.numbers]
-        return bayes.block_p_values(self.problem, self.posterior, blocks, discrepancy=discrepancy)
+        blocks = [one.rows for one in self.evidence.numbers]
+        return bayes.block_p_values(self.evidence.problem, self.posterior, blocks, discrepancy=discrepancy)
 
 
 class FolderStore:
@@ -149,7 +157,7 @@ class FolderStore:
         return self._folder / f"{self._digest}-{name}.npz"
 
 
-def infer_inputs(
+def gather_evidence(
     seen: Sequence[DiagnosedRun],
     scenes: Sequence[Scene],
     *,
@@ -157,18 +165,8 @@ def infer_inputs(
     scale: ScaleKind = "absolute",
     radiometric: RadiometricResponse | None = None,
     discrepancy: float = 0.02,
-    seed: int = 1,
-    most_steps: int = 20_000,
-    folder: Path | None = None,
-    tell: Callable[[str, int, int], None] = lambda *_: None,
-) -> Inference:
-    """Return the posterior of the inputs of a scene from runs of it.
-
-    `scenes` is the scene once for each run, with the run's own noise calibration. Points and chain are kept in
-    `folder`, from which the same call goes on after a kill.
-    """
-    if find_spec("emcee") is None:
-        raise ConfigError("rigctl infer needs emcee: pip install 'rigctl[infer]'")
+) -> Evidence:
+    """Return what runs of a scene say of its inputs; `scenes` is the scene with the noise calibration of each run."""
     runs = [
         _Run(one, scene, scale=scale, radiometric=radiometric, discrepancy=discrepancy)
         for one, scene in zip(seen, scenes, strict=True)
@@ -177,36 +175,42 @@ def infer_inputs(
     if not used:
         raise DataError("no region of any run can be used: " + "; ".join(one for run in runs for one in run.remarks))
     joint = _Joint(used)
-    store = _store(joint, folder, [repr(chosen), scale, discrepancy, seed])
-    slopes = joint.slopes(store)
+    slopes = joint.slopes()
     kept, rest = _split(joint, slopes, chosen, discrepancy)
-    problem = joint.problem(kept, rest, slopes, discrepancy)
-    try:
-        found = bayes.infer(problem, seed=seed, most_steps=most_steps, store=store, tell=tell)
-    except bayes.NotConvergedError as error:
-        again = "" if folder is None else f"; what was computed is kept in {folder}, and the same command goes on"
-        raise DataError(f"{error}{again}") from error
     inputs = joint.inputs
-    return Inference(
+    digest = hashlib.sha256(repr([chosen, scale, discrepancy, code_version(_PACKAGES)]).encode())
+    for run in used:
+        digest.update(repr(run.inputs.scene).encode() + run.numbers.tobytes() + run.cov.tobytes())
+    return Evidence(
         runs=tuple(run.name for run in used),
         parameters=tuple(get(inputs.scene, inputs.names[k]) for k in kept),
-        problem=problem,
-        posterior=found,
+        problem=joint.problem(kept, rest, slopes, discrepancy),
         numbers=joint.numbers,
         untaught=tuple(inputs.names[k] for k in rest),
         remarks=tuple(dict.fromkeys(remark for run in runs for remark in run.remarks)),
         scene=inputs.scene,
+        digest=digest.hexdigest()[:12],
     )
 
 
-def _store(joint: "_Joint", folder: Path | None, said: Sequence[object]) -> bayes.Store:
-    """Return where points and chain are kept: under the hash of data, scene, choices and code."""
-    if folder is None:
-        return bayes.Memory()
-    digest = hashlib.sha256(repr([*said, code_version(_PACKAGES)]).encode())
-    for run in joint.runs:
-        digest.update(repr(run.inputs.scene).encode() + run.numbers.tobytes() + run.cov.tobytes())
-    return FolderStore(folder, digest.hexdigest()[:12])
+def infer_inputs(
+    evidence: Evidence,
+    *,
+    seed: int = 1,
+    most_steps: int = 20_000,
+    folder: Path | None = None,
+    tell: Callable[[str, int, int], None] = lambda *_: None,
+) -> Inference:
+    """Return the posterior of the inputs; points and chain are kept in a folder, where the same call goes on."""
+    if find_spec("emcee") is None:
+        raise ConfigError("rigctl infer needs emcee: pip install 'rigctl[infer]'")
+    store = bayes.Memory() if folder is None else FolderStore(folder, f"{evidence.digest}-{seed}")
+    try:
+        found = bayes.infer(evidence.problem, seed=seed, most_steps=most_steps, store=store, tell=tell)
+    except bayes.NotConvergedError as error:
+        again = "" if folder is None else f"; what was computed is kept in {folder}, and the same command goes on"
+        raise DataError(f"{error}{again}") from error
+    return Inference(evidence=evidence, posterior=found)
 
 
 def _split(
@@ -267,16 +271,12 @@ class _Joint:
                 moved[run.inputs.names.index(name)] += move
         return run.modelled(moved)
 
-    def slopes(self, store: bayes.Store) -> FloatArray:
+    def slopes(self) -> FloatArray:
         """Return the change of the numbers by each input, per unit of the input, shape (N, inputs)."""
-        known = store.load("slopes")
-        if known is None:
-            std = np.sqrt(np.diag(self.inputs.cov))
-            centre = self.model(self.inputs.values)
-            sides = [[self._beside(centre, k, sign * std[k]) for k in range(std.size)] for sign in (1.0, -1.0)]
-            known = {"slopes": bayes.central_slopes(centre, *(np.array(side) for side in sides)) / std}
-            store.save("slopes", known)
-        return np.asarray(known["slopes"])
+        std = np.sqrt(np.diag(self.inputs.cov))
+        centre = self.model(self.inputs.values)
+        above, below = (np.array([self._beside(centre, k, side * std[k]) for k in range(std.size)]) for side in (1, -1))
+        return bayes.central_slopes(centre, above, below) / std
 
     def _beside(self, centre: FloatArray, k: int, step: float) -> FloatArray:
         values = self.inputs.values.copy()

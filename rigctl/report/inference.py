@@ -33,7 +33,9 @@ _UNEXPLAINED = 1e-3
 
 def unexplained(found: Inference) -> tuple[str, ...]:
     """Return the regions that even the discrepancy does not explain."""
-    return tuple(_place(found, one) for one, p in zip(found.numbers, found.p_values, strict=True) if p < _UNEXPLAINED)
+    return tuple(
+        _place(found, one) for one, p in zip(found.evidence.numbers, found.p_values, strict=True) if p < _UNEXPLAINED
+    )
 
 
 def answer(found: Inference) -> str:
@@ -41,9 +43,9 @@ def answer(found: Inference) -> str:
     posterior = found.posterior
     taught = posterior.std < _TAUGHT * posterior.prior_std
     best = int(np.argmax(posterior.gain_bits))
-    runs = "The run teaches" if len(found.runs) == 1 else f"The {len(found.runs)} runs teach"
+    runs = "The run teaches" if len(found.evidence.runs) == 1 else f"The {len(found.evidence.runs)} runs teach"
     inputs = f"{runs} {int(taught.sum())} of {taught.size} inputs"
-    parameter = found.parameters[best]
+    parameter = found.evidence.parameters[best]
     most = (
         f"; most {parameter.key}: {_with_std(posterior.mean[best], posterior.std[best])} {parameter.unit}".rstrip()
         + f", before {_with_std(parameter.value, parameter.std)}"
@@ -56,7 +58,9 @@ def _explained(found: Inference) -> str:
     if lost:
         return f"The posterior cannot be trusted: even its discrepancy does not explain {', '.join(lost)}."
     missed = [
-        _place(found, one) for one, p in zip(found.numbers, found.p_values_of_model, strict=True) if p < _UNEXPLAINED
+        _place(found, one)
+        for one, p in zip(found.evidence.numbers, found.p_values_of_model, strict=True)
+        if p < _UNEXPLAINED
     ]
     if missed:
         return f"The model alone does not explain {', '.join(missed)}; its discrepancy widens the posterior."
@@ -67,8 +71,8 @@ def doubts(found: Inference) -> Iterable[str]:
     """Return which inputs cannot be distinguished, and of which the runs say next to nothing."""
     for group in found.indistinguishable:
         yield f"cannot be distinguished: {', '.join(group)}; only a combination of them is known"
-    if found.untaught:
-        yield f"not inferred, since the runs say next to nothing of them: {', '.join(found.untaught)}"
+    if found.evidence.untaught:
+        yield f"not inferred, since the runs say next to nothing of them: {', '.join(found.evidence.untaught)}"
     if found.posterior.impossible_share > 0.0:
         share = percent(found.posterior.impossible_share)
         yield f"the model does not exist at {share} of the checked draws, such as a dhr below the specular lobe"
@@ -89,12 +93,15 @@ def inputs_table(found: Inference) -> Table[int]:
     posterior = found.posterior
     ends = np.quantile(posterior.inputs, (0.025, 0.975), axis=0)
     columns: tuple[Column[int], ...] = (
-        Column(title="input", key="input", value=lambda k: found.parameters[k].key, left=True, unbroken=True),
-        Column(key="unit", shown=Shown.PROGRAMS, value=lambda k: found.parameters[k].unit),
-        Column(title="prior", text=lambda k: _with_std(found.parameters[k].value, found.parameters[k].std)),
+        Column(title="input", key="input", value=lambda k: found.evidence.parameters[k].key, left=True, unbroken=True),
+        Column(key="unit", shown=Shown.PROGRAMS, value=lambda k: found.evidence.parameters[k].unit),
+        Column(
+            title="prior",
+            text=lambda k: _with_std(found.evidence.parameters[k].value, found.evidence.parameters[k].std),
+        ),
         Column(title="posterior", text=lambda k: _with_std(posterior.mean[k], posterior.std[k])),
-        Column(key="prior_value", shown=Shown.PROGRAMS, value=lambda k: found.parameters[k].value),
-        Column(key="prior_std", shown=Shown.PROGRAMS, value=lambda k: found.parameters[k].std),
+        Column(key="prior_value", shown=Shown.PROGRAMS, value=lambda k: found.evidence.parameters[k].value),
+        Column(key="prior_std", shown=Shown.PROGRAMS, value=lambda k: found.evidence.parameters[k].std),
         Column(key="mean", shown=Shown.PROGRAMS, value=lambda k: float(posterior.mean[k])),
         Column(key="std", shown=Shown.PROGRAMS, value=lambda k: float(posterior.std[k])),
         Column(key="from_95", shown=Shown.PROGRAMS, value=lambda k: float(ends[0, k])),
@@ -107,7 +114,7 @@ def inputs_table(found: Inference) -> Table[int]:
         ),
     )
     title = "mean ± standard deviation; bits: information gained"
-    return Table(title=title, columns=columns, rows=tuple(range(len(found.parameters))))
+    return Table(title=title, columns=columns, rows=tuple(range(len(found.evidence.parameters))))
 
 
 def regions_table(found: Inference) -> Table[RegionNumbers]:
@@ -140,14 +147,14 @@ def regions_table(found: Inference) -> Table[RegionNumbers]:
         ),
     )
     title = "off the model by; chance of the region's numbers by the model alone, and with its discrepancy"
-    return Table(title=title, columns=columns, rows=found.numbers)
+    return Table(title=title, columns=columns, rows=found.evidence.numbers)
 
 
 _TITLES = ("S0 [%]", "S1/S0", "S2/S0")
 
 
 def _place(found: Inference, one: RegionNumbers) -> str:
-    return one.region if len(found.runs) == 1 else f"{one.run}: {one.region}"
+    return one.region if len(found.evidence.runs) == 1 else f"{one.run}: {one.region}"
 
 
 def _with_std(value: float, std: float) -> str:
@@ -160,11 +167,11 @@ def inference_json(found: Inference) -> dict[str, Json]:
     return {
         "schema_version": 1,
         "answer": answer(found),
-        "runs": list(found.runs),
+        "runs": list(found.evidence.runs),
         "inputs": [dict(row) for row in json_rows(inputs_table(found))],
         "correlation": posterior.correlation.tolist(),
         "indistinguishable": [list(group) for group in found.indistinguishable],
-        "not_inferred": list(found.untaught),
+        "not_inferred": list(found.evidence.untaught),
         "regions": [dict(row) for row in json_rows(regions_table(found))],
         "unexplained": list(unexplained(found)),
         "discrepancy_scales": {
@@ -183,7 +190,7 @@ def inference_json(found: Inference) -> dict[str, Json]:
             "error_std": posterior.emulator_error,
             "impossible_share": posterior.impossible_share,
         },
-        "remarks": list(found.remarks),
+        "remarks": list(found.evidence.remarks),
     }
 
 
@@ -204,7 +211,8 @@ def write_inference(found: Inference, folder: Path) -> tuple[str, ...]:
 
 def _draws_csv(found: Inference) -> bytes:
     columns = tuple(
-        Column["FloatArray"](key=parameter.key, value=_number(k)) for k, parameter in enumerate(found.parameters)
+        Column["FloatArray"](key=parameter.key, value=_number(k))
+        for k, parameter in enumerate(found.evidence.parameters)
     )
     return csv_rows(Table(columns=columns, rows=tuple(found.posterior.inputs)))
 
@@ -218,10 +226,10 @@ def _materials(found: Inference) -> dict[str, bytes]:
     from rigctl.files.materials import material_toml
 
     files = {}
-    for region in found.scene.regions:
+    for region in found.evidence.scene.regions:
         names = {
             parameter.key.rpartition(".")[2]: k
-            for k, parameter in enumerate(found.parameters)
+            for k, parameter in enumerate(found.evidence.parameters)
             if parameter.key.startswith(f"regions.{region.name}.")
         }
         own = {name: k for name, k in names.items() if region.material is not None and hasattr(region.material, name)}
@@ -233,7 +241,7 @@ def _materials(found: Inference) -> dict[str, bytes]:
                 values=(float(found.posterior.mean[k]),),
                 wavelengths_m=(),
                 standard_uncertainty=float(found.posterior.std[k]),
-                source=f"inferred from {', '.join(found.runs)}",
+                source=f"inferred from {', '.join(found.evidence.runs)}",
                 confidence="medium",
                 assumed=False,
             )
@@ -246,7 +254,7 @@ def _materials(found: Inference) -> dict[str, bytes]:
 
 def corner_png(found: Inference) -> bytes:
     """Return the marginal laws of all inputs, alone and in pairs, with their priors."""
-    posterior, count = found.posterior, len(found.parameters)
+    posterior, count = found.posterior, len(found.evidence.parameters)
     figure, axes = subplots(count, count, size=(1.2 + 1.7 * count, 1.0 + 1.6 * count))
     for place, ax in enumerate(axes):
         row, column = divmod(place, count)
@@ -258,7 +266,7 @@ def corner_png(found: Inference) -> bytes:
         if column == row:
             ax.hist(draws, bins=40, density=True, histtype="step", color=MEASURED)
             at = np.linspace(*_span(draws), 100)
-            parameter = found.parameters[column]
+            parameter = found.evidence.parameters[column]
             score = (at - parameter.value) / parameter.std
             ax.plot(at, np.exp(-0.5 * score**2) / (math.sqrt(2.0 * math.pi) * parameter.std), "--", color=PREDICTED)
             ax.set_yticks([])
@@ -281,7 +289,7 @@ def _span(draws: FloatArray) -> tuple[float, float]:
 
 
 def _label(found: Inference, k: int) -> str:
-    parameter = found.parameters[k]
+    parameter = found.evidence.parameters[k]
     *over, last = parameter.key.split(".")
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     return f"{'.'.join(over)}\n{last}{unit}"
@@ -289,19 +297,19 @@ def _label(found: Inference, k: int) -> str:
 
 def check_png(found: Inference) -> bytes:
     """Return measured numbers of each region over what the posterior predicts, with and without discrepancy."""
-    posterior, problem = found.posterior, found.problem
+    posterior, problem = found.posterior, found.evidence.problem
     total = problem.total_cov(posterior.scales) + posterior.emulator_cov
     centre = posterior.modelled.mean(axis=0)
     alone = np.sqrt(posterior.modelled.var(axis=0) + np.diag(problem.noise_cov))
     whole = np.sqrt(posterior.modelled.var(axis=0) + np.diagonal(total, axis1=1, axis2=2).mean(axis=0))
-    figure, axes = subplots(1, 3, size=(11.0, 1.2 + 0.35 * len(found.numbers)))
-    at = np.arange(len(found.numbers))
+    figure, axes = subplots(1, 3, size=(11.0, 1.2 + 0.35 * len(found.evidence.numbers)))
+    at = np.arange(len(found.evidence.numbers))
     for k, (ax, title, factor) in enumerate(zip(axes, _TITLES, (100.0, 1.0, 1.0), strict=True)):
         own = 3 * at + k
         ax.errorbar(np.zeros(at.size), at, xerr=2.0 * factor * whole[own], fmt="none", color="0.75", elinewidth=7)
         ax.errorbar(np.zeros(at.size), at, xerr=2.0 * factor * alone[own], fmt="none", color=PREDICTED, elinewidth=3)
         ax.plot(factor * (problem.data - centre)[own], at, "o", color=MEASURED, markersize=5)
-        ax.set_yticks(at, [_place(found, one) for one in found.numbers] if k == 0 else [""] * at.size)
+        ax.set_yticks(at, [_place(found, one) for one in found.evidence.numbers] if k == 0 else [""] * at.size)
         ax.set_xlabel(f"{title}, measured less predicted")
         ax.invert_yaxis()
     figure.suptitle("measured (points); predicted, two standard deviations: by the model, grey with its discrepancy")

@@ -80,7 +80,7 @@ def infer(
     ConfigError, DataError
         A file is wrong, a run is unfit for what is asked, or the chain has not converged.
     """
-    from rigctl.comparison.inference import infer_inputs
+    from rigctl.comparison.inference import gather_evidence, infer_inputs
     from rigctl.comparison.series import require_one_instrument
     from rigctl.mapped import PARTS_FOLDER, held_folder
     from rigctl.verbs.compare import is_scene, read_scene_run
@@ -94,13 +94,16 @@ def infer(
     require_one_instrument([one.seen.measurement.run for one in read])
     folder = None if out is None else Path(out)
     with steps_shown() as tell, nullcontext() if folder is None else held_folder(folder):
-        found = infer_inputs(
+        evidence = gather_evidence(
             [one.seen for one in read],
             [one.model for one in read if one.model is not None],
             chosen=tuple(inputs),
             scale=options.get("scale", "absolute"),
             radiometric=read[0].calibrations.radiometric,
             discrepancy=discrepancy,
+        )
+        found = infer_inputs(
+            evidence,
             seed=seed,
             most_steps=most_steps,
             folder=None if folder is None else folder / PARTS_FOLDER,
@@ -129,7 +132,7 @@ class InferenceResult(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed, overruled or left out."""
-        return self.inference.remarks
+        return self.inference.evidence.remarks
 
     def content(self) -> Iterable[Part]:
         """Return what the runs taught, prior and posterior of each input, and how well each region is explained."""
