@@ -29,7 +29,7 @@ from rigctl.archive.index import COLUMNS
 from rigctl.cli import commands_page
 from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
 from rigctl.console import failures
-from rigctl.files.materials import MaterialFile, SurfaceFitFile
+from rigctl.files.materials import MaterialFile
 from rigctl.files.regions import RegionsFile
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
@@ -49,7 +49,6 @@ _FILES: tuple[tuple[str, type[BaseModel]], ...] = (
     ("Scene file", SceneFile),
     ("Regions file", RegionsFile),
     ("Material file", MaterialFile),
-    ("Fit file", SurfaceFitFile),
     ("Study file", StudyFile),
 )
 # Units by the ends of names, the longer before the shorter.

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rigctl.files.scene_file import load_scene
     from rigctl.python import open_archive, open_run
     from rigctl.verbs.compare import compare
+    from rigctl.verbs.infer import infer
     from rigctl.verbs.predict import predict, sweep
     from rigctl.verbs.session import acquire
     from rigctl.verbs.sky import sky
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "acquire",
     "compare",
+    "infer",
     "load_noise",
     "load_polarizer",
     "load_rig",
@@ -42,6 +44,7 @@ _PLACES = {
     "open_run": ("rigctl.python", "open_run"),
     "acquire": ("rigctl.verbs.session", "acquire"),
     "compare": ("rigctl.verbs.compare", "compare"),
+    "infer": ("rigctl.verbs.infer", "infer"),
     "load_noise": ("rigctl.calibrations.noise", "read_noise_file"),
     "load_polarizer": ("rigctl.calibrations.polarizer", "read_polarizer_file"),
     "load_rig": ("rigctl.files.rig_file", "load_rig"),

@@ -65,7 +65,6 @@ _FEW = 12
 # Files by the tables that only they have; the first that fits.
 _KINDS: tuple[tuple[str, str, frozenset[str]], ...] = (
     ("RigFile", "a rig file", frozenset({"stage", "camera"})),
-    ("SurfaceFitFile", "a fit file", frozenset({"observation"})),
     ("StudyFile", "a study file", frozenset({"cases"})),
     ("SessionFile", "a session file", frozenset({"take"})),
     ("SceneFile", "a scene file", frozenset({"sensor", "acquisition"})),

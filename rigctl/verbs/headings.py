@@ -68,8 +68,6 @@ HEADINGS: dict[str, dict[str, tuple[str | None, str]]] = {
         "sweep": ("rigctl.verbs.predict:sweep", "Predict a scene over ranges of its numbers."),
         "effects": ("rigctl.verbs.effects:effects", "Which effects a scene calls for, and why."),
         "tradeoff": ("rigctl.verbs.tradeoff:tradeoff", "What accuracy costs in time, computed or on the roof."),
-        "fit": (None, "Fit the parameters of a surface to measured regions."),
-        "fit surface": ("rigctl.verbs.fit:surface", "Fit index, roughness and reflectance of a surface."),
         "sky": ("rigctl.verbs.sky:sky", "The polarized sky of a scene: S0, S1, S2, DoLP, with the sun marked."),
         "surface": ("rigctl.verbs.surface:surface", "DoLP and reflectance of a material against angle, with sources."),
         "paper": ("rigctl.verbs.paper:paper", "Figures and statements of the paper, with verdicts."),

@@ -49,7 +49,6 @@ _ERRORS = {
     "perturb": "demo --perturb nothing --out demo --json",
     "rig-as-scene": "predict rig-sim.toml --json",
     "scene-as-session": "plan rig-sim.toml scene-panels.toml --json",
-    "scene-as-fit": "fit surface scene-panels.toml --json",
     "rig-as-noise": "predict scene-panels.toml --noise rig-sim.toml --json",
     "no-file": "predict nothere.toml --json",
     "file-as-run": "verify scene-panels.toml --json",
@@ -256,7 +255,6 @@ CHAPTERS = {
             "compare-noon": "compare runs/noon scene-roof.toml --out compared-noon --json",
             "aerosol": f"acquire rig-roof.toml session-roof.toml --out runs/aerosol --perturb aerosol {_CLOCK}",
             "compare-aerosol": "compare runs/aerosol scene-roof.toml --out compared-aerosol --json",
-            "fit": "fit surface fit.toml --json",
         },
     ),
     "tolerances": Chapter(

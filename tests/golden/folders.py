@@ -78,8 +78,6 @@ def perturbed_rig(folder: Path) -> None:
     ):
         shutil.copy(folder / "rig-sim.toml", folder / name)
         _edit(folder / name, (old, new))
-    fit, _, _ = (folder / "fit-black-panel.toml").read_text().replace("../runs/", "runs/").rpartition("[[observation]]")
-    (folder / "fit.toml").write_text(fit.replace("runs/morning", "runs/panels").replace('"n", ', ""))
 
 
 def calibration_rig(folder: Path) -> None:

@@ -70,7 +70,7 @@ calibrate registration run --out OUT.json --json
 calibrate doubling noise.json radiometric.json --json
 regions mark run regions.toml --out OUT.toml
 regions find run regions.toml --out OUT.toml --json
-fit surface fit.toml --profile --out OUT.toml --json
+infer runs/panels scene.toml --most-steps 250 --out OUT --json
 calibrate stage rig.toml session.toml --repeats 1
 sim stage nothing --link OUT
 import OUT images/0.png images/1.png images/2.png images/3.png --angles 0,45,90,135 --same-exposure --black-level-dn 64
@@ -127,7 +127,7 @@ sim camera 127.0.0.1?hang=x
 """
 _IMAGES = ("images/0.png", "images/picture.tif", "images/ours.fits", "levels/dark_20us_0.png")
 _PEOPLE = (
-    "scene.toml", "session.toml", "rig.toml", "regions.toml", "material.toml", "data.txt", "fit.toml", "roof.toml",
+    "scene.toml", "session.toml", "rig.toml", "regions.toml", "material.toml", "data.txt", "roof.toml",
     "table.csv", "generator.csv", "digitised.csv",
 )  # fmt: skip
 _CALIBRATIONS = ("noise.json", "polarizer.json", "radiometric.json")

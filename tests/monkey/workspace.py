@@ -47,29 +47,6 @@ exposure_ms = 0.03
 angles_deg = [0, 90, 45, 135]
 cycles = 2
 """
-_FIT = """
-name = "left"
-regions = "regions.toml"
-material = "black-paint"
-wavelength_nm = 550
-free = ["n", "dhr"]
-[bounds]
-n = [1.3, 1.8]
-[[observation]]
-run = "run"
-region = "left"
-sun_zenith_deg = 55.0
-sun_azimuth_deg = 120.0
-camera_zenith_deg = 50.0
-camera_azimuth_deg = 300.0
-[[observation]]
-run = "run"
-region = "right"
-sun_zenith_deg = 30.0
-sun_azimuth_deg = 180.0
-camera_zenith_deg = 50.0
-camera_azimuth_deg = 300.0
-"""
 DESCRIPTOR = "v 3.0\nn 12 96 48\nb 1000 100\ni images/0.png\ni images/1.png\nd 1000\ni images/2.png\ni images/3.png\n"
 
 
@@ -86,7 +63,6 @@ def make_workspace(folder: Path) -> Path:
         rig = rig.replace(old, new)
     (folder / "rig.toml").write_text(rig)
     shutil.copy(EXAMPLES / "material-mine.toml", folder / "material.toml")
-    (folder / "fit.toml").write_text(_FIT)
     shutil.copy(EXAMPLES / "scene-rooftop-noon.toml", folder / "roof.toml")
     (folder / "digitised.csv").write_text("figure,panel,label,x,y\n9,a,25,40,12\n")
     _write_calibrations(folder)

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from rigctl.cli import main
-from rigctl.files.materials import load_surface_fit
 from rigctl.files.regions import load_regions
 from rigctl.files.scene_file import load_scene
 from rigctl.files.study_file import load_study
@@ -18,7 +17,7 @@ RIGS = sorted(path.name for path in EXAMPLES.glob("rig-*.toml"))
 SESSIONS = sorted(path.name for path in EXAMPLES.glob("session*.toml"))
 # Of these the first plan wants a rig with a site.
 RIG_OF = {"session-rooftop.toml": "rig-rooftop.toml"}
-OTHERS = {"material-mine.toml", "fit-black-panel.toml", "regions.toml", "study-panels.toml"}
+OTHERS = {"material-mine.toml", "regions.toml", "study-panels.toml"}
 AT = "2026-05-04T14:00Z"
 
 
@@ -71,9 +70,3 @@ def test_a_material_is_shown(capsys):
 
 def test_regions_are_read():
     assert [region.name for region in load_regions(EXAMPLES / "regions.toml")][:2] == ["black_panel", "white_panel"]
-
-
-def test_a_fit_names_regions_that_are_there():
-    request = load_surface_fit(EXAMPLES / "fit-black-panel.toml")
-    names = [region.name for region in load_regions(EXAMPLES / request.regions)]
-    assert {"black_panel"} <= set(names)

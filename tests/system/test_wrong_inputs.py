@@ -47,7 +47,7 @@ CASES = [
     # One file in the place of another.
     (("predict", RIG), 2, "this is a rig file, a scene file is wanted", ()),
     (("acquire", SESSION, RIG, "--out", "run"), 2, "this is a session file, a rig file is wanted", ()),
-    (("fit", "surface", SCENE), 2, "this is a scene file, a fit file is wanted", ()),
+    (("infer", "runs/none"), 2, "give a scene file", ()),
     (("predict", SCENE, "--noise", RIG), 4, "this is no JSON file", ()),
     (("predict", "nothere.toml"), 2, "No such file", ()),
     (("verify", SCENE), 4, "is a file, a run folder is wanted", ()),

@@ -17,7 +17,7 @@ from tests.rigctl.made_runs import at, make_run
 
 NAMES = {
     "open_run", "load_scene", "load_rig", "load_noise", "load_polarizer", "predict", "compare", "sweep", "sky",
-    "surface", "stokes", "acquire", "open_archive",
+    "surface", "stokes", "acquire", "open_archive", "infer",
 }  # fmt: skip
 SCENE = EXAMPLES / "scene-panels.toml"
 

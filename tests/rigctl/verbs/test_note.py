@@ -86,7 +86,7 @@ def test_every_command_that_makes_numbers_of_a_run_has_the_option():
     calibrated = [f"calibrate {kind}" for kind in ("axis", "flat", "noise", "radiometric", "registration")]
     assert all(
         "ignore_exclusions" in cli.hints_of(cli.function_of(verb))
-        for verb in (*calibrated, "compare", "detect", "export", "fit surface", "regions find", "status", "stokes")
+        for verb in (*calibrated, "compare", "detect", "export", "regions find", "status", "stokes")
     )
 
 
