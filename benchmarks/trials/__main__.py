@@ -18,6 +18,7 @@ from benchmarks.trials.effects import run_effects
 from benchmarks.trials.golden import run_golden
 from benchmarks.trials.hard_times import run_hard_times
 from benchmarks.trials.honesty import run_honesty
+from benchmarks.trials.inference import CASES, run_inference
 from benchmarks.trials.inputs import run_inputs
 from benchmarks.trials.kills import run_kills, run_lost_terminals
 from benchmarks.trials.loop_disk import why_not
@@ -98,6 +99,8 @@ def main() -> int:
     sound &= run_noise_sets(arguments.seeds, processes=arguments.processes)
     sound &= run_roof(arguments.roof_seeds, arguments.roof_seeds // 10, processes=arguments.processes)
     sound &= run_inputs(arguments.seeds, arguments.moved_seeds, processes=arguments.processes)
+    for case in CASES:
+        sound &= run_inference(case, draws=arguments.seeds, processes=arguments.processes)
     return 0 if sound else 1
 
 

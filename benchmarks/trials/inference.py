@@ -17,6 +17,7 @@ import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -202,7 +203,8 @@ def run_inference(case: str, *, draws: int, first: int = 0, processes: int = 2) 
     """Print what came of a case; return whether it is as it has to be."""
     if case != "panels":
         roof_problem(None), roof_problem(WRONG_DIFFUSE if case == "wrong" else None)
-    with ProcessPoolExecutor(processes) as pool:  # forked, so that workers have the interpolated model
+    # Forked, so that workers have the interpolated model.
+    with ProcessPoolExecutor(processes, mp_context=get_context("fork")) as pool:
         found = list(pool.map(partial(_drawn, case), range(first, first + draws)))
     ranks = [one for one in found if isinstance(one, dict)]
     refused = [one for one in found if isinstance(one, str)]

@@ -400,7 +400,7 @@ def central_slopes(centre: FloatArray, above: FloatArray, below: FloatArray) -> 
 class _Emulator:
     """Gaussian process through points of the model: a polynomial trend, and one kernel for each of the numbers."""
 
-    def __init__(self, points: _Points, lengths: FloatArray | None = None) -> None:
+    def __init__(self, points: _Points, lengths: FloatArray | None = None, *, are_final: bool = False) -> None:
         possible = points.is_possible
         self._all_u, self._possible = points.u, possible
         self._u, z = points.u[possible], points.z[possible]
@@ -415,7 +415,7 @@ class _Emulator:
         start = np.full((z.shape[1], count + 1), np.log(3.0)) if lengths is None else lengths
         if lengths is None:
             start[:, -1] = np.log(1e-6)
-        fits = [_fitted_kernel(self._u, scaled[:, k], start[k]) for k in range(z.shape[1])]
+        fits = [_fitted_kernel(self._u, scaled[:, k], start[k], is_final=are_final) for k in range(z.shape[1])]
         self.lengths = np.array([fit[0] for fit in fits])
         self._inverse_lengths = np.exp(-self.lengths[:, :-1])
         self._weights = np.array([fit[1] for fit in fits])
@@ -449,10 +449,12 @@ class _Emulator:
 _LENGTHS, _NUGGET = (np.log(0.3), np.log(100.0)), (np.log(1e-10), np.log(1e-1))
 
 
-def _fitted_kernel(u: FloatArray, z: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fitted_kernel(
+    u: FloatArray, z: FloatArray, start: FloatArray, *, is_final: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the kernel of largest likelihood, its weights, and errors at each point if it is left out.
 
-    The kernel is exp(-d^2/2) with a length for each input, and a nugget; its size is eliminated.
+    The kernel is exp(-d^2/2) with a length for each input, and a nugget; its size is eliminated. What is final is kept.
 
     References
     ----------
@@ -479,7 +481,9 @@ def _fitted_kernel(u: FloatArray, z: FloatArray, start: FloatArray) -> tuple[Flo
         return value, np.array([*slope, 0.5 * np.trace(pull) * np.exp(p[-1])])
 
     bounds = [_LENGTHS] * u.shape[1] + [_NUGGET]
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60}).x
+    found = start
+    if not is_final:
+        found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}).x
     inverse = np.linalg.inv(kernel(found) + np.exp(found[-1]) * eye)
     weights = inverse @ z
     return found, weights, weights / np.diag(inverse)
@@ -537,7 +541,7 @@ def _accurate_emulator(
         draws = draw.permutation(blocks[len(blocks) // 2 :].reshape(-1, draws.shape[1]))
         check = _checked(problem, emulator, points, draws, f"turn-{seed[-1]}-{turn:02d}")
         if check.error <= _EMULATOR_ERROR:
-            return _Emulator(points, lengths), check, draws
+            return _Emulator(points, lengths, are_final=True), check, draws
         if points.count >= points.most:
             break
     raise NotConvergedError(_inaccurate(np.inf if check is None else check.error, points.count))

@@ -28,7 +28,7 @@ from model.surface.pbrdf import Tilt, local_geometry
 from rigctl.base.arrays import read_arrays
 from rigctl.base.durable import write_durably
 from rigctl.calibrations.radiometric import RadiometricResponse
-from rigctl.comparison.checks import refused_regions, registration_of, run_checks
+from rigctl.comparison.checks import not_judged, refused_regions, registration_of, run_checks, titles, verdict_of
 from rigctl.comparison.compare import NumericalAccuracy, accuracy_at
 from rigctl.comparison.predict_run import RunPredictor, run_predictor
 from rigctl.comparison.scale import panel_scaled, without_throughput
@@ -358,8 +358,11 @@ class _Run:
         measurement = seen.measurement
         self.name = measurement.run.path.resolve().name
         checks = run_checks(measurement, registration_of(measurement), seen.diagnosis)
+        if verdict_of((), checks, {}) == "cannot_be_judged":
+            raise DataError(f"{measurement.run.path}: {not_judged(checks)}")
         refused = measurement.unmeasured | refused_regions(checks)
         self.remarks = [f"{self.name}: {name} left out: {why}" for name, why in refused.items()]
+        self.remarks += [f"{self.name}: flagged: {name}" for name in filter(None, [titles(checks, "flagged")])]
         self.measurement = measurement
         stated = run_predictor(measurement, scene)
         self.regions = [
