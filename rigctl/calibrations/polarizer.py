@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from calibration.polarimeter.analyzer import false_dolp
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import Bounded, MadeFor, Measured, at_least
@@ -17,6 +18,7 @@ from rigctl.calibrations.record import CalibrationRecord, header_of, made_for_sc
 from rigctl.console.json_text import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import PolarizerSection, load_rig
+from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 from rigctl.runs.folder import Run
 from rigctl.runs.records import PolarizerAsTaken
 
@@ -25,7 +27,13 @@ SCHEMA_VERSION = 2
 _COPIED_DEG = 1e-4
 _SIGMAS = 3.0
 # Causes of the harmonics that are left of Malus' law.
-HARMONIC_MEANING = {1: "a wedge or a tilted element", 3: "a wedge or a tilted element", 4: "a detector not linear"}
+HARMONIC_MEANING = {
+    1: "a wedge or a tilted element",
+    3: "a wedge or a tilted element",
+    4: "a detector not linear, or the polarizer",
+    5: "a wedge or a tilted element",
+    6: "a detector not linear, or the polarizer",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +152,10 @@ def polarizer_content(
 
 
 def _harmonics(found: PolarizerCalibration) -> list[dict[str, Json]]:
-    return [asdict(one) | {"is_seen": one.is_seen} for one in found.harmonics]
+    return [
+        asdict(one) | {"is_seen": one.is_seen, "false_dolp": false_dolp(one, np.radians(DEFAULT_ANGLES_DEG))}
+        for one in found.harmonics
+    ]
 
 
 def _diattenuation(found: PolarizerCalibration) -> dict[str, Json] | None:

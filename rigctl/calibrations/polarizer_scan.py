@@ -29,13 +29,12 @@ from calibration.polarimeter.analyzer import (
     block_means,
     extinction,
     fit_axis,
-    fit_fourier,
+    fit_scan,
     half_turn,
     harmonics_are_told_apart,
     linear_states,
     measured_data_reduction,
     pooled_diattenuation,
-    residual_harmonics,
 )
 from rigctl.base.numbers import wild_numbers
 from rigctl.calibrations.made_for import Measured
@@ -247,7 +246,7 @@ class ScanCurve:
     @classmethod
     def of(cls, label: str, angle_rad: FloatArray, signal_dn: FloatArray) -> "ScanCurve":
         """Return the curve of a scan."""
-        fit = fit_fourier(angle_rad, signal_dn)
+        fit, harmonics = fit_scan(angle_rad, signal_dn)
         if float(fit.terms[0]) < _SEEN_SIGMAS * float(fit.mean_error()):
             raise DataError(f"{label}: there is no light above the dark level: check dark frames and region")
         if float(fit.modulation) < _SEEN_SIGMAS * float(fit.modulation_error()):
@@ -260,7 +259,7 @@ class ScanCurve:
             angle_rad=angle_rad,
             signal_dn=signal_dn,
             fit=fit,
-            harmonics=residual_harmonics(angle_rad, signal_dn),
+            harmonics=harmonics,
         )
 
 

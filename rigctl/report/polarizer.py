@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.analyzer import SEEN_SIGMAS, half_turn
+from calibration.polarimeter.analyzer import SEEN_SIGMAS, false_dolp, half_turn
 from rigctl.calibrations.polarizer import HARMONIC_MEANING, rig_lines
+from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 from rigctl.report.document import Paragraph, Picture, Report, Section, Verbatim
 from rigctl.report.drawing import (
     MEASURED,
@@ -47,9 +48,14 @@ def harmonic_table(found: PolarizerCalibration) -> Table[Harmonic]:
         Column(title="cycles a turn", text=lambda one: str(one.order), left=True),
         Column(title="amplitude [%]", text=lambda one: f"{100 * one.amplitude:.3f}"),
         Column(title="std error [%]", text=lambda one: f"{100 * one.std_error:.3f}"),
+        Column(title="false DoLP", text=lambda one: f"{_false_dolp(one):.4f}"),
         Column(title="seen", text=lambda one: HARMONIC_MEANING[one.order] if one.is_seen else "no", left=True),
     )
     return Table(columns=columns, rows=found.harmonics)
+
+
+def _false_dolp(one: Harmonic) -> float:
+    return false_dolp(one, np.radians(DEFAULT_ANGLES_DEG))
 
 
 def channel_table(found: PolarizerCalibration) -> Table[tuple[str, ...]]:
@@ -287,8 +293,9 @@ _SCANS = (
     "the mean."
 )
 _HARMONICS = (
-    "Amplitude at one, three and four cycles a turn, each over the mean: of noise alone it is above the mark once in a "
-    "thousand. One and three cycles are a wedge or a tilted element, four a detector that is not linear."
+    "Amplitude by cycles a turn, each over the mean: of noise alone it is above the mark once in a thousand. One, "
+    "three and five cycles are a wedge or a tilted element, four and six the polarizer or a detector not linear. "
+    "The false DoLP is what frames at 0, 45, 90 and 135 deg give to unpolarized light at most."
 )
 _HALF_TURN = "A scan of half a turn does not tell these apart: take it over a whole turn to see which it is."
 _CHANNELS = (

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
 _DISAGREEING_RAD = math.radians(0.5)
+# A DoLP at which the effect of harmonics on AoLP is shown; a false DoLP of less is none.
+_SHOWN_DOLP, _NO_EFFECT = 0.3, 1e-9
 
 
 def axis(
@@ -190,13 +192,29 @@ def _offset(found: "PolarizerCalibration") -> str:
 
 
 def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
+    import numpy as np
+
+    from calibration.polarimeter.analyzer import false_dolp
     from rigctl.calibrations.polarizer import HARMONIC_MEANING
+    from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 
     for one in found.harmonics:
         seen = f"seen: {HARMONIC_MEANING[one.order]}" if one.is_seen else "not seen"
         yield f"residual, {one.order} cycles a turn: {one.amplitude:.2%} +- {one.std_error:.2%} ({seen})"
+        if one.is_seen:
+            yield _effect(false_dolp(one, np.radians(DEFAULT_ANGLES_DEG)))
     if found.harmonics and not found.harmonics_told_apart:
         yield "a scan of half a turn does not tell these apart: take it over a whole turn to see which it is"
+
+
+def _effect(false: float) -> str:
+    if false < _NO_EFFECT:
+        return "  it leaves DoLP and AoLP of frames at 0, 45, 90 and 135 deg alone: it goes into their sum rule"
+    turned_deg = 0.5 * math.degrees(math.asin(min(1.0, false / _SHOWN_DOLP)))
+    return (
+        f"  in frames at 0, 45, 90 and 135 deg it moves DoLP by up to {false:.2g}, and turns AoLP by up to "
+        f"{turned_deg:.2g} deg at a DoLP of {_SHOWN_DOLP}"
+    )
 
 
 def _known_light(

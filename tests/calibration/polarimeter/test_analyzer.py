@@ -1,22 +1,26 @@
 """Axis, sense, extinction and W from simulated scans: Malus' law by Mueller calculus, with known truth."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from calibration.polarimeter.analyzer import (
+    Harmonic,
     analyzer_channels,
     extinction,
+    false_dolp,
     fit_axis,
     fit_fourier,
+    fit_scan,
     half_turn,
     harmonics_are_told_apart,
     linear_states,
     measured_data_reduction,
     pooled_diattenuation,
-    residual_harmonics,
 )
 from calibration.results import CalibrationError
 
@@ -233,12 +237,12 @@ def test_phase_and_modulation_have_the_errors_that_they_say() -> None:
 
 def test_a_wedge_and_a_detector_that_is_not_linear_are_seen_apart() -> None:
     stage, values = analyzer_scan(Rig(), 0.4)
-    assert not any(harmonic.is_seen for harmonic in residual_harmonics(stage, values))
-    wedge = {h.order: h for h in residual_harmonics(stage, values * (1.0 + 0.01 * np.cos(stage - 0.2)))}
+    assert not any(harmonic.is_seen for harmonic in fit_scan(stage, values)[1])
+    wedge = {h.order: h for h in fit_scan(stage, values * (1.0 + 0.01 * np.cos(stage - 0.2)))[1]}
     assert wedge[1].is_seen
     # cos x (1 + D cos (2 x - phase)) has the amplitude 1 at one cycle, and 1/2 more or less by the phase.
     assert 0.0049 < wedge[1].amplitude < 0.0151
-    bent = {h.order: h for h in residual_harmonics(stage, values * (1.0 - 0.02 * values))}
+    bent = {h.order: h for h in fit_scan(stage, values * (1.0 - 0.02 * values))[1]}
     assert bent[4].is_seen
     # y^2 of 0.5 (1 + D cos): the square of the cosine has half of it at twice the frequency: 0.02 / 4 / 2 / 0.5.
     assert bent[4].amplitude == pytest.approx(0.005, rel=0.1)
@@ -246,7 +250,7 @@ def test_a_wedge_and_a_detector_that_is_not_linear_are_seen_apart() -> None:
 
 def test_a_scan_of_half_a_turn_in_three_axes_has_no_harmonics() -> None:
     angles = np.radians([0.0, 60.0, 120.0, 0.0, 60.0])
-    assert residual_harmonics(angles, np.ones(5)) == ()
+    assert fit_scan(angles, np.array([1.9, 0.5, 0.5, 1.9, 0.5]))[1] == ()
 
 
 @pytest.mark.parametrize("angles_deg", [[0.0, 90.0, 180.0, 270.0, 360.0], [0.0, 180.0, 0.0, 180.0]])
@@ -288,3 +292,71 @@ def test_the_law_at_other_angles() -> None:
     angles = np.radians(np.arange(0.0, 180.0, 20.0))
     fit = fit_fourier(angles, 3.0 + np.cos(2.0 * (angles - 0.3)))
     np.testing.assert_allclose(fit.at(np.array([0.3, 0.3 + np.pi / 2])), [4.0, 2.0], rtol=1e-12)
+
+
+def with_harmonics(law: FloatArray, angles: FloatArray, draws: np.random.Generator) -> FloatArray:
+    waves = [draws.uniform(0.01, 0.03) * np.cos(order * angles - draws.uniform(0.0, 6.3)) for order in (4, 6)]
+    return law + np.sum(waves, axis=0)
+
+
+def with_wedge(law: FloatArray, angles: FloatArray, draws: np.random.Generator) -> FloatArray:
+    """A wedge whose picture wanders over uneven light: the phase walks by 3 degrees a frame."""
+    phase = draws.uniform(0.0, 6.3) + np.cumsum(draws.normal(0.0, 0.05, len(angles)))
+    return law * (1.0 + 0.02 * np.cos(angles - phase))
+
+
+def with_drift(law: FloatArray, angles: FloatArray, draws: np.random.Generator) -> FloatArray:
+    return law * (1.0 + np.cumsum(draws.normal(0.0, 0.003, len(angles))))
+
+
+def ideal(law: FloatArray, angles: FloatArray, draws: np.random.Generator) -> FloatArray:
+    return law
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", [ideal, with_harmonics, with_wedge, with_drift])
+def test_the_stated_error_of_the_axis_holds_it(effect: Callable[..., FloatArray]) -> None:
+    scores = np.array([axis_score(effect, seed) for seed in range(200)])
+    for sigmas, share in ((1.0, 0.6827), (1.96, 0.95)):
+        inside = int(np.count_nonzero(np.abs(scores) < sigmas))
+        low, high = binom.ppf([5e-4, 1.0 - 5e-4], len(scores), share)
+        assert low <= inside <= high
+
+
+def axis_score(effect: Callable[..., FloatArray], seed: int) -> float:
+    draws = np.random.default_rng(seed)
+    angles, axis = np.radians(np.arange(36) * 10.0), draws.uniform(0.0, np.pi)
+    law = 1000.0 * (1.0 + 0.98 * np.cos(2.0 * (angles - axis)))
+    fit, _ = fit_scan(angles, effect(law, angles, draws) + draws.normal(0.0, 1.0, 36))
+    return float(half_turn(fit.phase_rad - axis) / fit.phase_error_rad())
+
+
+def test_a_drift_does_not_turn_the_axis_as_in_the_law_alone() -> None:
+    angles = np.radians(np.arange(36) * 10.0)
+    values = (1.0 + np.cos(2.0 * (angles - 0.7))) * (1.0 + np.linspace(-0.02, 0.02, 36))
+    values += np.random.default_rng(3).normal(0.0, 1e-3, 36)
+    fit, plain = fit_scan(angles, values)[0], fit_fourier(angles, values)
+    assert abs(fit.phase_rad - 0.7) < 3.0 * fit.phase_error_rad()
+    assert abs(plain.phase_rad - 0.7) > 3.0 * abs(fit.phase_rad - 0.7)
+
+
+def test_harmonics_do_not_widen_the_error_of_the_axis() -> None:
+    angles, draws = np.radians(np.arange(36) * 10.0), np.random.default_rng(4)
+    clean = 1.0 + np.cos(2.0 * (angles - 0.7)) + draws.normal(0.0, 1e-3, 36)
+    fit, harmonics = fit_scan(angles, clean + 0.02 * np.cos(4.0 * angles))
+    assert float(fit.phase_error_rad()) < 2.0 * float(fit_fourier(angles, clean).phase_error_rad())
+    assert {one.order for one in harmonics if one.is_seen} == {4}
+    assert {one.order: one.amplitude for one in harmonics}[4] == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize(("order", "seen"), [(1, True), (3, True), (4, False), (6, True)])
+def test_the_false_dolp_of_a_harmonic_is_that_of_its_frames(order: int, seen: bool) -> None:
+    angles = np.radians([0.0, 90.0, 45.0, 135.0])
+    found = false_dolp(Harmonic(order=order, amplitude=0.01, std_error=0.001), angles)
+    worst = 0.0
+    for phase in np.linspace(0.0, 2.0 * np.pi, 361):
+        i0, i90, i45, i135 = 1.0 + 0.01 * np.cos(order * angles - phase)
+        worst = max(worst, float(np.hypot(i0 - i90, i45 - i135) / (0.5 * (i0 + i90 + i45 + i135))))
+    # To first order in the amplitude.
+    assert found == pytest.approx(worst, rel=0.02, abs=1e-12)
+    assert bool(found > 1e-9) is seen
