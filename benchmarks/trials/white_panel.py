@@ -21,7 +21,8 @@ from scipy.optimize import least_squares
 
 from model.surface.materials import material, surface_of
 from model.surface.pbrdf import Surface, mueller
-from rigctl.files.brdf_table import MeasuredBrdf, read_brdf_table
+from model.surface.table import MeasuredTable
+from rigctl.files.brdf_table import read_brdf_table
 
 # Name of a parameter, where to look for it.
 FREE = {
@@ -41,7 +42,7 @@ NADIR_RAD = np.radians(1.0)
 FloatArray = NDArray[np.float64]
 
 
-def mirror_pairs(data: MeasuredBrdf, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def mirror_pairs(data: MeasuredTable, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return rows of a geometry and of its mirror image, shape (P, 2)."""
     keys = np.stack(
         [data.theta_i_rad[rows], data.theta_r_rad[rows], np.sin(data.phi_rad[rows]), np.cos(data.phi_rad[rows])]
@@ -52,14 +53,14 @@ def mirror_pairs(data: MeasuredBrdf, rows: NDArray[np.intp]) -> NDArray[np.intp]
     )
 
 
-def element_noise(data: MeasuredBrdf, rows: NDArray[np.intp]) -> FloatArray:
+def element_noise(data: MeasuredTable, rows: NDArray[np.intp]) -> FloatArray:
     """Return the standard deviation of elements over f00 from mirror images, shape (3, 3)."""
     first, second = mirror_pairs(data, rows).T
     flip = np.diag([1.0, 1.0, -1.0])
     return np.asarray(np.std(data.ratios[first] - flip @ data.ratios[second] @ flip, axis=0) / np.sqrt(2.0))
 
 
-def fitted(data: MeasuredBrdf, rows: NDArray[np.intp], start: Surface, noise: FloatArray) -> Surface:
+def fitted(data: MeasuredTable, rows: NDArray[np.intp], start: Surface, noise: FloatArray) -> Surface:
     """Return the surface that fits f00 and all elements of rows best."""
     weights = np.sqrt(noise**2 + RATIO_STD**2)
 
@@ -81,7 +82,7 @@ def fitted(data: MeasuredBrdf, rows: NDArray[np.intp], start: Surface, noise: Fl
     return replace(start, **dict(zip(FREE, found.x.tolist(), strict=True)))
 
 
-def judged(data: MeasuredBrdf, rows: NDArray[np.intp], surface: Surface) -> tuple[float, float, float]:
+def judged(data: MeasuredTable, rows: NDArray[np.intp], surface: Surface) -> tuple[float, float, float]:
     """Return rms of f00's relative error, of DoLP's error on means of mirror images, and of S1 and S2 over S0 there."""
     f = mueller(data.theta_i_rad[rows], data.theta_r_rad[rows], data.phi_rad[rows], surface=surface)
     pairs = mirror_pairs(data, rows)
@@ -101,7 +102,7 @@ def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def noise_of_dolp(data: MeasuredBrdf, rows: NDArray[np.intp], surface: Surface, noise: FloatArray) -> float:
+def noise_of_dolp(data: MeasuredTable, rows: NDArray[np.intp], surface: Surface, noise: FloatArray) -> float:
     """Return the rms error of DoLP that noise alone gives to means of mirror images of a surface without fault."""
     rng, pairs = np.random.default_rng(1), mirror_pairs(data, rows)[:, 0]
     f = mueller(data.theta_i_rad[pairs], data.theta_r_rad[pairs], data.phi_rad[pairs], surface=surface)
@@ -111,7 +112,7 @@ def noise_of_dolp(data: MeasuredBrdf, rows: NDArray[np.intp], surface: Surface, 
 
 
 def halves(
-    data: MeasuredBrdf, rows: NDArray[np.intp], rng: np.random.Generator
+    data: MeasuredTable, rows: NDArray[np.intp], rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return rows of two random halves; mirror images stay together."""
     names = np.round(np.stack([data.theta_i_rad[rows], data.theta_r_rad[rows], np.cos(data.phi_rad[rows])]), 4)

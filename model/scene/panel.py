@@ -110,6 +110,8 @@ class PanelLight:
                 f"the panel turns its back to the camera: {np.degrees(np.max(self._theta_r_rad)):.4g} deg from its "
                 "normal, allowed is below 90 deg"
             )
+        if surface.table is not None:
+            surface.table.require_covered(np.zeros(len(views)), self._theta_r_rad)
         self._axes = _panel_axes(tilt.normal, cameras, self._azimuth_rad)
         overhead = np.zeros(len(views))
         self._turn_rad = self._local(overhead, overhead, np.arange(len(views))).reflected_rotation_rad
@@ -128,6 +130,9 @@ class PanelLight:
         """
         camera = np.arange(self._theta_r_rad.size)
         local = self._local(np.full(camera.shape, zenith_rad), np.full(camera.shape, azimuth_rad), camera)
+        table, lit = self._surface.table, local.theta_i_rad < 0.5 * np.pi
+        if table is not None:
+            table.require_covered(local.theta_i_rad[lit], local.theta_r_rad[lit])
         mueller = self._mueller(local, specular=True) + self._mueller(local, specular=False)
         on_panel = irradiance * np.maximum(np.cos(local.theta_i_rad), 0.0)
         return self._to_cameras(on_panel[:, np.newaxis] * mueller[:, :, 0])
@@ -138,6 +143,8 @@ class PanelLight:
         [MK14] eq. (3), over facet slopes: dOmega_sky = 4 cos(psi) dOmega_facet.
         """
         found = np.zeros((self._theta_r_rad.size, 3))
+        if self._surface.specular_weight == 0.0:
+            return found
         for rule in self._rules(order, specular=True):
             incident = light.stokes(zenith_rad=rule.nodes.zenith_rad, azimuth_rad=rule.nodes.azimuth_rad)
             found += rule.sums(incident, len(found))
@@ -149,7 +156,7 @@ class PanelLight:
         [MK14] eq. (3).
         """
         found = np.zeros((self._theta_r_rad.size, 3))
-        if self._surface.dhr is None:
+        if self._surface.diffuse_term is None:
             return found
         incident, start = light.on_nodes(self._tilt, order), 0
         for rule in self._rules(order, specular=False):

@@ -18,6 +18,7 @@ from model.surface.facets import (
     reflectance_at,
     write_rotated,
 )
+from model.surface.table import TabulatedBrdf
 
 FloatArray = NDArray[np.float64]
 
@@ -55,14 +56,16 @@ _NO_SINGLE = SingleScattering(weight=0.0, asymmetry=0.0, dolp=0.0, depolarizatio
 
 @dataclass(frozen=True, kw_only=True)
 class Diffuse:
-    """Parameters of the diffuse term of a surface."""
+    """Parameters of the diffuse term of a surface; of "table", a measured surface stands for all of it."""
 
-    kind: DiffuseKind
+    kind: DiffuseKind | Literal["table"]
     lobe: Lobe
     specular_weight: float
     excess: float
     dhr_angle_rad: float
     single: SingleScattering = _NO_SINGLE
+    table: TabulatedBrdf | None = None
+    table_errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def add_diffuse(
@@ -94,7 +97,9 @@ def add_diffuse(
     Chandrasekhar, Radiative Transfer (1960); split into single and multiple scattering, Hapke (1981),
     doi:10.1029/JB086iB04p03039; under an interface, Germer (2003), Proc. SPIE 5158, 193; remainder as in "coupled".
     """
-    if diffuse.kind == "lambert":
+    if diffuse.table is not None:
+        out += diffuse.table.matrix(theta_i_rad, theta_r_rad, phi_rad, errors=diffuse.table_errors)
+    elif diffuse.kind == "lambert":
         out[:, 0, 0] += diffuse.excess / np.pi
     elif diffuse.kind == "balance":
         out[:, 0, 0] += _balance(theta_i_rad, diffuse) / np.pi
@@ -448,6 +453,8 @@ def diffuse_row(theta_i_rad: FloatArray, *, diffuse: Diffuse) -> FloatArray:
 
     Definition: pi times the cosine-weighted mean of the first row over the hemisphere.
     """
+    if diffuse.table is not None:
+        return diffuse.table.hemispherical_row(theta_i_rad)
     row = np.zeros((2, theta_i_rad.size))
     if diffuse.kind == "lambert":
         row[0] = diffuse.excess
@@ -465,6 +472,8 @@ def diffuse_row(theta_i_rad: FloatArray, *, diffuse: Diffuse) -> FloatArray:
 
 def diffuse_error(diffuse: Diffuse) -> float:
     """Return the error of the diffuse part: three of its kinds rest on the series for E."""
+    if diffuse.table is not None:
+        return diffuse.table.reflectance_error
     series = diffuse.kind in ("balance", "coupled", "volume")
     error = diffuse.specular_weight * (reflectance_table(diffuse.lobe).error if series else 1e-8)
     return error + _once_table(_of_single(diffuse)).error if diffuse.kind == "volume" else error

@@ -2,21 +2,24 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from model.surface.diffuse import DiffuseKind
 from model.surface.facets import Shadowing
 from model.surface.pbrdf import Surface
+from model.surface.table import MeasuredTable, TabulatedBrdf
 
 # Materials of surfaces: each property with its uncertainty, its source and how far it can be trusted
 
 Confidence = Literal["high", "medium", "low"]
 # 700 nm and 700e-9 m may differ by the rounding of a factor, which must not put an end of a table outside of it.
 _ROUNDING = 1e-12
+# Slope of facets as wide as the light that a table is meant for; it has none of its own.
+_TABLE_SLOPE = 0.3
 CONFIDENCE: tuple[Confidence, ...] = get_args(Confidence)
 
 
@@ -92,14 +95,14 @@ class Property:
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """A material; see `Surface` for what its properties mean.
+    """A material, by its properties or as a table of measurements; see `Surface` for what the properties mean.
 
     Parameters
     ----------
     name
         What people call it.
     n, k, slope_rms, specular_weight
-        Properties.
+        Properties; None of a table.
     dhr
         Property, or None: no diffuse term.
     single_scattering, asymmetry, single_dolp, depolarization
@@ -108,20 +111,71 @@ class Material:
         Zenith angle at which the DHR was measured [rad].
     diffuse
         Form of the diffuse term that describes it.
+    table
+        Measured geometries, or what they make of one wavelength.
+    table_f00, table_s1, table_s2
+        Errors of a table in its standard errors: 0 with an uncertainty of 1.
     """
 
     name: str
-    n: Property
-    k: Property
-    slope_rms: Property
+    n: Property | None = None
+    k: Property | None = None
+    slope_rms: Property | None = None
     dhr: Property | None = None
-    specular_weight: Property
+    specular_weight: Property | None = None
     single_scattering: Property | None = None
     asymmetry: Property | None = None
     single_dolp: Property | None = None
     depolarization: Property | None = None
     dhr_angle_rad: float = math.radians(8.0)
     diffuse: DiffuseKind = "coupled"
+    table: MeasuredTable | TabulatedBrdf | None = None
+    table_f00: Property | None = None
+    table_s1: Property | None = None
+    table_s2: Property | None = None
+
+    def at(self, wavelength_m: float) -> "Material":
+        """Return the material with the properties that it has at one wavelength.
+
+        Parameters
+        ----------
+        wavelength_m
+            Wavelength in air [m].
+
+        Returns
+        -------
+        Material
+            All its properties are constants.
+
+        Raises
+        ------
+        ValueError
+            If the wavelength is outside a table.
+        """
+        at: dict[str, Any] = {
+            name: replace(found, values=(found.at(wavelength_m),), wavelengths_m=())
+            for name, found in properties(self).items()
+        }
+        table = self.table.at(wavelength_m) if isinstance(self.table, MeasuredTable) else self.table
+        return replace(self, **at, table=table)
+
+
+def tabulated(name: str, table: MeasuredTable) -> Material:
+    """Return the material that a table of measured geometries describes.
+
+    Returns
+    -------
+    Material
+        Its properties are the errors of the table, which a prediction counts like those of other materials.
+    """
+    error = constant(
+        0.0,
+        standard_uncertainty=1.0,
+        source=f"interpolation and noise of {table.source}, in standard errors",
+        confidence="high",
+        assumed=False,
+    )
+    return Material(name=name, table=table, table_f00=error, table_s1=error, table_s2=error)
 
 
 def constant(
@@ -184,14 +238,38 @@ def surface_of(
     if not (math.isfinite(wavelength_m) and wavelength_m > 0.0):
         raise ValueError(f"wavelength_m = {wavelength_m} m; allowed is above 0")
     try:
-        return Surface(
-            **{name: found.at(wavelength_m) for name, found in properties(material).items()},
-            dhr_angle_rad=material.dhr_angle_rad,
-            shadowing=shadowing,
-            diffuse=material.diffuse if diffuse is None else diffuse,
-        )
+        return surface_here(material.at(wavelength_m), shadowing=shadowing, diffuse=diffuse)
     except ValueError as error:
         raise ValueError(f"material {material.name!r} at {wavelength_m * 1e9:.4g} nm: {error}") from error
+
+
+def surface_here(here: Material, *, shadowing: Shadowing = "v-cavity", diffuse: DiffuseKind | None = None) -> Surface:
+    """Return the surface of a material whose properties are those of one wavelength, as `Material.at` gives them.
+
+    Parameters
+    ----------
+    shadowing, diffuse
+        As in `surface_of`.
+
+    Returns
+    -------
+    Surface
+        Ready for `mueller`.
+
+    Raises
+    ------
+    ValueError
+        If the values form no possible surface.
+    """
+    values: dict[str, Any] = {name: found.values[0] for name, found in properties(here).items()}
+    if isinstance(here.table, TabulatedBrdf):
+        values |= {"table": here.table, "n": 1.0, "slope_rms": _TABLE_SLOPE, "specular_weight": 0.0}
+    return Surface(
+        **values,
+        dhr_angle_rad=here.dhr_angle_rad,
+        shadowing=shadowing,
+        diffuse=here.diffuse if diffuse is None else diffuse,
+    )
 
 
 def properties(material: Material) -> dict[str, Property]:

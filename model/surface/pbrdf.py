@@ -34,6 +34,7 @@ from model.surface.facets import (
     reflectance_at,
     write_specular,
 )
+from model.surface.table import TabulatedBrdf
 
 FloatArray = NDArray[np.float64]
 
@@ -69,6 +70,10 @@ class Surface:
         less the larger the asymmetry.
     depolarization
         Of "volume": share of polarized light that a particle depolarizes, 0 to 1.
+    table
+        A measured surface in place of lobe and diffuse term; `specular_weight` is 0 then, and `dhr` None.
+    table_f00, table_s1, table_s2
+        Errors of the table in its standard errors: of F00, and of S1/S0 and S2/S0 in the plane of scattering.
 
     Raises
     ------
@@ -88,6 +93,10 @@ class Surface:
     asymmetry: float = 0.0
     single_dolp: float = 0.0
     depolarization: float = 0.0
+    table: TabulatedBrdf | None = None
+    table_f00: float = 0.0
+    table_s1: float = 0.0
+    table_s2: float = 0.0
 
     def __post_init__(self) -> None:
         lobe = self.lobe
@@ -97,6 +106,8 @@ class Surface:
             raise ValueError(f"specular_weight = {self.specular_weight}; allowed is 0 to 1")
         if not 0.0 <= self.dhr_angle_rad < 0.5 * math.pi:
             raise ValueError(f"dhr_angle_rad = {self.dhr_angle_rad} rad; allowed is 0 to below pi/2")
+        if self.table is not None and (self.dhr is not None or self.specular_weight != 0.0):
+            raise ValueError("a table is the whole surface: leave out dhr, and give specular_weight = 0")
         if self.dhr is not None:
             _require_dhr(self.dhr, self.specular_weight, reflectance_at(lobe, self.dhr_angle_rad), self.dhr_angle_rad)
         term = self.diffuse_term
@@ -113,10 +124,20 @@ class Surface:
 
     @property
     def diffuse_term(self) -> Diffuse | None:
-        """The diffuse term; None without a DHR."""
+        """The diffuse term; None without a DHR or a table."""
+        lobe = self.lobe
+        if self.table is not None:
+            return Diffuse(
+                kind="table",
+                lobe=lobe,
+                specular_weight=0.0,
+                excess=0.0,
+                dhr_angle_rad=self.dhr_angle_rad,
+                table=self.table,
+                table_errors=(self.table_f00, self.table_s1, self.table_s2),
+            )
         if self.dhr is None:
             return None
-        lobe = self.lobe
         specular = self.specular_weight * reflectance_at(lobe, self.dhr_angle_rad)
         return Diffuse(
             kind=self.diffuse,
@@ -209,7 +230,9 @@ def findings(surface: Surface) -> tuple[str, ...]:
     total = hemispherical_reflectance(_SCAN_RAD, surface=surface)
     limit = 1.0 + _ENERGY_SLACK + total.error
     remedy = (
-        'shadowing="none" loses no light to neighbouring facets: choose "v-cavity" or a Smith form'
+        "the table's scale is off, or its angles are too few"
+        if surface.table is not None
+        else 'shadowing="none" loses no light to neighbouring facets: choose "v-cavity" or a Smith form'
         if surface.shadowing == "none"
         else 'choose diffuse="volume" or "polarised", which conserve energy for every polarization, or lower dhr'
     )

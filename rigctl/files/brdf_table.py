@@ -3,22 +3,22 @@
 Two layouts are understood by their first line. That of NIST (Germer 2017): wavelength [um], incidence and its azimuth,
 reflection and its azimuth [deg], f_r11 [1/sr], and further elements of the Mueller matrix over f_r11; rows of outgoing
 light count from axes that do not turn with its azimuth. And the project's own: columns incidence_deg, reflection_deg,
-azimuth_deg (180 is forward), wavelength_nm, f00_per_sr, and over it all of m01 to m22, or s1 and s2, or dolp.
+azimuth_deg (180 is forward), wavelength_nm, f00_per_sr, and over it all of m01 to m22, or s1 and s2, or dolp. Lines
+that begin with # are skipped.
 """
 
 import csv
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.stokes import rotation
+from model.surface.table import MeasuredTable
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
-from rigctl.files.materials import NM_PER_M
 
 FloatArray = NDArray[np.float64]
 
@@ -34,21 +34,7 @@ _Problem = tuple[str, NDArray[np.bool_], str]
 _Check = Callable[[dict[str, FloatArray]], Iterator[_Problem]]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MeasuredBrdf:
-    """Geometries and what was measured in each, in the frames of `model.surface.pbrdf.mueller`."""
-
-    path: Path
-    wavelength_m: FloatArray  #: Shape (N,), as all angles.
-    theta_i_rad: FloatArray
-    theta_r_rad: FloatArray
-    phi_rad: FloatArray  #: pi is forward.
-    f00_per_sr: FloatArray
-    ratios: FloatArray  #: Elements over f00, shape (N, 3, 3); NaN where not measured.
-    is_degree: bool  #: The file has DoLP alone: `ratios` has it in M10, without its direction.
-
-
-def read_brdf_table(path: Path) -> MeasuredBrdf:
+def read_brdf_table(path: Path) -> MeasuredTable:
     """Return the measured geometries of a CSV file.
 
     Raises
@@ -79,7 +65,7 @@ def read_brdf_table(path: Path) -> MeasuredBrdf:
 def _cells(path: Path) -> list[tuple[int, list[str]]]:
     try:
         lines = csv.reader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines())
-        return [(number, row) for number, row in enumerate(lines, start=1) if any(cell.strip() for cell in row)]
+        return [(k, row) for k, row in enumerate(lines, start=1) if "".join(row).strip() and not row[0].startswith("#")]
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
@@ -149,15 +135,15 @@ def _own_problems(columns: dict[str, FloatArray]) -> Iterator[_Problem]:
         yield "dolp", columns["dolp"] < 0.0, "not be below 0"
 
 
-def _of_nist(path: Path, columns: dict[str, FloatArray]) -> MeasuredBrdf:
+def _of_nist(path: Path, columns: dict[str, FloatArray]) -> MeasuredTable:
     """Return rows of NIST: forward is phir = 0 for thetai below 0, and 180 deg for thetai above."""
     turned = np.where(columns["thetai"] > 0.0, 180.0, 0.0)
     around = np.deg2rad(columns["phir"] + turned)
     ratios = np.ones((around.size, 3, 3))
     for i, j in _ELEMENTS[1:]:
         ratios[:, i, j] = columns[f"f_r{i + 1}{j + 1}/f_r11"]
-    return MeasuredBrdf(
-        path=path,
+    return MeasuredTable(
+        source=str(path),
         wavelength_m=columns["lambda"] / 1e6,
         theta_i_rad=np.abs(np.deg2rad(columns["thetai"])),
         theta_r_rad=np.deg2rad(columns["thetar"]),
@@ -168,15 +154,15 @@ def _of_nist(path: Path, columns: dict[str, FloatArray]) -> MeasuredBrdf:
     )
 
 
-def _of_own(path: Path, columns: dict[str, FloatArray], names: Sequence[str]) -> MeasuredBrdf:
+def _of_own(path: Path, columns: dict[str, FloatArray], names: Sequence[str]) -> MeasuredTable:
     ratios = np.full((columns["f00_per_sr"].size, 3, 3), np.nan)
     ratios[:, 0, 0] = 1.0
     places = {"s1": (1, 0), "s2": (2, 0), "dolp": (1, 0)} | {f"m{i}{j}": (i, j) for i, j in _ELEMENTS}
     for name in names:
         ratios[(slice(None), *places[name])] = columns[name]
-    return MeasuredBrdf(
-        path=path,
-        wavelength_m=columns["wavelength_nm"] / NM_PER_M,
+    return MeasuredTable(
+        source=str(path),
+        wavelength_m=columns["wavelength_nm"] / 1e9,
         theta_i_rad=np.deg2rad(columns["incidence_deg"]),
         theta_r_rad=np.deg2rad(columns["reflection_deg"]),
         phi_rad=np.deg2rad(columns["azimuth_deg"]),

@@ -2,16 +2,21 @@
 
 import json
 import math
+import tomllib
 from collections.abc import Callable
 from difflib import get_close_matches
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from model.surface.diffuse import ASYMMETRY_MOST, DiffuseKind
-from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties
+from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties, tabulated
+from model.surface.table import MeasuredTable
+from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
+from rigctl.files.brdf_table import read_brdf_table
 from rigctl.files.toml import Allowed, Section, load
 
 # Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
@@ -82,7 +87,10 @@ Cosine = Annotated[
 
 
 class MaterialFile(Section):
-    """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean."""
+    """Content of a material file; `model.surface.pbrdf.Surface` says what the properties mean.
+
+    A file with `table = "FILE.csv"`, a table of measured BRDF, has that key and a name alone.
+    """
 
     schema_version: Literal[1] = 1
     """Version of the layout. Example: `1`."""
@@ -112,15 +120,57 @@ class MaterialFile(Section):
     """Share of polarized light that a particle depolarizes. Example: `{ value = 0.4, std = 0.05 }`."""
 
 
+class TableMaterialFile(Section):
+    """Content of a material file that names a table of measured BRDF in place of properties."""
+
+    schema_version: Literal[1] = 1
+    """Version of the layout. Example: `1`."""
+    name: Annotated[str, Field(pattern=r"\S")]
+    """Name of the material. Example: `"my white panel"`."""
+    table: Path
+    """CSV file of measured BRDF. Example: `"my-panel.csv"`."""
+
+
+# Of files that are tables of measured BRDF; other files of materials are TOML.
+TABLE_SUFFIXES = (".csv", ".txt", ".dat")
+
+
+def load_table(path: Path) -> MeasuredTable:
+    """Return the measured geometries of a CSV file; a file that did not change is read once."""
+    try:
+        stated = path.stat()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    return _read_table(path.resolve(), stated.st_mtime_ns, stated.st_size)
+
+
+@lru_cache(maxsize=8)
+def _read_table(path: Path, _changed_ns: int, _size: int) -> MeasuredTable:
+    return read_brdf_table(path)
+
+
+def _names_table(path: Path) -> bool:
+    try:
+        return "table" in tomllib.loads(read_bounded(path, MOST_TEXT_BYTES).decode())
+    except (OSError, ValueError):  # `load` says what is wrong
+        return False
+
+
 def load_material(path: Path) -> Material:
-    """Return the material of a material file."""
+    """Return the material of a material file, or of a table of measured BRDF."""
+    if path.suffix.lower() in TABLE_SUFFIXES:
+        return tabulated(path.stem, load_table(path))
+    if _names_table(path):
+        named = load(path, TableMaterialFile)
+        return tabulated(named.name, load_table(path.parent / named.table))
     file = load(path, MaterialFile)
-    given = {
-        name: found for name in MaterialFile.model_fields if isinstance(found := getattr(file, name), PropertySection)
+    stated = {name: getattr(file, name) for name in MaterialFile.model_fields}
+    given: dict[str, Any] = {
+        name: _property(found) for name, found in stated.items() if isinstance(found, PropertySection)
     }
     return Material(
         name=file.name,
-        **{name: _property(found) for name, found in given.items()},
+        **given,
         dhr_angle_rad=math.radians(file.dhr_angle_deg),
         diffuse=file.diffuse or ("coupled" if file.single_scattering is None else "volume"),
     )
@@ -139,7 +189,8 @@ def find_material(name_or_path: str, *, beside: Path) -> Material:
         close = get_close_matches(name_or_path, MATERIALS, n=1)
         alike = f"; did you mean {close[0]}?" if close else ""
         raise ConfigError(
-            f"material {name_or_path!r}: must be one of {known}, or a material file; none at {path}{alike}"
+            f"material {name_or_path!r}: must be one of {known}, a material file or a table of measured "
+            f"BRDF (.csv); none at {path}{alike}"
         )
     return load_material(path)
 

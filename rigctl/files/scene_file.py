@@ -35,7 +35,7 @@ from model.surface.facets import Shadowing
 from model.surface.materials import MATERIALS
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.errors import ConfigError
-from rigctl.files.materials import find_material
+from rigctl.files.materials import TABLE_SUFFIXES, find_material
 from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.regions import Region, require_distinct
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
@@ -664,6 +664,17 @@ def _is_covariance(rows: list[list[float]]) -> bool:
     )
 
 
+def _material_name(given: object) -> object:
+    """Return a material by its name or file; a table may be given by its key."""
+    if not isinstance(given, dict):
+        return given
+    if list(given) != ["table"] or not isinstance(given["table"], str):
+        raise ValueError('needs a name, a file, or { table = "FILE.csv" }')
+    if Path(given["table"]).suffix.lower() not in TABLE_SUFFIXES:
+        raise ValueError(f"table is {given['table']!r}, must be a file that ends in {', '.join(TABLE_SUFFIXES)}")
+    return given["table"]
+
+
 class SceneRegion(Region):
     """A region, by the radiance that comes from it to the aperture, or by what it is made of and how it stands.
 
@@ -677,8 +688,9 @@ class SceneRegion(Region):
 
     stokes_radiance: StokesValues | None = None
     """S0, S1, S2 that come to the aperture in band, W m-2 sr-1. Example: `[20.0, 2.0, -1.0]`."""
-    material: str | None = None
-    """What it is made of, in place of a radiance: of the library, or a file. Example: `"material-mine.toml"`."""
+    material: Annotated[str | None, BeforeValidator(_material_name)] = None
+    """What it is made of, in place of a radiance: of the library, or a file (TOML, or a table of measured BRDF as CSV,
+    which may be given as `{ table = "FILE.csv" }`). Example: `"material-mine.toml"`."""
     tilt_deg: NotNegative = Uncertain(value=0.0)
     """Angle of its normal from the zenith. Example: `10.0`."""
     tilt_azimuth_deg: Uncertain = Uncertain(value=0.0)

@@ -233,7 +233,7 @@ def _materials(found: Inference) -> dict[str, bytes]:
             if parameter.key.startswith(f"regions.{region.name}.")
         }
         own = {name: k for name, k in names.items() if region.material is not None and hasattr(region.material, name)}
-        if region.material is None or not own:
+        if region.material is None or region.material.table is not None or not own:
             continue
         changed = {
             name: replace(

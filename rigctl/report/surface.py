@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +32,9 @@ FloatArray = NDArray[np.float64]
 
 def surface_json(sheet: SurfaceSheet) -> dict[str, Json]:
     """Return all that is said of a material as plain data."""
-    return asdict(sheet)
+    found = asdict(replace(sheet, surface=replace(sheet.surface, table=None)))
+    table = sheet.surface.table
+    return found if table is None else found | {"table": table.source}
 
 
 def surface_tables(sheet: SurfaceSheet) -> Iterable[Table[Any]]:
@@ -55,6 +57,8 @@ def _properties(sheet: SurfaceSheet) -> Table[PropertyValue]:
     title = (
         f"{sheet.material} at {sheet.wavelength_nm:g} nm, shadowing {surface.shadowing}, "
         f"diffuse {'none' if surface.dhr is None else surface.diffuse}"
+        if surface.table is None
+        else f"{sheet.material} at {sheet.wavelength_nm:g} nm, as measured"
     )
     return Table(title=title, columns=columns, rows=sheet.properties)
 

@@ -35,7 +35,7 @@ from model.scene.field import FieldPart, part_of_picture, whole_field
 from model.scene.panel import View
 from model.scene.scene import Air, LitRegion, LitScene, Readout, Scenario
 from model.sensor import Imperfections, Sensor, SensorNoise
-from model.surface.materials import Material, properties
+from model.surface.materials import Material, surface_here
 from model.surface.pbrdf import Surface, Tilt
 from rigctl.base.arrays import read_arrays
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
@@ -478,13 +478,7 @@ def _picture_part(scene: "Scene", region: "SceneRegionRecord", field: "FieldSect
 
 def _surface(material: Material, given: SceneRegion) -> Surface:
     """Return what a region is made of; its properties are those at the sensor's wavelength already."""
-    values: dict[str, Any] = {name: found.values[0] for name, found in properties(material).items()}
-    return Surface(
-        **values,
-        dhr_angle_rad=material.dhr_angle_rad,
-        shadowing=given.shadowing,
-        diffuse=material.diffuse if given.diffuse is None else given.diffuse,
-    )
+    return surface_here(material, shadowing=given.shadowing, diffuse=given.diffuse)
 
 
 def _texture_covariance(region: "SceneRegionRecord") -> NDArray[np.float64]:

@@ -8,17 +8,15 @@ Whatever changes a scene afterwards works on the record (`rigctl.scene.scene`).
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.atmosphere.sky import distance_factor
 from model.sensor import effective_wavelength_m
-from model.surface.materials import properties
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.materials import find_material
 from rigctl.files.scene_file import (
@@ -172,10 +170,7 @@ def _region(region: SceneRegion, wavelength_m: float) -> SceneRegionRecord:
     # A file's path was made absolute when the scene file was read.
     material = find_material(region.material, beside=Path())
     try:
-        at: dict[str, Any] = {
-            name: replace(found, values=(found.at(wavelength_m),), wavelengths_m=())
-            for name, found in properties(material).items()
-        }
+        here = material.at(wavelength_m)
     except ValueError as error:
         raise ConfigError(f"region {region.name}: {error}") from error
-    return SceneRegionRecord(given=region, material=replace(material, **at))
+    return SceneRegionRecord(given=region, material=here)

@@ -86,15 +86,20 @@ class ReflectedMaps:
 
 
 def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float, sun_zenith_deg: float) -> SurfaceSheet:
-    """Return all that is said of a material."""
-    stokes = principal_plane(surface, np.deg2rad(_CAMERA_ZENITHS_DEG), sun_zenith_rad=float(np.deg2rad(sun_zenith_deg)))
+    """Return all that is said of a material; of a measured one, at the angles that were measured."""
+    sun_rad, cameras_deg = float(np.deg2rad(sun_zenith_deg)), _CAMERA_ZENITHS_DEG
+    if surface.table is not None:
+        surface.table.require_covered(np.array([sun_rad]), np.zeros(1))
+        covered = surface.table.covers(np.full(cameras_deg.shape, sun_rad), np.abs(np.deg2rad(cameras_deg)))
+        cameras_deg = cameras_deg[covered]
+    stokes = principal_plane(surface, np.deg2rad(cameras_deg), sun_zenith_rad=sun_rad)
     return SurfaceSheet(
         material=material.name,
         surface=surface,
         wavelength_nm=wavelength_nm,
         sun_zenith_deg=sun_zenith_deg,
         properties=_property_values(material, wavelength_nm / NM_PER_M),
-        principal_plane=tuple(_light(angle, row) for angle, row in zip(_CAMERA_ZENITHS_DEG, stokes, strict=True)),
+        principal_plane=tuple(_light(angle, row) for angle, row in zip(cameras_deg, stokes, strict=True)),
         reflectance=_reflectances(surface),
         findings=findings(surface),
     )
@@ -135,7 +140,10 @@ def readings_at(
     """
 
     def readings(changed: Material) -> FloatArray:
-        stokes = mueller(incidence_rad, reflection_rad, azimuth_rad, surface=surface_of(changed))[..., 0]
+        surface = surface_of(changed)
+        if surface.table is not None:
+            surface.table.require_covered(incidence_rad, reflection_rad)
+        stokes = mueller(incidence_rad, reflection_rad, azimuth_rad, surface=surface)[..., 0]
         f00 = np.where(stokes[:, 0] > 0.0, stokes[:, 0], np.nan)
         ratios = stokes[:, 1:] / f00[:, None]
         return np.column_stack([stokes[:, 0], ratios, np.hypot(*ratios.T)])
@@ -180,7 +188,10 @@ def _light(camera_zenith_deg: float, stokes: FloatArray) -> ReflectedLight:
 
 
 def _reflectances(surface: Surface) -> tuple[Reflectance, ...]:
-    zenith_rad = np.deg2rad(_SUN_ZENITHS_DEG)
+    zeniths_deg = _SUN_ZENITHS_DEG
+    if surface.table is not None:
+        zeniths_deg = zeniths_deg[np.deg2rad(zeniths_deg) <= surface.table.largest_rad[1]]
+    zenith_rad = np.deg2rad(zeniths_deg)
     total = hemispherical_reflectance(zenith_rad, surface=surface)
     specular = surface.specular_weight * lobe_reflectance(zenith_rad, lobe=surface.lobe).s0
     return tuple(
@@ -192,5 +203,5 @@ def _reflectances(surface: Surface) -> tuple[Reflectance, ...]:
             vertical=float(total.s0[i] - total.s1[i]),
             error=float(total.error[i]),
         )
-        for i, angle in enumerate(_SUN_ZENITHS_DEG)
+        for i, angle in enumerate(zeniths_deg)
     )

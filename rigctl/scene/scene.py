@@ -280,6 +280,16 @@ MATERIAL_ROWS = (
             ("depolarization", "share of polarized light that a particle depolarizes", 0.0, 1.0),
         )
     ),
+    *(
+        _row(
+            f"table_{key}",
+            "",
+            f"error of a tabulated material's {meaning}, in standard errors",
+            -inf,
+            place=f"material.table_{key}",
+        )
+        for key, meaning in (("f00", "reflectance"), ("s1", "S1/S0"), ("s2", "S2/S0"))
+    ),
     _row("dhr_angle_deg", "deg", "zenith angle at which the dhr was measured", place="material.dhr_angle_rad"),
 )
 

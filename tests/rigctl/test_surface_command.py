@@ -62,6 +62,18 @@ def test_columns_keep_their_units(capsys):
     assert "camera [deg] F00 [1/sr]" in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_measured_surface_is_refused_where_it_was_not_measured(tmp_path, capsys):
+    geometries = tmp_path / "geometries.csv"
+    geometries.write_text("incidence_deg,reflection_deg,azimuth_deg\n50,40,180\n80,80,180\n")
+    material = str(EXAMPLES / "measured-panel.csv")
+    assert main(["surface", material, "--at", str(geometries)]) == EXIT_USAGE
+    assert "outside of the measured range" in capsys.readouterr().err
+    geometries.write_text("incidence_deg,reflection_deg,azimuth_deg\n50,40,180\n")
+    assert main(["surface", material, "--at", str(geometries)]) == 0
+    row = next(csv.DictReader(capsys.readouterr().out.splitlines()))
+    assert 0.0 < float(row["f00_per_sr_std"]) < 0.01 * float(row["f00_per_sr"])
+
+
 def test_findings_are_printed(capsys):
     main(["surface", "white-paint", "--shadowing", "none"])
     assert "finding: reflects more" in capsys.readouterr().out

@@ -6,8 +6,11 @@ import pytest
 from model.scene.panel import PanelLight, Rules, View, reflected_by_rules, reflected_diffuse
 from model.stokes import dolp
 from model.surface.facets import lobe_reflectance
-from model.surface.pbrdf import Surface, Tilt, mueller
+from model.surface.materials import surface_of
+from model.surface.pbrdf import Surface, Tilt, hemispherical_reflectance, mueller
+from rigctl.files.materials import load_material
 from tests.model.made_lighting import SUN_AZIMUTH_RAD, even_sky, polarized_sky, skylight
+from tests.rigctl.example_files import EXAMPLES
 
 GLOSSY = Surface(n=1.5, slope_rms=0.15)
 PAINT = Surface(n=1.5, slope_rms=0.15, dhr=0.05)
@@ -184,3 +187,18 @@ def test_a_panel_that_was_seen_before_reflects_the_light_that_is_there_now(tilt_
 
     assert not np.allclose(of_first, of_other, rtol=1e-2)
     np.testing.assert_allclose(by_rules(panel(53.0, tilt=tilt), skylight(both), rules), of_first + of_other, rtol=1e-12)
+
+
+def test_a_measured_panel_shows_its_reflectance_of_an_even_sky():
+    surface = surface_of(load_material(EXAMPLES / "measured-panel.csv"), wavelength_m=550e-9)
+    found = reflected(panel(40.0, surface=surface), skylight(even_sky), tolerance=1e-3)
+    total = hemispherical_reflectance(np.radians(40.0), surface=surface)
+    np.testing.assert_allclose(found.stokes[:2], [total.s0, total.s1], atol=2e-3)
+
+
+def test_a_measured_panel_is_not_seen_beyond_its_measured_angles():
+    surface = surface_of(load_material(EXAMPLES / "measured-panel.csv"), wavelength_m=550e-9)
+    with pytest.raises(ValueError, match="outside of the measured range"):
+        panel(80.0, surface=surface)
+    with pytest.raises(ValueError, match="outside of the measured range"):
+        panel(40.0, surface=surface).sun(zenith_rad=np.radians(80.0), azimuth_rad=0.0, irradiance=1.0)

@@ -1,4 +1,5 @@
 import math
+import shutil
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,16 @@ def test_a_table_holds_at_its_own_wavelengths_to_the_last_digit_and_between_them
     assert [mine.dhr.at(w) for w in (450e-9, 550e-9, 650e-9)] == [0.10, 0.20, 0.40]
     # Linear between: two roundings of a number near 0.3.
     assert mine.dhr.at(600e-9) == pytest.approx(0.30, rel=1e-14)
+
+
+def test_a_material_file_may_have_a_table_alone(tmp_path):
+    shutil.copy(EXAMPLES / "measured-panel.csv", tmp_path / "measured.csv")
+    path = tmp_path / "panel.toml"
+    path.write_text('name = "panel"\ntable = "measured.csv"\n')
+    assert load_material(path).name == "panel"
+    path.write_text('name = "panel"\ntable = "measured.csv"\nn = 1.5\n')
+    with pytest.raises(ConfigError, match="n: is no known key"):
+        load_material(path)
 
 
 def test_the_angle_of_the_dhr_is_in_degrees(tmp_path):

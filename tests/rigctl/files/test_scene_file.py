@@ -1,3 +1,5 @@
+import shutil
+
 import pytest
 
 from rigctl.errors import ConfigError
@@ -90,6 +92,15 @@ def test_a_material_file_is_sought_beside_the_scene(tmp_path):
     (tmp_path / "tarmac.toml").write_text('name = "tarmac"\nn = 1.6\nslope_rms = 0.3\n')
     scene = load_scene(written(tmp_path, SCENE.replace('"asphalt"', '"tarmac.toml"')))
     assert scene.regions[1].material == str(tmp_path / "tarmac.toml")
+
+
+def test_a_table_of_measured_brdf_is_a_material(tmp_path):
+    shutil.copy(EXAMPLES / "measured-panel.csv", tmp_path / "measured.csv")
+    for given in ('{ table = "measured.csv" }', '"measured.csv"'):
+        scene = load_scene(written(tmp_path, SCENE.replace('"asphalt"', given)))
+        assert scene.regions[1].material == str(tmp_path / "measured.csv")
+    with pytest.raises(ConfigError, match=r"must be a file that ends in \.csv"):
+        load_scene(written(tmp_path, SCENE.replace('"asphalt"', '{ table = "measured.toml" }')))
 
 
 def test_a_response_table_takes_the_place_of_a_flat_band(tmp_path):
