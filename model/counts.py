@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.numerics import ndtr
+from model.numerics import gammainc, ndtr
 
 FloatArray = NDArray[np.float64]
 
@@ -78,8 +78,10 @@ class SignalEstimate:
     at_ends
         Share of the counts that lie at either end of the range, shape (2,).
     misfit
-        Largest difference of the shares of counts up to a number, by the law and as found; infinite for counts of three
-        kinds, which any deviation fits.
+        Chi-square of the shares of counts, over the number of counts, less what chance gives; 0 for the law's own,
+        infinite where counts lie at an end of the range that noise does not reach.
+    is_tested
+        Whether counts are of more than three kinds: those of three fit some deviation, whatever made them.
     stands_for
         What each count from the lower end to the upper stands for: numbers whose mean over the counts is `mean_dn`, and
         whose scatter is its error.
@@ -89,6 +91,7 @@ class SignalEstimate:
     std_dn: float
     at_ends: FloatArray
     misfit: float
+    is_tested: bool
     stands_for: FloatArray
 
 
@@ -131,9 +134,27 @@ def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstim
         mean_dn=mean,
         std_dn=std,
         at_ends=number[[0, -1]] / total,
-        misfit=float(np.max(np.abs(np.cumsum(number / total - share)))) if kinds.size > _LEAST_COUNTS else np.inf,
+        misfit=_misfit(number, total * share),
+        is_tested=kinds.size > _LEAST_COUNTS,
         stands_for=mean + influence,
     )
+
+
+# Counts that are expected less often are taken together; by chance chi-square is larger by at most so many deviations.
+_LEAST_EXPECTED, _CHANCE, _UNLIKELY = 5.0, 4.0, 1e-5
+
+
+def _misfit(number: FloatArray, expected: FloatArray) -> float:
+    often = expected >= _LEAST_EXPECTED
+    for at_end, lawful in zip(number[[0, -1]], expected[[0, -1]], strict=True):
+        # Something else than noise has clipped these.
+        if lawful < _LEAST_EXPECTED and at_end > 0.0 and float(gammainc(at_end, lawful)) < _UNLIKELY:
+            return float(np.inf)
+    apart = number[often] - expected[often]
+    rest = float(np.sum(number[~often]) - np.sum(expected[~often]))
+    squares = float(np.sum(apart**2 / expected[often])) + rest**2 / max(float(expected[~often].sum()), _LEAST_EXPECTED)
+    freedom = max(float(often.sum()) - 2.0, 0.0)
+    return max(squares - freedom - _CHANCE * float(np.sqrt(2.0 * freedom)), 0.0) / float(number.sum())
 
 
 def _law(mean: float, std: float, highest: int) -> tuple[FloatArray, FloatArray]:

@@ -59,6 +59,8 @@ i0e = SpecialFunction("i0e")
 i1e = SpecialFunction("i1e")
 ndtr = SpecialFunction("ndtr")
 ndtri = SpecialFunction("ndtri")
+stdtr = SpecialFunction("stdtr")
+stdtrit = SpecialFunction("stdtrit")
 
 
 @cache

@@ -1,9 +1,11 @@
-"""Intervals of DoLP, and a score of (S1, S2), that hold where there is hardly any polarization.
+"""Intervals of DoLP and AoLP, and a score of (S1, S2), that hold where there is hardly any polarization.
 
 DoLP is the length of a vector: noise makes it longer, and an interval of one standard error to either side of it misses
-0 most of the time. `dolp_intervals` takes every true DoLP from which the measured vector is not too far. How far
-that is follows from Rice's law, between that of two degrees of freedom at 0 and that of one where noise is small.
-`joint_score` holds a measured vector against a predicted one in both components at once.
+0 most of the time. `dolp_intervals` takes every true DoLP from which the measured vector is not too far. How far that
+is follows from Rice's law, between that of two degrees of freedom at 0 and that of one where noise is small.
+`aolp_limits_rad` takes every axis that passes the measured vector closely enough. `joint_score` holds a measured vector
+against a predicted one in both components at once. Errors that are known from few differences make all of these wider,
+by Student's law.
 """
 
 from functools import cache
@@ -12,21 +14,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.moments import Moments
-from model.numerics import ndtri
+from model.numerics import ndtri, stdtr, stdtrit
 
 FloatArray = NDArray[np.float64]
 
+Intervals = tuple[tuple[float, float], tuple[float, float]]
+
 LEVELS = (0.6827, 0.95)
+# Of a signal to noise below these, any axis is in the interval: coverage is then nominal without polarization, and at
+# most 4 % more with it (by drawing vectors).
+_ANY_AXIS = (1.37, 2.31)
 # From this signal to noise on, the first-order interval differs by less than 0.2 % of its width.
 _PLAIN_SNR = 30.0
-_REACH = 7.0
-# Chi-square of two degrees of freedom that noise exceeds one time in twenty.
-_LIMIT_95 = 5.991
+# From so many degrees of freedom on, Student's law is wider by less than half a per cent.
+_MANY = 300.0
+_REACH, _TINY = 7.0, 1e-300
 
 
 def is_polarized(normalized: Moments) -> bool:
-    """Return whether (S1, S2) / S0 differs from 0 at 95 %; if not, its angle is not determined."""
-    return chi_square(normalized.mean, normalized.cov) > _LIMIT_95
+    """Return whether the 95 % interval of the axis of (S1, S2) / S0 leaves any axis out."""
+    return chi_square(normalized.mean, normalized.cov) > _ANY_AXIS[1] ** 2
+
+
+def half_widths(freedom: float) -> tuple[float, float]:
+    """Return by how many standard errors intervals of both levels reach, by Student's law."""
+    if freedom > _MANY:
+        return 1.0, -float(ndtri(0.025))
+    low, high = (float(stdtrit(freedom, 0.5 + 0.5 * level)) for level in LEVELS)
+    return low, high
+
+
+def student_intervals(value: float, std_error: float, freedom: float) -> Intervals | None:
+    """Return the intervals of a number whose error rests on few differences; None where they are the normal ones."""
+    if freedom > _MANY:
+        return None
+    low, high = ((value - k * std_error, value + k * std_error) for k in half_widths(freedom))
+    return low, high
 
 
 def chi_square(vector: FloatArray, cov: FloatArray) -> float:
@@ -36,13 +59,52 @@ def chi_square(vector: FloatArray, cov: FloatArray) -> float:
     return float(vector @ np.linalg.solve(cov, vector))
 
 
-def dolp_intervals(normalized: Moments) -> tuple[tuple[float, float], tuple[float, float]]:
+def aolp_limits_rad(normalized: Moments, freedom: float = np.inf) -> Intervals:
+    """Return how far below and above the measured AoLP its 68 and its 95 % interval end.
+
+    Parameters
+    ----------
+    normalized
+        Moments of (S1 / S0, S2 / S0), shape (2,), not 0.
+    freedom
+        Degrees of freedom that their covariance is known from.
+
+    Notes
+    -----
+    How far the measured vector passes a direction is normal with one degree of freedom, whatever its length. Where it
+    is shorter than that allows, the interval is all axes.
+    """
+    if np.linalg.eigvalsh(normalized.cov)[0] <= 0.0:
+        return (0.0, 0.0), (0.0, 0.0)
+    root = np.linalg.cholesky(normalized.cov)
+    white = np.linalg.solve(root, normalized.mean)
+    length = float(np.hypot(*white))
+    found = []
+    for any_axis, plain, k in zip(_ANY_AXIS, half_widths(np.inf), half_widths(freedom), strict=True):
+        if length < any_axis * k / plain:
+            found.append((-0.5 * np.pi, 0.5 * np.pi))
+            continue
+        # Where errors are alike in all directions; then back in the plane of S1 and S2.
+        along, across = white * np.sqrt(1.0 - (k / length) ** 2), np.array([-white[1], white[0]]) * k / length
+        ends = [_turn(normalized.mean, root @ (along + side * across)) / 2.0 for side in (-1.0, 1.0)]
+        found.append((min(ends), max(ends)))
+    return found[0], found[1]
+
+
+def _turn(start: FloatArray, end: FloatArray) -> float:
+    """Return the angle from one vector to another, in (-pi, pi]."""
+    return float(np.arctan2(start[0] * end[1] - start[1] * end[0], start @ end))
+
+
+def dolp_intervals(normalized: Moments, freedom: float = np.inf) -> Intervals:
     """Return the 68 and the 95 % interval of DoLP.
 
     Parameters
     ----------
     normalized
         Moments of (S1 / S0, S2 / S0), shape (2,).
+    freedom
+        Degrees of freedom that their covariance is known from.
 
     Notes
     -----
@@ -56,8 +118,12 @@ def dolp_intervals(normalized: Moments) -> tuple[tuple[float, float], tuple[floa
     along_std, across_std = (float(np.sqrt(np.maximum(one @ cov @ one, 0.0))) for one in (axis, across))
     widest = max(along_std, across_std)
     if length > _PLAIN_SNR * widest or chi_square(axis, cov) == np.inf:
-        low, high = ((length - k * along_std, length + k * along_std) for k in (1.0, -float(ndtri(0.025))))
+        low, high = ((length - k * along_std, length + k * along_std) for k in half_widths(freedom))
         return low, high
+    if freedom <= _MANY:
+        wider = [k / plain for k, plain in zip(half_widths(freedom), half_widths(np.inf), strict=True)]
+        first, second = (dolp_intervals(Moments(mean=vector, cov=cov * k**2)) for k in wider)
+        return first[0], second[1]
     lengths = np.linspace(max(length - _REACH * widest, 0.0), length + _REACH * widest, 281)
     turns = np.linspace(-np.pi, np.pi, 720, endpoint=False)
     inverse = np.linalg.inv(cov)
@@ -71,13 +137,23 @@ def dolp_intervals(normalized: Moments) -> tuple[tuple[float, float], tuple[floa
     return low, high
 
 
-def joint_score(apart: FloatArray, cov: FloatArray) -> float | None:
-    """Return how far two vectors are apart, as a standard normal score: its upper tail is that of chi-square.
+def joint_score(apart: FloatArray, cov: FloatArray, freedom: float = np.inf) -> float | None:
+    """Return how far two vectors are apart, as a standard normal score: its upper tail is that of chi-square, or of F.
 
     None where their covariance leaves no room.
     """
-    found = chi_square(apart, cov)
-    return float(-ndtri(np.exp(-0.5 * min(found, 1400.0)))) if np.isfinite(found) else None
+    found = min(chi_square(apart, cov), 1400.0) if np.linalg.eigvalsh(cov)[0] > 0.0 else np.inf
+    if not np.isfinite(found):
+        return None
+    tail = np.exp(-0.5 * found) if freedom > _MANY else (1.0 + found / freedom) ** (-0.5 * freedom)
+    return float(-ndtri(tail))
+
+
+def student_score(score: float, freedom: float) -> float:
+    """Return the standard normal score with the tail of one by Student's law."""
+    return (
+        score if freedom > _MANY else float(np.copysign(ndtri(max(float(stdtr(freedom, -abs(score))), _TINY)), score))
+    )
 
 
 def _where_below(at: FloatArray, values: FloatArray) -> tuple[float, float]:

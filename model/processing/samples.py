@@ -74,12 +74,14 @@ def mean_moments(values: ArrayLike) -> Moments:
 class Sample:
     """A number found from a sample, with the standard error that the sample gives for it.
 
-    `intervals` of 68 and 95 % are given where they are not one and two standard errors to either side.
+    `intervals` of 68 and 95 % are given where they are not one and two standard errors to either side; `freedom` is
+    the number of degrees of freedom that the standard error itself rests on.
     """
 
     value: float
     std_error: float
     intervals: tuple[tuple[float, float], tuple[float, float]] | None = None
+    freedom: float = np.inf
 
 
 def deviation(values: ArrayLike) -> Sample:
@@ -211,17 +213,33 @@ class Repeatability:
         Relative change of the light from one cycle to the next that was divided out; 0 where it is no more than chance.
     drift_error
         What the error of that is to each angle, by its place in the cycle, shape (N,), or 0.
+    own_freedom, common_freedom
+        Degrees of freedom from which `own` and `common` are known: few where cycles are few.
     """
 
     own: float = 0.0
     common: float = 0.0
     drift: float = 0.0
     drift_error: FloatArray | float = 0.0
+    own_freedom: float = np.inf
+    common_freedom: float = np.inf
 
     def cov(self, mean: FloatArray) -> FloatArray:
         """Return the covariance of the means of the angles, shape (N, N)."""
         drifted = mean * self.drift_error
         return np.diag(np.square(mean * self.own)) + np.outer(mean, mean) * self.common**2 + np.outer(drifted, drifted)
+
+    def freedom(self, rows: FloatArray, moments: Moments) -> FloatArray:
+        """Return the degrees of freedom of errors of linear functions of the angles, rows of shape (K, N).
+
+        Welch (1947), Biometrika 34, 28, and Satterthwaite (1946), Biometrics Bulletin 2, 110: by the fourth powers of
+        the errors that are known from few cycles.
+        """
+        total = np.einsum("kn,nm,km->k", rows, moments.cov, rows)
+        own = np.square(rows * moments.mean) @ np.full(moments.mean.size, self.own**2)
+        common = np.square(rows @ moments.mean) * self.common**2 + np.square(rows @ (moments.mean * self.drift_error))
+        few = own**2 / self.own_freedom + common**2 / self.common_freedom
+        return np.asarray(np.divide(total**2, few, out=np.full(len(rows), np.inf), where=few > 0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -630,12 +648,15 @@ def _excess(values: FloatArray, inside: NDArray[np.bool_]) -> float:
     return (alike - 1.0) * float(np.var(values, ddof=1)) / values.size if alike > 1.0 else 0.0
 
 
-# A correlation of neighbours is taken for one when it exceeds this many of its own standard errors.
-_CORRELATION_SIGNIFICANCE = 5.0
+# A correlation of neighbours is taken for one when it exceeds this many of its own standard errors; how far they reach.
+_CORRELATION_SIGNIFICANCE, _REACHES_PX = 4.0, (1, 2, 4)
 
 
 def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
-    """Return whether the correlation of neighbours along rows or columns exceeds what independent pixels would show."""
+    """Return whether neighbours are more alike than independent pixels, along rows, along columns, or around.
+
+    Texture that is fainter than the noise shows in no pair, but in what many pairs have in common.
+    """
     centred = np.where(inside, image - image[inside].mean(), 0.0)
     variance = float(np.sum(centred**2)) / inside.sum()
     if variance == 0.0:
@@ -646,7 +667,20 @@ def _neighbours_are_alike(image: FloatArray, inside: NDArray[np.bool_]) -> bool:
         product = float(np.sum(centred[along] * centred[before]))
         if pairs > 0 and product / (pairs * variance) > _CORRELATION_SIGNIFICANCE / np.sqrt(pairs):
             return True
+    for reach in _REACHES_PX:
+        # Each pair is counted twice.
+        twice = float(np.sum(inside * (_sum_around(inside.astype(np.float64), reach) - inside)))
+        together = float(np.sum(centred * (_sum_around(centred, reach) - centred)))
+        if together > _CORRELATION_SIGNIFICANCE * variance * np.sqrt(2.0 * twice):
+            return True
     return False
+
+
+def _sum_around(image: FloatArray, reach: int) -> FloatArray:
+    """Return the sum over the square of pixels up to so far away, of each pixel."""
+    summed = np.cumsum(np.cumsum(np.pad(image, ((reach + 1, reach),) * 2), axis=0), axis=1)
+    side = 2 * reach + 1
+    return np.asarray(summed[side:, side:] - summed[:-side, side:] - summed[side:, :-side] + summed[:-side, :-side])
 
 
 # Correlation that counts as none, and its own standard errors; share of all pairs that may be taken for correlated.
@@ -706,7 +740,7 @@ def _root_of_mean(per_pixel: FloatArray, *, correction: float) -> Sample:
 # Chance that cycles which repeat themselves are taken for not doing so. What noise alone may give is not counted: it
 # would widen the errors of means of few cycles by a third. A drift is told from light that wanders by so many of its
 # errors, over so many cycles.
-_BY_CHANCE, _SURELY, _LEAST_CYCLES = 0.1, 4.0, 4
+_BY_CHANCE, _SURELY, _LEAST_CYCLES = 0.05, 4.0, 3
 
 
 def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | None = None) -> Repeatability:
@@ -723,28 +757,44 @@ def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | Non
     level = means.mean(axis=0)
     if len(means) < 2 or not float(level @ level) > 0.0:
         return Repeatability()
-    own, common, slope, slope_variance = _variances(means, noise, np.arange(float(len(means)))[:, None])
+    steady = _differences(means, noise, np.arange(float(len(means)))[:, None])
     if times is not None and len(means) >= _LEAST_CYCLES:
-        drift = _variances(means, noise, times)[2]
-        off = times - times.mean()
-        own_left, common_left, _, variance = _variances(
-            means / (1.0 + drift * off), noise, times, freedom=len(means) - 2
-        )
-        if drift**2 > _SURELY**2 * variance:
+        drift, off = _differences(means, noise, times).slope, times - times.mean()
+        left = _differences(means / (1.0 + drift * off), noise, times, freedom=len(means) - 2)
+        if drift**2 > _SURELY**2 * left.slope_variance:
             return Repeatability(
-                own=float(np.sqrt(own_left)),
-                common=float(np.sqrt(common_left)),
+                own=float(np.sqrt(left.own)),
+                common=float(np.sqrt(left.common)),
                 drift=drift,
-                drift_error=np.sqrt(variance) * off.mean(axis=0),
+                drift_error=np.sqrt(left.slope_variance) * off.mean(axis=0),
+                own_freedom=left.own_freedom,
+                common_freedom=left.common_freedom,
             )
-    drifted = 0.0 if _is_chance(slope**2, slope_variance, 1) else max(slope**2 - slope_variance, 0.0) / 12.0
-    return Repeatability(own=float(np.sqrt(own + drifted * (1.0 - level.size**-2.0))), common=float(np.sqrt(common)))
+    slope, variance = steady.slope, steady.slope_variance
+    drifted = 0.0 if _is_chance(slope**2, variance, 1) else max(slope**2 - variance, 0.0) / 12.0
+    return Repeatability(
+        own=float(np.sqrt(steady.own + drifted * (1.0 - level.size**-2.0))),
+        common=float(np.sqrt(steady.common)),
+        own_freedom=steady.own_freedom,
+        common_freedom=steady.common_freedom,
+    )
 
 
-def _variances(
+@dataclass(frozen=True, kw_only=True)
+class _Differences:
+    """Relative variances of the mean by what each angle and all together do not repeat, and the slope of the light."""
+
+    own: float
+    common: float
+    slope: float
+    slope_variance: float
+    own_freedom: float
+    common_freedom: float
+
+
+def _differences(
     means: FloatArray, noise: FloatArray, times: FloatArray, *, freedom: int | None = None
-) -> tuple[float, float, float, float]:
-    """Return relative variances of the mean, of each angle's own and common to all; the slope and its variance."""
+) -> _Differences:
     cycles, angles = means.shape
     level = means.mean(axis=0)
     light, share = float(level @ level), float(np.sum(level**4)) / float(level @ level) ** 2
@@ -752,20 +802,29 @@ def _variances(
     factor = (means - level) @ level / light
     left = means - level * (1.0 + factor[:, np.newaxis])
     noise_left = float(noise.sum()) - noise_of_factor * light
-    own = 0.0
+    own, own_freedom = 0.0, np.inf
     if angles > 1:
-        squares = float(np.sum(left**2)) / (cycles - 1)
-        if not _is_chance(squares, noise_left, (cycles - 1) * (angles - 1)):
-            own = max(squares - noise_left, 0.0) / (light * (1.0 - share))
+        squares, of_own = float(np.sum(left**2)) / (cycles - 1), (cycles - 1) * (angles - 1)
+        if not _is_chance(squares, noise_left, of_own) and squares > noise_left:
+            own = (squares - noise_left) / (light * (1.0 - share))
+            own_freedom = of_own * (1.0 - noise_left / squares) ** 2
     # Of the factor's variance, what the angles' own errors and the noise leave.
     of_others = noise_of_factor + own * share
     freedom = cycles - 1 if freedom is None else freedom
-    squares = float(np.sum((factor - factor.mean()) ** 2)) / freedom
-    common = 0.0 if _is_chance(squares, of_others, freedom) else max(squares - of_others, 0.0)
+    common, common_freedom, spread = 0.0, np.inf, float(np.sum((factor - factor.mean()) ** 2)) / freedom
+    if not _is_chance(spread, of_others, freedom) and spread > of_others:
+        common = spread - of_others
+        common_freedom = freedom * (1.0 - of_others / spread) ** 2
     apart = times - times.mean(axis=0)
     weight = float(np.sum((level * apart) ** 2))
-    slope = float(np.sum(level * apart * means)) / weight
-    return own / cycles, common / cycles, slope, (of_others + common) * light / weight
+    return _Differences(
+        own=own / cycles,
+        common=common / cycles,
+        slope=float(np.sum(level * apart * means)) / weight,
+        slope_variance=(of_others + common) * light / weight,
+        own_freedom=own_freedom,
+        common_freedom=common_freedom,
+    )
 
 
 def _is_chance(variance: float, noise: float, freedom: int) -> bool:

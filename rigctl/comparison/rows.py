@@ -16,7 +16,7 @@ from model.moments import Moments
 from model.numerics import ndtri
 from model.prediction import RegionPrediction, budget, noise_causes, shift_cause
 from model.processing.agreement import Propagation, holm_rejections, two_sided_p_value
-from model.processing.dolp_interval import chi_square, joint_score
+from model.processing.dolp_interval import chi_square, joint_score, student_score
 from model.processing.mosaic import reach_px
 from model.processing.reconstruction import channel_ratios, normalized_moments, stokes_moments
 from model.processing.samples import Sample
@@ -24,7 +24,7 @@ from model.quantities import difference, is_counts, ratio_name
 from model.sensor import ChannelMoments
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measure.diagnose import RunDiagnosis
-from rigctl.measure.measure import MeasuredRegion, Measurement
+from rigctl.measure.measure import MeasuredRegion, Measurement, of_few
 from rigctl.prediction.predict import NumberKey
 from rigctl.scene.scene import ANGLE, DRIFT, OFFSET, Inputs
 
@@ -55,9 +55,11 @@ class Row:
     measured: float
     #: Of the measurement; of a deviation that came out below its prediction, as large as the prediction has it.
     std_error: float | None = None
+    freedom: float = np.inf  #: Degrees of freedom that `std_error` rests on.
     std_error_inputs: float | None = None  #: Of the prediction, from the uncertainty of what it rests on.
     z_measurement: float | None = None  #: Difference over `std_error`.
-    z: float | None = None  #: Difference over both errors together; the decision is taken from this one.
+    #: Difference over both errors together, as a normal score; the decision is taken from this one.
+    z: float | None = None
     #: By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
     agrees: bool | None = None
     #: That would have been called a disagreement with a chance of 90 %, were this row the only one that is off.
@@ -94,6 +96,7 @@ def pair(region: str, predicted: "Quantities", measured: "MeasuredQuantities") -
                     predicted=value,
                     measured=sample.value,
                     std_error=_error_beside(sample, value) if statistic in _DEVIATIONS else sample.std_error,
+                    freedom=sample.freedom,
                 )
 
 
@@ -116,7 +119,9 @@ def scored(row: Row, std_error_inputs: float) -> Row:
         row,
         std_error_inputs=float(std_error_inputs),
         z_measurement=off / measured_error if measured_error > 0.0 else None,
-        z=off / both if both > 0.0 else None,
+        z=student_score(off / both, row.freedom * (both / measured_error) ** 4 if measured_error > 0.0 else np.inf)
+        if both > 0.0
+        else None,
     )
 
 
@@ -148,7 +153,7 @@ def with_joint_scores(
             predicted = np.array([rows[s1].predicted, rows[s2].predicted])
             if chi_square(predicted, together) < _LEAST_CHI_SQUARE:
                 off = np.array([rows[s1].measured, rows[s2].measured]) - predicted
-                found[degree] = replace(rows[degree], z=joint_score(off, together))
+                found[degree] = replace(rows[degree], z=joint_score(off, together, rows[degree].freedom))
                 if angle is not None:
                     found[angle] = replace(rows[angle], z=None)
         if is_coarse(prediction, region, measurement):
@@ -204,7 +209,9 @@ def measured_with_ratios(region: "MeasuredRegion") -> "MeasuredQuantities":
     names = [name for name in region.quantities if is_counts(name)]
     if not moments.mean.mean() > 0.0:
         return region.quantities
-    samples = (Sample(value=float(v), std_error=float(e)) for v, e in zip(*channel_ratios(moments), strict=True))
+    ratios, errors = channel_ratios(moments)
+    rows = (np.eye(ratios.size) - ratios[:, None] / ratios.size) / moments.mean.mean()
+    samples = map(of_few, ratios.tolist(), errors.tolist(), region.repeatability.freedom(rows, moments).tolist())
     return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
 
 

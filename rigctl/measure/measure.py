@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from model.counts import DITHERED_DN, ROUNDING_VAR_DN2, estimate_signal, rounded_moments, rounding_error_rms
 from model.moments import Moments, propagate_linear
 from model.processing import dolp
-from model.processing.dolp_interval import dolp_intervals, is_polarized
+from model.processing.dolp_interval import aolp_limits_rad, dolp_intervals, is_polarized, student_intervals
 from model.processing.maps import Float32Array, polarization_maps
 from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px, variance_factor
 from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
@@ -393,8 +393,9 @@ def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> 
 # Share of counts at 0 that moves a mean by a tenth of its error, or more; and that of which too little is left.
 _CLIPPED, _MOSTLY_CLIPPED = 1e-3, 0.5
 
-# Largest difference of shares of counts, by the law and as found, from which on the law is not theirs.
-_MISFIT = 0.01
+# Misfits from which on the law is not that of the counts, where rounding moves a mean, and where the law has to give
+# what is cut off: there some electrons' own law, which is not quite normal, does no harm.
+_MISFIT_ROUNDED, _MISFIT_CLIPPED = 1e-3, 0.03
 
 
 def _signal_by_law(
@@ -403,8 +404,8 @@ def _signal_by_law(
     """Return what the pixels of each angle stand for by the law of counts, mean over the cycles.
 
     None where noise dithers and hardly a count lies at an end, and where the law does not describe the counts of every
-    angle: texture that it does not know is in all of them, and few counts do not show it. Then the error of each angle
-    by rounding; and the largest shares of counts at 0 and at saturation.
+    angle: texture that it does not know is in all of them, and counts of few kinds do not show it. Then the error of
+    each angle by rounding; and the largest shares of counts at 0 and at saturation.
     """
     grid, throughput = frames.grid, frames.corrections.throughput
     to_counts = 1.0 / grid.to_unit * (1.0 if throughput is None else throughput.value)
@@ -423,18 +424,22 @@ def _signal_by_law(
     signal, rounding = pixels.mean(axis=0), np.zeros(len(tops))
     if not is_moved.any():
         return None, rounding, ends
-    is_lawful = True
+    is_lawful, tested = True, 0
     for angle, top in enumerate(tops.tolist()):
         own, std = counts[:, angle], stds[angle]
         highest = top if at_top[angle] else int(own.max() + 6.0 * std + 10.0)
         found = estimate_signal(own, highest=highest)
-        is_lawful &= found is not None and found.misfit < _MISFIT + own.size**-0.5
+        most = _MISFIT_CLIPPED if max(at_zero[angle], at_top[angle]) > _CLIPPED else _MISFIT_ROUNDED
+        is_lawful &= found is not None and found.misfit < most
+        tested += found is not None and found.is_tested
         if found is None:
             rounding[angle] = rounding_error_rms(np.sqrt(max(std**2 - ROUNDING_VAR_DN2, 0.0)))
         elif is_moved[angle]:
             rounding[angle] = abs(found.mean_dn - own.mean())
             signal[angle] = (found.stands_for[np.minimum(own, highest)].mean(axis=0) - levels[angle]) / to_counts[angle]
-    return (signal, np.zeros(len(tops)), ends) if is_lawful else (None, rounding / to_counts, ends)
+    if is_lawful and tested >= len(tops) / 2:
+        return signal, np.zeros(len(tops)), ends
+    return None, rounding / to_counts, ends
 
 
 # Fewer pixels than this give no fourth moment worth the name.
@@ -532,6 +537,7 @@ def _of_vectors(
 ) -> MeasuredQuantities:
     """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
+    freedom_of = partial(pixels.repeatability.freedom, moments=channels_mean)
     counts = np.abs(channels_mean.mean)
     # A Stokes parameter is a sum of counts, which rounding leaves no smaller than this.
     rounding = _ROUNDING * (np.abs(plan.inverse) @ counts)
@@ -539,6 +545,7 @@ def _of_vectors(
     found = _linear(
         channel_names,
         channels_mean,
+        freedom_of(np.eye(counts.size)),
         (pixels.first, pixels.mean, pixels.temporal),
         _ROUNDING * counts,
         inflation,
@@ -547,17 +554,19 @@ def _of_vectors(
     found |= _linear(
         ("s0", "s1", "s2"),
         stokes_mean,
+        freedom_of(plan.inverse),
         (pixels.stokes_first, pixels.stokes_mean, pixels.temporal_stokes),
         rounding,
         inflation,
         of_noise,
     )
-    return found | _of_mean_stokes(stokes_mean)
+    return found | _of_mean_stokes(stokes_mean, plan.inverse, freedom_of)
 
 
 def _linear(
     names: Sequence[str],
     mean: Moments,
+    freedom: FloatArray,
     pixels: tuple[FloatArray, FloatArray, tuple[Sample, ...]],
     rounding: FloatArray,
     inflation: float,
@@ -572,7 +581,7 @@ def _linear(
     found: MeasuredQuantities = {}
     for k, name in enumerate(names):
         samples = {
-            "mean": Sample(value=float(mean.mean[k]), std_error=float(np.sqrt(mean.cov[k, k]))),
+            "mean": of_few(float(mean.mean[k]), float(np.sqrt(mean.cov[k, k])), float(freedom[k])),
             "std": _inflated(deviation(first[k]), inflation),
             "std_spatial_mean": _inflated(deviation(mean_pixels[k]), inflation),
         }
@@ -582,8 +591,15 @@ def _linear(
     return found
 
 
+def of_few(value: float, std_error: float, freedom: float) -> Sample:
+    """Return a number with its intervals, whose error rests on so many degrees of freedom."""
+    intervals = student_intervals(value, std_error, freedom)
+    return Sample(value=value, std_error=std_error, intervals=intervals, freedom=freedom)
+
+
 def _without_rounding(sample: Sample, rounding: float = _ROUNDING) -> Sample:
-    return Sample(
+    return replace(
+        sample,
         value=sample.value if abs(sample.value) > rounding else 0.0,
         std_error=sample.std_error if sample.std_error > rounding else 0.0,
     )
@@ -593,25 +609,36 @@ def _without_rounding(sample: Sample, rounding: float = _ROUNDING) -> Sample:
 _ANY_ANGLE_DEG = 180.0 / np.sqrt(12.0)
 
 
-def _of_mean_stokes(stokes: Moments) -> MeasuredQuantities:
+def _of_mean_stokes(
+    stokes: Moments, inverse: FloatArray, freedom_of: Callable[[FloatArray], FloatArray]
+) -> MeasuredQuantities:
     if stokes.mean[0] <= 0.0:
         return {}
     normalized = normalized_moments(stokes)
     errors = np.sqrt(np.diag(normalized.cov))
+    # Of (S1, S2) / S0 by the counts of the angles.
+    rows = (inverse[1:] - np.outer(normalized.mean, inverse[0])) / stokes.mean[0]
     found = {
-        name: {"mean": _without_rounding(Sample(value=float(normalized.mean[k]), std_error=float(errors[k])))}
-        for k, name in enumerate(("s1n", "s2n"))
+        name: {"mean": _without_rounding(of_few(float(normalized.mean[k]), float(errors[k]), freedom))}
+        for k, (name, freedom) in enumerate(zip(("s1n", "s2n"), freedom_of(rows).tolist(), strict=True))
     }
     if not np.any(stokes.mean[1:]):
         return found
     degree = dolp.first_order(stokes.mean, stokes.cov)
     angle = aolp_moments_rad(stokes)
-    strength = Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)))
-    found["dolp"] = {"mean": replace(_without_rounding(strength), intervals=dolp_intervals(normalized))}
+    axis = normalized.mean / np.hypot(*normalized.mean)
+    along, across = freedom_of(np.array([axis, [-axis[1], axis[0]]]) @ rows).tolist()
+    strength = Sample(value=float(degree.mean), std_error=float(np.sqrt(degree.variance)), freedom=along)
+    found["dolp"] = {"mean": replace(_without_rounding(strength), intervals=dolp_intervals(normalized, along))}
     angle_error = float(np.rad2deg(np.sqrt(angle.cov[0, 0])))
     if not is_polarized(normalized):
         angle_error = max(angle_error, _ANY_ANGLE_DEG)
-    found["aolp_deg"] = {"mean": Sample(value=float(np.rad2deg(angle.mean[0])), std_error=angle_error)}
+    value = float(np.rad2deg(angle.mean[0]))
+    low, high = (
+        (value + float(np.rad2deg(below)), value + float(np.rad2deg(above)))
+        for below, above in aolp_limits_rad(normalized, across)
+    )
+    found["aolp_deg"] = {"mean": Sample(value=value, std_error=angle_error, intervals=(low, high), freedom=across)}
     return found
 
 

@@ -122,6 +122,18 @@ def test_texture_widens_what_channels_share_and_not_their_ratio():
     assert difference @ found @ difference == pytest.approx(difference @ plain @ difference, rel=0.1)
 
 
+def test_texture_that_is_fainter_than_the_noise_is_seen():
+    rng = np.random.default_rng(12)
+    inside = np.ones((64, 64), dtype=bool)
+    alike = []
+    for _ in range(20):
+        texture = np.kron(rng.normal(size=(16, 16)), np.ones((4, 4)))
+        alike.append(4096.0 / sm.effective_pixels(0.35 * texture + rng.normal(size=(64, 64)), inside))
+    # By definition 1 + 15 * 0.35^2 / (1 + 0.35^2).
+    assert np.mean(alike) == pytest.approx(2.6, rel=0.2)
+    assert min(alike) > 1.3
+
+
 def test_equal_values_have_no_signal_to_noise_ratio():
     with pytest.raises(ValueError, match="all equal"):
         sm.mean_over_deviation(np.full(50, 3.0))
