@@ -28,7 +28,7 @@ from model.accuracy.plan import NUMERICAL_SETTINGS, settings_at
 from model.atmosphere.air import Column
 from model.atmosphere.layers import henyey_greenstein
 from model.atmosphere.sky import STANDARD_SETTINGS, BandLighting, Fidelity, compute_lighting
-from model.effects.bounds import LightLimits, added, bound_of, is_narrow, radiance_bounds
+from model.effects.bounds import NEXT_TO_NONE, Light, LightLimits, added, bound_of, is_narrow, radiance_bounds
 from model.effects.names import LIGHT, Bound, Effect, EffectPlan
 from model.effects.planner import EFFECTS
 from model.numerics import gauss_legendre
@@ -274,8 +274,8 @@ def _is_known(scene: LitScene, region: LitRegion, light: LightLimits) -> bool:
         and not any(region.texture_diagonal)
         and scene.source == "total"
         and scene.air is not None
-        and scene.air.table is None
-        and bool(np.isfinite(light.sky_again + light.sky_again_polarised + light.path + light.adjacency))
+        and light.depth > NEXT_TO_NONE
+        and bool(np.isfinite(light.again.s0 + light.added))
     )
 
 
@@ -301,11 +301,11 @@ def _rest(scene: LitScene, region: LitRegion, light: LightLimits, off: FloatArra
     if region.surface is None:
         return Bound()
     bounds = radiance_bounds(scene, region, light)
-    beside = light.path + light.adjacency
-    total = light.sky_again + float(off[0]) + beside
-    polarised = min(light.sky_again_polarised + float(off[1]) + beside, total)
-    of_rest = added(scene, bounds, total, dolp=polarised / total if total > 0.0 else 0.0)
-    return bound_of(bounds, of_rest) + bound_of(bounds, added(scene, bounds, beside))
+    beside = light.but_for(Effect.SKYLIGHT).added
+    total = light.again.s0 + float(off[0]) + beside
+    polarised = min(light.again.polarised + float(off[1]) + beside, total)
+    of_rest = added(scene, bounds, Light(total, polarised))
+    return bound_of(bounds, of_rest) + bound_of(bounds, added(scene, bounds, Light(beside, beside)))
 
 
 def _reflected_once(scene: LitScene) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:

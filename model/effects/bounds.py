@@ -10,13 +10,13 @@ numbers of a prediction: radiance, ratios, deviations and probabilities of detec
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from model.atmosphere.air import Column, column
 from model.atmosphere.sky import Fidelity, Lighting, SolarBand, SolverSettings, compute_lighting, unlit_solution
@@ -35,6 +35,20 @@ from model.surface.pbrdf import Surface, Tilt, mueller
 FloatArray = NDArray[np.float64]
 
 
+class Light(NamedTuple):
+    """Upper limits of light that is added to the beam's: all of it, and what of it is polarized [W m-2 sr-1]."""
+
+    s0: float
+    polarised: float
+
+    def __or__(self, other: Light) -> Light:
+        """Return the sum."""
+        return Light(self.s0 + other.s0, self.polarised + other.polarised)
+
+
+_DARK, _ANY_LIGHT = Light(0.0, 0.0), Light(np.inf, np.inf)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LightLimits:
     """Limits of a region's radiance [W m-2 sr-1], and what the bounds need to know of the air before it."""
@@ -44,12 +58,8 @@ class LightLimits:
     s0_high: float
     polarised_low: float
     polarised_high: float
-    sky: float = 0.0  #: most that the reflected sky adds, and most of it that is polarized
-    sky_polarised: float = 0.0
-    sky_again: float = np.inf  #: the same by light that air scattered at least twice
-    sky_again_polarised: float = np.inf
-    path: float = 0.0  #: most that the air before the region adds
-    adjacency: float = 0.0  #: most that the surroundings add
+    parts: Mapping[Effect, Light] = field(default_factory=dict)  #: most that each effect of `LIGHT_PARTS` adds
+    again: Light = _ANY_LIGHT  #: most that the sky adds by light that air scattered at least twice
     apart: float = 0.0  #: largest difference of the beam's light over the field from its middle
     spread: float = 0.0  #: the same of all light over S0, and its root mean square
     deviation: float = 0.0
@@ -57,10 +67,14 @@ class LightLimits:
     depth_below: float = np.inf
     texture: FloatArray | None = None  #: its covariance; None where it is that of a material
 
-    @property
+    @cached_property
     def added(self) -> float:
-        """Upper limit of all that comes beside the beam."""
-        return self.sky + self.path + self.adjacency
+        """Upper limit of all that comes beside the beam: the one place that every bound takes the other light from."""
+        return sum(part.s0 for part in self.parts.values())
+
+    def but_for(self, *effects: Effect) -> LightLimits:
+        """Return the limits of what is left without some effects."""
+        return replace(self, parts={one: part for one, part in self.parts.items() if one not in effects})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +98,8 @@ def light_limits(scene: LitScene) -> dict[str, LightLimits]:
     materials = [one for one in scene.regions if one.surface is not None]
     if not materials or scene.air is None:
         return found
-    limits = _bound_air(scene.air)
-    lighting = _beam_lighting(scene.air)
-    return found | {one.name: _sun_light(scene, one, lighting, limits) for one in materials}
+    thin, lighting = _ThinAir.of(scene.air), _beam_lighting(scene.air)
+    return found | {one.name: _sun_light(scene, one, lighting, thin) for one in materials}
 
 
 def effect_bounds(
@@ -117,16 +130,15 @@ def _worst(scene: LitScene, regions: Mapping[str, RegionBounds], found: Mapping[
 
 # What the largest pBRDF on a grid is taken times for what its steps miss.
 _MISSED = 1.5
-# Under air as thick as this the sky sends so much that no sharper bound of it helps.
+# Under air as thick as this the sky sends so much that no bound is of use.
 _THIN = 0.05
 # Under air thinner than this a computed sky is bright at the horizon alone and has few digits there, if any: its grid
-# may be off by more than all of it, and polarised by more than 1. Sharp bounds are of no use there, for all of it is
-# next to nothing.
-_NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
+# may be off by more than all of it, and polarised by more than 1.
+NEXT_TO_NONE, _FEW_DIGITS = 1e-4, 10.0
 # Over a field the beam's light is known at nine directions; between them it may go this much farther.
 _BETWEEN = 2.0
-# How the sky changes over a field is known less well than how much it is; and rules of an integral differ over it.
-_SKY_ROOM = 5.0
+# How the light of air changes over a field is known less well than how much it is; rules of an integral differ over it.
+_AIR_ROOM = 5.0
 # The beam sees the depth of all layers and no more.
 _FEWEST_LAYERS = SolverSettings(fine_layers=False, nodes=4, element_depth=0.1, tolerance=1e-3)
 _WITH_BEAM = ("total", "reflected", "reflected_sun")
@@ -136,40 +148,27 @@ _POWER = 4.2
 
 
 def is_thin(air: Air) -> bool:
-    """Return whether air is so thin that bounds of its light are of use."""
-    return _bound_air(air).depth < _THIN
+    """Return whether air is so thin, and so well known, that bounds of its light are of use."""
+    if air.alternative is not None or air.state is None or air.fidelity is Fidelity.ANALYTIC:
+        return False
+    return _ThinAir.of(air).depth < _THIN
 
 
 _NOTHING = Disturbance()
 _UNKNOWN = Disturbance(s0=np.inf, polarised=np.inf)
 
 
-def _skylight(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what the sky adds: the largest reflectance times all of its light (`model.effects.bounds`)."""
-    if scene.source not in ("total", "reflected", "reflected_sky") or light.sky == 0.0:
-        return _NOTHING
-    return added(scene, region, light.sky, dolp=light.sky_polarised / light.sky if np.isfinite(light.sky) else 1.0)
-
-
-def _path_radiance(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what the air adds between region and camera (`model.effects.bounds.path_bound`)."""
-    return added(scene, region, light.path) if scene.source in ("total", "path") else _NOTHING
-
-
-def _adjacency(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
-    """Return what the surroundings add: their radiance beyond that of the mean ground, times what air scatters.
-
-    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
-    """
-    return added(scene, region, light.adjacency, dolp=0.0) if scene.source in ("total", "path") else _NOTHING
+def _added_by(effect: Effect) -> Callable[[LitScene, RegionBounds, LightLimits], Disturbance]:
+    """Return what gives the disturbance by an effect that adds light."""
+    return lambda scene, region, light: added(scene, region, light.parts.get(effect, _DARK))
 
 
 def _field_of_view(scene: LitScene, region: RegionBounds, light: LightLimits) -> Disturbance:
     """Return the largest difference over the field from its middle, as a shift of the mean and as a spread.
 
     The beam's light is known at the middle, the edges and the corners; it may go twice as far between, and its root
-    mean square is at most the largest difference of these. The reflected sky changes by at most 2 (1 / m + 4 / mu) of
-    itself per radian, m being the rms slope, the path by 2 / mu + 10.
+    mean square is at most the largest difference of these. The light of the air changes by at most 2 (1 / m + 4 / mu)
+    + 10 of itself per radian, m being the rms slope.
     """
     if light.spread == 0.0:
         return _NOTHING
@@ -195,8 +194,6 @@ def _wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> D
     if region.region.surface is None or scene.air is None or scene.view is None:
         return _NOTHING
     air = scene.air
-    if air.table is not None:
-        return _NOTHING
     slant = 1.0 / np.cos(scene.view.zenith_rad)
     steepness = _steepness(air, light.depth, slant)
     way = _POWER * light.depth_below * slant
@@ -207,14 +204,14 @@ def _wavelengths(scene: LitScene, region: RegionBounds, light: LightLimits) -> D
     return _moved(scene, region, missed, missed) if missed < 1.0 and region.is_known else _UNKNOWN
 
 
-def added(scene: LitScene, region: RegionBounds, radiance: float, *, dolp: float = 1.0) -> Disturbance:
+def added(scene: LitScene, region: RegionBounds, light: Light) -> Disturbance:
     """Return what light that is added changes."""
-    if radiance == 0.0:
+    if light.s0 == 0.0:
         return _NOTHING
-    if not (region.is_known and np.isfinite(radiance)):
+    if not (region.is_known and np.isfinite(light.s0)):
         return _UNKNOWN
-    share = region.counts_per_radiance * radiance / region.s0_low
-    return _moved(scene, region, share, dolp * share) if share < 1.0 else _UNKNOWN
+    share = region.counts_per_radiance / region.s0_low
+    return _moved(scene, region, share * light.s0, share * light.polarised) if share * light.s0 < 1.0 else _UNKNOWN
 
 
 def _moved(scene: LitScene, region: RegionBounds, s0: float, polarised: float) -> Disturbance:
@@ -283,10 +280,8 @@ def _given_light(region: LitRegion, radiance: FloatArray) -> LightLimits:
 
 def _beam_lighting(air: Air) -> Lighting:
     """Return the light of the beam alone; nothing is solved."""
-    if air.table is not None:
-        return air.table
     if air.state is None:
-        raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed, or a table")
+        raise ValueError("atmosphere: visibility or optical depth of the aerosol is needed for limits of its light")
     return compute_lighting(
         air.state,
         fidelity=air.fidelity,
@@ -301,38 +296,21 @@ def _beam_lighting(air: Air) -> Lighting:
     )
 
 
-def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, limits: _AirBounds) -> LightLimits:
-    """Return the limits of a region's radiance before sky and path are known.
-
-    Sky: of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at
-    most fp = |(F10, F20)| + the norm of the rest of F, which an unpolarized diffuse term has not. Either is at most
-    the largest of it times cos(theta_i) times the sum of the radiance over the sky. The largest is sought on a grid
-    with the mirror direction, and taken times 1.5. A level surface reflects no more than the sum over that grid times
-    the bound of the sky's radiance in each direction, times 1.5 too: under thin air, bright at the horizon alone, that
-    is far less.
-
-    [MK14] eq. (2), (3).
-    """
+def _sun_light(scene: LitScene, region: LitRegion, lighting: Lighting, thin: _ThinAir) -> LightLimits:
+    """Return the limits of a region's radiance before sky and path are known."""
     panel, air = _panel(scene, region)
     beams = _beams(panel, air, lighting, scene.sun_azimuth_rad)
     found = _beams_between(beams, is_counted=scene.source in _WITH_BEAM)
-    found = _with_sky(found, panel, limits, sun_zenith_rad=air.sun_zenith_rad, sun_azimuth_rad=scene.sun_azimuth_rad)
-    sun = direction(zenith_rad=air.sun_zenith_rad, azimuth_rad=scene.sun_azimuth_rad)
-    path = limits.path(
-        height_m=panel.views[0].height_m,
-        view_zenith_rad=np.array([view.zenith_rad for view in panel.views]),
-        scattering_rad=angle_between_rad(-sun, _toward(panel)),
-    )
-    of_beam, of_rest = _spread(found, panel, path=path)
-    return replace(
+    parts = {effect: most(scene, panel, thin) for effect, most in LIGHT_PARTS.items()}
+    found = replace(
         found,
-        path=path,
-        adjacency=_surroundings(scene.imperfections.surround_albedo, panel, air, limits),
-        spread=_BETWEEN * of_beam + of_rest,
-        deviation=of_beam + of_rest,
-        depth=limits.depth,
-        depth_below=limits.depth_below(panel.views[0].height_m),
+        parts=parts,
+        again=_reflected(scene, panel, thin, thin.sky_again),
+        depth=thin.depth,
+        depth_below=thin.depth_below(panel.views[0].height_m),
     )
+    of_beam, of_air = _spread(found, panel)
+    return replace(found, spread=_BETWEEN * of_beam + of_air, deviation=of_beam + of_air)
 
 
 class _Panel(NamedTuple):
@@ -414,31 +392,7 @@ def _beams_between(beams: FloatArray, *, is_counted: bool) -> LightLimits:
     )
 
 
-def _with_sky(
-    found: LightLimits, panel: _Panel, limits: _AirBounds, *, sun_zenith_rad: float, sun_azimuth_rad: float
-) -> LightLimits:
-    """Limits with those of what the sky adds."""
-    is_level = panel.tilt.tilt_rad == 0.0
-    ground = 0.0 if is_level else 2.0 * np.pi * limits.ground_radiance
-    grid = _ReflectanceGrid.of(panel.surface, angle_between_rad(panel.tilt.normal, _toward(panel)))
-    skies, again = _MISSED * grid.largest * (limits.sky_actinic + ground), np.full(2, np.inf)
-    if is_level and limits.depth < _THIN:
-        sun = {"sun_zenith_rad": sun_zenith_rad, "sun_azimuth_rad": sun_azimuth_rad}
-        skies = np.minimum(skies, _MISSED * grid.reflected(limits.sky, panel.views, **sun))
-        again = _MISSED * grid.reflected(limits.sky_again, panel.views, **sun)
-    sky, polarised = skies.tolist()
-    if limits.depth < _NEXT_TO_NONE:
-        sky = polarised = _FEW_DIGITS * sky
-    return replace(
-        found,
-        sky=sky,
-        sky_polarised=min(polarised, sky),
-        sky_again=float(again[0]) if limits.depth > _NEXT_TO_NONE else np.inf,
-        sky_again_polarised=float(again[1]),
-    )
-
-
-def _spread(light: LightLimits, panel: _Panel, *, path: float) -> tuple[float, float]:
+def _spread(light: LightLimits, panel: _Panel) -> tuple[float, float]:
     """Largest difference over the field from its middle, over S0: of the beam where it is known, and of the rest.
 
     The reflected sky changes with the view as fast as the lobe is narrow; it is at most all of the light.
@@ -449,21 +403,49 @@ def _spread(light: LightLimits, panel: _Panel, *, path: float) -> tuple[float, f
         return np.inf, 0.0
     toward, slant = _toward(panel), _slant(panel)
     angle = float(np.max(angle_between_rad(toward[0], toward[1:])))
-    of_beam = light.apart / light.s0_low
-    of_sky = (
-        angle * 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) * min(1.0, _SKY_ROOM * light.sky / light.s0_low)
-    )
-    of_path = angle * (2.0 * slant + 10.0) * min(1.0, path / light.s0_low)
-    return of_beam, of_sky + of_path
+    steepness = 2.0 * (1.0 / panel.surface.slope_rms + 4.0 * slant) + 10.0
+    return light.apart / light.s0_low, angle * steepness * min(1.0, _AIR_ROOM * light.added / light.s0_low)
 
 
-def _surroundings(around: float | None, panel: _Panel, air: Air, limits: _AirBounds) -> float:
-    """Most that surroundings of an albedo add: T^b - T of their light beyond that of the mean ground."""
-    if around is None or around == air.ground_albedo:
-        return 0.0
-    mixed = limits.mixed_in(height_m=panel.views[0].height_m, slant=_slant(panel))
-    return abs(around - air.ground_albedo) / np.pi * limits.received * mixed if mixed > 0.0 else 0.0
+# What each effect may add to the light of the beam. An effect that is entered here is in the total of all others
 
+
+def _skylight(scene: LitScene, panel: _Panel, thin: _ThinAir) -> Light:
+    """Return the most that the sky adds, ten times that where a computed sky has few digits."""
+    if scene.source not in ("total", "reflected", "reflected_sky"):
+        return _DARK
+    found = _reflected(scene, panel, thin, thin.sky)
+    if thin.depth >= NEXT_TO_NONE:
+        return Light(found.s0, min(found.polarised, found.s0))
+    return Light(_FEW_DIGITS * found.s0, _FEW_DIGITS * found.s0)
+
+
+def _path_radiance(scene: LitScene, panel: _Panel, thin: _ThinAir) -> Light:
+    """Return the most that the air adds between region and camera."""
+    if scene.air is None or scene.source not in ("total", "path"):
+        return _DARK
+    sun = direction(zenith_rad=scene.air.sun_zenith_rad, azimuth_rad=scene.sun_azimuth_rad)
+    found = thin.path(panel, scattering_rad=angle_between_rad(-sun, _toward(panel)))
+    return Light(found, found)
+
+
+def _adjacency(scene: LitScene, panel: _Panel, thin: _ThinAir) -> Light:
+    """Return the most that the surroundings add: their radiance beyond that of the mean ground, as far as it arrives.
+
+    The radiance is |A' - A| G / pi with G the irradiance of the ground, and of it T^b - T arrive, unpolarised.
+    """
+    around = scene.imperfections.surround_albedo
+    if around is None or scene.source not in ("total", "path"):
+        return _DARK
+    beyond = abs(around - thin.ground_albedo) / np.pi * thin.received
+    return Light(beyond * thin.mixed_in(height_m=panel.views[0].height_m, slant=_slant(panel)), 0.0)
+
+
+LIGHT_PARTS: dict[Effect, Callable[[LitScene, _Panel, _ThinAir], Light]] = {
+    Effect.SKYLIGHT: _skylight,
+    Effect.PATH_RADIANCE: _path_radiance,
+    Effect.ADJACENCY: _adjacency,
+}
 
 # Radiance of the sky by zenith angle and angle from the sun, both of one shape [W m-2 sr-1].
 RadianceOfSky = Callable[[FloatArray, FloatArray], FloatArray]
@@ -474,50 +456,35 @@ _ZENITHS, _AZIMUTHS = 46, 31
 _DIGITS = 2
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _ReflectanceGrid:
-    """Reflectance times cos(theta_i) over the sky for some views [sr-1]."""
+def _reflected(scene: LitScene, panel: _Panel, thin: _ThinAir, sky: RadianceOfSky) -> Light:
+    """Return the most that a level panel reflects of a sky to any of its views; no limit is known of a tilted one.
 
-    zenith_rad: FloatArray
-    azimuth_rad: FloatArray
-    values: Mapping[float, FloatArray]
+    Of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at most fp =
+    |(F10, F20)| + the norm of the rest of F, which an unpolarized diffuse term has not. Summed over a grid of directions with the
+    mirror direction in it, times 1.5.
 
-    @classmethod
-    def of(cls, surface: Surface, theta_r_rad: FloatArray) -> _ReflectanceGrid:
-        """Return the grid with the mirror directions of views at some angles from the normal, shape (K,) [rad]."""
-        grid, near = np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), surface.slope_rms * np.linspace(-3.0, 3.0, 13)
-        angles = sorted({_rounded(float(angle)) for angle in theta_r_rad})
-        zenith = np.concatenate([grid, *(one + near for one in angles)])
-        zenith = np.unique(np.clip(zenith, 0.0, 0.5 * np.pi - 1e-6))
-        azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
-        azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
-        weight = np.cos(zenith)[:, np.newaxis]
-        matrices = {one: mueller(zenith[:, np.newaxis], one, azimuth, surface=surface) for one in angles}
-        values = {one: _most_reflected(each) * weight for one, each in matrices.items()}
-        return cls(zenith_rad=zenith, azimuth_rad=azimuth, values=values)
-
-    @property
-    def largest(self) -> FloatArray:
-        """The largest of all, and of all that is polarised, shape (2,)."""
-        return np.asarray(np.max([np.max(values, axis=(-2, -1)) for values in self.values.values()], axis=0))
-
-    def reflected(
-        self, sky: RadianceOfSky, views: tuple[View, ...], *, sun_zenith_rad: float, sun_azimuth_rad: float
-    ) -> FloatArray:
-        """Return the largest over views of the sum of the reflectance times a sky, all and what is polarised, (2,)."""
-        zenith, found = self.zenith_rad[:, np.newaxis], []
-        for angle, off_rad in {
-            (_rounded(one.zenith_rad), round(sun_azimuth_rad - one.azimuth_rad, 2)) for one in views
-        }:
+    [MK14] eq. (2), (3).
+    """
+    if panel.tilt.tilt_rad != 0.0:
+        return _ANY_LIGHT
+    sun_zenith_rad, found = float(np.arccos(thin.mu)), np.zeros(2)
+    views = {(round(one.zenith_rad, _DIGITS), round(scene.sun_azimuth_rad - one.azimuth_rad, 2)) for one in panel.views}
+    near = panel.surface.slope_rms * np.linspace(-3.0, 3.0, 13)
+    grid = [np.linspace(0.0, 0.5 * np.pi - 1e-3, _ZENITHS), *(angle + near for angle, _ in views)]
+    zenith = np.unique(np.clip(np.concatenate(grid), 0.0, 0.5 * np.pi - 1e-6))[:, np.newaxis]
+    azimuth = np.concatenate([np.linspace(0.0, np.pi, _AZIMUTHS), np.pi - np.abs(near)])
+    azimuth = np.unique(np.clip(azimuth, 0.0, np.pi))
+    for angle in {one for one, _ in views}:
+        reflectance = _most_reflected(mueller(zenith, angle, azimuth, surface=panel.surface)) * np.cos(zenith)
+        for off_rad in (off for one, off in views if one == angle):
             both_sides = np.zeros(())
-            for side in (self.azimuth_rad, -self.azimuth_rad):
-                toward = np.cos(zenith) * np.cos(sun_zenith_rad)
-                toward = toward + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(side - off_rad)
+            for side in (azimuth, -azimuth):
+                toward = np.cos(zenith) * thin.mu + np.sin(zenith) * np.sin(sun_zenith_rad) * np.cos(side - off_rad)
                 scattering = np.arccos(np.clip(toward, -1.0, 1.0))
                 both_sides = both_sides + sky(np.broadcast_to(zenith, scattering.shape), scattering)
-            rows = _sum(self.values[angle] * both_sides, self.azimuth_rad)
-            found.append(_sum(rows * np.sin(self.zenith_rad), self.zenith_rad))
-        return np.asarray(np.max(found, axis=0))
+            rows = _sum(reflectance * both_sides, azimuth)
+            found = np.maximum(found, _sum(rows * np.sin(zenith[:, 0]), zenith[:, 0]))
+    return Light(*(_MISSED * found).tolist())
 
 
 def _most_reflected(mueller: FloatArray) -> FloatArray:
@@ -528,11 +495,6 @@ def _most_reflected(mueller: FloatArray) -> FloatArray:
     norm = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * determinant**2, 0.0))))
     total = mueller[..., 0, 0] + np.hypot(mueller[..., 0, 1], mueller[..., 0, 2])
     return np.stack([total, np.hypot(mueller[..., 1, 0], mueller[..., 2, 0]) + norm])
-
-
-def _rounded(angle_rad: float) -> float:
-    """Return an angle to digits at which lobes differ by less than what the grid is multiplied by."""
-    return round(angle_rad, _DIGITS)
 
 
 def _sum(values: FloatArray, at: FloatArray) -> FloatArray:
@@ -552,140 +514,6 @@ _SLICES, _NARROW = 4, 1.05
 _MOLECULES = 1.01
 # The largest difference of transmittances T^b - T is at this slant depth.
 _MOST_MIXED = -np.log(BACKSCATTER) / (1.0 - BACKSCATTER)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _AirBounds:
-    """Upper bounds of light, all in band; infinite where nothing is known."""
-
-    slices: tuple[_Slice, ...]
-    mu: float
-    ground_albedo: float
-    alternative: _AirBounds | None = None
-
-    @cached_property
-    def received(self) -> float:
-        """Irradiance of the ground by sun and sky [W m-2]."""
-        return self._worst(lambda air: air.total(air.received_of))
-
-    @property
-    def ground_radiance(self) -> float:
-        """Radiance of the ground around [W m-2 sr-1]."""
-        return self._worst(lambda air: air.ground_albedo * air.total(air.received_of) / np.pi)
-
-    @cached_property
-    def sky_actinic(self) -> float:
-        """Sum of the sky's radiance over all directions above a target [W m-2]."""
-
-        def each(part: _Slice, air: _AirBounds) -> float:
-            forward = part.outside * -np.expm1(-part.depth / air.mu)
-            return float(forward + (1.0 - expn(2, part.depth)) * air.actinic_of(part))
-
-        return self._worst(lambda air: _ROOM * air.total(lambda part: each(part, air)))
-
-    @cached_property
-    def depth(self) -> float:
-        """Largest optical depth in the band."""
-        return self._worst(lambda air: max((one.depth for one in air.slices), default=np.inf))
-
-    def depth_below(self, height_m: float) -> float:
-        """Return the largest optical depth in the band between the ground and a height [m]."""
-        return self._worst(
-            lambda air: max((one.depth - one.thick.depth_above(height_m) for one in air.slices), default=np.inf)
-        )
-
-    def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
-        """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
-
-        Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
-        molecules and aerosol, nor more than tau / mu of each by its own.
-        """
-        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
-
-        def each(air: _AirBounds) -> FloatArray:
-            found = np.full(np.shape(scattering_rad), 0.0 if air.slices else np.inf)
-            for part in air.slices:
-                scattered = -np.expm1(-part.depth * slant)
-                once = np.minimum(
-                    _phase(part.asymmetries, scattering_rad) * scattered, part.scattered_once(scattering_rad) * slant
-                )
-                rest = air.rest_of(part, scattering_rad) * scattered
-                found = found + _ROOM * (part.outside * once + rest) / (4.0 * np.pi)
-            return found
-
-        return each(self) if self.alternative is None else np.maximum(each(self), each(self.alternative))
-
-    def sky_again(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
-        """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
-
-        Light of the beam that came off the ground, and was scattered once then, is not in it.
-        """
-        if self.alternative is not None:
-            return np.full(np.shape(scattering_rad), np.inf)
-        slant = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12)
-        found = np.full(np.shape(scattering_rad), 0.0 if self.slices else np.inf)
-        for part in self.slices:
-            beam = part.outside * self.mu * np.exp(-part.depth / self.mu)
-            again = self.rest_of(part, scattering_rad) - 2.0 * _SPREAD_PHASE * self.ground_albedo * beam
-            found = found + _ROOM * again * -np.expm1(-part.depth * slant) / (4.0 * np.pi)
-        return found
-
-    def path(self, *, height_m: float, view_zenith_rad: ArrayLike, scattering_rad: ArrayLike) -> float:
-        """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].
-
-        The radiance is at most the largest source times 1 - exp(-tau_below / mu_v). The source is, over 4 pi: the beam
-        as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
-        scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
-        """
-        if height_m == 0.0:
-            return 0.0
-        slant, angle = 1.0 / np.cos(view_zenith_rad), np.asarray(scattering_rad, dtype=np.float64)
-
-        def each(air: _AirBounds) -> float:
-            found = np.full(angle.shape, 0.0 if air.slices else np.inf)
-            for part in air.slices:
-                above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
-                below = part.depth - part.thick.depth_above(height_m)
-                found = found + air.source_of(part, angle, above) * -np.expm1(-below * slant)
-            return float(np.max(found))
-
-        return self._worst(each)
-
-    def mixed_in(self, *, height_m: float, slant: float) -> float:
-        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1."""
-        if height_m == 0.0:
-            return 0.0
-        way = min(self.depth_below(height_m) * slant, _MOST_MIXED)
-        return float(np.exp(-BACKSCATTER * way) - np.exp(-way))
-
-    def source_of(self, part: _Slice, scattering_rad: FloatArray, above: float) -> FloatArray:
-        """Return the most that is scattered into a direction, over the depth [W m-2 sr-1]."""
-        beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
-        return np.asarray(_ROOM * (beam + self.rest_of(part, scattering_rad)) / (4.0 * np.pi))
-
-    def rest_of(self, part: _Slice, scattering_rad: FloatArray) -> FloatArray:
-        """Return the most that is scattered of all but the beam, over the depth and 1 / (4 pi) [W m-2]."""
-        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
-        turned = part.outside * -np.expm1(-part.depth / self.mu) * _phase(part.asymmetries, nearest, turned=True)
-        diffuse = (1.0 - expn(2, 0.5 * part.depth)) * self.actinic_of(part)
-        diffuse += 2.0 * self.ground_albedo * self.received_of(part)
-        return np.asarray(turned + _SPREAD_PHASE * diffuse)
-
-    def received_of(self, part: _Slice) -> float:
-        """Return what a part of the band brings to the ground [W m-2]."""
-        returned = self.ground_albedo * (1.0 - 2.0 * float(expn(3, part.depth)))
-        return float(part.outside * self.mu / (1.0 - returned))
-
-    def actinic_of(self, part: _Slice) -> float:
-        """Return the largest actinic flux of a part of the band [W m-2]."""
-        return float((part.outside + 2.0 * self.ground_albedo * self.received_of(part)) / expn(2, 0.5 * part.depth))
-
-    def total(self, each: Callable[[_Slice], float]) -> float:
-        """Return the sum over the band."""
-        return sum(map(each, self.slices)) if self.slices else np.inf
-
-    def _worst(self, of: Callable[[_AirBounds], float]) -> float:
-        return of(self) if self.alternative is None else max(of(self), of(self.alternative))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -714,26 +542,104 @@ class _Slice:
         return np.asarray(molecules * _phase((), scattering_rad) + rest * _phase(self.asymmetries, scattering_rad))
 
 
-_UNKNOWN_AIR = _AirBounds(slices=(), mu=1.0, ground_albedo=1.0)
-
-
-def _bound_air(air: Air) -> _AirBounds:
-    """Return bounds of the light at the ground.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _ThinAir:
+    """Upper bounds of light, all in band.
 
     With irradiance E outside the atmosphere, mu its cosine, depth tau (the largest in a part of the band), ground
     albedo A: the ground receives G <= E mu / (1 - A s), s = 1 - 2 E3(tau), since what returns to it has been scattered.
     The actinic flux anywhere is at most (E + 2 A G) / E2(tau / 2): in an isotropically scattering slab at least the
-    share E2(tau / 2) of a source leaves without another scattering. Of it at most 1 - E2(tau) is scattered toward the
-    ground, beside what goes on nearly forward from the beam, at most E (1 - exp(-tau / mu)).
+    share E2(tau / 2) of a source leaves without another scattering.
 
     Definition; conservation of energy. E_n are the exponential integrals.
     """
-    if air.alternative is not None:
-        one = _bound_air(replace(air, alternative=None, share=0.0))
-        return replace(one, alternative=_bound_air(air.alternative))
-    if air.state is None or air.fidelity in (Fidelity.ANALYTIC, Fidelity.TABLE):
-        return _UNKNOWN_AIR
-    return _AirBounds(slices=_slices(air), mu=float(np.cos(air.sun_zenith_rad)), ground_albedo=air.ground_albedo)
+
+    slices: tuple[_Slice, ...]
+    mu: float
+    ground_albedo: float
+
+    @classmethod
+    def of(cls, air: Air) -> _ThinAir:
+        """Return the bounds of air whose state is known."""
+        return cls(slices=_slices(air), mu=float(np.cos(air.sun_zenith_rad)), ground_albedo=air.ground_albedo)
+
+    @property
+    def received(self) -> float:
+        """Irradiance of the ground by sun and sky [W m-2]."""
+        return sum(map(self.received_of, self.slices))
+
+    @property
+    def depth(self) -> float:
+        """Largest optical depth in the band."""
+        return max(one.depth for one in self.slices)
+
+    def depth_below(self, height_m: float) -> float:
+        """Return the largest optical depth in the band between the ground and a height [m]."""
+        return max(one.depth - one.thick.depth_above(height_m) for one in self.slices)
+
+    def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
+
+        Of the beam no more is scattered than the share 1 - exp(-tau / mu) by the larger of the phase functions of
+        molecules and aerosol, nor more than tau / mu of each by its own.
+        """
+        slant, found = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12), np.zeros(np.shape(scattering_rad))
+        for part in self.slices:
+            scattered = -np.expm1(-part.depth * slant)
+            once = np.minimum(
+                _phase(part.asymmetries, scattering_rad) * scattered, part.scattered_once(scattering_rad) * slant
+            )
+            found = found + part.outside * once + self.rest_of(part, scattering_rad) * scattered
+        return _ROOM / (4.0 * np.pi) * found
+
+    def sky_again(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
+        """Return upper bounds of the sky's radiance by light that air scattered at least twice [W m-2 sr-1].
+
+        Light of the beam that came off the ground, and was scattered once then, is not in it.
+        """
+        slant, found = 1.0 / np.maximum(np.cos(zenith_rad), 1e-12), np.zeros(np.shape(scattering_rad))
+        for part in self.slices:
+            beam = part.outside * self.mu * np.exp(-part.depth / self.mu)
+            again = self.rest_of(part, scattering_rad) - 2.0 * _SPREAD_PHASE * self.ground_albedo * beam
+            found = found + again * -np.expm1(-part.depth * slant)
+        return _ROOM / (4.0 * np.pi) * found
+
+    def path(self, panel: _Panel, *, scattering_rad: FloatArray) -> float:
+        """Return an upper bound of the radiance that air adds between the ground and a camera [W m-2 sr-1].
+
+        The radiance is at most the largest source times 1 - exp(-tau_below / mu_v). The source is, over 4 pi: the beam
+        as it reaches the camera's height, times the larger phase function of molecules and aerosol; what was
+        scattered out of the beam, times that function within 30 deg; and 2 times the actinic flux of all other light.
+        """
+        height_m, found = panel.views[0].height_m, np.zeros(len(panel.views))
+        slant = 1.0 / np.cos([view.zenith_rad for view in panel.views])
+        for part in self.slices if height_m > 0.0 else ():
+            above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
+            below = part.depth - part.thick.depth_above(height_m)
+            beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
+            found = found + (beam + self.rest_of(part, scattering_rad)) * -np.expm1(-below * slant)
+        return float(_ROOM / (4.0 * np.pi) * np.max(found))
+
+    def mixed_in(self, *, height_m: float, slant: float) -> float:
+        """Return the largest share of the light of wide surroundings that air scatters into a line of sight, 0 to 1."""
+        if height_m == 0.0:
+            return 0.0
+        way = min(self.depth_below(height_m) * slant, _MOST_MIXED)
+        return float(np.exp(-BACKSCATTER * way) - np.exp(-way))
+
+    def rest_of(self, part: _Slice, scattering_rad: FloatArray) -> FloatArray:
+        """Return the most that is scattered of all but the beam, over the depth and 1 / (4 pi) [W m-2]."""
+        nearest = np.maximum(scattering_rad - _TURNED_RAD, 0.0)
+        turned = part.outside * -np.expm1(-part.depth / self.mu) * _phase(part.asymmetries, nearest, turned=True)
+        received, lost = self.received_of(part), float(expn(2, 0.5 * part.depth))
+        actinic = (part.outside + 2.0 * self.ground_albedo * received) / lost
+        diffuse = (1.0 - lost) * actinic + 2.0 * self.ground_albedo * received
+        return np.asarray(turned + _SPREAD_PHASE * diffuse)
+
+    def received_of(self, part: _Slice) -> float:
+        """Return what a part of the band brings to the ground [W m-2]."""
+        returned = self.ground_albedo * (1.0 - 2.0 * float(expn(3, part.depth)))
+        return float(part.outside * self.mu / (1.0 - returned))
 
 
 def is_narrow(band: SolarBand) -> bool:
@@ -927,13 +833,13 @@ def _apart_high(
 ) -> FloatArray:
     """Upper bound of the part of the texture that is no factor common to a pixel's Stokes vector.
 
-    What path and surroundings add has no texture: the factor of the rest is off the whole by no more than they are.
+    What path and surroundings add has no texture: the factor of the rest is off the whole by no more than is added.
     """
     if region.radiance is not None:
         return np.asarray(scale**2 * region.texture_cov + np.diag(np.square(region.texture_diagonal)) * s0_high**2)
     if light.texture is not None or not np.isfinite(s0_high):
         return texture
-    untextured = 2.0 * (region.texture_rms * scale * (light.path + light.adjacency)) ** 2 * np.eye(3)
+    untextured = 2.0 * (region.texture_rms * scale * light.added) ** 2 * np.eye(3)
     return _texture_high(replace(region, texture_rms=0.0), light, s0_high=s0_high, scale=scale) + untextured
 
 
@@ -1171,9 +1077,7 @@ def _divergence(share: float) -> float:
 
 
 _BOUNDS: Mapping[Effect, Callable[[LitScene, RegionBounds, LightLimits], Disturbance]] = {
+    **{effect: _added_by(effect) for effect in LIGHT_PARTS},
     Effect.FIELD_OF_VIEW: _field_of_view,
-    Effect.SKYLIGHT: _skylight,
-    Effect.PATH_RADIANCE: _path_radiance,
     Effect.WAVELENGTHS: _wavelengths,
-    Effect.ADJACENCY: _adjacency,
 }

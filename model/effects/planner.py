@@ -157,7 +157,7 @@ def _of_light(
     counted = dict(others)
     if not any(one.acts or one.forced for one in first.values()):
         # One wavelength misses nothing of light that is not computed.
-        dark = {name: replace(one, sky=0.0, sky_polarised=0.0, path=0.0) for name, one in limits.items()}
+        dark = {name: one.but_for(*first) for name, one in limits.items()}
         counted |= effect_bounds(left, dark, frozenset({Effect.WAVELENGTHS}))
     rest, spent = _decided(others, counted, spent, forced, tolerance)
     return first | rest, spent

@@ -7,8 +7,10 @@ import pytest
 
 from benchmarks.trials.effect_scenes import SETTINGS, random_materials
 from model.accuracy.chain import evaluate
-from model.effects.bounds import light_limits
+from model.effects.bounds import LIGHT_PARTS, Light, effect_bounds, light_limits
+from model.effects.names import LIGHT, Effect
 from model.sensor import Imperfections
+from tests.model.effects.scenes import THIN, panel_scene
 
 # The limits take four wavelengths; what the polynomial through as many misses of a band is the same on both sides.
 LIGHT_SETTINGS = replace(SETTINGS, wavelengths=4, sky_zeniths=16, sky_azimuths=14)
@@ -27,7 +29,10 @@ def check_limits(seed):
             beam = light.reflected_sun
             assert limits[name].s0_low <= beam[0] * (1.0 + BAND)
             assert limits[name].s0_high >= beam[0] * (1.0 - BAND)
-            for part, limit in ((light.reflected_sky, limits[name].sky), (light.path, limits[name].path)):
+            for part, limit in (
+                (light.reflected_sky, limits[name].parts[Effect.SKYLIGHT].s0),
+                (light.path, limits[name].parts[Effect.PATH_RADIANCE].s0),
+            ):
                 scattered = max(abs(float(part[0])), float(np.hypot(part[1], part[2])))
                 if scattered > ROUNDING * float(beam[0]):
                     ratios.append(limit / scattered)
@@ -37,3 +42,14 @@ def check_limits(seed):
 @pytest.mark.parametrize("seed", range(8))
 def test_sky_and_path_stay_below_their_limits(seed):
     assert check_limits(seed) >= 1.0
+
+
+def test_light_of_a_new_effect_is_in_the_bounds_of_all_others(monkeypatch):
+    scene = panel_scene(**THIN, half_width_m=2e-9, half_field_rad=1e-8, surround_albedo=0.9)
+    before = effect_bounds(scene, light_limits(scene))
+    beam = light_limits(scene)["panel"].s0_low
+    # A glow in front of the lens, such as a new effect would add.
+    monkeypatch.setitem(LIGHT_PARTS, "glow", lambda *_: Light(1e-2 * beam, 1e-3 * beam))
+    after = effect_bounds(scene, light_limits(scene))
+    assert set(after) == LIGHT
+    assert all(after[effect].largest > before[effect].largest > 0.0 for effect in LIGHT)
