@@ -460,8 +460,8 @@ def _reflected(scene: LitScene, panel: _Panel, thin: _ThinAir, sky: RadianceOfSk
     """Return the most that a level panel reflects of a sky to any of its views; no limit is known of a tilted one.
 
     Of light of any polarization a surface reflects at most f0 = F00 + |(F01, F02)|, and as polarised light at most fp =
-    |(F10, F20)| + the norm of the rest of F, which an unpolarized diffuse term has not. Summed over a grid of directions with the
-    mirror direction in it, times 1.5.
+    |(F10, F20)| + the norm of the rest of F, which an unpolarized diffuse term has not. Summed over a grid of
+    directions with the mirror direction in it, times 1.5.
 
     [MK14] eq. (2), (3).
     """
