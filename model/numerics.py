@@ -1,6 +1,7 @@
-"""Quadrature rules, adaptive integration, and special functions of scipy that are imported at the first call.
+"""Quadrature rules, adaptive integration, a spline, a fit, and special functions of scipy imported at the first call.
 
-Many commands call no special function; importing `scipy.special` with all that it imports costs 0.15 s.
+Many commands call no special function; importing `scipy.special` with all that it imports costs 0.15 s. Importing
+`scipy.interpolate` and `scipy.optimize` takes 0.3 s, more than a prediction.
 """
 
 import sys
@@ -21,6 +22,8 @@ IntArray = NDArray[np.int64]
 
 _PACKAGE, _COMPILED = "scipy.special", "scipy.special._ufuncs"
 _IMPORTING = RLock()
+# Columns that a fit may take in, over how many there are: each goes and comes back some times at most.
+_MOST_COLUMNS = 10
 
 
 class SpecialFunction:
@@ -78,6 +81,69 @@ def gauss_legendre(count: int) -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights for the integral over the interval from 0 to 1."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+class ClampedSpline:
+    """Cubic spline through points, level at both ends.
+
+    de Boor, A Practical Guide to Splines (Springer, 1978), chapter 4.
+    """
+
+    def __init__(self, x: FloatArray, y: FloatArray) -> None:
+        """Set the points, x rising."""
+        step, steep = np.diff(x), np.diff(y) / np.diff(x)
+        rows, wanted = np.eye(x.size), np.zeros(x.size)
+        inner = np.arange(1, x.size - 1)
+        rows[inner, inner - 1], rows[inner, inner + 1] = step[1:], step[:-1]
+        rows[inner, inner] = 2.0 * (step[1:] + step[:-1])
+        wanted[inner] = 3.0 * (step[1:] * steep[:-1] + step[:-1] * steep[1:])
+        slope = np.linalg.solve(rows, wanted)
+        self.x = x
+        self._terms = np.stack(
+            [
+                (slope[:-1] + slope[1:] - 2.0 * steep) / step**2,
+                (3.0 * steep - 2.0 * slope[:-1] - slope[1:]) / step,
+                slope[:-1],
+                y[:-1],
+            ]
+        )
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Return values, those beyond the ends by the outermost pieces."""
+        piece = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
+        apart = x - self.x[piece]
+        cubic, square, linear, constant = self._terms
+        found = cubic[piece]
+        for term in (square, linear, constant):
+            found = found * apart + term[piece]
+        return np.asarray(found)
+
+
+def fit_above_zero(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Return weights of columns, none below 0, whose sum is closest to values by least squares.
+
+    Lawson and Hanson, Solving Least Squares Problems (SIAM, 1995), chapter 23.
+    """
+    count = columns.shape[1]
+    weights, used = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    least = 10.0 * max(columns.shape) * float(np.finfo(np.float64).eps) * float(np.abs(columns).sum(axis=0).max())
+    for _ in range(_MOST_COLUMNS * count):
+        downhill = np.where(used, -np.inf, columns.T @ (values - columns @ weights))
+        if not downhill.max() > least:
+            break
+        used[downhill.argmax()] = True
+        while True:
+            free = np.zeros(count)
+            free[used] = np.linalg.lstsq(columns[:, used], values)[0]
+            below = used & (free <= 0.0)
+            if not below.any():
+                break
+            share = float(np.min(weights[below] / (weights[below] - free[below])))
+            weights = weights + share * (free - weights)
+            used &= weights > 1e-14 * weights.max()
+            weights[~used] = 0.0
+        weights = free
+    return weights
 
 
 @dataclass(frozen=True, kw_only=True)

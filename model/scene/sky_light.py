@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
@@ -11,12 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from model import stokes as geometry
 from model.atmosphere.sky import Lighting
-from model.numerics import gauss_legendre
+from model.numerics import ClampedSpline, fit_above_zero, gauss_legendre
 from model.surface.pbrdf import Tilt
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-
 
 # Protocol of a sky, computed, sampled or made up
 
@@ -40,7 +36,6 @@ _AUREOLE_SAMPLES = 60
 _AUREOLE_EDGE_RAD = float(np.radians(60.0))
 # Nearer to the zenith the ring of the sun's own zenith angle is too small to show the aureole.
 _HIGH_SUN_RAD = float(np.radians(15.0))
-_FIT_STEPS = 2000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +45,7 @@ class Aureole:
     sun_zenith_rad: float
     asymmetries: FloatArray
     weights: FloatArray
-    correction: "CubicSpline | None" = None
+    correction: ClampedSpline | None = None
 
     def __call__(self, *, zenith_rad: FloatArray, phi_rad: FloatArray) -> FloatArray:
         """Return the radiance of the sum in directions [W m-2 sr-1]."""
@@ -84,19 +79,16 @@ def aureole_of(sky: Sky, sun_zenith_rad: float) -> Aureole:
         radiance = sky(zenith_rad=np.abs(zenith), phi_rad=np.where(zenith < 0.0, np.pi, 0.0))[:, 0]
     if not np.all(radiance > 0.0):
         return NO_AUREOLE
-    from scipy.interpolate import CubicSpline
-    from scipy.optimize import nnls
-
     columns = _henyey_greenstein(_ASYMMETRIES, np.cos(from_sun)) / radiance[:, np.newaxis]
     scale = np.max(columns, axis=0)
-    weights = nnls(columns / scale, np.ones(_AUREOLE_SAMPLES), maxiter=_FIT_STEPS)[0] / scale
+    weights = fit_above_zero(columns / scale, np.ones(_AUREOLE_SAMPLES)) / scale
     used = weights > 0.0
     left = np.log(radiance / (_henyey_greenstein(_ASYMMETRIES[used], np.cos(from_sun)) @ weights[used]))
     return Aureole(
         sun_zenith_rad=sun_zenith_rad,
         asymmetries=_ASYMMETRIES[used],
         weights=weights[used],
-        correction=CubicSpline(np.sqrt(from_sun), left * _faded(from_sun / from_sun[-1]), bc_type="clamped"),
+        correction=ClampedSpline(np.sqrt(from_sun), left * _faded(from_sun / from_sun[-1])),
     )
 
 
@@ -236,9 +228,9 @@ def _grid(zeniths: int, azimuths: int) -> tuple[FloatArray, FloatArray]:
 def _series(samples: FloatArray) -> FloatArray:
     """Coefficients of samples (Z, A, 3) on the grid, as `SampledSky` has them."""
     steps = samples.shape[1] - 1
-    from scipy.fft import dst
-
-    sines = dst(samples[:, 1:-1, 2], type=1, axis=1) / steps
+    odd = np.concatenate([samples[..., 2], -samples[:, -2:0:-1, 2]], axis=1)
+    odd[:, [0, steps]] = 0.0
+    sines = -np.fft.rfft(odd, axis=1).imag[:, 1:-1] / steps
     # sin(m phi) over sin(phi) is twice the sum of cos(j phi) for the j below m that are odd where m is even.
     degree = np.arange(steps + 1)[:, np.newaxis]
     mode = np.arange(1, steps)
@@ -249,9 +241,8 @@ def _series(samples: FloatArray) -> FloatArray:
 
 def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
     """Coefficients of cos(m t), t from 0 to pi, of samples along an axis, both ends among them."""
-    from scipy.fft import dct
-
-    modes = np.moveaxis(dct(samples, type=1, axis=axis), axis, 0) / (samples.shape[axis] - 1)
+    first = np.moveaxis(samples, axis, 0)
+    modes = np.fft.rfft(np.concatenate([first, first[-2:0:-1]]), axis=0).real / (len(first) - 1)
     modes[[0, -1]] *= 0.5
     return np.moveaxis(modes, 0, axis)
 

@@ -17,7 +17,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from model.numerics import chdtri, gammainc, gammaincinv
+from model.numerics import chdtri, fit_above_zero, gammainc, gammaincinv
 from model.processing.maps import Float32Array, polarization_maps
 from model.sensor import temporal_variance_dn2
 from rigctl.calibrations.noise import NoiseParameters
@@ -176,17 +176,8 @@ def _along_signal(
         # Weights by the line, not by the groups themselves: those that are small by chance would count too much.
         fitted = line[0] + line[1] * light / scale
         weight = number / np.maximum(fitted, 1e-12 + 1e-6 * fitted.max())
-        line = _line_above_zero(np.column_stack([weight, weight * light / scale]), weight * level)
+        line = fit_above_zero(np.column_stack([weight, weight * light / scale]), weight * level)
     return np.asarray(line[0] + line[1] / scale * np.maximum(wanted, light.min()))
-
-
-def _line_above_zero(design: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the two coefficients, neither below 0, that fit best."""
-    both = np.linalg.lstsq(design, values)[0]
-    if np.all(both >= 0.0):
-        return np.asarray(both)
-    alone = np.diag(np.maximum(design.T @ values, 0.0) / np.maximum(np.square(design).sum(axis=0), 1e-300))
-    return np.asarray(min(alone, key=lambda line: np.square(design @ line - values).sum()))
 
 
 def _doubts(measurement: Measurement, scatter: FloatArray | None, variance: FloatArray) -> NDArray[np.uint8]:
