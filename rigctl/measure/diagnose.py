@@ -23,7 +23,7 @@ from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_fi
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region
 from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, RunCalibrations, picked_for_run
-from rigctl.measure.faults import FaultTerm, fault_title
+from rigctl.measure.faults import FaultTerm, fault_lines, fault_title
 from rigctl.measure.frames import FoundCorrections, FrameGrid, FrameShifts, Throughput, moved_edges, region_slopes
 from rigctl.measure.measure import Measurement, measure, signal_of_cycle
 from rigctl.runs.folder import Run
@@ -40,6 +40,8 @@ QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
 # What walks leaves the mean of an even region where it is: its slopes tell.
 _OF_EDGES = ("shift", "wobble", "planes of a mosaic")
 _OF_PAIRS = "throughput of pairs"
+# Of a whole picture, whose DoLP has no error: what four decimals do not show.
+_UNSEEN_SHIFT = 5e-5
 _DEG_PER_RAD = float(np.degrees(1.0))
 # Angles that are nearer than this are the same.
 _SAME_RAD = float(np.radians(1.0))
@@ -62,13 +64,19 @@ class RunDiagnosis:
 
     @property
     def mentioned(self) -> tuple[FaultTerm, ...]:
-        """Those that are worth a word: not what only moves edges, and each region's DoLP by less than its error."""
-        return tuple(term for term in self.named if not (term.name in _OF_EDGES and self._is_harmless(term)))
+        """Those that are worth a word: not what moves each region's DoLP by less than its error."""
+        return tuple(term for term in self.named if not self._is_harmless(term))
+
+    @property
+    def lines(self) -> list[str]:
+        """What the run shows of its faults, line by line."""
+        return fault_lines(self.mentioned, self.reason, harmless=len(self.named) - len(self.mentioned))
 
     def _is_harmless(self, term: FaultTerm) -> bool:
         shifts = {region: shift for region, (shift, _) in term.by_region.items()}
         return bool(shifts) and all(
-            shift is not None and abs(shift) < self.dolp_errors.get(region, 0.0) for region, shift in shifts.items()
+            shift is not None and abs(shift) < self.dolp_errors.get(region, _UNSEEN_SHIFT)
+            for region, shift in shifts.items()
         )
 
     @property

@@ -41,13 +41,16 @@ class FaultTerm(Fault):
     by_region: dict[str, tuple[float | None, float | None]]  #: Region to (shift of DoLP, shift of AoLP in degrees).
 
 
-def fault_lines(named: Sequence[Fault], reason: str) -> list[str]:
-    """Return the faults that a run shows, line by line; why it shows none; or that nothing was found."""
+def fault_lines(named: Sequence[Fault], reason: str, *, harmless: int = 0) -> list[str]:
+    """Return the faults that a run shows, line by line; why it shows none; or that nothing was found.
+
+    `harmless` is how many were found and are not worth a word.
+    """
     if named:
         return [f"the run shows {term_text(term)}" for term in named]
     if reason:
         return [f"what the run says of its own faults: not testable, {reason}"]
-    return ["the run shows no fault of its own"]
+    return [f"the run shows no fault of its own{' that moves DoLP by more than its error' if harmless else ''}"]
 
 
 def term_text(term: Fault) -> str:

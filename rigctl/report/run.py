@@ -13,7 +13,6 @@ from rigctl.base.numbers import percent
 from rigctl.comparison.compare import NOT_OF_SIMULATION
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.files.session_file import PICTURE
-from rigctl.measure.faults import fault_lines
 from rigctl.report.comparison import fault_table
 from rigctl.report.document import Bullets, Picture, Report, Section
 from rigctl.report.drawing import legend_beside, png, subplots
@@ -239,7 +238,7 @@ def _simulation(session: SessionRecord) -> Iterable[Section]:
 def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
     """Return what the frames say of their own faults."""
     unset = (f"{PLACEHOLDER[0].upper()}{PLACEHOLDER[1:]}.",) if session.polarizer.placeholder else ()
-    said = Bullets(items=(*unset, *fault_lines(found.named, found.reason)))
+    said = Bullets(items=(*unset, *found.lines))
     table = (fault_table(found.terms),) if found.terms else ()
     return Section(title="The frames by themselves", blocks=(said, *table))
 

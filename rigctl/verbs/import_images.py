@@ -199,7 +199,6 @@ class ImportedRun(Result):
     def content(self) -> Iterable[Part]:
         """Return the number and size of the frames, remarks, and the faults that they show."""
         from rigctl.base.numbers import percent
-        from rigctl.measure.faults import fault_lines
 
         first = self.frames[0]
         size = f"{first.width} x {first.height} pixels, {first.bit_depth} bits"
@@ -209,7 +208,7 @@ class ImportedRun(Result):
         yield f"{self.run}: {', '.join(f'{number} {kind}' for kind, number in kinds.items())} frames of {size}"
         yield from (f"  note: {remark}" for remark in self.remarks)
         if "scene" in kinds:
-            yield from (f"  first look: {line}" for line in fault_lines(self.diagnosis.named, self.diagnosis.reason))
+            yield from (f"  first look: {line}" for line in self.diagnosis.lines)
         if self.measured is not None:
             yield from self.measured.content()
 

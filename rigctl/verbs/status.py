@@ -372,9 +372,7 @@ class SessionPage(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the faults that the frames show."""
-        from rigctl.measure.faults import fault_lines
-
-        return fault_lines(self.diagnosis.named, self.diagnosis.reason)
+        return self.diagnosis.lines
 
     def as_json(self) -> dict[str, Json]:
         """Return counts of frames and events, faults, doubts and annotations."""
