@@ -19,6 +19,7 @@ _WORST_CONDITION = 1e3
 _APART_CONDITION = 3.0
 # What the residual of Malus' law shows, by cycles a turn.
 _HARMONIC_ORDERS = (1, 3, 4, 5, 6)
+_ROUNDING = 1e-12
 # Effects beside the law: least frames, terms of the drift, wander of a wedge over its size, usual size of a harmonic
 # over the mean, probability that there is one, and the probability of the models that make the covariance.
 _LEAST_MODELLED, _DRIFT_TERMS, _WEDGE_WANDER, _USUAL_HARMONIC, _P_HARMONIC, _KEPT = 16, 8, 0.25, 0.02, 0.3, 0.9
@@ -297,7 +298,8 @@ def false_dolp(harmonic: Harmonic, angles_rad: FloatArray) -> float:
     """
     reduction = np.linalg.pinv(_design(angles_rad, (2,)))
     parts = reduction @ _design(angles_rad, (harmonic.order,))[:, 1:]
-    return harmonic.amplitude * float(np.linalg.norm(parts[1:], ord=2))
+    factor = float(np.linalg.norm(parts[1:], ord=2))
+    return harmonic.amplitude * factor if factor > _ROUNDING else 0.0
 
 
 def harmonics_are_told_apart(angles_rad: FloatArray) -> bool:

@@ -397,8 +397,9 @@ class FrameSums:
         return picture
 
     def temporal_variance(self) -> SingleArray:
-        """Return the temporal variance of each pixel, outliers too [DN^2]."""
-        variance: SingleArray = self.squares() * np.float32(0.5 / (self.n_frames - 1))
+        """Return the temporal variance of each pixel, outliers too [DN^2]; the squares are then used up."""
+        variance = self.squares()
+        variance *= np.float32(0.5 / (self.n_frames - 1))
         return variance
 
     def outlier_mask(self) -> NDArray[np.bool_]:
@@ -653,8 +654,10 @@ def _ordinary_pattern(
     if defect is not None:
         ordinary = ~defect if kept is None else kept & ~defect
         # From the mean of the ordinary ones: that of all holds the defects.
-        deviations = np.where(defect, np.float32(0.0), deviations - deviations[ordinary].mean(dtype=np.float64))
-        deviations = deviations.astype(np.float32)
+        mean_dn, all_deviations = deviations[ordinary].mean(dtype=np.float64), deviations
+        deviations = np.empty_like(all_deviations)
+        for rows in _row_blocks((deviations.shape[0], deviations.shape[1])):
+            deviations[rows] = np.where(defect[rows], 0.0, all_deviations[rows] - mean_dn)
         moments = _variance_moments(squares[ordinary], deviations[ordinary], n_frames=n_frames)
         left_out, small_scale_dn2 = int(np.count_nonzero(defect)), _small_scale_variance(deviations)
     return OrdinaryPattern(
@@ -837,7 +840,7 @@ def _statistics(
     moments = _variance_moments(sums.kept(sums.squares()), sums.kept(deviations), n_frames=n_frames)
     small = _small_scale_variance(deviations)
     of_rows_dn2 = _shared_by_rows_dn2(row_column, sums.shape)
-    return LevelStatistics(
+    found = LevelStatistics(
         kind=kind,
         exposure_s=exposure_s,
         photons=photons,
@@ -862,8 +865,13 @@ def _statistics(
         row_column=row_column,
         samples=sums.samples,
         lag=sums.lag,
-        picture=_picture(sums, deviations + np.float32(mean_dn)) if keep_picture else None,
     )
+    if not keep_picture:
+        return found
+    deviations += np.float32(mean_dn)
+    variance = sums.temporal_variance()
+    picture = LevelPicture(mean_dn=deviations, temporal_variance_dn2=variance, outlier=sums.outlier_mask())
+    return replace(found, picture=picture)
 
 
 def _ordinary(
@@ -896,14 +904,6 @@ def _shared_by_rows_dn2(found: RowColumnNoise, shape: tuple[int, int]) -> float:
         )
     )
     return float(np.hypot(rows * np.sqrt(2.0 / shape[0]), columns * np.sqrt(2.0 / shape[1])))
-
-
-def _picture(sums: FrameSums, mean_picture: NDArray[np.float32]) -> LevelPicture:
-    return LevelPicture(
-        mean_dn=mean_picture,
-        temporal_variance_dn2=sums.temporal_variance(),
-        outlier=sums.outlier_mask(),
-    )
 
 
 # Names of levels in messages

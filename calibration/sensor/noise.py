@@ -1010,6 +1010,7 @@ _WINDOW, _OUTLIER, _LEAST_PIXELS = 15, 5.0, 1000
 _LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
 _SIGMA, _LEAST_SHARE = 5.0, 1e-4
 _GAIN_SIGMA = 3.0
+_BLOCK_PIXELS = 1 << 18
 _OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
 
 
@@ -1033,7 +1034,7 @@ def _dark_light(pattern: FixedPattern, *, black_level_dn: float) -> _DarkLight |
     Which share of the response is gain the noise of the pixels tells: the variance of photons goes with the gain's
     square, and with the light. Where that share of the dark signal is all that is seen, there is no sign of light.
     """
-    dark, response = (_local(one) for one in (pattern.dark.mean_dn, _response_light_in_darks(pattern)))
+    dark, response = _local(pattern.dark.mean_dn), _local(_response_light_in_darks(pattern))
     noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
     flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
     kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
@@ -1041,15 +1042,18 @@ def _dark_light(pattern: FixedPattern, *, black_level_dn: float) -> _DarkLight |
     if is_rounded or np.count_nonzero(kept) < _LEAST_PIXELS:
         # What rounding hides of a pixel's own offset stays in the flat, and looks like response.
         return None
-    d, r = dark[kept].astype(np.float64), response[kept].astype(np.float64)
-    of_response = float(r.var()) - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2
+    d, r = dark[kept], response[kept]
+    del dark, response
+    _, (d_variance, r_variance), d_with_r = _pair_moments(d, r)
+    of_response = r_variance - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2
     if of_response <= 0.0:
         return None
-    together = float(np.mean((d - d.mean()) * (r - r.mean()))) + _LOCAL_SHARE * noise_dn2 / pattern.signal_dn
-    of_chance = float(np.sqrt(d.var() * r.var() / d.size))
+    together = d_with_r + _LOCAL_SHARE * noise_dn2 / pattern.signal_dn
+    of_chance = float(np.sqrt(d_variance * r_variance / d.size))
     error_dn = of_chance / of_response
     light = Estimate(value=together / of_response, std_error=error_dn, n=pattern.n_dark_frames)
     dark_dn = max(float(pattern.dark.mean_dn[kept].mean()) - black_level_dn, 0.0)
+    del d
     share = _gain_share(pattern, r, kept, of_response=of_response)
     is_of_gain = share.value > _GAIN_SIGMA * share.std_error and light.value - share.value * dark_dn < (
         _GAIN_SIGMA * float(np.hypot(error_dn, share.std_error * dark_dn))
@@ -1064,34 +1068,48 @@ def _dark_light(pattern: FixedPattern, *, black_level_dn: float) -> _DarkLight |
 
 
 def _gain_share(
-    pattern: FixedPattern, response: NDArray[np.float64], kept: NDArray[np.bool_], *, of_response: float
+    pattern: FixedPattern, response: SingleArray, kept: NDArray[np.bool_], *, of_response: float
 ) -> Estimate:
     """Return the share of what pixels differ by in their response that is their gain.
 
     The variance of photons grows with the response by 1 where pixels catch more light, by 2 where their gain is higher.
     """
-    variance = (pattern.flat.temporal_variance_dn2 - pattern.dark.temporal_variance_dn2)[kept].astype(np.float64)
-    mean = float(variance.mean())
-    slope = float(np.mean((variance / mean - 1.0) * (response - response.mean()))) / of_response
-    error = float(np.sqrt(variance.var() * response.var() / response.size)) / abs(mean) / of_response
+    variance = (pattern.flat.temporal_variance_dn2 - pattern.dark.temporal_variance_dn2)[kept]
+    (mean, _), (of_variance, variance_of_response), together = _pair_moments(variance, response)
+    slope = together / mean / of_response
+    error = float(np.sqrt(of_variance * variance_of_response / response.size)) / abs(mean) / of_response
     return Estimate(value=slope - 1.0, std_error=error, n=pattern.n_flat_frames)
 
 
+def _pair_moments(one: SingleArray, other: SingleArray) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Return means, variances and covariance of two rows of pixels in double precision, a block at a time."""
+    means = float(one.mean(dtype=np.float64)), float(other.mean(dtype=np.float64))
+    sums = np.zeros(3)
+    for start in range(0, one.size, _BLOCK_PIXELS):
+        a = one[start : start + _BLOCK_PIXELS].astype(np.float64) - means[0]
+        b = other[start : start + _BLOCK_PIXELS].astype(np.float64) - means[1]
+        sums += (a @ a, b @ b, a @ b)
+    first, second, together = (sums / one.size).tolist()
+    return means, (first, second), together
+
+
 def _response_light_in_darks(pattern: FixedPattern) -> SingleArray:
-    response: SingleArray = (pattern.flat.mean_dn - pattern.dark.mean_dn) / np.float32(pattern.signal_dn)
+    response: SingleArray = pattern.flat.mean_dn - pattern.dark.mean_dn
+    response /= np.float32(pattern.signal_dn)
     return response
 
 
 def _local(picture: SingleArray) -> SingleArray:
     """Return a picture less its local mean, without rows and columns."""
-    local: SingleArray = picture - cv2.blur(picture, (_WINDOW, _WINDOW))
+    local: SingleArray = np.asarray(cv2.blur(picture, (_WINDOW, _WINDOW)), np.float32)
+    np.subtract(picture, local, out=local)
     local -= np.median(local, axis=0, keepdims=True)
     local -= np.median(local, axis=1, keepdims=True)
     return local
 
 
 def _robust_std(picture: SingleArray) -> float:
-    return 1.4826 * float(np.median(np.abs(picture)))
+    return 1.4826 * float(np.median(np.abs(picture), overwrite_input=True))
 
 
 def _share_of_flat(calibration: NoiseCalibration, spatial: SpatialLevels) -> float:

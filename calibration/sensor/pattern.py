@@ -62,36 +62,43 @@ def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -
 
     Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
     """
-    of_dark = _local_deviation(dark.mean_dn)
+    mask, counts = np.zeros(dark.mean_dn.shape, dtype=np.uint8), {}
+
+    def mark(defect: Defect, where: NDArray[np.bool_]) -> None:
+        mask[where] |= defect.value
+        counts[str(defect.name).lower()] = int(np.count_nonzero(where))
+
+    # One picture at a time: of several megapixels each counts.
+    deviation = _local_deviation(dark.mean_dn)
+    dark_limit_dn = _limit(deviation, least=_LEAST_DN)
+    mark(Defect.HOT, deviation > dark_limit_dn)
+    mark(Defect.COLD, deviation < -dark_limit_dn)
+    del deviation
     response = flat.mean_dn - dark.mean_dn
     signal_dn = max(float(np.median(_some_pixels(response))), 1.0)
-    of_response = _local_deviation(response) / np.float32(signal_dn)
-    limits = _limit(of_dark, least=_LEAST_DN), _limit(of_response, least=_LEAST_DN / signal_dn)
+    response = _local_deviation(response)
+    response /= np.float32(signal_dn)
+    response_limit = _limit(response, least=_LEAST_DN / signal_dn)
+    mark(Defect.BRIGHT, response > response_limit)
+    mark(Defect.WEAK, response < -response_limit)
+    del response
     noise_limit = _noise_limit(dark.temporal_variance_dn2, n_dark_frames)
-    found = {
-        Defect.HOT: of_dark > limits[0],
-        Defect.COLD: of_dark < -limits[0],
-        Defect.BRIGHT: of_response > limits[1],
-        Defect.WEAK: of_response < -limits[1],
-        Defect.NOISY: dark.temporal_variance_dn2 > noise_limit,
-        Defect.JUMPING: dark.outlier | flat.outlier,
-    }
-    mask = np.zeros(dark.mean_dn.shape, dtype=np.uint8)
-    for defect, where in found.items():
-        mask[where] |= defect.value
+    mark(Defect.NOISY, dark.temporal_variance_dn2 > noise_limit)
+    mark(Defect.JUMPING, dark.outlier | flat.outlier)
     return DefectMap(
         mask=mask,
-        counts={str(defect.name).lower(): int(np.count_nonzero(where)) for defect, where in found.items()},
+        counts=counts,
         n_defect=int(np.count_nonzero(mask)),
-        dark_limit_dn=limits[0],
-        response_limit=limits[1],
+        dark_limit_dn=dark_limit_dn,
+        response_limit=response_limit,
         noise_limit_dn2=noise_limit,
     )
 
 
 def _local_deviation(picture: SingleArray) -> SingleArray:
     """Return each pixel less the median of the 5 x 5 pixels around it."""
-    deviation: SingleArray = picture - cv2.medianBlur(np.ascontiguousarray(picture), _NEIGHBOURHOOD)
+    deviation: SingleArray = np.asarray(cv2.medianBlur(np.ascontiguousarray(picture), _NEIGHBOURHOOD), np.float32)
+    np.subtract(picture, deviation, out=deviation)
     return deviation
 
 
@@ -167,7 +174,9 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
     """
     kernel = (_SIDE, _SIDE)
     # The pixel itself is one of 25: without this its deviation would be 4 % too small.
-    deviation = (picture - cv2.blur(picture, kernel)) * np.float32(_SIDE**2 / (_SIDE**2 - 1.0))
+    deviation: SingleArray = np.asarray(cv2.blur(picture, kernel), np.float32)
+    np.subtract(picture, deviation, out=deviation)
+    deviation *= np.float32(_SIDE**2 / (_SIDE**2 - 1.0))
     step = quantum / (_SIDE**2 - 1.0)
     low, high = float(deviation.min()) - 0.5 * step, float(deviation.max()) + 0.5 * step
     step *= np.ceil((high - low) / (_BINS * step))

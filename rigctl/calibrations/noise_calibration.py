@@ -173,8 +173,8 @@ def _defects(pattern: FixedPattern) -> dict[str, Json]:
     }
 
 
-# Levels that are measured at a time; more only press on the memory.
-_WORKERS = min(4, os.cpu_count() or 1)
+# Levels that are measured at a time, and what these may take of memory: a level in work has 24 bytes a pixel.
+_WORKERS, _WORK_BYTES, _BYTES_PER_PIXEL = min(4, os.cpu_count() or 1), 200_000_000, 24
 
 LevelDone = Callable[[int, int], None]
 
@@ -203,10 +203,12 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
     if any(flag.refuses for flag in frames.flags):
         raise RefusedFramesError(frames.flags)
     groups = [group for group in frames.groups if len(group.loaders) > 1]
-    levels = []
+    levels, workers = [], _workers(groups)
     # Reading and arithmetic both let go of the interpreter; a level in work holds a few pictures.
-    with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
-        measured = pool.map(_measure, groups, [_is_the_stack(group, groups) for group in groups])
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        # What a thread has freed stays its own: large frames are measured without.
+        of_each = pool.map if workers > 1 else map
+        measured = of_each(_measure, groups, [_is_the_stack(group, groups) for group in groups])
         for done, level in enumerate(measured, start=1):
             levels.append(level)
             if level_done is not None:
@@ -220,6 +222,11 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
     if singles := len(frames.groups) - len(groups):
         flags += (_single_frames(singles),)
     return FrameCalibration(noise=replace(noise, flags=by_consequence(flags)), pattern=pattern, frames=frames)
+
+
+def _workers(groups: Sequence[FrameGroup]) -> int:
+    pixels = groups[0].loaders[0]().size if groups else 1
+    return max(1, min(_WORKERS, _WORK_BYTES // (_BYTES_PER_PIXEL * pixels)))
 
 
 def _is_the_stack(group: FrameGroup, groups: Sequence[FrameGroup]) -> bool:

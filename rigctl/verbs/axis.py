@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # Scans know a direction to hundredths of a degree: what is farther off is a mistake, or light that changed.
 _DISAGREEING_RAD = math.radians(0.5)
-# A DoLP at which the effect of harmonics on AoLP is shown; a false DoLP of less is none.
-_SHOWN_DOLP, _NO_EFFECT = 0.3, 1e-9
+# A DoLP at which the effect of harmonics on AoLP is shown.
+_SHOWN_DOLP = 0.3
 
 
 def axis(
@@ -208,7 +208,7 @@ def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
 
 
 def _effect(false: float) -> str:
-    if false < _NO_EFFECT:
+    if false == 0.0:
         return "  it leaves DoLP and AoLP of frames at 0, 45, 90 and 135 deg alone: it goes into their sum rule"
     turned_deg = 0.5 * math.degrees(math.asin(min(1.0, false / _SHOWN_DOLP)))
     return (
