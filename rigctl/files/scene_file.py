@@ -35,6 +35,7 @@ from model.surface.facets import Shadowing
 from model.surface.materials import MATERIALS
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.errors import ConfigError
+from rigctl.files.aeronet import Aeronet, read_aeronet
 from rigctl.files.materials import TABLE_SUFFIXES, find_material
 from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.regions import Region, require_distinct
@@ -306,9 +307,11 @@ class AlternativeSection(Section):
 class AtmosphereSection(Section):
     """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own.
 
-    How much aerosol: by visibility, by its optical depth at 550 nm, or by its optical depth measured at two wavelengths
-    (Angstrom's law). `aerosol` says what it does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind
-    it is below and above 2 km; `own_aerosol` and `own_upper_aerosol`, spheres of one's own, take the place of these.
+    How much aerosol: by visibility, by its optical depth at 550 nm, by its optical depth measured at two wavelengths
+    (Angstrom's law), or by AERONET files: of these the row next to the time of [sun], or the mean of all rows where it
+    states angles. An inversion product makes spheres of its sizes and refractive index, unless this table says
+    otherwise. `aerosol` says what it does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind it is
+    below and above 2 km; `own_aerosol` and `own_upper_aerosol`, spheres of one's own, take the place of these.
     """
 
     tier: Fidelity = Fidelity.STANDARD
@@ -319,6 +322,8 @@ class AtmosphereSection(Section):
     """Optical depth of the aerosol at 550 nm, in place of a visibility. Example: `0.2`."""
     measured_depths: tuple[MeasuredDepthSection, MeasuredDepthSection] | None = None
     """Its optical depth at two wavelengths, in place of a visibility."""
+    aeronet: Annotated[tuple[Path, ...], BeforeValidator(_listed)] | None = None
+    """AERONET files (version 3, level 1.5 or 2.0), in place of a visibility. Example: `["site.lev20", "site.all"]`."""
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING
     """What the aerosol does to polarization. Example: `"depolarizing"`."""
     aerosol_type: AerosolType = AerosolType.RURAL
@@ -360,20 +365,21 @@ class AtmosphereSection(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> "AtmosphereSection":
-        sources = ("visibility_km", "aerosol_optical_depth", "measured_depths", "table")
+        sources = ("visibility_km", "aerosol_optical_depth", "measured_depths", "aeronet", "table")
         given = [name for name in sources if getattr(self, name) is not None]
         if self.tier is Fidelity.TABLE and given != ["table"]:
             raise ValueError("tier 'table' needs table = \"FILE.npz\", and neither visibility_km nor an optical depth")
         if self.tier is not Fidelity.TABLE and (len(given) != 1 or self.table is not None):
             raise ValueError(
-                f"tier '{self.tier}' needs exactly one of visibility_km, aerosol_optical_depth and measured_depths"
+                f"tier '{self.tier}' needs exactly one of visibility_km, aerosol_optical_depth, measured_depths and "
+                "aeronet"
             )
         return self
 
     @model_validator(mode="after")
     def _one_spectrum(self) -> "AtmosphereSection":
-        if self.measured_depths is not None and self.angstrom_exponent is not None:
-            raise ValueError("measured_depths say the angstrom_exponent too; leave it out")
+        if (self.measured_depths or self.aeronet) is not None and self.angstrom_exponent is not None:
+            raise ValueError("measured_depths and aeronet say the angstrom_exponent too; leave it out")
         if self.measured_depths is not None and len({one.wavelength_nm for one in self.measured_depths}) != 2:
             raise ValueError("measured_depths need two different wavelengths")
         if self.tier is Fidelity.TABLE and (self.alternative or self.own_aerosol or self.own_upper_aerosol):
@@ -381,6 +387,41 @@ class AtmosphereSection(Section):
                 "tier 'table' has its own aerosol: leave out alternative, own_aerosol and own_upper_aerosol"
             )
         return self
+
+
+# Index beyond what an inversion gives is that at its ends: a scene's band may begin below 440 nm.
+_INDEX_ENDS_NM = (300.0, 2500.0)
+
+
+def _with_aeronet(air: AtmosphereSection, given: Aeronet) -> AtmosphereSection:
+    """Return the table with what AERONET files say in the place of their names; what the table states stays."""
+    update: dict[str, object] = {
+        "aeronet": None,
+        "measured_depths": tuple(
+            MeasuredDepthSection(wavelength_nm=nm, optical_depth=Uncertain(value=depth, std=std))
+            for nm, depth, std in given.depths
+        ),
+    }
+    if given.ozone_du is not None:
+        update["ozone_du"] = Uncertain(value=given.ozone_du)
+    if given.has_particles:
+        number = [v / r**3 for r, v in zip(given.radius_um, given.volume_per_log_radius, strict=True)]
+        wavelengths = (_INDEX_ENDS_NM[0], *given.index_wavelength_nm, _INDEX_ENDS_NM[1])
+        mode = ModeSection(
+            radius_um=list(given.radius_um),
+            number_per_log_radius=number,
+            n=[given.n[0], *given.n, given.n[-1]],
+            k=[given.k[0], *given.k, given.k[-1]],
+            wavelength_nm=wavelengths,
+        )
+        spheres = OwnAerosolSection(name="aeronet", source=given.source, modes=[mode])
+        update |= {"aerosol": AerosolKind.SPHERES}
+        if "aerosol_type" not in air.model_fields_set:
+            update["own_aerosol"] = spheres
+        if "upper_aerosol_type" not in air.model_fields_set:
+            update["own_upper_aerosol"] = spheres
+    kept = {key: value for key, value in update.items() if key == "aeronet" or key not in air.model_fields_set}
+    return air.model_copy(update=kept)
 
 
 class FieldSection(Section):
@@ -862,6 +903,13 @@ def load_scene(path: str | Path) -> SceneFile:
     scene = load(path, SceneFile)
     regions = [_with_material_found(region, path) for region in scene.regions]
     scene = scene.model_copy(update={"regions": regions})
+    if scene.atmosphere is not None and scene.atmosphere.aeronet is not None:
+        files = [path.parent / one for one in scene.atmosphere.aeronet]
+        try:
+            given = read_aeronet(files, near=None if scene.sun is None else scene.sun.time)
+            scene = scene.model_copy(update={"atmosphere": _with_aeronet(scene.atmosphere, given)})
+        except (ConfigError, ValueError) as error:
+            raise ConfigError(f"{path}: atmosphere.aeronet: {error}") from error
     if scene.atmosphere is None or scene.atmosphere.table is None:
         return scene
     table = (path.parent / scene.atmosphere.table).resolve()

@@ -642,6 +642,12 @@ def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
         "is 0.18 with a depolarizing aerosol, 0.23 with a polarizing one, 0.41 with spheres (rural, 23 km, 550 nm, "
         "black ground, sun 25 deg from the zenith). For this scene: rigctl sky SCENE.toml --compare-aerosols"
     )
+    yield from _of_spheres(air)
+
+
+def _of_spheres(air: "AtmosphereSection") -> Iterable[str]:
+    if air.own_aerosol is not None:
+        yield f"atmosphere: spheres below 2 km: {air.own_aerosol.name}, {air.own_aerosol.source}"
 
 
 def _alternative(air: "AtmosphereSection") -> str:

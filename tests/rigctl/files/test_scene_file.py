@@ -34,7 +34,7 @@ def test_a_scene_of_materials_is_read(tmp_path):
         ("camera_azimuth_deg = 0.0", "camera_azimuth_deg = 0.0\nphi_deg = 180", "camera_azimuth_deg and phi_deg"),
         ("camera_azimuth_deg = 0.0\n", "", "camera_azimuth_deg and phi_deg"),
         ("camera_zenith_deg = 50.0", "camera_zenith_deg = 90.0", r"must lie in \[0, 90\)"),
-        ("visibility_km = 23.0", "", "visibility_km, aerosol_optical_depth and measured_depths"),
+        ("visibility_km = 23.0", "", "visibility_km, aerosol_optical_depth, measured_depths and aeronet"),
         ("visibility_km = 23.0", "visibility_km = 23\naerosol_optical_depth = 0.2", "exactly one of visibility_km"),
         ('tier = "fast"', 'tier = "table"', "needs table"),
         ('tier = "fast"', 'tier = "best"', "atmosphere.tier"),
