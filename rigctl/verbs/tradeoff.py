@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.files.scene_file import SceneFile
     from rigctl.prediction.sessions import AcquisitionTradeoff
-    from rigctl.prediction.tradeoff import Curves
+    from rigctl.prediction.tradeoff import Curves, NamedChoice
     from rigctl.report.table import AnyTable
 
 _SMALLEST, _LARGEST = 1e-5, 0.1
@@ -203,7 +203,7 @@ class AccuracyTradeoff(Result):
             if point.varied == WHOLE_CHAIN
         ]
         rows += [
-            (one.name, f"{one.seconds:.2g}", _error(one.error), "-", _NO_ERROR_STATED if one.name in better else "")
+            (one.name, f"{one.seconds:.2g}", _error(one.error), "-", _words(one, is_better=one.name in better))
             for one in self.curves.named
         ]
         titles = ("choice", "seconds", "true error", "stated error", "")
@@ -348,6 +348,12 @@ def _pair(names: Sequence[str] | None) -> tuple[str, str] | None:
 
 def _seconds(found: "Predicted") -> float:
     return sum(found.stage_s.values())
+
+
+def _words(choice: "NamedChoice", *, is_better: bool) -> str:
+    if is_better:
+        return _NO_ERROR_STATED
+    return "no error in this scene" if choice.error == 0.0 else ""
 
 
 def _error(value: float) -> str:
