@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
 from textwrap import shorten
@@ -66,17 +66,13 @@ def _text(name: str) -> Callable[[_Row], str]:
     return text
 
 
-@dataclass(frozen=True, kw_only=True)
-class RowOfRegion:
-    """A run of a job over an archive and, where it has any, one of its regions."""
-
-    run: RunRow
-    region: RegionNumbers | None
+# A run of a job over an archive and, where it has any, one of its regions.
+RowOfRegion = tuple["RunRow", "RegionNumbers | None"]
 
 
 def rows_by_region(rows: Sequence[RunRow]) -> tuple[RowOfRegion, ...]:
     """Return rows of runs, each as often as it has regions, once where it has none."""
-    return tuple(RowOfRegion(run=row, region=region) for row in rows for region in (row.regions or (None,)))
+    return tuple((row, region) for row in rows for region in (row.regions or (None,)))
 
 
 def archive_table(rows: Sequence[RunRow], verb: Verb) -> Table[RowOfRegion]:
@@ -102,9 +98,9 @@ def archive_table(rows: Sequence[RunRow], verb: Verb) -> Table[RowOfRegion]:
     names = [] if verb == "verify" else [one.name for one in fields(RegionNumbers)]
     of_region = (_of_region(name, name in (*shown, "region")) for name in names)
     return Table(
-        columns=(*(column.of(lambda one: one.run) for column in of_run), *of_region),
+        columns=(*(column.of(lambda one: one[0]) for column in of_run), *of_region),
         rows=rows_by_region(rows),
-        is_off=lambda one: one.run.exit_code != 0,
+        is_off=lambda one: one[0].exit_code != 0,
     )
 
 
@@ -116,7 +112,7 @@ def in_short(row: RunRow) -> str:
 
 def _of_region(name: str, is_shown: bool) -> Column[RowOfRegion]:
     def value(one: RowOfRegion) -> str | float | None:
-        return None if one.region is None else getattr(one.region, name)
+        return None if one[1] is None else getattr(one[1], name)
 
     is_text = name in ("region", "verdict")
     return Column(

@@ -49,14 +49,6 @@ class RunRow:
     regions: tuple[RegionNumbers, ...] = ()  #: Its regions.
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeptRows:
-    """Rows that are done, by the hash of their inputs, and files of them that could not be read."""
-
-    rows: Mapping[str, RunRow]
-    damaged: tuple[str, ...]
-
-
 _ROWS: TypeAdapter[dict[str, RunRow]] = TypeAdapter(dict[str, RunRow])
 
 
@@ -65,8 +57,8 @@ def write_rows(out: Path, rows: Mapping[str, RunRow]) -> None:
     write_durably(out / PARTS_FOLDER / f"{next(iter(rows))}.json", _ROWS.dump_json(dict(rows)))
 
 
-def read_rows(out: Path) -> KeptRows:
-    """Return the rows that are done; a file that is damaged is named, and its runs are not done."""
+def read_rows(out: Path) -> tuple[dict[str, RunRow], tuple[str, ...]]:
+    """Return the rows that are done, by the hash of their inputs, and which files of them could not be read."""
     rows: dict[str, RunRow] = {}
     damaged = []
     for file in sorted((out / PARTS_FOLDER).glob("*.json")):
@@ -77,7 +69,7 @@ def read_rows(out: Path) -> KeptRows:
             continue
         # A row that a fault of the program ended makes room for one of a later trial.
         rows |= {key: row for key, row in found.items() if key not in rows or row.exit_code != EXIT_OWN_FAULT}
-    return KeptRows(rows=rows, damaged=tuple(damaged))
+    return rows, tuple(damaged)
 
 
 def inputs_hash(run: Path, settings: str) -> str:

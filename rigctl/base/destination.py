@@ -39,14 +39,6 @@ class Origin:
     digest: str  #: Of its options and of the content of its inputs.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Remembered:
-    """What was noted of a file when it was written."""
-
-    sha256: str
-    origin: Origin
-
-
 def origin_of(command: str, options: Mapping[str, object], inputs: Iterable[Path]) -> Origin:
     """Return what results come from; where the work is done does not change them."""
     stated = sorted((key, str(value)) for key, value in options.items() if key not in _OF_THE_ENGINE)
@@ -78,12 +70,12 @@ def remember(file: Path, origin: Origin) -> None:
     beside.replace(note)
 
 
-def remembered(file: Path) -> Remembered | None:
-    """Return what was noted of a file; None where nothing was."""
+def remembered(file: Path) -> tuple[str, Origin] | None:
+    """Return the hash of a file when it was written, and its origin; None where nothing was noted."""
     try:
         content = json.loads(read_bounded(_note_of(file), MOST_TEXT_BYTES))
         origin = Origin(command=str(content["command"]), digest=str(content["digest"]))
-        return Remembered(sha256=str(content["sha256"]), origin=origin)
+        return str(content["sha256"]), origin
     except (OSError, ValueError, RuntimeError, LookupError, TypeError):
         return None
 
@@ -321,11 +313,11 @@ def _taken(files: Iterable[Path], origin: Origin, *, force: bool) -> str | None:
         known = remembered(file)
         if known is None and not says_rigctl(file):
             return f"{_there(file)} was not written by rigctl: it is not replaced; name another place"
-        if known is not None and known.sha256 != sha256_of(file):
+        if known is not None and known[0] != sha256_of(file):
             return f"{_there(file)} was changed since rigctl wrote it: it is not replaced; move it away"
         if not file.stat().st_mode & 0o222:
             return f"{_there(file)} is read-only"
-        if not force and (known is None or known.origin != origin):
+        if not force and (known is None or known[1] != origin):
             return f"{_there(file)} is the result of another command or of other inputs: --force replaces it"
     return None
 

@@ -21,14 +21,6 @@ SKY_KEYS = ("sun.", "atmosphere.", "sensor.")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointWarning:
-    """Something to be said of one point: its place along each axis, and the words."""
-
-    index: tuple[int, ...]
-    message: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class MissingNumber:
     """A number that does not exist at a point: its place along each axis, its name, and why."""
 
@@ -46,7 +38,7 @@ class Sweep:
     #: For each point, every ordered pair of regions at `SWEPT_RATES`.
     detections: tuple[tuple[PairDetection, ...], ...]
     rocs: dict[RocKind, tuple[PairDetection, ...]]  #: Kind to a curve for each point; empty where none was asked for.
-    warnings: tuple[PointWarning, ...]  #: Of the predictions and of detection.
+    warnings: tuple[tuple[tuple[int, ...], str], ...]  #: Of predictions and detection: place along each axis, words.
     missing: tuple[MissingNumber, ...]  #: What does not exist.
 
     @property
@@ -119,7 +111,7 @@ def sweep_of(
         detections=detections,
         rocs=curves,
         warnings=tuple(
-            PointWarning(index=index, message=message)
+            (index, message)
             for index, found, pairs, roc_pairs in points
             for message in _warnings(found, pairs, roc_pairs)
         ),

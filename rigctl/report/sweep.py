@@ -54,8 +54,8 @@ def sweep_tables(found: Sweep, *, snr: SnrKind = "exact") -> Iterable[Table[int]
 def warning_lines(found: Sweep) -> Iterable[str]:
     """Return what is to be said of points of a sweep, each text once with the points that it is of."""
     places: dict[str, list[tuple[int, ...]]] = {}
-    for one in found.warnings:
-        places.setdefault(one.message, []).append(one.index)
+    for index, message in found.warnings:
+        places.setdefault(message, []).append(index)
     for message, indices in places.items():
         first = _point_text(found, indices[0])
         more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""
@@ -67,9 +67,7 @@ def _point_text(found: Sweep, index: tuple[int, ...]) -> str:
 
 
 def _table(title: str, found: Sweep, series: Sequence[tuple[str, FloatArray]], *, about: tuple[str, ...]) -> Table[int]:
-    warned = {
-        int(np.ravel_multi_index(one.index, found.shape)) for one in found.warnings if one.message.startswith(about)
-    }
+    warned = {int(np.ravel_multi_index(index, found.shape)) for index, text in found.warnings if text.startswith(about)}
     columns: tuple[Column[int], ...] = (
         *_axis_columns(found),
         *(Column(title=label, text=partial(_cell, values=values.ravel())) for label, values in series),
@@ -114,7 +112,7 @@ def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Json]:
             | {"p_detection": {f"{rate:g}": _numbers(found.detection(pair, rate)) for rate in SWEPT_RATES}}
             for pair in found.pairs
         ],
-        "warnings": [{"index": list(point.index), "message": point.message} for point in found.warnings],
+        "warnings": [{"index": list(index), "message": message} for index, message in found.warnings],
         "reasons": [
             {"index": list(point.index), "number": point.number, "reason": point.reason} for point in found.missing
         ],
@@ -129,7 +127,7 @@ def sweep_csv(found: Sweep, *, remarks: Sequence[str] = ()) -> bytes:
     The last columns hold in words what is to be said: of the point, why numbers are missing, and in the first row what
     is to be said of all.
     """
-    warnings = _by_row(found, ((one.index, one.message) for one in found.warnings))
+    warnings = _by_row(found, found.warnings)
     reasons = _by_row(found, ((one.index, f"{one.number}: {one.reason}") for one in found.missing))
     columns: tuple[Column[int], ...] = (
         *_axis_columns(found),
@@ -241,7 +239,7 @@ def _snr_label(snr: SnrKind) -> str:
 
 def _mark(ax: Axes, found: Sweep, region: str, values: FloatArray) -> None:
     """Ring the points of a region of which there is something to be said."""
-    warned = sorted({one.index[0] for one in found.warnings if one.message.startswith(f"{region}: ")})
+    warned = sorted({index[0] for index, text in found.warnings if text.startswith(f"{region}: ")})
     if warned:
         ax.plot(found.values[warned], values[warned], "o", color="#b00000", markersize=9, fillstyle="none")
 
@@ -279,7 +277,7 @@ def _cross(ax: Axes, found: Sweep, title: str) -> None:
     region, _, pair = title.partition(": ")
     named = (region,) if region in found.regions else (*pair.split(" on "), pair)
     starts = tuple(f"{name}: " for name in named)
-    warned = sorted({one.index for one in found.warnings if one.message.startswith(starts)})
+    warned = sorted({index for index, text in found.warnings if text.startswith(starts)})
     first, second = found.axes
     ax.plot([second.values[j] for _, j in warned], [first.values[i] for i, _ in warned], "x", color="#d00000", ms=4)
 

@@ -298,56 +298,47 @@ def _from_signed(data: bytes | memoryview, shape: tuple[int, int], *, offset: in
     return counts.reshape(shape)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Keyword:
-    field: str
-    name: str
-    comment: str
-
-
-_KEYWORDS = tuple(
-    _Keyword(field=field, name=name, comment=comment)
-    for field, name, comment in (
-        ("kind", "IMAGETYP", "scene, dark or flat"),
-        ("sequence", "SEQ", "place in the order of the run, from 0"),
-        ("cycle", "CYCLE", "repeat of the set of angles, from 0"),
-        ("start_utc", "DATE-OBS", "start of exposure, UTC"),
-        ("end_utc", "DATE-END", "end of exposure, UTC"),
-        ("start_monotonic_ns", "MONONS", "[ns] start of exposure, host clock"),
-        ("start_uncertainty_s", "TIMSYER", "[s] by which DATE-OBS may be off at most"),
-        ("start_source", "TIMESRC", "what DATE-OBS was found by"),
-        ("exposure_s", "EXPTIME", "[s] exposure"),
-        ("gain_db", "GAINDB", "[dB] setting of the camera"),
-        ("egain_e_per_dn", "EGAIN", "[e-/DN] electrons per count"),
-        ("bit_depth", "BITDEPTH", "bits per sample, right-justified"),
-        ("reads", "NCOMBINE", "reads of the camera that the frame is the mean of"),
-        ("real_counts", "REALDN", "counts with fractions, or below 0"),
-        ("black_level_dn", "BLKLEVEL", "[DN] counts without light"),
-        ("saturation_dn", "SATURATE", "[DN] saturated at and above"),
-        ("missing_dn", "MISSDN", "[DN] marks a pixel not received"),
-        ("saturated_fraction", "SATFRAC", "share of saturated pixels"),
-        ("polarizer_angle_target_deg", "POLANG", "[deg] transmission axis, commanded"),
-        ("polarizer_angle_deg", "POLMEAS", "[deg] transmission axis, readback"),
-        ("stage_angle_target_deg", "STGANG", "[deg] stage, commanded"),
-        ("stage_angle_deg", "STGMEAS", "[deg] stage, readback"),
-        ("stage_counts", "STGCNT", "stage, counts of the encoder"),
-        ("camera_model", "CAMERA", "camera"),
-        ("camera_serial", "CAMSN", "its serial number"),
-        ("stage_model", "STAGE", "rotation stage"),
-        ("stage_serial", "STAGESN", "its serial number"),
-        ("stage_tries", "POLTRY", "commands of the move until within tolerance"),
-        ("settle_s", "SETTLE", "[s] command of the move to accepted readback"),
-        ("camera_frame", "CAMFRAME", "the camera's own frame counter"),
-        ("exposure_id", "EXPOID", "frames of one exposure have the same"),
-        ("camera_temperature_c", "CCD-TEMP", "[deg C] camera, as it says"),
-        ("round", "ROUND", "round of the schedule, from 0"),
-        ("sun_azimuth_deg", "SUNAZ", "[deg] sun, clockwise from north"),
-        ("sun_elevation_deg", "SUNEL", "[deg] sun, no refraction"),
-        ("site_latitude_deg", "SITELAT", "[deg] north positive"),
-        ("site_longitude_deg", "SITELONG", "[deg] east positive"),
-        ("site_elevation_m", "SITEELEV", "[m] above the sea"),
-        ("source_file", "SRCFILE", "imported from"),
-    )
+# Field of the record, keyword, comment.
+_KEYWORDS = (
+    ("kind", "IMAGETYP", "scene, dark or flat"),
+    ("sequence", "SEQ", "place in the order of the run, from 0"),
+    ("cycle", "CYCLE", "repeat of the set of angles, from 0"),
+    ("start_utc", "DATE-OBS", "start of exposure, UTC"),
+    ("end_utc", "DATE-END", "end of exposure, UTC"),
+    ("start_monotonic_ns", "MONONS", "[ns] start of exposure, host clock"),
+    ("start_uncertainty_s", "TIMSYER", "[s] by which DATE-OBS may be off at most"),
+    ("start_source", "TIMESRC", "what DATE-OBS was found by"),
+    ("exposure_s", "EXPTIME", "[s] exposure"),
+    ("gain_db", "GAINDB", "[dB] setting of the camera"),
+    ("egain_e_per_dn", "EGAIN", "[e-/DN] electrons per count"),
+    ("bit_depth", "BITDEPTH", "bits per sample, right-justified"),
+    ("reads", "NCOMBINE", "reads of the camera that the frame is the mean of"),
+    ("real_counts", "REALDN", "counts with fractions, or below 0"),
+    ("black_level_dn", "BLKLEVEL", "[DN] counts without light"),
+    ("saturation_dn", "SATURATE", "[DN] saturated at and above"),
+    ("missing_dn", "MISSDN", "[DN] marks a pixel not received"),
+    ("saturated_fraction", "SATFRAC", "share of saturated pixels"),
+    ("polarizer_angle_target_deg", "POLANG", "[deg] transmission axis, commanded"),
+    ("polarizer_angle_deg", "POLMEAS", "[deg] transmission axis, readback"),
+    ("stage_angle_target_deg", "STGANG", "[deg] stage, commanded"),
+    ("stage_angle_deg", "STGMEAS", "[deg] stage, readback"),
+    ("stage_counts", "STGCNT", "stage, counts of the encoder"),
+    ("camera_model", "CAMERA", "camera"),
+    ("camera_serial", "CAMSN", "its serial number"),
+    ("stage_model", "STAGE", "rotation stage"),
+    ("stage_serial", "STAGESN", "its serial number"),
+    ("stage_tries", "POLTRY", "commands of the move until within tolerance"),
+    ("settle_s", "SETTLE", "[s] command of the move to accepted readback"),
+    ("camera_frame", "CAMFRAME", "the camera's own frame counter"),
+    ("exposure_id", "EXPOID", "frames of one exposure have the same"),
+    ("camera_temperature_c", "CCD-TEMP", "[deg C] camera, as it says"),
+    ("round", "ROUND", "round of the schedule, from 0"),
+    ("sun_azimuth_deg", "SUNAZ", "[deg] sun, clockwise from north"),
+    ("sun_elevation_deg", "SUNEL", "[deg] sun, no refraction"),
+    ("site_latitude_deg", "SITELAT", "[deg] north positive"),
+    ("site_longitude_deg", "SITELONG", "[deg] east positive"),
+    ("site_elevation_m", "SITEELEV", "[m] above the sea"),
+    ("source_file", "SRCFILE", "imported from"),
 )
 _TIMES = ("start_utc", "end_utc")
 _REMARK = "REMARK"
@@ -362,19 +353,19 @@ def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
         if not time.endswith("Z"):
             raise ValueError(f"start_utc, end_utc: {time!r} must be UTC and end in Z, as utc_text writes it")
     cards: dict[str, tuple[CardValue, str]] = {"TIMESYS": ("UTC", "")}
-    for keyword in _KEYWORDS:
-        value = getattr(record, keyword.field)
+    for field, keyword, comment in _KEYWORDS:
+        value = getattr(record, field)
         if value is not None:
             # A FITS date has no zone; TIMESYS says that it is UTC.
-            stated = value.removesuffix("Z") if keyword.field in _TIMES else value
-            cards[keyword.name] = (stated, keyword.comment)
+            stated = value.removesuffix("Z") if field in _TIMES else value
+            cards[keyword] = (stated, comment)
     cards |= {f"{_REMARK}{i}": (text, "") for i, text in enumerate(record.remarks, start=1)}
     return cards | {"SWVER": (f"rigctl {VERSION}", "program")}
 
 
 def record_from_header(frame: FitsFrame, *, file: str, checksum: str) -> FrameRecord:
     """Return the record that a frame's own header stands for."""
-    values: dict[str, object] = {k.field: frame.values.get(k.name) for k in _KEYWORDS}
+    values: dict[str, object] = {field: frame.values.get(keyword) for field, keyword, _ in _KEYWORDS}
     for field in _TIMES:
         values[field] = f"{values[field]}Z" if values[field] is not None else None
     height, width = frame.counts.shape

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import entry_points
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,15 +62,14 @@ def _named(path: str) -> "PortInfo":
     return known.get(path) or PortInfo(device=path, lasting_name=path, usb_id=None, usb_serial_number=None)
 
 
-def _cameras() -> "Iterator[FoundCamera]":
+def _cameras() -> "Iterator[tuple[str, DeviceIdentity]]":
     """Yield each camera that an installed finder (an entry point) sees."""
     from drivers.errors import DeviceError
 
     failures: dict[str, list[str]] = {}
     for entry in entry_points(group=_CAMERA_FINDERS):
         try:
-            for address, identity in entry.load()():
-                yield FoundCamera(address=address, identity=identity)
+            yield from entry.load()()
         except DeviceError as error:
             failures.setdefault(str(error), []).append(entry.name)
     for text, names in failures.items():
@@ -77,31 +77,24 @@ def _cameras() -> "Iterator[FoundCamera]":
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoundCamera:
-    """A camera, and the address that a rig file names it by."""
-
-    address: str
-    identity: "DeviceIdentity"
-
-
-@dataclass(frozen=True, kw_only=True)
 class FoundDevices(Result):
     """Ports with their stages, and cameras."""
 
     ports: "tuple[Found, ...]"
-    cameras: tuple[FoundCamera, ...] | None  #: None where only ports were asked for
+    #: each with the address that a rig file names it by; None where only ports were asked for
+    cameras: "tuple[tuple[str, DeviceIdentity], ...] | None"
 
     def content(self) -> Iterable[Part]:
         """Return each port and camera, with its lines for the rig file."""
         yield from map(_port_text, self.ports) if self.ports else ("no serial ports",)
         if self.cameras is not None:
-            yield from map(_camera_text, self.cameras) if self.cameras else ("no cameras",)
+            yield from starmap(_camera_text, self.cameras) if self.cameras else ("no cameras",)
 
     def as_json(self) -> dict[str, Json]:
         """Return ports and cameras."""
         return {
             "ports": [asdict(each) for each in self.ports],
-            "cameras": [asdict(each) for each in self.cameras or ()],
+            "cameras": [{"address": address, "identity": asdict(identity)} for address, identity in self.cameras or ()],
         }
 
 
@@ -117,9 +110,9 @@ def _port_text(found: "Found") -> str:
     return head + _identity_text(identity) + "".join(f"\n    {line}" for line in lines)
 
 
-def _camera_text(camera: FoundCamera) -> str:
-    lines = ["[camera]", f'address = "{camera.address}"', f'serial_number = "{camera.identity.serial_number}"']
-    return _identity_text(camera.identity) + "".join(f"\n    {line}" for line in lines)
+def _camera_text(address: str, identity: "DeviceIdentity") -> str:
+    lines = ["[camera]", f'address = "{address}"', f'serial_number = "{identity.serial_number}"']
+    return _identity_text(identity) + "".join(f"\n    {line}" for line in lines)
 
 
 def _identity_text(identity: "DeviceIdentity") -> str:

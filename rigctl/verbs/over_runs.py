@@ -139,8 +139,8 @@ def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lamb
     with held_folder(job.out):
         stores = _Stores(job)
         hashes = {name: inputs_hash(job.root / name, f"{settings}{name}\0{stores.of_run(name)}") for name in names}
-        kept = read_rows(job.out)
-        left = [name for name in names if not _is_done(kept.rows.get(hashes[name]))]
+        kept, damaged = read_rows(job.out)
+        left = [name for name in names if not _is_done(kept.get(hashes[name]))]
         outcome = mapped(
             job.engine,
             rows_of,
@@ -155,7 +155,7 @@ def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lamb
             total=len(names),
             tell=tell,
         )
-        rows = read_rows(job.out).rows
+        rows, _ = read_rows(job.out)
         found = ArchiveRows(
             verb=job.verb,
             out=job.out,
@@ -163,7 +163,7 @@ def run_over_archive(job: ArchiveJob, *, tell: Callable[[int, int], None] = lamb
             runs=len(names),
             done_before=len(names) - len(left),
             outcome=outcome,
-            damaged=kept.damaged,
+            damaged=damaged,
         )
         # The command has refused what a person made there; an earlier table of this folder makes room.
         with results_of(Origin(command=f"archive {job.verb}", digest=""), force=True):
