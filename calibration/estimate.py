@@ -15,37 +15,19 @@ _MOST_DIGITS = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """A value with the standard deviation of its error.
+    """A value with the standard deviation of its error."""
 
-    Attributes
-    ----------
-    value : float
-        In the unit that the name of the quantity ends in.
-    std_error : float
-        Standard error, same unit, > 0.
-    n : int
-        Number of frames it was made from.
-    """
-
-    value: float
-    std_error: float
-    n: int
+    value: float  #: in the unit that the name of the quantity ends in
+    std_error: float  #: standard error, same unit, > 0
+    n: int  #: number of frames it was made from
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bound:
-    """A limit of a number that is not known itself.
+    """A limit of a number that is not known itself."""
 
-    Attributes
-    ----------
-    bound : {"<", ">"}
-        The number is smaller, or larger.
-    value : float
-        Than this, in the unit that the name of the quantity ends in.
-    """
-
-    bound: Literal["<", ">"]
-    value: float
+    bound: Literal["<", ">"]  #: the number is smaller, or larger
+    value: float  #: than this, in the unit that the name of the quantity ends in
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,17 +78,6 @@ class ControlChart:
 def control_chart(years: FloatArray, values: FloatArray, std_errors: FloatArray) -> ControlChart:
     """Return the control chart of a number.
 
-    Parameters
-    ----------
-    years : (N,) array
-        When it was calibrated [a], from any origin.
-    values : (N,) array
-        What was found.
-    std_errors : (N,) array
-        With which standard errors, 0 or more; independent of one another.
-
-    Notes
-    -----
     The limits come of the stated errors, and not of the scatter as in a chart of individuals: a steady drift has small
     steps and a wide scatter, and would hide in limits that are made of either.
     """

@@ -17,29 +17,16 @@ _ALPHA = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelScale:
-    """Counts of a panel over what was predicted of it.
+    """Counts of a panel over what was predicted of it."""
 
-    Attributes
-    ----------
-    channel, channel_error : (N,) arrays
-        Ratio of each channel and its standard error, what is uncertain of the prediction included.
-    common, common_error : float
-        Ratio of the sums over the channels, and its standard error.
-    measurement_error : float
-        The part of `common_error` that is the measurement's.
-    chi2 : float
-        How badly one ratio fits all channels, N - 1 degrees of freedom.
-    channels_agree : bool
-        Whether errors explain that (1 in 1000).
-    """
-
+    #: (N,): ratio of each channel, and its standard error with what is uncertain of the prediction
     channel: FloatArray
     channel_error: FloatArray
-    common: float
+    common: float  #: ratio of the sums over the channels, and its standard error
     common_error: float
-    measurement_error: float
-    chi2: float
-    channels_agree: bool
+    measurement_error: float  #: the part of `common_error` that is the measurement's
+    chi2: float  #: how badly one ratio fits all channels, N - 1 degrees of freedom
+    channels_agree: bool  #: whether errors explain that (1 in 1000)
 
 
 def panel_scale(
@@ -47,20 +34,6 @@ def panel_scale(
 ) -> PanelScale:
     """Return the ratio of a panel's counts to those that are predicted of it.
 
-    Parameters
-    ----------
-    signal_dn, signal_cov : (N,) and (N, N) arrays
-        Mean counts of the panel behind each polarizer angle, dark level off, and the covariance of their errors.
-    predicted_dn, predicted_cov : (N,) and (N, N) arrays
-        The same by a model of light and sensor, with what is uncertain of the light.
-
-    Raises
-    ------
-    CalibrationError
-        A channel has no light.
-
-    Notes
-    -----
     To first order in the errors. What is uncertain of the panel's reflectance and of the sun is common to all channels,
     so that more channels hardly make the common ratio better; whether channels agree is judged by what is not common.
     """
@@ -96,21 +69,11 @@ def _chi2(channel: FloatArray, cov: FloatArray) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeScale:
-    """A factor on predictions.
+    """A factor on predictions."""
 
-    Attributes
-    ----------
-    value : float
-        The factor.
-    variance : float
-        Of the error of its logarithm.
-    common : (k,) array
-        Covariance of that error with the error of each input of the prediction.
-    """
-
-    value: float
-    variance: float
-    common: FloatArray
+    value: float  #: the factor
+    variance: float  #: of the error of its logarithm
+    common: FloatArray  #: (k,): covariance of that error with the error of each input of the prediction
 
 
 def fit_free_scale(

@@ -8,24 +8,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Flag:
-    """One remark on the frames.
+    """One remark on the frames."""
 
-    Attributes
-    ----------
-    name : str
-        What it is, in ``lower_case_with_underscores``; names stay the same from version to version.
-    level : str or None
-        The level that is named; None where it is the whole set.
-    message : str
-        What was found, what is allowed, and what to try.
-    refuses : bool
-        The calibration cannot be right with it, so there is none.
-    """
-
-    name: str
-    level: str | None = None
-    message: str
-    refuses: bool = False
+    name: str  #: what it is, in ``lower_case_with_underscores``; names stay the same from version to version
+    level: str | None = None  #: the level that is named; None where it is the whole set
+    message: str  #: what was found, what is allowed, and what to try
+    refuses: bool = False  #: the calibration cannot be right with it, so there is none
 
 
 # Errors of frames that are unfit for a calibration
@@ -116,11 +104,5 @@ _UNLISTED = _GROUPS.index(())
 
 
 def by_consequence(flags: Iterable[Flag]) -> tuple[Flag, ...]:
-    """Return flags with those first that refuse, then those that take most from the results.
-
-    Parameters
-    ----------
-    flags : iterable of Flag
-        In any order; flags of one rank keep theirs.
-    """
+    """Return flags with those first that refuse, then those that take most from the results."""
     return tuple(sorted(flags, key=lambda flag: (not flag.refuses, _RANK.get(flag.name, _UNLISTED))))

@@ -28,18 +28,11 @@ _TO_EIGHT_BITS = 255.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lens:
-    """A lens.
+    """A lens."""
 
-    Attributes
-    ----------
-    parameters : (8,) array
-        As `NAMES` says: focal lengths, principal point, radial and tangential distortion [pixel, 1].
-    covariance : (8, 8) array
-        Of their errors.
-    """
-
+    #: (8,): as `NAMES` says: focal lengths, principal point, radial and tangential distortion [pixel, 1]
     parameters: FloatArray
-    covariance: FloatArray
+    covariance: FloatArray  #: (8, 8): of their errors
 
     @property
     def matrix(self) -> FloatArray:
@@ -60,15 +53,7 @@ class Lens:
 
 
 def plain_lens(focal_px: float, focal_std_px: float, width: int, height: int) -> Lens:
-    """Return a lens of a stated focal length, its axis through the middle of the picture within a hundredth of it.
-
-    Parameters
-    ----------
-    focal_px, focal_std_px
-        Focal length over the pixel pitch, above 0, and its standard uncertainty [px].
-    width, height
-        Of the picture [px].
-    """
+    """Return a lens of a stated focal length, its axis through the middle of the picture within a hundredth of it."""
     centre_std = 0.01 * max(width, height)
     stds = np.array([focal_std_px, focal_std_px, centre_std, centre_std, 0.0, 0.0, 0.0, 0.0])
     covariance = np.diag(stds**2)
@@ -86,25 +71,13 @@ def rays(pixels: FloatArray, lens: Lens) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LensCalibration:
-    """A lens from a chessboard.
+    """A lens from a chessboard."""
 
-    Attributes
-    ----------
-    lens : Lens
-        With the covariance that OpenCV gives its numbers.
-    rms_px : float
-        Of the corners about where they should be [pixel].
-    width, height : int
-        Of the pictures.
-    used, unused : tuple of int
-        Which pictures showed the whole board, and which did not.
-    """
-
-    lens: Lens
-    rms_px: float
-    width: int
+    lens: Lens  #: with the covariance that OpenCV gives its numbers
+    rms_px: float  #: of the corners about where they should be [pixel]
+    width: int  #: of the pictures
     height: int
-    used: tuple[int, ...]
+    used: tuple[int, ...]  #: which pictures showed the whole board, and which did not
     unused: tuple[int, ...]
 
 
@@ -186,23 +159,14 @@ _RARE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseSource:
-    """Something that tells of the camera's direction.
+    """Something that tells of the camera's direction."""
 
-    Attributes
-    ----------
-    name : str
-        What it is, for messages.
-    residual : callable
-        (azimuth, elevation, roll) [rad] to what was measured less what it would then be, shape (k,).
-    covariance : callable
-        The same to the covariance of that, (k, k), the errors of the lens apart.
-    by_lens : callable or None
-        The same to the change of the residual by each number of the lens, (k, 8); None: it needs no lens.
-    """
-
-    name: str
+    name: str  #: what it is, for messages
+    #: from azimuth, elevation and roll [rad] to measured less expected, shape (k,)
     residual: Callable[[FloatArray], FloatArray]
+    #: from the same to the covariance of that, (k, k), errors of the lens apart
     covariance: Callable[[FloatArray], FloatArray]
+    #: from the same to the change of the residual by each number of the lens, (k, 8); None where no lens is needed
     by_lens: Callable[[FloatArray], FloatArray] | None = None
 
 
@@ -217,31 +181,16 @@ class Contradiction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraPose:
-    """Direction of a camera.
+    """Direction of a camera."""
 
-    Attributes
-    ----------
-    angles_rad : (3,) array
-        Azimuth, elevation, roll.
-    covariance : (3, 3) array
-        Of their errors, widened where the sources contradict one another [rad^2].
-    by_lens : (3, 8) array
-        Their change by each number of the lens, whose errors panels in the same picture share.
-    lens_covariance : (8, 8) array
-        Of those numbers.
-    chi_square, freedom : float, int
-        Of the sources about it.
-    contradictions : tuple of Contradiction
-        Sources that the others exclude.
-    """
-
-    angles_rad: FloatArray
-    covariance: FloatArray
+    angles_rad: FloatArray  #: (3,): azimuth, elevation, roll [rad]
+    covariance: FloatArray  #: (3, 3): of their errors, widened where the sources contradict one another [rad^2]
+    #: (3, 8): their change by each number of the lens, whose errors panels in the same picture share
     by_lens: FloatArray
-    lens_covariance: FloatArray
-    chi_square: float
+    lens_covariance: FloatArray  #: (8, 8): of those numbers
+    chi_square: float  #: of the sources about it
     freedom: int
-    contradictions: tuple[Contradiction, ...]
+    contradictions: tuple[Contradiction, ...]  #: sources that the others exclude
 
     @property
     def own_covariance(self) -> FloatArray:
@@ -255,13 +204,7 @@ class CameraPose:
 
 
 def camera_axes(angles_rad: FloatArray) -> FloatArray:
-    """Return right, down and forward of a camera as rows, in east, north, up: turns world into camera.
-
-    Parameters
-    ----------
-    angles_rad
-        Azimuth clockwise from north, elevation and roll, shape (3,) [rad].
-    """
+    """Return right, down and forward of a camera as rows, in east, north, up: turns world into camera."""
     (sin_a, sin_e, sin_r), (cos_a, cos_e, cos_r) = np.sin(angles_rad).tolist(), np.cos(angles_rad).tolist()
     level, down = np.array([cos_a, -sin_a, 0.0]), np.array([sin_e * sin_a, sin_e * cos_a, -cos_e])
     forward = (sin_a * cos_e, cos_a * cos_e, sin_e)
@@ -269,38 +212,19 @@ def camera_axes(angles_rad: FloatArray) -> FloatArray:
 
 
 def direction(azimuth_rad: float, elevation_rad: float) -> FloatArray:
-    """Return the unit vector of a direction in east, north, up.
-
-    Parameters
-    ----------
-    azimuth_rad, elevation_rad
-        Clockwise from north, and up from the horizon [rad].
-    """
+    """Return the unit vector of a direction in east, north, up."""
     level = np.cos(elevation_rad)
     return np.array([np.sin(azimuth_rad) * level, np.cos(azimuth_rad) * level, np.sin(elevation_rad)])
 
 
 def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
-    """Return angles on the turn about 0.
-
-    Parameters
-    ----------
-    angle_rad
-        Any shape [rad].
-    """
+    """Return angles on the turn about 0."""
     return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def refraction_rad(elevation_rad: float) -> float:
     """Return by how much air lifts the sun at a geometric elevation, standard pressure (Saemundsson 1986) [rad].
 
-    Parameters
-    ----------
-    elevation_rad
-        Geometric elevation [rad]; below -0.5 deg it is taken as there.
-
-    References
-    ----------
     Saemundsson, Sky and Telescope 72 (1986) 70.
     """
     degrees = max(np.degrees(elevation_rad), -0.5)
@@ -310,15 +234,6 @@ def refraction_rad(elevation_rad: float) -> float:
 def fuse(sources: Sequence[PoseSource], lens_covariance: FloatArray | None = None) -> CameraPose:
     """Return the direction that fits all sources best, by weighted least squares.
 
-    Parameters
-    ----------
-    sources : sequence of PoseSource
-        Independent of one another but for the lens; one at least.
-    lens_covariance : (8, 8) array or None
-        Of the numbers of the lens that all of them use; None: none uses one, or it is exact.
-
-    Notes
-    -----
     Each source is held against the others alone as well: what lies farther from them than once in a thousand times
     contradicts. Sources none of which can be told alone may contradict together. Where
     they contradict, the covariance is widened by chi-square over its degrees of freedom.
@@ -487,50 +402,25 @@ _CLEAR = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelStand:
-    """A panel in the camera's axes: right, down, forward.
+    """A panel in the camera's axes: right, down, forward."""
 
-    Attributes
-    ----------
-    normal : (3,) array
-        Unit vector out of its face, toward the camera's side.
-    covariance : (3, 3) array
-        Of its error by those of the corners.
-    by_lens : (3, 8) array
-        Its change by each number of the lens.
-    centre_m : (3,) array
-        Its middle [m].
-    chi_square : float
-        Of the corners about the outline, two degrees of freedom.
-    """
-
-    normal: FloatArray
-    covariance: FloatArray
-    by_lens: FloatArray
-    centre_m: FloatArray
-    chi_square: float
+    normal: FloatArray  #: (3,): unit vector out of its face, toward the camera's side
+    covariance: FloatArray  #: (3, 3): of its error by those of the corners
+    by_lens: FloatArray  #: (3, 8): its change by each number of the lens
+    centre_m: FloatArray  #: (3,): its middle [m]
+    chi_square: float  #: of the corners about the outline, two degrees of freedom
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelTilt:
-    """A panel in the world: how far it is tilted, whereto, and how well that is known [rad].
-
-    Attributes
-    ----------
-    tilt_rad, azimuth_rad : float
-        Both of them.
-    tilt_std_rad, azimuth_std_rad : float
-        Their standard uncertainties.
-    by_corners : (2, 2) array
-        Covariance of both by the errors of the corners alone.
-    by_angles, by_lens : (2, 3) array, (2, 8) array
-        Change of both by the camera's angles alone, and by each number of the lens, through those angles too.
-    """
+    """A panel in the world: how far it is tilted, whereto, and how well that is known [rad]."""
 
     tilt_rad: float
     tilt_std_rad: float
     azimuth_rad: float
     azimuth_std_rad: float
-    by_corners: FloatArray
+    by_corners: FloatArray  #: (2, 2): covariance of tilt and azimuth by the errors of the corners alone
+    #: (2, 3): change of both by the camera's angles alone, and by each number of the lens, through those angles too
     by_angles: FloatArray
     by_lens: FloatArray
 
@@ -538,24 +428,7 @@ class PanelTilt:
 def panel_stands(
     corners: FloatArray, width_m: float, height_m: float, corner_std: float, lens: Lens
 ) -> tuple[PanelStand, ...]:
-    """Return how a panel can stand, the likeliest first; two where the outline does not tell them apart.
-
-    Parameters
-    ----------
-    corners : (4, 2) array
-        Of the outline in order, the first side `width_m` long [pixel].
-    width_m, height_m : float
-        Its sides [m].
-    corner_std : float
-        Standard uncertainty of each coordinate of a corner [pixel].
-    lens : Lens
-        Of the camera.
-
-    Raises
-    ------
-    CalibrationError
-        No panel of this size has such an outline.
-    """
+    """Return how a panel can stand, the likeliest first; two where the outline does not tell them apart."""
     _require_convex(corners, corner_std)
     half = 0.5 * np.array([width_m, height_m])
     board = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float64) * [*half, 1.0]
@@ -641,15 +514,6 @@ def _axis(turn: FloatArray) -> FloatArray:
 def panel_tilt(stand: PanelStand, pose: CameraPose) -> PanelTilt:
     """Return how a panel stands in the world, by the direction of the camera and the covariance of its errors.
 
-    Parameters
-    ----------
-    stand
-        Normal of the panel in the camera's frame, with its errors.
-    pose
-        Where the camera looks.
-
-    References
-    ----------
     Definition; first-order propagation, JCGM 100:2008 (GUM), section 5.2.
     """
 
@@ -684,13 +548,6 @@ def joint_covariance(pose: CameraPose, tilts: Sequence[PanelTilt]) -> FloatArray
     """Return the covariance of the camera's angles and of tilt and azimuth of each panel, in this order [rad^2].
 
     A panel's tilt is found by the camera's direction, and both by one lens: their errors go together.
-
-    Parameters
-    ----------
-    pose
-        Where the camera looks.
-    tilts
-        Of each panel.
     """
     by_angles = np.concatenate([np.eye(3), *(one.by_angles for one in tilts)])
     by_lens = np.concatenate([pose.by_lens, *(one.by_lens for one in tilts)])
@@ -725,17 +582,7 @@ class SunSeen:
 
 
 def compass(reading_rad: float, std_rad: float, *, declination_rad: float, declination_std_rad: float) -> PoseSource:
-    """Return what a compass says of the direction in which the camera looks; declination is positive to the east.
-
-    Parameters
-    ----------
-    reading_rad
-        Clockwise from magnetic north [rad].
-    std_rad
-        Its standard uncertainty, above 0 [rad].
-    declination_rad, declination_std_rad
-        Of the place, positive to the east, and its standard uncertainty [rad].
-    """
+    """Return what a compass says of the direction in which the camera looks; declination is positive to the east."""
     variance = std_rad**2 + declination_std_rad**2
     return PoseSource(
         name="compass",
@@ -745,15 +592,7 @@ def compass(reading_rad: float, std_rad: float, *, declination_rad: float, decli
 
 
 def level(elevation_rad: float, roll_rad: float, std_rad: float) -> PoseSource:
-    """Return what a level on the camera says: its elevation and roll, each to the same standard uncertainty.
-
-    Parameters
-    ----------
-    elevation_rad, roll_rad
-        As read [rad].
-    std_rad
-        Standard uncertainty of each, above 0 [rad].
-    """
+    """Return what a level on the camera says: its elevation and roll, each to the same standard uncertainty."""
     return PoseSource(
         name="level",
         residual=lambda angles: wrapped_rad(np.array([elevation_rad - angles[1], roll_rad - angles[2]])),
@@ -764,13 +603,6 @@ def level(elevation_rad: float, roll_rad: float, std_rad: float) -> PoseSource:
 def way_between(camera: Sequence[float], target: Sequence[float]) -> FloatArray:
     """Return the way from one place to another nearby: east, north, up [m].
 
-    Parameters
-    ----------
-    camera, target : (latitude, longitude, height)
-        North and east are positive [deg, deg, m].
-
-    References
-    ----------
     Radii of curvature of the ellipsoid of WGS 84 (NIMA TR8350.2), at the middle of both; what is neglected is of the
     second order in the way over the Earth's radius.
     """
@@ -785,15 +617,7 @@ def way_between(camera: Sequence[float], target: Sequence[float]) -> FloatArray:
 
 
 def positions(camera_to_target_m: FloatArray, std_m: FloatArray) -> PoseSource:
-    """Return what the places of camera and target say of the direction; the target is on the camera's axis.
-
-    Parameters
-    ----------
-    camera_to_target_m : (3,) array
-        East, north, up [m].
-    std_m : (3,) array
-        Its standard uncertainties [m].
-    """
+    """Return what the places of camera and target say of the direction; the target is on the camera's axis."""
     east, north, up = camera_to_target_m
     flat = float(np.hypot(east, north))
     far = flat**2 + up**2
@@ -813,19 +637,7 @@ def positions(camera_to_target_m: FloatArray, std_m: FloatArray) -> PoseSource:
 
 
 def sun_in_picture(pixel: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens) -> PoseSource:
-    """Return what the place of the sun in a picture says: its ray beside its direction, in two angles across it.
-
-    Parameters
-    ----------
-    pixel
-        Place of the sun, right and down, shape (2,) [px].
-    pixel_std
-        Standard uncertainty of each coordinate, above 0 [px].
-    sun
-        Where it stood.
-    lens
-        Of the camera.
-    """
+    """Return what the place of the sun in a picture says: its ray beside its direction, in two angles across it."""
     seen = _SeenPoints(pixel[None, :], pixel_std, lens)
 
     def residual(angles: FloatArray) -> FloatArray:

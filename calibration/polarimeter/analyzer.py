@@ -29,24 +29,12 @@ SEEN_SIGMAS = 3.717
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FourierFit:
-    """Intensity = mean + cosine cos 2 angle + sine sin 2 angle, for one or many pixels.
+    """Intensity = mean + cosine cos 2 angle + sine sin 2 angle, for one or many pixels."""
 
-    Attributes
-    ----------
-    terms : (3, ...) array
-        Mean, cosine, sine; the other axes are those of the values.
-    unit_covariance : (3, 3) array
-        Covariance of the errors of the terms for values of variance 1.
-    variance : (...) array
-        Variance of a value, from the residuals.
-    dof : int
-        Values less terms, at least 1.
-    """
-
-    terms: FloatArray
-    unit_covariance: FloatArray
-    variance: FloatArray
-    dof: int
+    terms: FloatArray  #: (3, ...): mean, cosine, sine; the other axes are those of the values
+    unit_covariance: FloatArray  #: (3, 3): covariance of the errors of the terms for values of variance 1
+    variance: FloatArray  #: (...): variance of a value, from the residuals
+    dof: int  #: values less terms, at least 1
 
     @property
     def phase_rad(self) -> FloatArray:
@@ -90,18 +78,11 @@ class FourierFit:
 
 @dataclass(frozen=True, kw_only=True)
 class Harmonic:
-    """Residual of a scan at one frequency.
+    """Residual of a scan at one frequency."""
 
-    Attributes
-    ----------
-    order : int
-        Cycles a turn: 1 and 3 are a wedge or a tilted element, 4 and 6 a detector that is not linear or the polarizer.
-    amplitude, std_error : float
-        Relative to the mean; the error is that of cosine and sine part each.
-    """
-
+    #: cycles a turn: 1 and 3 are a wedge or a tilted element, 4 and 6 a detector that is not linear or the polarizer
     order: int
-    amplitude: float
+    amplitude: float  #: relative to the mean; the error is that of cosine and sine part each
     std_error: float
 
     @property
@@ -285,15 +266,6 @@ def _harmonics(angles_rad: FloatArray, values: FloatArray, drift: FloatArray) ->
 def false_dolp(harmonic: Harmonic, angles_rad: FloatArray) -> float:
     """Return the DoLP that a harmonic of the throughput gives to unpolarized light at most.
 
-    Parameters
-    ----------
-    harmonic : Harmonic
-        Amplitude relative to the mean.
-    angles_rad : (N,) array
-        Polarizer angles that Stokes parameters are made from, three axes or more [rad].
-
-    Notes
-    -----
     Light of degree p has its AoLP turned by half of this over p at most [rad].
     """
     reduction = np.linalg.pinv(_design(angles_rad, (2,)))
@@ -323,43 +295,23 @@ _TWO_SIDED_95 = 1.959964
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AnalyzerChannels:
-    """Each analyzer angle by itself, for one region or for many pixels (the trailing axes).
+    """Each analyzer angle by itself, for one region or for many pixels (the trailing axes)."""
 
-    Attributes
-    ----------
-    throughput, throughput_error : (N, ...) arrays
-        Response to unpolarized light relative to the mean over the angles.
-    diattenuation, diattenuation_error : (N, ...) arrays
-        (max - min) / (max + min) of its transmission; above 1 by its error only.
-    axis_rad, axis_error_rad : (N, ...) arrays
-        Transmission axis, -pi/2 to pi/2, in the generator's frame [rad].
-    scan : FourierFit
-        The fits themselves.
-    """
-
-    throughput: FloatArray
+    throughput: FloatArray  #: (N, ...): response to unpolarized light relative to the mean over the angles
     throughput_error: FloatArray
-    diattenuation: FloatArray
+    diattenuation: FloatArray  #: (N, ...): (max - min) / (max + min) of its transmission; above 1 by its error only
     diattenuation_error: FloatArray
-    axis_rad: FloatArray
+    axis_rad: FloatArray  #: (N, ...): transmission axis, -pi/2 to pi/2, in the generator's frame [rad]
     axis_error_rad: FloatArray
-    scan: FourierFit
+    scan: FourierFit  #: the fits themselves
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extinction:
-    """An extinction ratio, largest over smallest transmission.
+    """An extinction ratio, largest over smallest transmission."""
 
-    Attributes
-    ----------
-    ratio : float or None
-        None where the minimum is not above 0.
-    lower, upper : float or None
-        Interval of 95 %; `upper` is None where there is no upper limit.
-    """
-
-    ratio: float | None
-    lower: float
+    ratio: float | None  #: None where the minimum is not above 0
+    lower: float  #: 95 % interval; the upper end is None where there is no limit
     upper: float | None
 
 
@@ -405,13 +357,6 @@ def pooled_diattenuation(channels: AnalyzerChannels) -> tuple[FloatArray, FloatA
 
     One polarizer that turns has one diattenuation; scatter beyond the errors is the light's and enlarges them.
 
-    Parameters
-    ----------
-    channels
-        Diattenuation and its error at each analyzer angle, shape (N, ...).
-
-    References
-    ----------
     Definition; the mean weighted by inverse variances.
     """
     weights = channels.diattenuation_error**-2.0
@@ -467,41 +412,22 @@ _DECIDED = 25.0
 
 @dataclass(frozen=True, kw_only=True)
 class AxisCandidate:
-    """Offset for one sense of rotation.
+    """Offset for one sense of rotation."""
 
-    Attributes
-    ----------
-    sense : {1, -1}
-        polarizer angle = sense * stage angle + offset.
-    offset_rad, std_error_rad : float
-        In [0, pi), and its standard error, scatter included [rad].
-    chi2 : float
-        How badly the angles agree with it, in their own errors.
-    """
-
-    sense: Sense
-    offset_rad: float
+    sense: Sense  #: polarizer angle = sense * stage angle + offset
+    offset_rad: float  #: in [0, pi), and its standard error, scatter included [rad]
     std_error_rad: float
-    chi2: float
+    chi2: float  #: how badly the angles agree with it, in their own errors
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisFit:
-    """Both senses of rotation.
+    """Both senses of rotation."""
 
-    Attributes
-    ----------
-    best, other : AxisCandidate
-        The better one first.
-    is_decided : bool
-        The other is ruled out.
-    scatter_rad : float
-        How far the directions lie from the better one, root mean square beyond their own errors [rad].
-    """
-
-    best: AxisCandidate
+    best: AxisCandidate  #: the better one first
     other: AxisCandidate
-    is_decided: bool
+    is_decided: bool  #: the other is ruled out
+    #: how far the directions lie from the better one, root mean square beyond their own errors [rad]
     scatter_rad: float
 
 
@@ -582,13 +508,7 @@ def _candidate(
 
 
 def half_turn(angle_rad: FloatArray) -> FloatArray:
-    """Return the difference of two directions, in [-pi/2, pi/2) [rad].
-
-    Parameters
-    ----------
-    angle_rad
-        Difference of two axes, any shape [rad].
-    """
+    """Return the difference of two directions, in [-pi/2, pi/2) [rad]."""
     wrapped: FloatArray = (angle_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return wrapped
 
@@ -602,34 +522,18 @@ _WORST_CONDITION_DATA_REDUCTION = 1e6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DataReduction:
-    """A measured data reduction matrix W: Stokes parameters = W @ intensities.
+    """A measured data reduction matrix W: Stokes parameters = W @ intensities."""
 
-    Attributes
-    ----------
-    matrix, std_error : (3, N) arrays
-        W, and the standard error of each of its elements; in the units of states over intensities.
-    singular_values : (M,) array
-        Of the intensities; those after the third are noise, or something that is not linear.
-    condition : float
-        First over third.
-    """
-
+    #: (3, N): W, and the standard error of each of its elements; in the units of states over intensities
     matrix: FloatArray
     std_error: FloatArray
+    #: (M,): of the intensities; those after the third are noise, or something that is not linear
     singular_values: FloatArray
-    condition: float
+    condition: float  #: first over third
 
 
 def linear_states(axis_rad: FloatArray, *, dolp: float) -> FloatArray:
-    """Return the Stokes parameters (3, K) of linear polarizers in unpolarized light of S0 = 1 behind them.
-
-    Parameters
-    ----------
-    axis_rad
-        Axes of the polarizers, shape (K,) [rad].
-    dolp
-        Of the light behind them, 0 to 1.
-    """
+    """Return the Stokes parameters (3, K) of linear polarizers in unpolarized light of S0 = 1 behind them."""
     return np.array([np.ones_like(axis_rad), dolp * np.cos(2.0 * axis_rad), dolp * np.sin(2.0 * axis_rad)])
 
 
@@ -698,21 +602,7 @@ def _errors(matrix: FloatArray, states: FloatArray, intensities: FloatArray) -> 
 
 
 def block_means(picture: NDArray[np.float64] | NDArray[np.uint16] | NDArray[np.bool_], side: int) -> FloatArray:
-    """Return the means over square blocks of a picture.
-
-    Parameters
-    ----------
-    picture : (H, W) array
-        Counts, or true and false: then the share of true.
-    side : int
-        Pixels along a side of a block; 1 gives the picture itself. Rows and columns at the lower and right border that
-        do not make a whole block are left out.
-
-    Raises
-    ------
-    CalibrationError
-        The picture is smaller than a block.
-    """
+    """Return the means over square blocks of a picture."""
     rows, columns = (length // side for length in picture.shape)
     if side < 1 or rows == 0 or columns == 0:
         raise CalibrationError(

@@ -38,21 +38,13 @@ _REACHES_PIXELS = (2.0, 8.0, 32.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Registration:
-    """Shifts of pictures against the first.
+    """Shifts of pictures against the first."""
 
-    Attributes
-    ----------
-    shift_pixels : (N, 2) array
-        x to the right, y down: what is at (x, y) in the first picture is at (x, y) + shift in the other.
-    std_error_pixels : (N, 2) array
-        From how ninths of the picture differ.
-    edge_residual : (N, 2) array
-        Of the edges, as a share of them, before and after the picture is moved back by what one half of the ninths
-        says, in the other half; both halves in turn.
-    """
-
+    #: (N, 2): x to the right, y down: what is at (x, y) in the first picture is at (x, y) + shift in the other
     shift_pixels: FloatArray
-    std_error_pixels: FloatArray
+    std_error_pixels: FloatArray  #: (N, 2): from how ninths of the picture differ
+    #: (N, 2): of the edges, as a share of them, before and after the picture is moved back by what one half of the
+    #: ninths says, in the other half; both halves in turn
     edge_residual: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
@@ -215,22 +207,7 @@ def _tile_shifts(reference: _Picture, edges: list[_Picture], shifts: FloatArray)
 
 
 def edges_left(pictures: FloatArray, shifts: FloatArray, usable: NDArray[np.bool_] | None = None) -> FloatArray:
-    """Return what is left of the edges of each picture against those of the mean, before and after it is moved back.
-
-    Parameters
-    ----------
-    pictures : (N, H, W) array
-        One scene at two or more polarizer angles, dark taken off.
-    shifts : (N, 2) array
-        From anywhere else than these pictures [pixel].
-    usable : (H, W) array or None
-        As `register` takes it.
-
-    Returns
-    -------
-    left : (N, 2) array
-        As a share of the edges.
-    """
+    """Return what is left of the edges of each picture against those of the mean, before and after it is moved back."""
     frames = [_filled(picture, usable) for picture in pictures]
     reference = _edges(_mean_moved_back(frames, shifts))
     plain = _edges(_mean_moved_back(frames, np.zeros_like(shifts)))
@@ -264,22 +241,13 @@ def _left(reference: _Picture, edges: _Picture) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wander:
-    """The shifts as a function of the stage angle: centre + turning vector.
+    """The shifts as a function of the stage angle: centre + turning vector."""
 
-    Attributes
-    ----------
-    centre_pixels, turning_pixels : complex
-        shift = centre + turning * exp(i sense stage angle), x in the real part, y (down) in the imaginary.
-    sense : {1, -1}
-        Which way the picture walks on its circle.
-    residual_pixels : float
-        Root mean square of what is left, per axis; 0 where there is no freedom left.
-    """
-
+    #: shift = centre + turning * exp(i sense stage angle), x in the real part, y (down) in the imaginary
     centre_pixels: complex
     turning_pixels: complex
-    sense: int
-    residual_pixels: float
+    sense: int  #: which way the picture walks on its circle
+    residual_pixels: float  #: root mean square of what is left, per axis; 0 where there is no freedom left
 
     def shift_pixels(self, stage_rad: float, *, against_rad: float) -> FloatArray:
         """Return the shift (x, y) of the picture at one stage angle against that at another."""
@@ -291,22 +259,6 @@ class Wander:
 def fit_wander(stage_rad: FloatArray, shift_pixels: FloatArray, *, sense: int = 1) -> Wander:
     """Return the circle on which the picture walks while a wedge turns with the polarizer.
 
-    Parameters
-    ----------
-    stage_rad : (N,) array
-        Stage angles, two different ones or more [rad].
-    shift_pixels : (N, 2) array
-        Shifts against the first angle.
-    sense : {1, -1}
-        Of the walk: +1 if it turns as the stage angle does in a picture with y down.
-
-    Raises
-    ------
-    CalibrationError
-        The stage angles are all the same.
-
-    Notes
-    -----
     The wrong sense makes the residual large.
     """
     design = np.column_stack([np.ones(len(stage_rad)), np.exp(1j * sense * stage_rad)])
@@ -325,15 +277,6 @@ def fit_wander(stage_rad: FloatArray, shift_pixels: FloatArray, *, sense: int = 
 def moved_back(picture: FloatArray, shift_pixels: FloatArray) -> tuple[FloatArray, float]:
     """Return a picture moved back by a shift, and the factor by which that makes its pixels' variance smaller.
 
-    Parameters
-    ----------
-    picture : (H, W) array
-        Counts, dark taken off.
-    shift_pixels : (2,) array
-        Its shift (x, y) against the picture that it is to lie on.
-
-    Notes
-    -----
     Bilinear. Each new pixel is a mean of up to four, so that white noise falls (to a quarter at half a pixel both ways)
     and neighbours share it. Next to the border the picture is mirrored; mask as many pixels as the shift has.
     """
@@ -370,25 +313,13 @@ _LEAST_FRAMES = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatField:
-    """A picture of even light, over its mean.
+    """A picture of even light, over its mean."""
 
-    Attributes
-    ----------
-    response : (H, W) array
-        Of each pixel, mean 1.
-    std_error : (H, W) array
-        Of it, from how frames differ.
-    mean_dn, mean_error_dn : float
-        The light, dark taken off, and its standard error [DN].
-    frames : int
-        How many frames.
-    """
-
-    response: FloatArray
-    std_error: FloatArray
-    mean_dn: float
+    response: FloatArray  #: (H, W): of each pixel, mean 1
+    std_error: FloatArray  #: (H, W): of it, from how frames differ
+    mean_dn: float  #: the light, dark taken off, and its standard error [DN]
     mean_error_dn: float
-    frames: int
+    frames: int  #: how many frames
 
     @property
     def pattern_rms(self) -> float:
@@ -452,21 +383,12 @@ _COEFFICIENTS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AffineMap:
-    """Where points of one picture lie in another.
+    """Where points of one picture lie in another."""
 
-    Attributes
-    ----------
-    matrix
-        Shape (2, 3): (x', y') = matrix @ (x, y, 1) [pixel].
-    residual_rms_px
-        Of the points about the map, per coordinate, corrected for the fitted coefficients [pixel].
-    unit_cov
-        Covariance of each row of the matrix over the square of that rms, shape (3, 3).
-    """
-
-    matrix: FloatArray
+    matrix: FloatArray  #: shape (2, 3): (x', y') = matrix @ (x, y, 1) [pixel]
+    #: of the points about the map, per coordinate, corrected for the fitted coefficients [pixel]
     residual_rms_px: float
-    unit_cov: FloatArray
+    unit_cov: FloatArray  #: covariance of each row of the matrix over the square of that rms, shape (3, 3)
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Return where points (n, 2) [pixel] lie in the other picture."""
@@ -484,18 +406,6 @@ class AffineMap:
 def fit_affine(before: FloatArray, after: FloatArray) -> AffineMap:
     """Return the least-squares affine map from points to points.
 
-    Parameters
-    ----------
-    before, after
-        The same points in two pictures, shape (n, 2), n >= 4, not all on a line [pixel].
-
-    Raises
-    ------
-    CalibrationError
-        Fewer than four points, or all on a line.
-
-    References
-    ----------
     Definition: ordinary least squares, one row of the map a coordinate.
     """
     if len(before) < _LEAST_POINTS:

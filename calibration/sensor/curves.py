@@ -703,30 +703,17 @@ _TERMS_PHOTON_TRANSFER = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhotonTransfer:
-    """A photon-transfer curve and the fit through it: variance = gain * signal + bend * signal^2 + cubic * signal^3.
+    """A photon-transfer curve and the fit through it: variance = gain * signal + bend * signal^2 + cubic * signal^3."""
 
-    Attributes
-    ----------
-    points : TransferPoints
-        All points.
-    used : (n,) array of bool
-        Those that the fit uses.
-    fit : ScatterFit
-        Gain [DN/e-], and bend and cubic term where they were fitted, from the used points' variances; the
-        scatter is that of the gain [DN/e-].
-    linearity : LinearityCurve or None
-        The sensor's response, where the light of the levels is known; the cubic term is then its.
-    saturation : SaturationLevel or None
-        Where the variance is largest; None where it never falls.
-    relative_gain_error_of_change : float
-        Part of the gain's relative error by a change of gain that cannot be told from one of the lamp.
-    """
-
-    points: TransferPoints
-    used: NDArray[np.bool_]
+    points: TransferPoints  #: all points
+    used: NDArray[np.bool_]  #: (n,): those that the fit uses
+    #: gain [DN/e-], and bend and cubic term where they were fitted, from the used points' variances; the scatter is
+    #: that of the gain [DN/e-]
     fit: ScatterFit
+    #: the sensor's response, where the light of the levels is known; the cubic term is then its
     linearity: LinearityCurve | None
-    saturation: SaturationLevel | None
+    saturation: SaturationLevel | None  #: where the variance is largest; None where it never falls
+    #: part of the gain's relative error by a change of gain that cannot be told from one of the lamp
     relative_gain_error_of_change: float = 0.0
 
     @property
@@ -900,18 +887,9 @@ class BrighterFatter:
 def brighter_fatter(transfer: PhotonTransfer) -> BrighterFatter | None:
     """Return the bend of the curve that the response of the sensor does not explain; None without a response.
 
-    Parameters
-    ----------
-    transfer
-        The fitted curve.
-
-    Notes
-    -----
     The quadratic term of the curve less three times that of the response, in parts of the gain; to first order,
     and its two errors as if independent.
 
-    References
-    ----------
     Astier et al., A&A 629, A36 (2019), doi:10.1051/0004-6361/201935508: variance = gain signal (1 + a signal).
     """
     curve = transfer.linearity
@@ -1018,21 +996,11 @@ _UNITS = {
 
 @dataclass(frozen=True, kw_only=True)
 class StatedExposures:
-    """Place where exposures are stated, and the unit that they were read in.
+    """Place where exposures are stated, and the unit that they were read in."""
 
-    Attributes
-    ----------
-    where : str
-        Such as "the column exposure_ms".
-    unit : str or None
-        ns, us, ms or s; None where it is not one for all.
-    has_option : bool
-        Whether --exposure-unit states another; otherwise what is stated has to be corrected.
-    """
-
-    where: str = "what was given"
-    unit: str | None = None
-    has_option: bool = True
+    where: str = "what was given"  #: such as "the column exposure_ms"
+    unit: str | None = None  #: ns, us, ms or s; None where it is not one for all
+    has_option: bool = True  #: whether --exposure-unit states another; otherwise what is stated has to be corrected
 
 
 _ANYWHERE = StatedExposures()
@@ -1169,22 +1137,12 @@ _RESOLVED_SIGMA = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class DoublingTemperature:
-    """The doubling interval of a dark current.
+    """The doubling interval of a dark current."""
 
-    Attributes
-    ----------
-    value_k, std_error_k : float
-        Rise of temperature that doubles the dark current [K].
-    n_temperatures : int
-        Temperatures it was made from.
-    chi2_per_dof : float or None
-        How the points fit an exponential; None with two of them.
-    """
-
-    value_k: float
+    value_k: float  #: rise of temperature that doubles the dark current [K]
     std_error_k: float
-    n_temperatures: int
-    chi2_per_dof: float | None
+    n_temperatures: int  #: temperatures it was made from
+    chi2_per_dof: float | None  #: how the points fit an exponential; None with two of them
 
 
 def doubling_temperature(

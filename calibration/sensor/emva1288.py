@@ -254,23 +254,13 @@ _OF_DARKS = (
 
 @dataclass(frozen=True, kw_only=True)
 class EmvaFigure:
-    """A number of the standard.
+    """A number of the standard."""
 
-    Attributes
-    ----------
-    value : float
-        In the unit that its name ends in.
-    std_error : float or None
-        Standard error, which the standard itself does not ask for; None where there are too few levels for it.
-    n : int
-        Number of frames it was made from.
-    bound : {"<", ">"} or None
-        The number is a limit: the dark variance is below 0.24 DN^2, where the standard caps it.
-    """
-
-    value: float
+    value: float  #: in the unit that its name ends in
+    #: standard error, which the standard itself does not ask for; None where there are too few levels for it
     std_error: float | None
-    n: int
+    n: int  #: number of frames it was made from
+    #: the number is a limit: the dark variance is below 0.24 DN^2, where the standard caps it
     bound: Literal["<", ">"] | None = None
 
 

@@ -554,21 +554,11 @@ _LEAST_LINES = 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectrogram:
-    """Amplitude of a picture by frequency; noise that is independent from pixel to pixel has its own deviation at each.
+    """Amplitude of a picture by frequency; independent noise has its own deviation at each frequency."""
 
-    Attributes
-    ----------
-    frequency_per_pixel : (n,) array
-        Above 0, up to 0.5 [1/pixel].
-    amplitude : (n,) array
-        Root of the mean power over all lines, in the unit of the picture.
-    n_lines : int
-        Rows or columns that it is the mean of.
-    """
-
-    frequency_per_pixel: FloatArray
-    amplitude: FloatArray
-    n_lines: int
+    frequency_per_pixel: FloatArray  #: (n,): above 0, up to 0.5 [1/pixel]
+    amplitude: FloatArray  #: (n,): root of the mean power over all lines, in the unit of the picture
+    n_lines: int  #: rows or columns that it is the mean of
 
     @property
     def median(self) -> float:
@@ -703,72 +693,32 @@ class LevelPicture:
 
 @dataclass(frozen=True, kw_only=True)
 class LevelStatistics:
-    """Statistics of one level: frames of one kind, exposure and illumination.
+    """Statistics of one level: frames of one kind, exposure and illumination."""
 
-    Attributes
-    ----------
-    kind : {"dark", "flat"}
-        Without light, or with even light.
-    exposure_s : float or None
-        Exposure time [s], None where it is not known.
-    photons : float or None
-        Mean photons that a pixel received, as somebody measured them; None where they are not known.
-    n_frames : int
-        At least 2.
-    shape : (int, int)
-        Rows and columns.
-    n_pixels : int
-        Pixels without an outlier; mean and variances are theirs.
-    mean_dn : float
-        Mean of all frames [DN].
-    frame_means_dn : tuple of float
-        Mean of each frame, outliers too [DN].
-    temporal_variance_dn2, temporal_std_error_dn2 : float
-        Mean over pixels of the variance in time, rounding included [DN^2].
-    spatial_variance_dn2, spatial_std_error_dn2 : float
-        Variance from pixel to pixel of what stays the same in time [DN^2]; may be below 0 by its error. The
-        error counts the pixels as drawn from a larger population.
-    temporal_spatial_cov_dn4 : float
-        Covariance of the errors of these two [DN^4].
-    small_scale_variance_dn2 : float
-        The spatial variance without what is smooth on a sixteenth of the picture [DN^2].
-    ordinary : OrdinaryPattern
-        The spatial variance without defect pixels.
-    mosaic_contrast : float
-        Largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean.
-    pattern : PatternParts
-        The spatial variance by rows, columns and pixels.
-    row_column : RowColumnNoise
-        What pixels share of the noise in time.
-    samples : SampleTally
-        The samples as integers.
-    lag : ImageLag or None
-        What goes over from frame to frame; None with two frames, or without noise.
-    picture : LevelPicture or None
-        Pixel by pixel, where that was asked for.
-    """
-
-    kind: LevelKind
-    exposure_s: float | None
+    kind: LevelKind  #: without light, or with even light
+    exposure_s: float | None  #: exposure time [s], None where it is not known
+    #: mean photons that a pixel received, as somebody measured them; None where they are not known
     photons: float | None
-    n_frames: int
-    shape: tuple[int, int]
-    n_pixels: int
-    mean_dn: float
-    frame_means_dn: tuple[float, ...]
-    temporal_variance_dn2: float
+    n_frames: int  #: at least 2
+    shape: tuple[int, int]  #: rows and columns
+    n_pixels: int  #: pixels without an outlier; mean and variances are theirs
+    mean_dn: float  #: mean of all frames [DN]
+    frame_means_dn: tuple[float, ...]  #: mean of each frame, outliers too [DN]
+    temporal_variance_dn2: float  #: mean over pixels of the variance in time, rounding included [DN^2]
     temporal_std_error_dn2: float
+    #: variance from pixel to pixel of what stays the same in time [DN^2]; may be below 0 by its error. The error counts
+    #: the pixels as drawn from a larger population.
     spatial_variance_dn2: float
     spatial_std_error_dn2: float
-    temporal_spatial_cov_dn4: float
-    small_scale_variance_dn2: float
-    ordinary: OrdinaryPattern
-    mosaic_contrast: float
-    pattern: PatternParts
-    row_column: RowColumnNoise
-    samples: SampleTally
-    lag: ImageLag | None = None
-    picture: LevelPicture | None = None
+    temporal_spatial_cov_dn4: float  #: covariance of the errors of these two [DN^4]
+    small_scale_variance_dn2: float  #: the spatial variance without what is smooth on a sixteenth of the picture [DN^2]
+    ordinary: OrdinaryPattern  #: the spatial variance without defect pixels
+    mosaic_contrast: float  #: largest difference of the means of the four pixels of a 2 x 2 cell, relative to the mean
+    pattern: PatternParts  #: the spatial variance by rows, columns and pixels
+    row_column: RowColumnNoise  #: what pixels share of the noise in time
+    samples: SampleTally  #: the samples as integers
+    lag: ImageLag | None = None  #: what goes over from frame to frame; None with two frames, or without noise
+    picture: LevelPicture | None = None  #: pixel by pixel, where that was asked for
 
 
 def level_statistics(

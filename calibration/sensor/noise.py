@@ -297,13 +297,7 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
 
 
 def not_known(calibration: NoiseCalibration) -> dict[str, str]:
-    """Return why each number that is not known is not, by the number's name.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        The calibration; names of ``performance`` and ``emva1288`` are among the keys.
-    """
+    """Return why each number that is not known is not, by the number's name."""
     best, merit = calibration, calibration.performance
     if not best.darks:
         return _not_known_without_darks(best)
@@ -346,11 +340,6 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     """Return three lines to read first.
 
     The first is how far the gain can be trusted: to its standard error, or to the largest departure that a flag names.
-
-    Parameters
-    ----------
-    calibration : NoiseCalibration
-        The calibration, its flags in the order of what they do.
     """
     gain = calibration.gain_dn_per_e
     share = gain.std_error / gain.value
@@ -370,17 +359,6 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
 def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e: float) -> FloatArray:
     """Return the noise in time of a pixel, rounding included [e-]: electrons of the signal, read noise, 1/12 DN^2.
 
-    Parameters
-    ----------
-    signal_e
-        Mean signal, any shape, 0 or more [e-].
-    read_noise_e
-        0 or more [e-].
-    gain_dn_per_e
-        Above 0 [DN/e-].
-
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 2.
     """
     noise: FloatArray = np.sqrt(signal_e + read_noise_e**2 + QUANTISATION_VAR_DN2 / gain_dn_per_e**2)
@@ -390,17 +368,6 @@ def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e
 def total_noise_e(temporal_e: FloatArray, signal_e: FloatArray, *, prnu: float, dsnu_e: float) -> FloatArray:
     """Return the noise in time and from pixel to pixel together [e-]; signal in electrons.
 
-    Parameters
-    ----------
-    temporal_e, signal_e
-        Noise in time and mean signal, any shape, 0 or more [e-].
-    prnu
-        Relative deviation of the pixels' response, 0 or more.
-    dsnu_e
-        Deviation of their dark signal, 0 or more [e-].
-
-    References
-    ----------
     EMVA Standard 1288, Release 4.0 Linear, section 4.
     """
     noise: FloatArray = np.sqrt(np.square(temporal_e) + dsnu_e**2 + np.square(prnu * signal_e))

@@ -134,24 +134,12 @@ _SIDE = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PatternHistogram:
-    """Counts of pixels by their deviation, beside those of a normal law of the same width.
+    """Counts of pixels by their deviation, beside those of a normal law of the same width."""
 
-    Attributes
-    ----------
-    centres : (n,) array
-        Middle of each bin, in the unit of the deviation.
-    counts : (n,) array of int
-        Pixels.
-    normal_counts : (n,) array
-        Pixels by a normal law.
-    sigma : float
-        Its standard deviation, from the quartiles.
-    """
-
-    centres: FloatArray
-    counts: NDArray[np.int64]
-    normal_counts: FloatArray
-    sigma: float
+    centres: FloatArray  #: (n,): middle of each bin, in the unit of the deviation
+    counts: NDArray[np.int64]  #: (n,): pixels
+    normal_counts: FloatArray  #: (n,): pixels by a normal law
+    sigma: float  #: its standard deviation, from the quartiles
 
     @property
     def at_least(self) -> NDArray[np.int64]:
@@ -200,52 +188,28 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedPattern:
-    """Fixed pattern of two stacks.
+    """Fixed pattern of two stacks."""
 
-    Attributes
-    ----------
-    dark, flat : LevelPicture
-        The stacks themselves.
-    n_dark_frames, n_flat_frames : int
-        Frames of each.
-    signal_dn : float
-        Mean of the flat less that of the dark [DN].
-    dark_variance_dn2, response_variance : float
-        Spatial variance of the dark mean [DN^2], and of flat less dark, relative; noise in time taken off.
-    dark_rows, dark_columns : Spectrogram
-        Of the dark mean: horizontal and vertical frequencies [DN].
-    response_rows, response_columns : Spectrogram
-        Of flat less dark, relative to the signal.
-    dark_histogram, response_histogram : PatternHistogram
-        Of deviations from the neighbours, of the dark mean [DN] and of flat less dark, relative to the signal.
-    defects : DefectMap
-        Pixels that are not like the others.
-    """
-
-    dark: LevelPicture
+    dark: LevelPicture  #: the stacks themselves
     flat: LevelPicture
-    n_dark_frames: int
+    n_dark_frames: int  #: frames of each
     n_flat_frames: int
-    signal_dn: float
+    signal_dn: float  #: mean of the flat less that of the dark [DN]
+    #: spatial variance of the dark mean [DN^2], and of flat less dark, relative; noise in time taken off
     dark_variance_dn2: float
     response_variance: float
-    dark_rows: Spectrogram
+    dark_rows: Spectrogram  #: of the dark mean: horizontal and vertical frequencies [DN]
     dark_columns: Spectrogram
-    response_rows: Spectrogram
+    response_rows: Spectrogram  #: of flat less dark, relative to the signal
     response_columns: Spectrogram
+    #: of deviations from the neighbours, of the dark mean [DN] and of flat less dark, relative to the signal
     dark_histogram: PatternHistogram
     response_histogram: PatternHistogram
-    defects: DefectMap
+    defects: DefectMap  #: pixels that are not like the others
 
 
 def fixed_pattern(dark: LevelStatistics, flat: LevelStatistics) -> FixedPattern | None:
-    """Return the fixed pattern of two levels of one exposure; None if either has no picture, or the flat no light.
-
-    Parameters
-    ----------
-    dark, flat : LevelStatistics
-        Stacks, with their pictures.
-    """
+    """Return the fixed pattern of two levels of one exposure; None if either has no picture, or the flat no light."""
     signal_dn = flat.mean_dn - dark.mean_dn
     if dark.picture is None or flat.picture is None or signal_dn <= 0.0:
         return None
