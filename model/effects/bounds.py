@@ -41,10 +41,6 @@ class Light(NamedTuple):
     s0: float
     polarised: float
 
-    def __or__(self, other: Light) -> Light:
-        """Return the sum."""
-        return Light(self.s0 + other.s0, self.polarised + other.polarised)
-
 
 _DARK, _ANY_LIGHT = Light(0.0, 0.0), Light(np.inf, np.inf)
 

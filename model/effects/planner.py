@@ -117,7 +117,7 @@ def _by_statement(scene: LitScene, effect: Effect, forced: Mapping[Effect, bool]
     if effect in forced:
         reason = _by_request(forced[effect])
     elif is_stated:
-        reason = "stated"
+        reason = entry.reason_stated
     else:
         reason = "not stated" if is_unstated else entry.reason_absent
     return Decision(
@@ -223,6 +223,7 @@ class EffectEntry:
     removed: Callable[[LitScene], LitScene]
     is_stated: Callable[[LitScene], bool]
     usual: Usual | None = None  #: None for an effect that every scene states, or that follows from others
+    reason_stated: str = "stated"
     reason_absent: str = "stated as 0"  #: why it is not there where it is neither stated nor has a usual size
     place: str = "model.effects.planner"
     cost: str = "microseconds"
@@ -388,6 +389,7 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
             changes="counts and their spread over a region",
             removed=_without_session(off_axis_falloff=False),
             is_stated=lambda scene: scene.imperfections.off_axis_falloff and _has_extents(scene),
+            reason_stated="field of view",
             reason_absent="no extent",
             place="model.accuracy.chain",
         ),

@@ -52,10 +52,6 @@ def _same(value: float) -> float:
     return value
 
 
-def _percent(value: float) -> float:
-    return 100.0 * value
-
-
 # Table of the scene file, line, words for the range, and the unit in which the file has it.
 _STATEMENTS: dict[Effect, tuple[str, str, str, Callable[[float], float]]] = {
     Effect.FIELD_OF_VIEW: (
@@ -149,9 +145,12 @@ def verify_effects(planned: PlannedScene, *, tell: Tell | None = None) -> Verifi
     def time_s(effects: frozenset[Effect]) -> float:
         return chain_time_s(planned.scene, planned.settings, effects, make_store=empty)
 
+    plan = planned.plan
+    leaves_out = any(one.answer == "left out" and not one.forced and one.bound.largest > 0.0 for one in plan.decisions)
     with as_config_error("--verify"):
+        all_s = time_s(plan.asked)
         return Verification(
-            checked=check_effects(planned.scene, planned.settings, planned.plan, make_store=empty),
-            all_s=time_s(planned.plan.asked),
-            planned_s=time_s(planned.plan.active),
+            checked=check_effects(planned.scene, planned.settings, plan, make_store=empty),
+            all_s=all_s,
+            planned_s=time_s(plan.active) if leaves_out else all_s,
         )
