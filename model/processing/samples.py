@@ -388,11 +388,15 @@ class Hits:
     left, left_error : (N,) array
         What hits too small to be found leave in the mean of each angle, by how many are found that are hardly larger;
         and its standard error, by the Poisson law and for the guess that small ones are as many.
+    left_var, left_var_error : (N,) array
+        What they leave in the variance of the pixels of one frame, of any size up to the limit; and its error.
     """
 
     pixels: NDArray[np.bool_]
     left: FloatArray
     left_error: FloatArray
+    left_var: FloatArray
+    left_var_error: FloatArray
 
 
 # Chance that any of the numbers of a region is taken for hit although nothing was.
@@ -437,7 +441,7 @@ def find_hits(pixels: FloatArray) -> Hits | None:
         small[angle] = np.sum(high[angle] & (np.abs(farthest) < 2.0 * limit * scales[angle]))
     if not np.all(scales > 0.0):
         return None
-    return _hits(high, low, small, 0.5 * limit * scales / (cycles * count))
+    return _hits(high, low, small, limit * scales, cycles * count)
 
 
 def find_single_hits(residual: FloatArray) -> Hits | None:
@@ -459,16 +463,27 @@ def find_single_hits(residual: FloatArray) -> Hits | None:
     # Light that stands out does so behind most angles.
     single = np.sum(np.abs(off) > 0.5 * limit, axis=0) <= len(off) // 2
     high, low = (off > limit) & single, (off < -limit) & single
-    return _hits(high, low, np.sum(high & (off < 2.0 * limit), axis=1), 0.5 * limit * scale / count)
+    return _hits(high, low, np.sum(high & (off < 2.0 * limit), axis=1), limit * scale, count)
 
 
-def _hits(high: NDArray[np.bool_], low: NDArray[np.bool_], small: NDArray[np.intp], of_one: FloatArray) -> Hits | None:
-    """Return hits; `small` of those above are hardly larger than the limit: each stands for so much that is left."""
+def _hits(
+    high: NDArray[np.bool_], low: NDArray[np.bool_], small: NDArray[np.intp], limits: FloatArray, counts: int
+) -> Hits | None:
+    """Return hits; `small` of those above are hardly larger than the limit, and stand for as many that are below it."""
     above, below = int(high.sum()), int(low.sum())
     pixels = np.asarray(np.any(high | low, axis=0))
     if above <= below + _ONE_SIDED * np.sqrt(above + below) or pixels.mean() > _MOST_HIT:
         return None
-    return Hits(pixels=pixels, left=small * of_one, left_error=np.sqrt(small + (_GUESS * small) ** 2) * of_one)
+    number, error = small / counts, np.sqrt(small + (_GUESS * small) ** 2) / counts
+    # Means of sizes from 0 to the limit, and of their squares.
+    size, square = 0.5 * limits, limits**2 / 3.0
+    return Hits(
+        pixels=pixels,
+        left=number * size,
+        left_error=error * size,
+        left_var=number * square,
+        left_var_error=error * square,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

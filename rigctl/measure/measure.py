@@ -307,7 +307,7 @@ def _measured_regions(
             require_pixels(name, int(np.count_nonzero(own)), excluded=excluded, edge=edge)
             given = repeats(name, own)
             error: FloatArray | float = 0.0 if found is None else found.level_error(channels, own)
-            signal, at_ends, hit = None, (float(np.mean(frames.at_zero[own])), 0.0), 0
+            signal, at_ends, hits = None, (float(np.mean(frames.at_zero[own])), 0.0), None
             if isinstance(given, np.ndarray):
                 whole = mask & ~frames.missing
                 used = None
@@ -319,8 +319,8 @@ def _measured_regions(
                 values, own, signal, rounding, at_ends, hits = used
                 error = np.hypot(error, rounding)
                 if hits is not None:
-                    hit, error = int(hits.pixels.sum()), np.hypot(error, hits.left_error)
-                excluded = int(np.count_nonzero(mask) - np.count_nonzero(own)) - hit
+                    error = np.hypot(error, hits.left_error)
+                excluded = int(np.count_nonzero(mask) - np.count_nonzero(own)) - _number(hits)
                 given = repeated(
                     values,
                     plan.inverse,
@@ -340,7 +340,7 @@ def _measured_regions(
                 relative_error=frames.corrections.relative_error(grid.angles),
                 own_error=error,
                 interpolation=frames.interpolation,
-                hit=hit,
+                hits=hits,
                 signal=signal,
                 at_ends=at_ends,
             )
@@ -468,13 +468,13 @@ def measure_region(
     relative_error: FloatArray,
     own_error: FloatArray | float = 0.0,
     interpolation: Interpolation = "none",
-    hit: int = 0,
+    hits: Hits | None = None,
     signal: FloatArray | None = None,
     at_ends: tuple[float, float] = (0.0, 0.0),
 ) -> MeasuredRegion:
     """Return the numbers of a region; means are those of `signal`, shape (N, P), where that is not the mean count."""
     count = pixels.mean.shape[1]
-    require_pixels(name, count, excluded=excluded + hit, edge=edge)
+    require_pixels(name, count, excluded=excluded + _number(hits), edge=edge)
     light = np.zeros(inside.shape)
     light[inside] = plan.inverse[0] @ pixels.mean
     independent = effective_pixels(light, inside)
@@ -486,6 +486,8 @@ def measure_region(
     quantities = _of_vectors(
         pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
     ) | _of_pixel_dolp(stokes_pixels, inflation)
+    if hits is not None:
+        quantities = _without_small_hits(quantities, hits, channel_names, plan.inverse, pixels.cycles)
     if at_ends[0] > _CLIPPED or (at_ends[1] > _CLIPPED and signal is not None):
         # What was cut off is missing from every deviation, and from the DoLP of every pixel.
         means = ((quantity, found["mean"]) for quantity, found in quantities.items() if "pixels" not in quantity)
@@ -494,7 +496,7 @@ def measure_region(
         pixels=count,
         excluded=excluded,
         edge=edge,
-        hit=hit,
+        hit=_number(hits),
         at_ends=at_ends,
         is_by_law=signal is not None,
         independent_pixels=independent,
@@ -521,6 +523,46 @@ def _with_level_errors(
     own = np.square(moments.mean * relative_error) + np.square(own_error)
     common = np.outer(level_std_error, level_std_error) + np.diag(own)
     return Moments(mean=moments.mean, cov=moments.cov + common)
+
+
+def _number(hits: Hits | None) -> int:
+    return 0 if hits is None else int(np.count_nonzero(hits.pixels))
+
+
+def _without_small_hits(
+    quantities: MeasuredQuantities, hits: Hits, channel_names: Sequence[str], inverse: FloatArray, cycles: int
+) -> MeasuredQuantities:
+    """Return numbers whose deviations are without what hits too small to be found leave in them."""
+    found = {quantity: dict(statistics) for quantity, statistics in quantities.items()}
+    squares = np.concatenate([np.eye(len(channel_names)), inverse]) ** 2
+    for quantity, row in zip((*channel_names, "s0", "s1", "s2"), squares, strict=True):
+        for statistic, repeats in (("std", 1), ("std_temporal", 1), ("std_spatial_mean", cycles)):
+            if statistic in found[quantity]:
+                less = float(row @ hits.left_var) / repeats, float(row @ hits.left_var_error) / repeats
+                found[quantity][statistic] = _less(found[quantity][statistic], *less)
+    if {"dolp_pixels", "s1n"} <= found.keys():
+        normalized = np.array([found[name]["mean"].value for name in ("s1n", "s2n")])
+        degree = float(np.hypot(*normalized))
+        axis = normalized / degree if degree > 0.0 else np.array([1.0, 0.0])
+        row = ((axis @ inverse[1:] - degree * inverse[0]) / found["s0"]["mean"].value) ** 2
+        before, error = found["dolp_pixels"]["std"], float(row @ hits.left_var_error)
+        after = found["dolp_pixels"]["std"] = _less(before, float(row @ hits.left_var), error)
+        if "dolp_snr" in found:
+            ratio, snr = before.value / after.value, found["dolp_snr"]["mean"]
+            of_guess = 0.5 * snr.value * ratio * error / after.value**2
+            both = float(np.hypot(snr.std_error * ratio, of_guess))
+            found["dolp_snr"]["mean"] = replace(snr, value=snr.value * ratio, std_error=both)
+    return found
+
+
+def _less(sample: Sample, variance: float, error: float) -> Sample:
+    """Return a deviation less a part of its variance, which has an error of its own."""
+    left = sample.value**2 - variance
+    if not left > 0.0:
+        return sample
+    value = float(np.sqrt(left))
+    own = sample.std_error * sample.value / value
+    return replace(sample, value=value, std_error=float(np.hypot(own, 0.5 * error / value)))
 
 
 # Share of the terms of a sum, or of 1 for a ratio, that their rounding may leave of what is 0.

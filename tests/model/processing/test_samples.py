@@ -200,3 +200,20 @@ def test_noise_that_explains_more_than_the_spread_is_repaired_and_said():
 def test_what_cannot_give_a_covariance_is_refused(shape, repeats):
     with pytest.raises(ValueError, match="pixels_of_mean"):
         estimate_texture(np.ones(shape), NOISE, repeats=repeats, pattern_cov=NONE)
+
+
+def test_hits_too_small_to_be_found_leave_what_is_said_in_mean_and_variance():
+    rng = np.random.default_rng(13)
+    off, squares = [], []
+    for _ in range(20):
+        pixels = rng.normal(500.0, 10.0, (3, 4, 4000))
+        hit = rng.random(pixels.shape) < 0.01
+        pixels[hit] += rng.exponential(400.0, int(hit.sum()))
+        found = sm.find_hits(pixels)
+        kept = pixels[:, :, ~found.pixels]
+        off.append((kept.mean(axis=(0, 2)) - 500.0 - found.left) / np.hypot(found.left_error, 10.0 / np.sqrt(12000.0)))
+        squares.append((kept.var(axis=2).mean(axis=0) - 100.0 - found.left_var) / found.left_var_error)
+        assert np.all(found.left_var > 0.0)
+    # Chance of the variance itself is some 0.9 of its error by hits.
+    assert abs(np.mean(off)) < 4.0 / np.sqrt(80.0)
+    assert abs(np.mean(squares)) < 4.0 * 1.5 / np.sqrt(80.0)
