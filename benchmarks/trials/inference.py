@@ -205,7 +205,10 @@ def run_inference(case: str, *, draws: int, first: int = 0, processes: int = 2) 
         roof_problem(None), roof_problem(WRONG_DIFFUSE if case == "wrong" else None)
     # Forked, so that workers have the interpolated model.
     with ProcessPoolExecutor(processes, mp_context=get_context("fork")) as pool:
-        found = list(pool.map(partial(_drawn, case), range(first, first + draws)))
+        found = []
+        for one in pool.map(partial(_drawn, case), range(first, first + draws)):
+            found.append(one)
+            Path(f"inference-{case}.json").write_text(json.dumps({"case": case, "ranks": found}))
     ranks = [one for one in found if isinstance(one, dict)]
     refused = [one for one in found if isinstance(one, str)]
     print(f"{case}: {len(ranks)} posteriors, {len(refused)} refused{'' if not refused else ': ' + refused[0]}")
@@ -216,7 +219,6 @@ def run_inference(case: str, *, draws: int, first: int = 0, processes: int = 2) 
         p = float(chisquare(np.histogram(shares, bins=10, range=(0.0, 1.0))[0]).pvalue)
         good &= covered >= 0.9 if case == "wrong" else p > 1e-3 / len(ranks[0])
         print(f"  {name:34} mean rank {shares.mean():.3f}, 95 % interval holds {covered:6.1%}, uniform p = {p:.2g}")
-    Path(f"inference-{case}.json").write_text(json.dumps({"case": case, "ranks": ranks}))
     return bool(good)
 
 
