@@ -287,8 +287,8 @@ def _positive(intensity: FloatArray) -> FloatArray:
 
 def _shown_range(intensity: FloatArray, decades: float) -> tuple[float, float]:
     """Return the ends of a logarithmic axis, which a surface that is black or the same everywhere has too."""
-    highest = float(np.max(intensity)) or 1.0
-    return max(float(np.min(intensity)), highest * 10.0**-decades) / _MARGIN, highest * _MARGIN
+    highest = float(np.nanmax(intensity)) or 1.0
+    return max(float(np.nanmin(intensity)), highest * 10.0**-decades) / _MARGIN, highest * _MARGIN
 
 
 def _degree(stokes: FloatArray) -> FloatArray:

@@ -111,9 +111,15 @@ def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> ReflectedMaps:
     azimuth_rad, zenith_rad = np.meshgrid(np.deg2rad(_ROUND_DEG), np.deg2rad(_RINGS_DEG))
     # Compass azimuths run clockwise from above; phi is the sun's less the camera's.
     matrix = mueller(sun_zenith_rad, zenith_rad, -azimuth_rad, surface=surface)
+    curve = principal_plane(surface, np.deg2rad(_CURVE_DEG), sun_zenith_rad=sun_zenith_rad)
+    if surface.table is not None:
+        # Figures are empty where nothing was measured.
+        matrix[~surface.table.covers(np.full(zenith_rad.shape, sun_zenith_rad), zenith_rad)] = np.nan
+        seen = np.abs(np.deg2rad(_CURVE_DEG))
+        curve[~surface.table.covers(np.full(seen.shape, sun_zenith_rad), seen)] = np.nan
     return ReflectedMaps(
         curve_deg=_CURVE_DEG,
-        curve_stokes=principal_plane(surface, np.deg2rad(_CURVE_DEG), sun_zenith_rad=sun_zenith_rad),
+        curve_stokes=curve,
         zenith_deg=_RINGS_DEG,
         azimuth_deg=_ROUND_DEG,
         hemisphere_stokes=matrix[..., 0],

@@ -72,6 +72,11 @@ def test_a_measured_surface_is_refused_where_it_was_not_measured(tmp_path, capsy
     assert main(["surface", material, "--at", str(geometries)]) == 0
     row = next(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert 0.0 < float(row["f00_per_sr_std"]) < 0.01 * float(row["f00_per_sr"])
+    out = tmp_path / "measured"
+    assert main(["surface", material, "--out", str(out), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["principal_plane"]
+    assert (rows[0]["camera_zenith_deg"], rows[-1]["camera_zenith_deg"]) == (-75.0, 75.0)
+    assert (out / "hemisphere.png").read_bytes().startswith(PNG)
 
 
 def test_findings_are_printed(capsys):
