@@ -216,7 +216,7 @@ def unfiltered_png(data: bytes) -> NDArray[np.uint16] | NDArray[np.uint8] | None
 
 
 def _inflated(packed: bytes, size: int) -> bytes | None:
-    """Return what a zlib stream holds, None where that is not so many bytes, or another kind of stream.
+    """Return what a zlib stream of rows holds, None where that is not so many bytes, or the first row has a filter.
 
     Its checksum over the samples is passed by: those of the chunks are over the same, packed, and were right.
     """
@@ -225,8 +225,12 @@ def _inflated(packed: bytes, size: int) -> bytes | None:
         return None
     unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
+        # The filter of the first row: most files have one, and need not be unpacked twice.
+        first = unpacker.decompress(memoryview(packed)[_ZLIB_HEADER:], 1)
+        if first != b"\0":
+            return None
         # One byte more than there should be is asked for, to see that there is none.
-        raw = unpacker.decompress(memoryview(packed)[_ZLIB_HEADER:], size + 1)
+        raw = first + unpacker.decompress(unpacker.unconsumed_tail, size)
     except zlib.error:
         return None
     whole = len(raw) == size and unpacker.eof and len(unpacker.unused_data) == _ZLIB_CHECKSUM
