@@ -64,7 +64,6 @@ from rigctl.comparison.rows import (
     decide,
     error_of_both,
     is_coarse,
-    measured_with_ratios,
     pair,
     predictable,
     run_budget,
@@ -81,7 +80,14 @@ from rigctl.files.choices import ScaleKind
 from rigctl.files.regions import Region
 from rigctl.measure.calibrations import PickedCalibrations
 from rigctl.measure.diagnose import DiagnosedRun, RunDiagnosis
-from rigctl.measure.measure import MeasuredRegion, Measurement, TemporalNoise, temporal_noise, temporal_variance
+from rigctl.measure.measure import (
+    MeasuredRegion,
+    Measurement,
+    TemporalNoise,
+    measured_with_ratios,
+    temporal_noise,
+    temporal_variance,
+)
 from rigctl.prediction.predict import (
     NumberKey,
     Performance,

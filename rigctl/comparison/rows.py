@@ -24,7 +24,7 @@ from model.quantities import difference, is_counts, ratio_name
 from model.sensor import ChannelMoments
 from rigctl.files.regions import Region, inner_masks, masks
 from rigctl.measure.diagnose import RunDiagnosis
-from rigctl.measure.measure import MeasuredRegion, Measurement, of_few
+from rigctl.measure.measure import MeasuredRegion, Measurement
 from rigctl.prediction.predict import NumberKey
 from rigctl.scene.scene import ANGLE, DRIFT, OFFSET, Inputs
 
@@ -201,18 +201,6 @@ def error_of_both(row: Row) -> float:
 def with_ratios(predictions: Mapping[str, "RegionPrediction"]) -> dict[str, "RegionPrediction"]:
     """Return predictions with a ratio for each channel beside its counts; none where there is no light."""
     return {name: _with_ratios(prediction) for name, prediction in predictions.items()}
-
-
-def measured_with_ratios(region: "MeasuredRegion") -> "MeasuredQuantities":
-    """Return what a region measured, with a ratio for each channel; none where there is no light."""
-    moments = region.channels_mean
-    names = [name for name in region.quantities if is_counts(name)]
-    if not moments.mean.mean() > 0.0:
-        return region.quantities
-    ratios, errors = channel_ratios(moments)
-    rows = (np.eye(ratios.size) - ratios[:, None] / ratios.size) / moments.mean.mean()
-    samples = map(of_few, ratios.tolist(), errors.tolist(), region.repeatability.freedom(rows, moments).tolist())
-    return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
 
 
 def predictable(measured: "MeasuredQuantities", *, is_mosaic: bool, is_interpolated: bool) -> "MeasuredQuantities":

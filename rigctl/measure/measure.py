@@ -25,7 +25,7 @@ from model.processing import dolp
 from model.processing.dolp_interval import aolp_limits_rad, dolp_intervals, is_polarized, student_intervals
 from model.processing.maps import Float32Array, polarization_maps
 from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px, variance_factor
-from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
+from model.processing.reconstruction import Design, aolp_moments_rad, channel_ratios, design, normalized_moments
 from model.processing.samples import (
     Hits,
     Repeatability,
@@ -41,6 +41,7 @@ from model.processing.samples import (
     region_mean_moments,
     repeated,
 )
+from model.quantities import is_counts, ratio_name
 from model.sensor import SensorNoise, temporal_variance_dn2
 from model.stokes import dolp as degree_of_polarization
 from rigctl.calibrations.flat import FlatFields
@@ -700,6 +701,18 @@ def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuant
     if found["dolp_pixels"]["std"].value > 0.0:
         found["dolp_snr"] = {"mean": _inflated(mean_over_deviation(values), inflation)}
     return found
+
+
+def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
+    """Return what a region measured, with a ratio for each channel; none where there is no light."""
+    moments = region.channels_mean
+    names = [name for name in region.quantities if is_counts(name)]
+    if not moments.mean.mean() > 0.0:
+        return region.quantities
+    ratios, errors = channel_ratios(moments)
+    rows = (np.eye(ratios.size) - ratios[:, None] / ratios.size) / moments.mean.mean()
+    samples = map(of_few, ratios.tolist(), errors.tolist(), region.repeatability.freedom(rows, moments).tolist())
+    return region.quantities | {ratio_name(name): {"mean": sample} for name, sample in zip(names, samples, strict=True)}
 
 
 def _inflated(sample: Sample, inflation: float) -> Sample:

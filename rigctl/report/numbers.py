@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from rigctl.base.numbers import covariance_rows
 from rigctl.measure.faults import UNSEEN
-from rigctl.prediction.predict import NO_NOISE
 from rigctl.report.data_files import finite
 from rigctl.report.document import Section
 from rigctl.report.table import Column, Table
@@ -67,6 +66,8 @@ def _strength(found: PolarizationStrength | None) -> dict[str, Json] | None:
     quantiles = {f"{p:g}": float(q) for p, q in zip(found.probabilities, found.quantiles, strict=True)}
     numbers: dict[str, Json] = {"quantiles": quantiles, "nedolp": found.nedolp}
     if found.nedolp is None:
+        from rigctl.prediction.predict import NO_NOISE
+
         numbers["nedolp_reason"] = NO_NOISE
     return numbers | {"unpolarised_mean": finite(found.unpolarised_mean)}
 
@@ -164,7 +165,7 @@ def region_statistics(region: MeasuredRegion) -> dict[str, dict[str, float]]:
 
     DoLP has its intervals too: ``mean_68_low``, ``mean_68_high``, and those of 95 %.
     """
-    from rigctl.comparison.rows import measured_with_ratios
+    from rigctl.measure.measure import measured_with_ratios
 
     found: dict[str, dict[str, float]] = {}
     for quantity, statistics in measured_with_ratios(region).items():

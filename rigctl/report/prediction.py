@@ -11,13 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction import LEAST_S0_DN
-from model.processing import dolp_studies as normalized_stokes
-from model.processing.dolp import pdf
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import ORDERED
 from rigctl.base.numbers import NO_NUMBER, NOTHING, size, to_digits
-from rigctl.prediction.predict import STATED_RATES
 from rigctl.report.drawing import (
     LINE_STYLES,
     legend_of_all,
@@ -104,6 +100,8 @@ def strength_table(predictions: Mapping[str, RegionPrediction], performance: Per
 
 def detection_table(performance: Performance) -> Table[PairDetection]:
     """Return the probability of detection of every pair of regions."""
+    from rigctl.prediction.predict import STATED_RATES
+
     columns: tuple[Column[PairDetection], ...] = (
         Column(title="target", text=lambda pair: pair.target, left=True),
         Column(title="background", text=lambda pair: pair.background, left=True),
@@ -215,6 +213,8 @@ def counts_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequenc
 
 def laws_png(predictions: Mapping[str, RegionPrediction], *, warnings: Sequence[str] = ()) -> bytes:
     """Return the laws of s1, s2 and DoLP of single pixels, as [MK14] Fig. 8b has them, by the exact distributions."""
+    from model.prediction import LEAST_S0_DN
+
     figure, axes = subplots(1, 3, size=(14.0, 4.4))
     for (name, one), style in zip(predictions.items(), cycle(LINE_STYLES)):
         if not one.stokes_dn.mean[0] > LEAST_S0_DN:
@@ -239,6 +239,9 @@ def laws_of(one: RegionPrediction) -> tuple[tuple[FloatArray, FloatArray], ...]:
 
     A number that does not fluctuate has no density: its abscissa is the one value that it has.
     """
+    from model.processing import dolp_studies as normalized_stokes
+    from model.processing.dolp import pdf
+
     mean, cov = one.stokes_dn.mean, one.stokes_dn.cov
 
     def ratio(x: FloatArray, component: int) -> FloatArray:

@@ -8,6 +8,8 @@ from importlib.metadata import version
 import pytest
 
 from rigctl.verbs.headings import VERBS
+from tests.rigctl.made_runs import at, make_run
+from tests.rigctl.run_samples import noisy_counts
 
 HEAVY = ("numpy", "scipy", "matplotlib", "astropy", "cv2")
 
@@ -102,6 +104,19 @@ def test_a_prediction_of_stated_light_solves_no_sky_and_opens_no_picture():
     if tuple(map(int, version("scipy").split(".")[:2])) >= (1, 18):
         later -= {"scipy.linalg", "numpy.f2py", "numpy.testing"}
     assert (code, sorted(later & modules)) == (0, [])
+
+
+def test_a_prediction_under_a_sky_and_the_pixels_of_a_run_need_no_fits_and_splines_of_scipy(tmp_path):
+    code, modules = modules_after("predict", "examples/scene-airborne.toml", "--tolerance", "0.05")
+    assert (code, sorted({*UNUSED, "scipy.fft", *_DRAWN} & modules)) == (0, [])
+    frames = [
+        (at(angle, cycle=cycle, exposure_s=0.01), noisy_counts(cycle)) for cycle in (0, 1) for angle in (0, 60, 120)
+    ]
+    run = make_run(tmp_path / "run", frames)
+    code, modules = modules_after("stokes", str(run.path), "--out", str(tmp_path / "out"))
+    assert code in (0, 4)
+    assert (tmp_path / "out" / "stokes.fits").is_file()
+    assert sorted({*UNUSED, "scipy.fft", "matplotlib", "rigctl.prediction.predict"} & modules) == []
 
 
 def test_special_functions_are_those_of_scipy_whose_package_can_be_imported_afterwards():
