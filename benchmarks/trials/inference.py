@@ -4,7 +4,7 @@ Usage: python -m benchmarks.trials.inference [SCENE ...] [--draws 200] [--first 
 
 panels: radiances given; truths are drawn from the scene file, frames by numpy from the sensor equation, and measured.
 roof: materials under a sky in two geometries; truth and discrepancy are drawn from their priors, and numbers of the
-regions from the covariance of a run of 40 x 40 pixels a region. The model is interpolated between 512 points.
+regions from the covariance of a run of 40 x 40 pixels a region.
 wrong: as roof, but numbers are made by another diffuse term, and without a drawn discrepancy.
 
 Ranks of the truths have to be uniform (chi-square of ten bins, p above 1e-3 divided by the number of inputs). Where the
@@ -22,9 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RBFInterpolator
-from scipy.special import ndtri
-from scipy.stats import chisquare, qmc
+from scipy.stats import chisquare
 
 from benchmarks.trials import uncertain_panels
 from model.processing.posterior import NotConvergedError, Problem, infer
@@ -146,37 +144,11 @@ def roof_evidence(diffuse: str | None) -> Evidence:
         return gather_evidence(seen, scenes, chosen=ROOF_INPUTS)
 
 
-@cache
-def roof_problem(diffuse: str | None) -> Problem:
-    """Return the problem of the roof, its model interpolated between points of the prior: a draw takes seconds then."""
-    problem = roof_evidence(diffuse).problem
-    u = 1.3 * ndtri(qmc.Sobol(problem.mean.size, rng=np.random.default_rng(0)).random(_POINTS))
-    z = np.array([_or_nothing(problem, problem.inputs(one)) for one in u])
-    known = np.isfinite(z).all(axis=1)
-    between = RBFInterpolator(u[known], z[known], kernel="cubic", degree=2)
-    whiten = np.linalg.inv(problem.root).T
-    return replace(problem, model=lambda inputs: between((inputs - problem.mean)[None] @ whiten)[0])
-
-
-_POINTS = 512
-
-
-def _or_nothing(problem: Problem, inputs: Array) -> Array:
-    try:
-        return problem.model(inputs)
-    except ValueError:
-        return np.full(problem.data.size, np.nan)
-
-
 def roof_draw(seed: int, *, is_wrong: bool) -> dict[str, float]:
     """Return the rank of each truth of the roof."""
-    problem, draw = roof_problem(None), np.random.default_rng([seed, 2])
-    made_by = roof_problem(WRONG_DIFFUSE) if is_wrong else problem
-    u = draw.standard_normal(problem.mean.size)
-    while not problem.is_within(u):
-        u = draw.standard_normal(problem.mean.size)
-    truth = problem.inputs(u)
-    numbers = made_by.model(truth)
+    problem, draw = roof_evidence(None).problem, np.random.default_rng([seed, 2])
+    made_by = roof_evidence(WRONG_DIFFUSE).problem if is_wrong else problem
+    truth, numbers = _possible_truth(made_by, draw)
     scales = problem.scales(draw.standard_normal(2))
     cov = problem.noise_cov if is_wrong else problem.total_cov(scales)
     data = numbers + np.linalg.cholesky(cov) @ draw.standard_normal(numbers.size)
@@ -187,6 +159,17 @@ def roof_draw(seed: int, *, is_wrong: bool) -> dict[str, float]:
     draws = np.concatenate([found.inputs, found.scales], axis=1)[:, : len(names)]
     shares = np.mean(draws < np.array([*truth, *scales])[: len(names)], axis=0)
     return dict(zip(names, shares.tolist(), strict=True))
+
+
+def _possible_truth(problem: Problem, draw: np.random.Generator) -> tuple[Array, Array]:
+    """Return inputs from the prior, and what the model makes of them; inputs that do not go together are drawn anew."""
+    while True:
+        u = draw.standard_normal(problem.mean.size)
+        if problem.is_within(u):
+            try:
+                return problem.inputs(u), problem.model(problem.inputs(u))
+            except ValueError:
+                continue
 
 
 CASES = {"panels": panels_draw, "roof": partial(roof_draw, is_wrong=False), "wrong": partial(roof_draw, is_wrong=True)}
@@ -202,8 +185,8 @@ def _drawn(case: str, seed: int) -> dict[str, float] | str:
 def run_inference(case: str, *, draws: int, first: int = 0, processes: int = 2) -> bool:
     """Print what came of a case; return whether it is as it has to be."""
     if case != "panels":
-        roof_problem(None), roof_problem(WRONG_DIFFUSE if case == "wrong" else None)
-    # Forked, so that workers have the interpolated model.
+        roof_evidence(None), roof_evidence(WRONG_DIFFUSE if case == "wrong" else None)
+    # Forked, so that workers have the evidence.
     with ProcessPoolExecutor(processes, mp_context=get_context("fork")) as pool:
         found = []
         for one in pool.map(partial(_drawn, case), range(first, first + draws)):
