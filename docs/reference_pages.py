@@ -247,8 +247,8 @@ def _range(least: float, most: float) -> str:
 
 def frames_page() -> str:
     """Return the page of the fields of a frame, as FITS cards and in the manifest."""
-    rows = [f"| `{one.name}` | `{one.field}` | {_cell(one.comment)} |" for one in _KEYWORDS]
-    with_card = {one.field for one in _KEYWORDS}
+    rows = [f"| `{keyword}` | `{field}` | {_cell(comment)} |" for field, keyword, comment in _KEYWORDS]
+    with_card = {field for field, _, _ in _KEYWORDS}
     rows += [f"| | `{one.name}` | {_NO_CARD[one.name]} |" for one in fields(FrameRecord) if one.name not in with_card]
     return _FRAMES_HEAD + "\n".join(rows) + "\n"
 
