@@ -16,8 +16,7 @@ import numpy as np
 
 from model.processing.reconstruction import design
 from model.processing.samples import repeated
-from rigctl.comparison.rows import measured_with_ratios
-from rigctl.measure.measure import measure_region
+from rigctl.measure.measure import measure_region, measured_with_ratios
 from tests.worldlike import Faults, World, expose, light
 
 _EVEN = World(scene="grain", polarized=0.3, is_evenly_polarized=True, height=112, width=112, texture=0.2)
