@@ -162,9 +162,11 @@ UNTESTED = Row(region="road", quantity="s0", statistic="mean", predicted=10.0, m
 
 @pytest.mark.parametrize("row", [ROW, UNTESTED])
 def test_programs_read_every_field_of_a_row_in_its_order(row):
+    # Degrees of freedom are in the score already.
+    shown = [field.name for field in fields(Row) if field.name != "freedom"]
     (content,) = json_rows(row_table([row]))
-    assert list(content.items()) == list(asdict(row).items())
-    assert csv_rows(row_table([row])).decode().splitlines()[0].split(",") == [field.name for field in fields(Row)]
+    assert list(content.items()) == [(name, asdict(row)[name]) for name in shown]
+    assert csv_rows(row_table([row])).decode().splitlines()[0].split(",") == shown
 
 
 def test_people_read_numbers_to_the_digits_of_their_error():
