@@ -168,7 +168,7 @@ def _unstated(scene: LitScene, plan: EffectPlan, ranges: Ranges) -> Variants:
         usual = EFFECTS[one.effect].usual
         if one.answer == "not stated" and usual is not None:
             ends = ranges.get(one.effect, (usual.low, usual.high))
-            found += [(one.effect, usual.stated(scene, value)) for value in ends]
+            found += [(one.effect, usual.stated(scene, value)) for value in ends if usual.fits(scene, value)]
     return found
 
 

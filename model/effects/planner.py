@@ -213,6 +213,7 @@ class Usual:
     high: float
     stated: Callable[[LitScene, float], LitScene]
     can_be: Callable[[LitScene], bool] = lambda _: True  #: whether the scene leaves room for the effect
+    fits: Callable[[LitScene, float], bool] = lambda _, __: True  #: whether it leaves room for so much of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,6 +270,12 @@ def _with_field(scene: LitScene, width_rad: float) -> LitScene:
     )
 
 
+def _is_on_ground(scene: LitScene, width_rad: float) -> bool:
+    """Whether all of a square field is below the horizon."""
+    corner_rad = np.arctan(np.sqrt(2.0) * np.tan(0.5 * width_rad))
+    return scene.view is None or bool(scene.view.zenith_rad + corner_rad < 0.5 * np.pi)
+
+
 def _has_materials(scene: LitScene) -> bool:
     return any(one.surface is not None for one in scene.regions)
 
@@ -293,7 +300,9 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
             changes="mean light and its spread over a region",
             removed=_without_part("field_of_view"),
             is_stated=_has_extents,
-            usual=Usual(low=np.radians(1.0), high=np.radians(5.0), stated=_with_field, can_be=_has_materials),
+            usual=Usual(
+                low=np.radians(1.0), high=np.radians(5.0), stated=_with_field, can_be=_has_materials, fits=_is_on_ground
+            ),
             reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="a light for each tile",

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Row = tuple[Decision, CheckedEffect | None]
 
 # Changes below this are not drawn.
+_ENDS = 2
 _LEAST_DRAWN = 1e-10
 
 
@@ -318,7 +319,8 @@ def _why(one: "Decision") -> str:
     if one.forced:
         return "by request"
     if one.answer == "not stated":
-        return statement_of(one.effect).words
+        # An end of the range of which the scene has no room, such as a field that reaches above the horizon.
+        return statement_of(one.effect).words if len(one.changes) == _ENDS else "too near a limit"
     if one.reason.startswith("sum"):
         return "above allowed" if one.acts else "within allowed"
     return one.reason
@@ -327,6 +329,8 @@ def _why(one: "Decision") -> str:
 def _change(row: "Row") -> str:
     """Return the size of an effect; of one that is left out the bound."""
     one = row[0]
+    if one.answer == "not stated" and not one.changes:
+        return "?"
     text = change_text(one.change.largest)
     return f"<={text}" if not one.acts and not one.changes and one.bound.largest > 0.0 else text
 

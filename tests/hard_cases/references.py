@@ -90,7 +90,8 @@ def _lit(
     predictor = ScenePredictor(load_scene(finer), None, light=light)
     scene = predictor.scene
     scenario = build_scenario(scene, readout=readout_of(scene), exposure_s=scene.exposure_s, light=light)
-    by_name = {one.name: (one.stokes_radiance, one.aperture_moments().cov) for one in scenario.regions}
+    at_aperture = {one.name: one.aperture_moments() for one in scenario.regions}
+    by_name = {name: (moments.mean, moments.cov) for name, moments in at_aperture.items()}
     return predictor.predictions(), scene, by_name
 
 
