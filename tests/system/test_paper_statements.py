@@ -53,8 +53,10 @@ class Airborne:
         air = scene.atmosphere.model_copy(update={"tier": Fidelity.FAST})
         field = scene.field_of_view.model_copy(update={"tiles_per_side": 4})
         light = SceneLight(store)
+        # The paper has no lens whose light falls toward the corners.
+        lens = scene.errors.model_copy(update={"off_axis_falloff": False})
         whole = scene.model_copy(
-            update={"atmosphere": air, "field_of_view": field, "regions": [scene.regions[0], road]}
+            update={"atmosphere": air, "field_of_view": field, "regions": [scene.regions[0], road], "errors": lens}
         )
         paint = whole.model_copy(update={"regions": [scene.regions[0]]})
         self._whole = ScenePredictor(whole, None, light=light)

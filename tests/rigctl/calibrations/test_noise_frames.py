@@ -95,17 +95,17 @@ def counted(found: FrameSet) -> tuple[FrameSet, list[int]]:
     return replace(found, groups=tuple(groups)), loads
 
 
-def test_each_frame_is_read_once(tmp_path: Path) -> None:
+def test_each_frame_is_read_once_and_the_first_again_for_its_size(tmp_path: Path) -> None:
     found, loads = counted(run_frames(write_noise_run(tmp_path / "run")))
     calibrate_frames(found)
-    assert sorted(loads) == list(range(sum(len(group.loaders) for group in found.groups)))
+    assert sorted(loads) == [0, *range(sum(len(group.loaders) for group in found.groups))]
 
 
 def test_without_a_longest_stack_two_levels_are_read_again(tmp_path: Path) -> None:
     found, loads = counted(run_frames(write_noise_run(tmp_path / "run")))
     pairs = replace(found, groups=tuple(replace(group, loaders=group.loaders[:2]) for group in found.groups))
     assert calibrate_frames(pairs).pattern is not None
-    assert len(loads) == 2 * len(pairs.groups) + 4
+    assert len(loads) == 1 + 2 * len(pairs.groups) + 4
 
 
 def test_an_emva_set_holds_sixteen_bits(tmp_path: Path) -> None:
