@@ -156,7 +156,8 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     probability. The size of a harmonic that is there is a priori 2 % of the mean, as of real sheets and wire grids.
 
     The law of 3 terms alone leaves harmonics in its residual, which makes errors of a whole turn ten times too large,
-    and drift in its axis, which makes them three times too small. With fewer than 16 frames it is taken all the same.
+    and drift in its axis, which makes them three times too small. With fewer than 16 frames, or less than a whole turn,
+    it is taken all the same: there a wedge or a harmonic cannot be told from the axis.
 
     References
     ----------
@@ -164,7 +165,7 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     Statistical Science 14, 382 (1999), for the mean over models.
     """
     law = fit_fourier(angles_rad, values)
-    if len(values) < _LEAST_MODELLED:
+    if len(values) < _LEAST_MODELLED or not harmonics_are_told_apart(angles_rad):
         return law, _harmonics(angles_rad, values, np.zeros((len(values), 0)))
     mean = float(law.terms[0])
     shape, time = law.at(angles_rad) / mean, (np.arange(len(values)) + 0.5) / len(values)
