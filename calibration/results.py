@@ -13,7 +13,7 @@ class Flag:
     name: str  #: what it is, in ``lower_case_with_underscores``; names stay the same from version to version
     level: str | None = None  #: the level that is named; None where it is the whole set
     message: str  #: what was found, what is allowed, and what to try
-    refuses: bool = False  #: the calibration cannot be right with it, so there is none
+    refuses: bool = False  #: whether it stops the calibration
 
 
 # Errors of frames that are unfit for a calibration

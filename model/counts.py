@@ -81,7 +81,7 @@ class SignalEstimate:
         Chi-square of the shares of counts, over the number of counts, less what chance gives; 0 for the law's own,
         infinite where counts lie at an end of the range that noise does not reach.
     is_tested
-        Whether counts are of more than three kinds: those of three fit some deviation, whatever made them.
+        Whether more than three different counts occur. Three or fewer fit some standard deviation in any case.
     stands_for
         What each count from the lower end to the upper stands for: numbers whose mean over the counts is `mean_dn`, and
         whose scatter is its error.

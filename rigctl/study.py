@@ -309,7 +309,7 @@ def compute(batch: Batch) -> BatchResult:
 def _computed(
     predictor: ScenePredictor, changes: Sequence[dict[str, float]], tolerance: float | None
 ) -> list[tuple[Predictions | str, float]]:
-    """Return predictions of cases, or why there are none, and the time that each took [s].
+    """Return the prediction of each case, or the reason why it has none, and the time that it took [s].
 
     To a tolerance some are judged, and the others follow from those around them. Where one fails, halves are tried.
     """

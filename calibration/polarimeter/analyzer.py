@@ -156,8 +156,8 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     probability. The size of a harmonic that is there is a priori 2 % of the mean, as of real sheets and wire grids.
 
     The law of 3 terms alone leaves harmonics in its residual, which makes errors of a whole turn ten times too large,
-    and drift in its axis, which makes them three times too small. With fewer than 16 frames, or less than a whole turn,
-    it is taken all the same: there a wedge or a harmonic cannot be told from the axis.
+    and drift in its axis, which makes them three times too small. Scans of fewer than 16 frames, or of less
+    than a whole turn, are fitted with the law alone, since they cannot tell a wedge or a harmonic from the axis.
 
     References
     ----------

@@ -713,7 +713,7 @@ class PhotonTransfer:
     #: the sensor's response, where the light of the levels is known; the cubic term is then its
     linearity: LinearityCurve | None
     saturation: SaturationLevel | None  #: where the variance is largest; None where it never falls
-    #: part of the gain's relative error by a change of gain that cannot be told from one of the lamp
+    #: part of the gain's relative error: a change of the gain with the level looks like a change of the lamp
     relative_gain_error_of_change: float = 0.0
 
     @property

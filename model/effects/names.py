@@ -111,8 +111,8 @@ class Decision:
     forced: bool = False  #: whether the user decided
     acts_by_bound: bool = True  #: whether it is computed by the rule "safe"
     is_unstated: bool = False  #: whether it may be there though the scene says nothing of it
-    #: Changes as they were evaluated: without an effect that acts; with one that is not stated, at both ends of its
-    #: usual range. Empty where none was evaluated.
+    #: Evaluated changes. An effect that acts is taken away; one that is not stated is added, at both ends of its usual
+    #: range. Empty where none was evaluated.
     changes: tuple[Bound, ...] = ()
 
     @property

@@ -271,7 +271,7 @@ def _with_field(scene: LitScene, width_rad: float) -> LitScene:
 
 
 def _is_on_ground(scene: LitScene, width_rad: float) -> bool:
-    """Whether all of a square field is below the horizon."""
+    """Return whether a square field of this width lies below the horizon."""
     corner_rad = np.arctan(np.sqrt(2.0) * np.tan(0.5 * width_rad))
     return scene.view is None or bool(scene.view.zenith_rad + corner_rad < 0.5 * np.pi)
 

@@ -71,8 +71,8 @@ def aolp_limits_rad(normalized: Moments, freedom: float = np.inf) -> Intervals:
 
     Notes
     -----
-    How far the measured vector passes a direction is normal with one degree of freedom, whatever its length. Where it
-    is shorter than that allows, the interval is all axes.
+    The distance of the measured vector from the line along a direction is normal, whatever the length of the vector.
+    If the vector is shorter than the allowed distance, the interval holds all axes.
     """
     if np.linalg.eigvalsh(normalized.cov)[0] <= 0.0:
         return (0.0, 0.0), (0.0, 0.0)

@@ -2,8 +2,7 @@
 
 The inputs have a normal prior, cut at their limits. Measured numbers differ from the model's by noise of known
 covariance and by a discrepancy: a Gaussian process with a covariance of known shape (Kennedy and O'Hagan 2001). Its
-scales are inferred with the inputs: a model that does not fit gets a wide posterior instead of one that is sure and
-wrong.
+scales are inferred with the inputs, so that a model that does not fit gives a wide posterior.
 
 The model is slow, so the chain runs on an emulator of it: a Gaussian process through points that are placed where the
 posterior lies, and checked there against the model until its error no longer matters. The first points follow the
@@ -695,7 +694,7 @@ class _Chain:
 
     @property
     def is_converged(self) -> bool:
-        """Whether it is long enough and both ensembles agree."""
+        """Return whether the chain is long enough and both ensembles agree."""
         return self.steps >= _LEAST_TIMES * self.time and self.r_hat <= _MOST_R_HAT
 
     def independent(self, seed: int) -> FloatArray:

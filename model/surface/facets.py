@@ -183,7 +183,7 @@ def _require_index(*, n: float, k: float) -> None:
 
 
 def _require_slope_rms(slope_rms: float) -> None:
-    """Raise unless the slope is one that a lobe of finite width can have."""
+    """Raise ValueError if the slope is too small for a lobe of finite width."""
     if not (math.isfinite(slope_rms) and slope_rms >= SLOPE_RMS_MIN):
         raise ValueError(
             f"slope_rms = {slope_rms}; allowed is {SLOPE_RMS_MIN:g} and above (per axis). A smoother surface is "

@@ -258,7 +258,7 @@ class _Joint:
         )
 
     def model(self, values: FloatArray) -> FloatArray:
-        """Return the numbers of all runs at values of the uncertain inputs; ValueError where there are none."""
+        """Return the numbers of all runs at values of the uncertain inputs; ValueError if there is no model of them."""
         key = values.tobytes()
         if key not in self._known:
             self._known[key] = np.concatenate([self._of_run(run, values) for run in self.runs])

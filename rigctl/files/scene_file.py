@@ -730,8 +730,8 @@ class SceneRegion(Region):
     stokes_radiance: StokesValues | None = None
     """S0, S1, S2 that come to the aperture in band, W m-2 sr-1. Example: `[20.0, 2.0, -1.0]`."""
     material: Annotated[str | None, BeforeValidator(_material_name)] = None
-    """What it is made of, in place of a radiance: of the library, or a file (TOML, or a table of measured BRDF as CSV,
-    which may be given as `{ table = "FILE.csv" }`). Example: `"material-mine.toml"`."""
+    """Material, in place of a radiance: a name of the library, a TOML file, or a table of measured BRDF (CSV, also
+    written `{ table = "FILE.csv" }`). Example: `"material-mine.toml"`."""
     tilt_deg: NotNegative = Uncertain(value=0.0)
     """Angle of its normal from the zenith. Example: `10.0`."""
     tilt_azimuth_deg: Uncertain = Uncertain(value=0.0)
