@@ -179,14 +179,17 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     grid, log_prior = _effect_grid(float(np.clip(_USUAL_HARMONIC * mean / noise, 3.0, 1000.0)))
     repeats = [2] * len(_HARMONIC_ORDERS) + [wedge.shape[1], drift.shape[1]]
     design = np.column_stack([_design(angles_rad, (2,)), harmonics, wedge, drift])
-    weight, terms, covariance = _averaged(design, values, np.repeat(grid, repeats, axis=1), log_prior)
+    # What the law leaves is fitted: of the whole intensity rounding would be larger than the noise.
+    rest = values - law.at(angles_rad)
+    weight, terms, covariance = _averaged(design, rest, np.repeat(grid, repeats, axis=1), log_prior)
     best = grid[int(np.argmax(weight))]
     kept = _most_likely(weight)
     share = weight[kept] / weight[kept].sum()
     middle = share @ terms[kept]
     off = terms[kept] - middle
     total = np.einsum("m,mij->ij", share, covariance[kept]) + np.einsum("m,mi,mj->ij", share, off, off)
-    fit = FourierFit(terms=middle, unit_covariance=total / noise**2, variance=np.array(noise**2), dof=law.dof)
+    terms_of_law = law.terms + middle
+    fit = FourierFit(terms=terms_of_law, unit_covariance=total / noise**2, variance=np.array(noise**2), dof=law.dof)
     return fit, _harmonics(angles_rad, values, best[-1] * drift)
 
 
@@ -217,7 +220,7 @@ def _averaged(
     solution = np.einsum("mij,mj->mi", inverse, right)
     # Rounding of the difference is no residual.
     square = float(values @ values)
-    residual = np.maximum(square - np.einsum("mi,mi->m", right, solution), 1e-14 * square)
+    residual = np.maximum(square - np.einsum("mi,mi->m", right, solution), 1e-14 * square + np.finfo(float).tiny)
     log_weight = log_prior - 0.5 * np.linalg.slogdet(information)[1] - 0.5 * dof * np.log(residual)
     weight = np.exp(log_weight - log_weight.max())
     covariance = inverse[:, :_TERMS, :_TERMS] * (residual / dof)[:, None, None]
