@@ -107,7 +107,7 @@ class SessionContext:
     live: LiveNumbers = field(default_factory=LiveNumbers)  #: Told of each frame, for whoever watches.
     #: Exposures that earlier parts of this session have metered, by round [s].
     metered_s: Mapping[int, float] = field(default_factory=dict)
-    #: Where hands are needed the session holds until it is told to go on; else it asks at the terminal.
+    #: Where hands are needed the session holds until it is asked to continue; else it asks at the terminal.
     asks_by_hold: bool = False
 
 

@@ -249,7 +249,7 @@ def acquire(
 def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     """Go on with a session that holds, or that was interrupted: by a kill, a power cut, a full disk, a lost device.
 
-    A session that is running and holds is told to go on. Otherwise the run is verified, whole frames that were not
+    A session that is running and holds is asked to continue. Otherwise the run is verified, whole frames that were not
     acknowledged are adopted, damaged ones are set aside, and the session goes on at the first missing step.
 
     Example: rigctl resume runs/2026-05-04
@@ -264,7 +264,7 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     Returns
     -------
     SessionResult
-        The process that was told to go on, or how the rest of the session went.
+        The process that was asked to continue, or how the rest of the session went.
 
     Raises
     ------
@@ -361,7 +361,7 @@ class Asked(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class SessionResult(Result):
-    """How a session went, or the process that was told to go on with it, or its plan."""
+    """How a session went, or the process that was asked to continue it, or its plan."""
 
     path: Path  #: run folder
     process: int | None = None  #: that goes on; None where the session has ended
@@ -388,7 +388,7 @@ class SessionResult(Result):
         if self.planned is not None:
             yield from self.planned.content()
         elif outcome is None:
-            yield f"process {self.process} is told to go on"
+            yield f"asked process {self.process} to continue"
         elif outcome.was_finished:
             yield f"nothing to do: this session is finished, {outcome.frames} frames in {self.path}"
         elif outcome.is_finished:
