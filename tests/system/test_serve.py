@@ -146,5 +146,9 @@ def test_a_session_is_planned_started_asked_for_hands_and_finished(act: Page, fo
         assert act.ask(f"/api/resume{of_run}", {})[0] == 200
     assert act.until(f"/api/state{of_run}", lambda state: state["state"] == "finished")["frames"] == 5
     assert act.ask(f"/api/hold{of_run}", {})[0] == 409
-    # It ran in a process of its own.
-    assert "5 frames" in (folder / "runs" / f"{answer['run']}.log").read_text()
+    # It ran in a process of its own, which prints its last line after the run folder is finished.
+    log = folder / "runs" / f"{answer['run']}.log"
+    deadline_s = time.monotonic() + _DEADLINE_S
+    while "5 frames" not in (printed := log.read_text()):
+        assert time.monotonic() < deadline_s, printed
+        time.sleep(0.05)
