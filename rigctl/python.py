@@ -25,9 +25,9 @@ from rigctl.files.scene_file import load_scene
 from rigctl.report.data_frames import Backend, optional
 from rigctl.runs.check import wholeness, wholeness_remark
 from rigctl.runs.folder import Run as RunRecord
-from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_frame, read_run
-from rigctl.runs.records import FrameRecord
-from rigctl.session.status import state_of
+from rigctl.runs.folder import annotated, exclusion_remark, read_contents, read_frame, read_run, writing_process
+from rigctl.runs.records import FrameRecord, read_events
+from rigctl.session.status import session_state
 from rigctl.verbs.options import FilePath, FrameOptions, RegionsPath
 from rigctl.verbs.stokes import StokesResult, stokes
 
@@ -231,7 +231,7 @@ class Run:
     @property
     def state(self) -> str:
         """The state of its session: "finished", "stopped", "interrupted", "running", "holding" or "waiting"."""
-        return state_of(self.path).state
+        return session_state(writing_process(self.path), read_events(self.path))
 
     @property
     def wholeness(self) -> str:

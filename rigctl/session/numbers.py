@@ -25,8 +25,6 @@ from rigctl.measure.faults import Fault
 from rigctl.runs.records import FrameRecord, SessionNoise
 from rigctl.session.status import (
     AngleNumbers,
-    CyclePlace,
-    DarkLevel,
     DarkSource,
     Estimate,
     LiveContent,
@@ -129,8 +127,8 @@ class LiveNumbers:
         last = frames[-1]
         return LiveContent(
             angles=angles,
-            cycle=CyclePlace(round=last.round, cycle=last.cycle, exposure_ms=last.exposure_s * _MS_PER_S),
-            dark=DarkLevel(source=levels.source(last.exposure_s), mean_dn=levels.dark_dn(PICTURE, last.exposure_s)),
+            cycle={"round": last.round, "cycle": last.cycle, "exposure_ms": last.exposure_s * _MS_PER_S},
+            dark={"source": levels.source(last.exposure_s), "mean_dn": levels.dark_dn(PICTURE, last.exposure_s)},
             sum_rule=sum_rule(frames, region=PICTURE, levels=levels),
             regions=polarizations(frames, levels=levels, extinction_ratio=self._extinction_ratio),
             drift=drift,

@@ -1,9 +1,8 @@
-"""How a session stands now: the file ``status.json`` of its run, its state as far as the folder tells, and in words."""
+"""State of a session: the file ``status.json`` that it writes into its run, in words, and the state by its events."""
 
 import json
 import math
-import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -15,18 +14,14 @@ from model.processing.reconstruction import aolp_is_defined
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import LARGEST
 from rigctl.errors import RunFolderError
-from rigctl.files.choices import FrameKind
 from rigctl.measure.faults import Fault
-from rigctl.runs.folder import read_contents, writing_process
-from rigctl.runs.records import ASKED_EVENT, NOTICE_EVENT, TALLY_EVENT, RunEvent, explain_invalid, read_events
+from rigctl.runs.records import ASKED_EVENT, NOTICE_EVENT, TALLY_EVENT, RunEvent, explain_invalid
 
 STATUS_FILE = "status.json"
 State = Literal["running", "holding", "waiting", "finished", "stopped", "interrupted"]
 _STATES: dict[str, State] = {"hold": "holding", "waiting": "waiting"}
-# Remarks on the side: they tell nothing of how a session stands.
+# Events that do not change the state of a session.
 _ASIDE = ("interlock", ASKED_EVENT, TALLY_EVENT, NOTICE_EVENT, "disk is short")
-_LAST_EVENTS = 5
-_BYTES_PER_MB = 1e6
 _S_PER_MIN = 60.0
 _SIGNS = "+/-"
 
@@ -75,25 +70,8 @@ class AngleNumbers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CyclePlace:
-    """Which cycle the numbers are of."""
-
-    round: int | None
-    cycle: int | None
-    exposure_ms: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class DarkLevel:
-    """What the camera counts in the dark [DN], 0 where it is not known."""
-
-    source: DarkSource
-    mean_dn: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class RegionDrift:
-    """Drift of the light in a region: a minute, with its standard deviation, and in all over a time [s]."""
+    """Relative drift of the light in a region: per minute with its standard deviation, and over a time [s]."""
 
     region: str
     per_min: float
@@ -109,7 +87,7 @@ class RegionDrift:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveDiagnosis:
-    """What the last whole cycle says of its faults: those found, the strongest first, or why nothing can be said."""
+    """Faults that the last whole cycle shows, the strongest first, or the reason why it can show none."""
 
     terms: tuple[Fault, ...]
     first: str | None
@@ -119,87 +97,49 @@ class LiveDiagnosis:
 @with_config(ConfigDict(allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class LiveContent:
-    """What the frames show, of the last whole cycle; `angles` by the polarizer's angle as text."""
+    """Numbers of the last whole cycle."""
 
-    angles: dict[str, AngleNumbers]
-    cycle: CyclePlace | None = None
-    dark: DarkLevel | None = None
+    angles: dict[str, AngleNumbers]  #: By the polarizer's angle as text.
+    cycle: dict[str, float | None] | None = None  #: Its `round`, `cycle` and `exposure_ms`.
+    dark: dict[str, float | DarkSource] | None = None  #: Its `source` and `mean_dn`, 0 if it is not known.
     sum_rule: Estimate | None = None
     regions: dict[str, RegionPolarization]
     drift: RegionDrift | None
     diagnosis: LiveDiagnosis | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class LastStep:
-    """The frame that was stored last."""
-
-    sequence: int
-    kind: FrameKind
-    cycle: int
-    angle_deg: float | None
-
-
 @with_config(ConfigDict(allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class StepProgress:
-    """How far a session is: its last frame, and when it will end."""
+    """Progress of a session, and when it will end."""
 
-    last: LastStep
+    last: dict[str, JsonValue]  #: The frame that was stored last: `sequence`, `kind`, `cycle`, `angle_deg`.
     remaining_s: Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
     end_utc: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveStatus:
-    """How a session stands."""
+    """Content of ``status.json``."""
 
-    session: str  #: Its name.
-    frames_planned: int  #: How many there will be, and are.
+    session: str  #: Name of the session.
+    frames_planned: int
     frames: int
-    written_utc: str = ""  #: When this was said.
-    progress: StepProgress | None = None  #: None before its first frame.
-    numbers: LiveContent | None = None  #: What the frames show; None until there is one.
+    written_utc: str = ""
+    progress: StepProgress | None = None  #: None before the first frame.
+    numbers: LiveContent | None = None  #: None before the first frame.
 
 
 _STATUS, _PROGRESS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(StepProgress), TypeAdapter(LiveContent)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunState:
-    """State of a session."""
+def session_state(process: int | None, events: Sequence[RunEvent]) -> State:
+    """Return the state of a session by its events and the process that writes into its run.
 
-    run: str  #: The folder.
-    #: "running", "holding" or "waiting" (for a round) where a process writes into it; else "finished", "stopped" on
-    #: request, or "interrupted".
-    state: State
-    process: int | None  #: The process that writes into it.
-    frames: int  #: How many frames are durable.
-    disk_free_mb: float  #: What is free on the disk of the run [MB].
-    #: What the session last said of itself: frames planned, remaining time, numbers per angle.
-    live: LiveStatus | None
-    events: tuple[RunEvent, ...]  #: The last few.
-
-
-def state_of(path: Path) -> RunState:
-    """Return where the session of a run folder stands."""
-    contents = read_contents(path)
-    process = writing_process(path)
-    events = read_events(path)
-    return RunState(
-        run=str(path),
-        state=session_state(process, [event.event for event in events]),
-        process=process,
-        frames=len(contents.frames),
-        disk_free_mb=shutil.disk_usage(path).free / _BYTES_PER_MB,
-        live=read_status(path),
-        events=tuple(events[-_LAST_EVENTS:]),
-    )
-
-
-def session_state(process: int | None, events: list[str]) -> State:
-    """Return how a session stands by the process that writes into its run, if any, and the names of its events."""
-    last = next((name for name in reversed(events) if name not in _ASIDE), "")
+    With a process it is "running", "holding" or "waiting" for a round; without, "finished", "stopped" on request, or
+    "interrupted".
+    """
+    last = next((event.event for event in reversed(events) if event.event not in _ASIDE), "")
     if process is not None:
         return _STATES.get(last, "running")
     if last == "finished":
@@ -208,21 +148,21 @@ def session_state(process: int | None, events: list[str]) -> State:
 
 
 def status_json(status: LiveStatus) -> dict[str, JsonValue]:
-    """Return a status as the file has it: the parts that are there, side by side."""
+    """Return a status as the file has it: without progress and numbers before the first frame."""
     content = asdict(status)
     parts = (content.pop("progress"), content.pop("numbers"))
     return content | {key: value for part in parts if part is not None for key, value in part.items()}
 
 
 def write_status(run: Path, status: LiveStatus) -> None:
-    """Replace the status, in one step and without waiting for the disk: it is of no worth after a power cut."""
+    """Replace the status in one step, without waiting for the disk: after a power cut it has no value."""
     beside = run / f".{STATUS_FILE}"
     beside.write_text(json.dumps(status_json(status), allow_nan=False) + "\n", encoding="ascii")
     beside.replace(run / STATUS_FILE)
 
 
 def read_status(run: Path) -> LiveStatus | None:
-    """Return the status, or None where the session never wrote one."""
+    """Return the status, or None if the session never wrote one."""
     file = run / STATUS_FILE
     if not file.exists():
         return None
@@ -241,7 +181,7 @@ def read_status(run: Path) -> LiveStatus | None:
 
 
 def live_lines(live: LiveContent) -> Iterator[str]:
-    """Give the lines of what the frames of a session show."""
+    """Yield the numbers of a session's last cycle in words, line by line."""
     for angle, numbers in live.angles.items():
         yield f"{angle:>6} deg    {_of_angle(numbers)}"
     if live.sum_rule is not None:
@@ -249,8 +189,8 @@ def live_lines(live: LiveContent) -> Iterator[str]:
     for name, found in live.regions.items():
         angle = f"{found.aolp_deg:.1f} deg" if found.has_angle else "undefined"
         yield f"DoLP of {name}  {_estimate(found.dolp)}, AoLP {angle}"
-    if live.regions and live.dark is not None and live.dark.source is DarkSource.UNKNOWN:
-        yield f"dark level {live.dark.source}"
+    if live.regions and live.dark is not None and live.dark["source"] == DarkSource.UNKNOWN:
+        yield f"dark level {live.dark['source']}"
     if live.drift is not None:
         yield _drift(live.drift)
     if live.diagnosis is not None:

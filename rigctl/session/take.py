@@ -38,7 +38,7 @@ from rigctl.session.control import Control
 from rigctl.session.notices import notices
 from rigctl.session.numbers import LiveNumbers
 from rigctl.session.plan import Step, plan_steps, round_times_ns, step_times_ns
-from rigctl.session.status import LastStep, LiveContent, LiveStatus, StepProgress, live_lines, write_status
+from rigctl.session.status import LiveContent, LiveStatus, StepProgress, live_lines, write_status
 from rigctl.session.timing import SessionClock, SessionContext, clock_of, session_context
 
 # What decides the numbers in a run; their versions go into it.
@@ -236,8 +236,16 @@ class Watch:
         end_ns = now_ns + self._planned_ns[-1] - self._planned_ns[step.sequence]
         if self._steps[-1].due_ns is not None:
             end_ns = max(end_ns, self._planned_ns[-1])
-        last = LastStep(sequence=step.sequence, kind=step.kind, cycle=step.cycle, angle_deg=step.polarizer_angle_deg)
-        return StepProgress(last=last, remaining_s=round((end_ns - now_ns) / NS_PER_S, 1), end_utc=utc_text(end_ns))
+        return StepProgress(
+            last={
+                "sequence": step.sequence,
+                "kind": step.kind,
+                "cycle": step.cycle,
+                "angle_deg": step.polarizer_angle_deg,
+            },
+            remaining_s=round((end_ns - now_ns) / NS_PER_S, 1),
+            end_utc=utc_text(end_ns),
+        )
 
     def _tell(self, **changes: Any) -> None:
         with self._lock:

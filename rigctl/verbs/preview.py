@@ -2,8 +2,8 @@
 
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Generator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -15,8 +15,8 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 
 if TYPE_CHECKING:
+    from rigctl.web.rig import Task
     from rigctl.web.server import Place
-    from rigctl.web.what import Task
 
 _TIMEOUT_S = 10.0
 _LOOK_EACH_S = 1.0
@@ -72,8 +72,8 @@ def preview(
         The camera fails.
     """
     from rigctl.files.rig_file import load_rig, placeholder_doubt
+    from rigctl.web.rig import Task
     from rigctl.web.server import place_of
-    from rigctl.web.what import Task
 
     doubt = placeholder_doubt(load_rig(Path(camera))) if camera.endswith(_RIG_FILE) else None
     if doubt is not None:
@@ -104,16 +104,11 @@ def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callab
     """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
     from rigctl.rig.focus import Focus
     from rigctl.web.page import Hands, camera_acts, page_app
-    from rigctl.web.rig import NO_STAGE, LiveRig, open_camera
+    from rigctl.web.rig import REST, LiveRig
+    from rigctl.web.run_reader import NoRuns
     from rigctl.web.server import PageServer
-    from rigctl.web.what import REST, NoRuns, OpenDevices
 
-    @contextmanager
-    def camera_alone() -> Iterator[OpenDevices]:
-        with open_camera(camera) as one:
-            yield OpenDevices(camera=one)
-
-    rig, seen = LiveRig(camera_alone, NO_STAGE), 0
+    rig, seen = LiveRig(camera, camera_only=True), 0
     name = Path(camera).name if camera.endswith(_RIG_FILE) else camera
     hands = Hands(view=rig, acts=camera_acts(rig), title=f"preview {name}")
     with PageServer(page_app(NoRuns(), hands), place, can_act=True) as server:
@@ -134,8 +129,7 @@ def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
     """Write what a camera sees into a file, stretched for the eye, picture after picture; yield its numbers."""
     from rigctl.base.durable import write_durably
     from rigctl.rig.focus import focus_of, jpeg_of, middle
-    from rigctl.web.rig import next_exposure_ms, open_camera
-    from rigctl.web.what import LiveLook
+    from rigctl.web.rig import LiveLook, next_exposure_ms, open_camera
 
     best = 0.0
     with open_camera(camera) as one:

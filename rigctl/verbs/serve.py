@@ -85,8 +85,8 @@ def serve(
         A file is wrong, a folder is missing, or nothing can listen at that address.
     """
     from rigctl.web.page import page_app
+    from rigctl.web.run_reader import RunsOfFolder, source_at
     from rigctl.web.server import PageServer, place_of
-    from rigctl.web.what import RunsOfFolder, source_at
 
     what = str(what)
     place = place_of(listen, None if certificate is None else Path(certificate), None if key is None else Path(key))
@@ -145,14 +145,14 @@ def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place", *, new_tok
     """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
     from rigctl.web.page import Hands, camera_acts, page_app, region_acts, session_acts, stage_acts
     from rigctl.web.regions_page import write_regions
-    from rigctl.web.rig import LiveRig, open_devices, polarizer_of
+    from rigctl.web.rig import LiveRig
+    from rigctl.web.run_reader import RunsOfFolder
     from rigctl.web.server import PageServer
-    from rigctl.web.what import RunsOfFolder
 
     if not sessions.is_dir():
         raise ConfigError(f"--sessions {sessions}: there is no such folder")
     own = _Sessions(rig, sessions, runs)
-    live = LiveRig(lambda: open_devices(rig), polarizer_of(rig))
+    live = LiveRig(rig)
     try:
         runs.mkdir(parents=True, exist_ok=True)
     except OSError as error:

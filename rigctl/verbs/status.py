@@ -1,4 +1,4 @@
-"""`rigctl status`: where a session stands, what its run holds, what happened in it, and a page on how it went."""
+"""`rigctl status`: state of a session, contents of its run, its log, and a page about it."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from rigctl.runs.folder import Run as RunRecord
     from rigctl.runs.records import Annotation, FrameRecord, RunEvent
     from rigctl.session.history import SessionHistory
-    from rigctl.session.status import RunState
+    from rigctl.session.status import LiveStatus, State
 
 _S_PER_MINUTE = 60
+_BYTES_PER_MB = 1e6
+_LAST_EVENTS = 5
 _TO_SECONDS = 19  # characters of a time in UTC, without its fraction
 _UNKNOWN = "-"
 _ORIGINS = {"simulated": "simulated devices", "device": "real devices", "import": "imported images"}
@@ -96,39 +98,61 @@ def status(
         return _log(path, only=only, last=last)
     if page is not None:
         return _page(path, Path(page), used_run(path, **frames))
-    from rigctl.session.status import state_of
-
-    return SessionStatus(state_of(path))
+    return _status(path)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SessionStatus(Result):
-    """Where a session stands."""
+    """State of a session."""
 
-    state: "RunState"
+    run: str
+    state: "State"
+    process: int | None  #: that writes into the run
+    frames: int  #: on the disk
+    disk_free_mb: float
+    live: "LiveStatus | None"  #: frames planned, remaining time and numbers, as the session last wrote them
+    events: "tuple[RunEvent, ...]"  #: the last five
 
     def content(self) -> Iterable[Part]:
         """Return the state, the numbers of the last cycle and the last events."""
         from rigctl.runs.records import event_line
         from rigctl.session.status import live_lines
 
-        state, live = self.state, self.state.live
-        yield f"{state.run}: {state.state}{'' if state.process is None else f' (process {state.process})'}"
-        yield f"frames        {state.frames} of {'unknown' if live is None else live.frames_planned}"
-        yield f"disk          {state.disk_free_mb:.0f} MB free"
-        if state.process is not None and live is not None and live.progress is not None:
+        live = self.live
+        yield f"{self.run}: {self.state}{'' if self.process is None else f' (process {self.process})'}"
+        yield f"frames        {self.frames} of {'unknown' if live is None else live.frames_planned}"
+        yield f"disk          {self.disk_free_mb:.0f} MB free"
+        if self.process is not None and live is not None and live.progress is not None:
             minutes, seconds = divmod(round(live.progress.remaining_s), _S_PER_MINUTE)
             yield f"remaining     {minutes} min {seconds} s, until {live.progress.end_utc[:_TO_SECONDS]}Z"
         if live is not None and live.numbers is not None:
             yield from live_lines(live.numbers)
-        yield from map(event_line, state.events)
+        yield from map(event_line, self.events)
 
     def as_json(self) -> dict[str, Json]:
         """Return the state, and under `live` what the session last wrote of itself."""
         from rigctl.session.status import status_json
 
-        live = self.state.live
-        return asdict(self.state) | {"live": None if live is None else status_json(live)}
+        return asdict(self) | {"live": None if self.live is None else status_json(self.live)}
+
+
+def _status(path: Path) -> SessionStatus:
+    import shutil
+
+    from rigctl.runs.folder import read_contents, writing_process
+    from rigctl.runs.records import read_events
+    from rigctl.session.status import read_status, session_state
+
+    contents, process, events = read_contents(path), writing_process(path), read_events(path)
+    return SessionStatus(
+        run=str(path),
+        state=session_state(process, events),
+        process=process,
+        frames=len(contents.frames),
+        disk_free_mb=shutil.disk_usage(path).free / _BYTES_PER_MB,
+        live=read_status(path),
+        events=tuple(events[-_LAST_EVENTS:]),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from importlib.resources import files
 from typing import Annotated, Any, Literal, Protocol
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from pydantic import Field, TypeAdapter, ValidationError
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import JSONResponse, Response
@@ -28,9 +28,9 @@ from rigctl.files.regions import Region
 from rigctl.runs.records import explain_invalid
 from rigctl.version import VERSION
 from rigctl.web.pictures import Picture
-from rigctl.web.rig import LiveRig
+from rigctl.web.rig import REST, LiveLook, LiveRig, Task
+from rigctl.web.run_reader import NO_CURVES, Source
 from rigctl.web.server import MOST_BODY_BYTES
-from rigctl.web.what import REST, Curves, LiveLook, Source, Task
 
 MOST_SOCKETS = 32
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".txt": "text/plain"}
@@ -116,19 +116,14 @@ class Sessions(Protocol):
         """Ask something of the session of a run, by the run's name."""
 
 
-@with_config(ConfigDict(extra="forbid", allow_inf_nan=False))
-@dataclass(frozen=True, kw_only=True)
-class _Turn:
-    angle_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-
-
-@with_config(ConfigDict(extra="forbid"))
-@dataclass(frozen=True, kw_only=True)
-class _SessionName:
-    session: Annotated[str, Field(max_length=200)]
-
-
-_TASK, _TURN, _SESSION = TypeAdapter(Task), TypeAdapter(_Turn), TypeAdapter(_SessionName)
+_TASK = TypeAdapter(Task)
+# Bodies of one key each.
+_TURN: TypeAdapter[dict[Literal["angle_deg"], float]] = TypeAdapter(
+    Annotated[dict[Literal["angle_deg"], Annotated[float, Field(ge=-360.0, le=360.0)]], Field(min_length=1)]
+)
+_SESSION: TypeAdapter[dict[Literal["session"], str]] = TypeAdapter(
+    Annotated[dict[Literal["session"], Annotated[str, Field(max_length=200)]], Field(min_length=1)]
+)
 
 
 def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
@@ -146,7 +141,7 @@ def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
     """Return what is done with a polarizer that turns, and for its maps: turn it, take the dark level."""
 
     def turn(_: str, body: bytes) -> dict[str, str]:
-        rig.turn(_TURN.validate_json(body).angle_deg)
+        rig.turn(_TURN.validate_json(body)["angle_deg"])
         return {"done": "turning"}
 
     def take_dark(*_: object) -> dict[str, str]:
@@ -167,10 +162,10 @@ def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
         return ask
 
     def plan(_: str, body: bytes) -> dict[str, str]:
-        return {"plan": sessions.plan(_SESSION.validate_json(body).session)}
+        return {"plan": sessions.plan(_SESSION.validate_json(body)["session"])}
 
     def start(_: str, body: bytes) -> dict[str, str]:
-        name = _SESSION.validate_json(body).session
+        name = _SESSION.validate_json(body)["session"]
         rig.begin(REST)
         return {"run": sessions.start(name)}
 
@@ -286,19 +281,19 @@ class _Page:
         content: dict[str, Any] = {"rigctl": VERSION, "began": self._began_ns, **self._of_hands()}
         rows = self._source.rows()
         if rows is not None and not name:
-            return content | {"runs": [asdict(row) for row in rows]}
+            return content | {"runs": rows}
         reader = self._source.reader(name)
         if reader is None:
             return None
-        content |= asdict(reader.look()) | {"calibrations": [asdict(one) for one in reader.calibrations()]}
+        content |= reader.look() | {"calibrations": reader.calibrations()}
         try:
             curves = reader.curves()
-            key = f"{curves.frames_read}/{curves.frames_there}/{len(curves.time_s)}/{curves.left_out}"
+            key = "{frames_read}/{frames_there}/{cycles}/{left_out}".format(cycles=len(curves["time_s"]), **curves)
             is_known = question.get("curves") == key
-            return content | {"curves": None if is_known else asdict(curves), "curves_key": key}
+            return content | {"curves": None if is_known else curves, "curves_key": key}
         except (DataError, ConfigError) as error:
             problems = [*content["problems"], *({str(error)} - set(content["problems"]))]
-            return content | {"curves": asdict(Curves()), "curves_key": "none", "problems": problems}
+            return content | {"curves": NO_CURVES, "curves_key": "none", "problems": problems}
 
     def _of_hands(self) -> dict[str, Any]:
         if self._hands is None:

@@ -14,8 +14,8 @@ from rigctl.files.toml import describe
 from rigctl.outlines import search_markers, stretched
 from rigctl.web.page import Hands, page_app, region_acts
 from rigctl.web.rig import StillPicture
+from rigctl.web.run_reader import NoRuns
 from rigctl.web.server import PageServer, Place
-from rigctl.web.what import NoRuns
 
 
 class RegionsPage:

@@ -1,23 +1,30 @@
-"""Devices at work for a page: a picture to focus by, or polarization as fast as the stage turns; nothing is stored."""
+"""Devices at work for a page: a preview for focusing, or live polarimetry as fast as the stage turns.
+
+Nothing is stored.
+"""
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, with_config
 
 from drivers.errors import DeviceError, LimitError
 from drivers.interfaces import Camera, Frame, RotationStage
 from model.processing.mosaic import planes
+from rigctl.base.numbers import LARGEST
 from rigctl.errors import ConfigError, DataError
-from rigctl.files.rig_file import PolarizerSection, RigFile, load_rig
+from rigctl.files.choices import Interpolation
+from rigctl.files.rig_file import CameraSection, PolarizerSection, RigFile, load_rig, polarizer_axes_deg
 from rigctl.rig.focus import focus_of, middle
 from rigctl.rig.rig import SIMULATED, find_driver, open_rig
 from rigctl.web.pictures import (
@@ -31,7 +38,6 @@ from rigctl.web.pictures import (
     picture_of,
     smaller,
 )
-from rigctl.web.what import REST, LiveLook, OpenDevices, Task
 
 VIEW = "view"
 # Counts that a metered exposure aims at, as a share of the range; between these two it stays as it is.
@@ -46,15 +52,69 @@ _MS_PER_S = 1e3
 _QUALITY = 90
 _RIG_FILE = ".toml"
 _EXAMPLE = "rig-sim.toml"
-# A camera alone has no stage, whose angles would have to be told.
-NO_STAGE = PolarizerSection(sense=1, offset_deg=0.0)
+TaskKind = Literal["rest", "preview", "polarimetry"]
+
+
+@with_config(ConfigDict(extra="forbid", allow_inf_nan=False))
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A task for the devices, as a page sends it."""
+
+    #: "rest" closes the devices; "preview" takes picture after picture; "polarimetry" turns through the angles.
+    kind: TaskKind
+    exposure_ms: Annotated[float, Field(gt=0.0, le=600_000.0)] | None = None  #: None: the exposure follows the light.
+    gain_db: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    zoom: Annotated[int, Field(ge=1, le=64)] = 1  #: Show and judge the middle, enlarged by this factor.
+    #: Of the polarizer, for "polarimetry".
+    angles_deg: Annotated[tuple[Annotated[float, Field(ge=-LARGEST, le=LARGEST)], ...], Field(max_length=64)] = (
+        0.0,
+        45.0,
+        90.0,
+        135.0,
+    )
+
+
+REST = Task(kind="rest")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveLook:
+    """State of the devices and numbers of the newest picture."""
+
+    task: TaskKind = "rest"
+    exposure_ms: float = 10.0  #: As set [ms], [dB].
+    gain_db: float = 0.0
+    is_automatic: bool = True  #: The exposure follows the light.
+    sequence: int = 0  #: Number of the newest picture, and of the newest maps; 0 if there is none.
+    maps_sequence: int = 0
+    angle_deg: float | None = None  #: Of the polarizer at the newest picture, by readback [deg].
+    #: Of the newest picture and the largest since the task began; comparable only with itself.
+    sharpness: float = 0.0
+    best_sharpness: float = 0.0
+    brightest: float = 0.0  #: The 99.5 % quantile as a share of the range, and the share of saturated pixels.
+    clipped: float = 0.0
+    cycles_per_min: float | None = None  #: Rate of turns through the angles.
+    #: Dark level that the maps subtract [DN]; None if none was taken at this exposure: DoLP reads too low.
+    dark_dn: float | None = None
+    zoom: int = 1  #: As in `Task`.
+    left: int = 0  #: The part of the camera's picture that is shown: its first column and row, and its size [pixel].
+    top: int = 0
+    width: int = 0
+    height: int = 0
+    problem: str = ""  #: The error that stopped the task.
 
 
 class LiveRig:
-    """Works in a thread of its own; with the task "rest" the devices are closed, so that a session can have them."""
+    """The rig of a rig file, or the camera at an address such as ``gige:192.168.0.5`` alone.
 
-    def __init__(self, opened: Callable[[], AbstractContextManager[OpenDevices]], polarizer: PolarizerSection) -> None:
-        self._opened, self._polarizer = opened, polarizer
+    It works in a thread of its own. With the task "rest" the devices are closed, so that a session can open them.
+    """
+
+    def __init__(self, what: str, *, camera_only: bool = False) -> None:
+        self._what, self._is_rig = what, what.endswith(_RIG_FILE) and not camera_only
+        # A camera alone has no stage: its angles are those of the polarizer.
+        self._polarizer = load_rig(Path(what)).polarizer if self._is_rig else PolarizerSection(sense=1, offset_deg=0.0)
+        self._camera: CameraSection | None = None
         self._changed = threading.Condition()
         self._task = REST
         self._turn_to_deg: float | None = None
@@ -150,52 +210,68 @@ class LiveRig:
 
     def _work(self) -> None:
         try:
-            with self._opened() as devices:
+            with self._open() as (camera, stage):
                 while (task := self._wanted()).kind != "rest":
-                    self._do(devices, task)
+                    self._do(camera, stage, task)
         except (DeviceError, ConfigError, DataError) as error:
             with self._changed:
                 self._look = replace(self._look, task="rest", problem=str(error))
                 self._task, self._failure = REST, error
                 self._changed.notify_all()
 
+    @contextmanager
+    def _open(self) -> Iterator[tuple[Camera, RotationStage | None]]:
+        if not self._is_rig:
+            with open_camera(self._what) as camera:
+                yield camera, None
+            return
+        rig_file = load_rig(Path(self._what))  # anew: it may have been edited since
+        self._polarizer, self._camera = rig_file.polarizer, rig_file.camera
+        with open_rig(rig_file, session_name="live") as rig:
+            rig.present("scene")
+            yield rig.camera, rig.stage
+
     def _wanted(self) -> Task:
         with self._changed:
             return self._task
 
-    def _do(self, devices: OpenDevices, task: Task) -> None:
+    def _do(self, camera: Camera, stage: RotationStage | None, task: Task) -> None:
         """Do one task until another is wanted."""
-        devices.camera.configure(exposure_s=self.look().exposure_ms / _MS_PER_S, gain_db=task.gain_db)
-        if devices.cell_deg is not None:
+        camera.configure(exposure_s=self.look().exposure_ms / _MS_PER_S, gain_db=task.gain_db)
+        mosaic, polarizer = self._camera, self._polarizer
+        if mosaic is not None and mosaic.mosaic_deg is not None:
+            axes_deg = polarizer_axes_deg(mosaic.mosaic_deg, sense=polarizer.sense, offset_deg=polarizer.offset_deg)
             while self._wanted() is task:
-                self._look_through(devices, devices.cell_deg, task)
+                self._look_through(camera, axes_deg or (), mosaic.interpolation, task)
             return
         if task.kind == "preview":
             while self._wanted() is task:
-                angle_deg = self._turned(devices.stage)
-                self._expose_for_light(devices.camera, task, self._look.brightest)
-                self._seen(self._frame(devices.camera), angle_deg)
+                angle_deg = self._turned(stage)
+                self._expose_for_light(camera, task, self._look.brightest)
+                self._seen(self._frame(camera), angle_deg)
             return
-        if devices.stage is None or len(task.angles_deg) < _LEAST_ANGLES:
+        if stage is None or len(task.angles_deg) < _LEAST_ANGLES:
             raise ConfigError("live polarimetry needs a stage, and three angles at least")
-        devices.stage.home()
+        stage.home()
         while self._wanted() is task:
-            self._go_round(devices.camera, devices.stage, task)
+            self._go_round(camera, stage, task)
 
-    def _look_through(self, devices: OpenDevices, cell_deg: tuple[float, ...], task: Task) -> None:
-        """Take a picture behind a cell of polarizers: all angles at once, so that each has its maps."""
+    def _look_through(
+        self, camera: Camera, axes_deg: tuple[float, ...], interpolation: Interpolation, task: Task
+    ) -> None:
+        """Take a picture behind a cell of polarizers: it has all angles at once, so each picture has its maps."""
         began_s = time.monotonic()
-        self._expose_for_light(devices.camera, task, self._look.brightest)
-        frame = self._frame(devices.camera)
+        self._expose_for_light(camera, task, self._look.brightest)
+        frame = self._frame(camera)
         saturation_dn = 2.0**frame.settings.bit_depth - 1.0
-        parts = planes(frame.counts, interpolation=devices.interpolation, saturation_dn=saturation_dn)
-        # What is drawn upon and focused by is the mean of all angles: the cell itself is no texture of the scene.
+        parts = planes(frame.counts, interpolation=interpolation, saturation_dn=saturation_dn)
+        # The mean of all angles is shown: the pattern of the cell itself is no texture of the scene.
         stacked = np.stack(parts)
         full = (stacked >= saturation_dn).any(axis=0)
         mean = np.where(full, saturation_dn, stacked.mean(axis=0, dtype=np.float32)).astype(np.uint16)
         self._seen(replace(frame, counts=mean), None)
         small = [smaller(part, most_width=MOST_WIDTH) for part in parts]
-        self._went_round(small, cell_deg, time.monotonic() - began_s)
+        self._went_round(small, axes_deg, time.monotonic() - began_s)
 
     def _go_round(self, camera: Camera, stage: RotationStage, task: Task) -> None:
         began_s = time.monotonic()
@@ -286,29 +362,6 @@ def next_exposure_ms(exposure_ms: float, brightest: float) -> float:
     """Return the exposure that fills the range; of a picture that is saturated or nearly black, a step towards it."""
     wanted_ms = exposure_ms / 8.0 if brightest >= 1.0 else exposure_ms * min(_AIM / max(brightest, 1e-3), 8.0)
     return min(max(wanted_ms, _SHORTEST_MS), _LONGEST_MS)
-
-
-@contextmanager
-def open_devices(what: str) -> Iterator[OpenDevices]:
-    """Open the devices of a rig file, or the camera at an address alone, until the context is left."""
-    if not what.endswith(_RIG_FILE):
-        with open_camera(what) as camera:
-            yield OpenDevices(camera=camera)
-        return
-    rig_file = load_rig(Path(what))
-    with open_rig(rig_file, session_name="live") as rig:
-        rig.present("scene")
-        yield OpenDevices(
-            camera=rig.camera,
-            stage=rig.stage,
-            cell_deg=rig_file.cell_deg,
-            interpolation=rig_file.camera.interpolation,
-        )
-
-
-def polarizer_of(what: str) -> PolarizerSection:
-    """Return how the polarizer sits by a rig file; for a camera alone its angle is the stage's."""
-    return load_rig(Path(what)).polarizer if what.endswith(_RIG_FILE) else NO_STAGE
 
 
 @contextmanager

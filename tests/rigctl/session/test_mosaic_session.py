@@ -27,8 +27,7 @@ from rigctl.runs.records import FrameRecord
 from rigctl.scene.reading import scene_of_file
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.verify import verification_of
-from rigctl.web.rig import LiveRig, open_devices
-from rigctl.web.what import REST, Task
+from rigctl.web.rig import REST, LiveRig, Task
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 from tests.rigctl.session.made_rig import events_of
 
@@ -239,7 +238,7 @@ def test_a_rig_that_cannot_be_is_refused(tmp_path: Path, before: str, after: str
 
 def test_each_picture_has_its_maps_in_the_browser(tmp_path: Path) -> None:
     mosaic_rig(tmp_path)
-    rig = LiveRig(lambda: open_devices(str(tmp_path / "rig.toml")), load_rig(tmp_path / "rig.toml").polarizer)
+    rig = LiveRig(str(tmp_path / "rig.toml"))
     rig.begin(Task(kind="polarimetry", exposure_ms=0.03))
     while rig.look().maps_sequence < 2 and not rig.look().problem:
         pass

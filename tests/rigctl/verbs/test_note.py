@@ -17,7 +17,7 @@ from rigctl.runs.folder import ANNOTATIONS_FILE, read_annotations
 from rigctl.verbs.note import note
 from rigctl.verbs.stokes import stokes
 from rigctl.verbs.verify import verification_of
-from rigctl.web.what import RunReader
+from rigctl.web.run_reader import RunReader
 from tests.rigctl.made_runs import at, make_run
 
 ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
@@ -251,7 +251,7 @@ def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_pat
     assert json.loads(capsys.readouterr().out)["excluded"] == [8, 9, 10, 11]
     assert cli.main(["status", str(run), "--page", str(tmp_path / "s.html")]) == 0
     assert "a cloud passed" in (tmp_path / "s.html").read_text()
-    assert {"note", "exclude"} <= {one["event"] for one in RunReader(run).look().events}
+    assert {"note", "exclude"} <= {one["event"] for one in RunReader(run).look()["events"]}
 
 
 def test_a_login_name_of_the_environment_is_made_to_fit_a_line(tmp_path, monkeypatch):

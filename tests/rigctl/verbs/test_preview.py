@@ -16,8 +16,8 @@ from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.rig.focus import focus_of, jpeg_of, middle
 from rigctl.verbs.preview import preview_on_page
+from rigctl.web.rig import Task
 from rigctl.web.server import Place
-from rigctl.web.what import Task
 
 TASK = Task(kind="preview", exposure_ms=0.03)
 

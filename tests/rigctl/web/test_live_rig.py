@@ -3,8 +3,7 @@
 import time
 from collections.abc import Callable
 
-from rigctl.web.rig import LiveRig, open_devices, polarizer_of
-from rigctl.web.what import REST, LiveLook, Task
+from rigctl.web.rig import REST, LiveLook, LiveRig, Task
 
 CAMERA = "sim:gc780"
 
@@ -18,7 +17,7 @@ def until(rig: LiveRig, is_so: Callable[[LiveLook], bool]) -> LiveLook:
 
 
 def test_a_camera_alone_is_focused_by_and_has_no_polarization() -> None:
-    rig = LiveRig(lambda: open_devices(CAMERA), polarizer_of(CAMERA))
+    rig = LiveRig(CAMERA)
     rig.begin(Task(kind="preview", exposure_ms=0.03))
     look = until(rig, lambda look: look.sharpness > 0.0)
     assert (look.width, look.height) == (782, 582)
@@ -32,7 +31,7 @@ def test_a_camera_alone_is_focused_by_and_has_no_polarization() -> None:
 
 
 def test_the_exposure_follows_the_light_unless_it_is_given() -> None:
-    rig = LiveRig(lambda: open_devices(CAMERA), polarizer_of(CAMERA))
+    rig = LiveRig(CAMERA)
     rig.begin(Task(kind="preview"))
     look = until(rig, lambda look: 0.4 <= look.brightest <= 0.9)
     assert look.is_automatic
@@ -41,7 +40,7 @@ def test_the_exposure_follows_the_light_unless_it_is_given() -> None:
 
 
 def test_a_camera_that_cannot_be_opened_is_a_problem_in_words() -> None:
-    rig = LiveRig(lambda: open_devices("gige:nowhere.invalid"), polarizer_of(CAMERA))
+    rig = LiveRig("gige:nowhere.invalid")
     rig.begin(Task(kind="preview"))
     assert until(rig, lambda look: bool(look.problem)).task == "rest"
     rig.begin(REST)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rigctl.report.drawing import colour_table
 from rigctl.session.preparation import prepare_session
-from rigctl.session.status import DarkLevel, DarkSource, Estimate, LiveContent, RegionPolarization, live_lines
+from rigctl.session.status import DarkSource, Estimate, LiveContent, RegionPolarization, live_lines
 from tests.rigctl.example_files import EXAMPLES
 
 STYLE = files("rigctl") / "data" / "web" / "style.css"
@@ -26,7 +26,7 @@ def test_an_angle_that_may_be_any_is_undefined() -> None:
         region = RegionPolarization(
             dolp=Estimate(value=0.01, sigma=0.01), aolp_deg=12.3, light_dn_per_s=1.0, aolp_sigma_deg=sigma_deg
         )
-        dark = DarkLevel(source=DarkSource.FRAMES, mean_dn=0.0)
+        dark = {"source": DarkSource.FRAMES, "mean_dn": 0.0}
         return "\n".join(live_lines(LiveContent(angles={}, regions={"panel": region}, drift=None, dark=dark)))
 
     assert "AoLP 12.3 deg" in lines(45.0)

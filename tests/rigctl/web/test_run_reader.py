@@ -15,8 +15,8 @@ from rigctl.runs.folder import read_run
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
 from rigctl.verbs.note import note
-from rigctl.web.pictures import picture_of
-from rigctl.web.what import Curves, RunReader, RunsOfFolder, last_cycle, source_at
+from rigctl.web.pictures import last_cycle, picture_of
+from rigctl.web.run_reader import RunReader, RunsOfFolder, source_at
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run
 
@@ -36,29 +36,29 @@ def frames(*, angles: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0), cycles: int 
 
 def test_a_run_that_is_yet_to_come_is_waited_for(tmp_path: Path) -> None:
     reader = RunReader(tmp_path / "run")
-    assert reader.look().state == "waiting"
+    assert reader.look()["state"] == "waiting"
     assert reader.picture("0") is None
     make_run(tmp_path / "run", frames())
-    assert reader.look().state == "finished"
-    assert reader.look().frames == 8
+    assert reader.look()["state"] == "finished"
+    assert reader.look()["frames"] == 8
     assert reader.picture("0") is not None
 
 
 def test_each_state_of_a_session_is_told(tmp_path: Path) -> None:
     path, reader = tmp_path / "run", RunReader(tmp_path / "run")
     with RunWriter.create(path, {"origin": "import"}) as writer:
-        assert reader.look().state == "live"
+        assert reader.look()["state"] == "live"
         writer.event("hold", reason="Cover the lens")
-        assert (reader.look().state, reader.look().advice[:14]) == ("holding", "Cover the lens")
+        assert (reader.look()["state"], reader.look()["advice"][:14]) == ("holding", "Cover the lens")
         writer.event("go on")
-        assert reader.look().state == "live"
+        assert reader.look()["state"] == "live"
         for file in path.iterdir():
             os.utime(file, (1e9, 1e9))
-        assert reader.look().state == "stale"
-        assert reader.look().since_utc.startswith("2001-09-09")
+        assert reader.look()["state"] == "stale"
+        assert reader.look()["since_utc"].startswith("2001-09-09")
     look = reader.look()
-    assert look.state == "interrupted"
-    assert f"rigctl resume {path}" in look.advice
+    assert look["state"] == "interrupted"
+    assert f"rigctl resume {path}" in look["advice"]
 
 
 def test_frames_that_come_are_read_once_and_shown(tmp_path: Path) -> None:
@@ -67,11 +67,11 @@ def test_frames_that_come_are_read_once_and_shown(tmp_path: Path) -> None:
     lines = manifest.read_bytes().splitlines(keepends=True)
     manifest.write_bytes(b"".join(lines[:2]) + lines[2][:40])
     reader = RunReader(tmp_path / "run")
-    assert [one["name"] for one in reader.look().newest] == ["0", "45"]
+    assert [one["name"] for one in reader.look()["newest"]] == ["0", "45"]
     manifest.write_bytes(b"".join(lines))
     look = reader.look()
-    assert [one["name"] for one in look.newest] == ["0", "45", "90", "135"]
-    assert look.problems == ()
+    assert [one["name"] for one in look["newest"]] == ["0", "45", "90", "135"]
+    assert look["problems"] == []
 
 
 def test_a_damaged_line_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:
@@ -79,8 +79,8 @@ def test_a_damaged_line_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:
     manifest = tmp_path / "run" / "manifest.jsonl"
     manifest.write_bytes(manifest.read_bytes().replace(b'"cycle": 0', b'"cycle": 7', 1))
     look = RunReader(tmp_path / "run").look()
-    assert look.frames == 3
-    assert any("manifest" in problem for problem in look.problems)
+    assert look["frames"] == 3
+    assert any("manifest" in problem for problem in look["problems"])
 
 
 def test_maps_are_of_the_last_whole_cycle(tmp_path: Path) -> None:
@@ -119,16 +119,16 @@ def test_a_session_has_curves_of_its_cycles(tmp_path: Path) -> None:
     take_session(small_rig(tmp_path), small_session(cycles=2), tmp_path / "run", files={})
     reader = RunReader(tmp_path / "run")
     curves = _curves(reader)
-    assert [region["name"] for region in curves.regions] == ["picture"]
-    assert len(curves.time_s) == 2
-    assert all(0.0 < value < 1.0 for value in curves.regions[0]["dolp"])
-    assert reader.look().is_simulated
+    assert [region["name"] for region in curves["regions"]] == ["picture"]
+    assert len(curves["time_s"]) == 2
+    assert all(0.0 < value < 1.0 for value in curves["regions"][0]["dolp"])
+    assert reader.look()["is_simulated"]
 
 
-def _curves(reader: RunReader) -> Curves:
+def _curves(reader: RunReader) -> dict:
     # Frames are read in a thread of its own, which a busy machine lets wait.
     deadline_s = time.monotonic() + 60.0
-    while (curves := reader.curves()).frames_read < curves.frames_there:
+    while (curves := reader.curves())["frames_read"] < curves["frames_there"]:
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
     return curves
@@ -138,16 +138,16 @@ def test_excluded_frames_leave_curves_and_maps_while_somebody_looks(tmp_path: Pa
     run = tmp_path / "run"
     take_session(small_rig(tmp_path), small_session(cycles=3), run, files={})
     reader = RunReader(run)
-    before, maps_before = _curves(reader), reader.look().maps_of
+    before, maps_before = _curves(reader), reader.look()["maps_of"]
     last = read_run(run).frames[-1]
     note(run, "a bird", exclude=str(last.sequence), by="ann")
     after = _curves(reader)
-    assert (len(before.time_s), len(after.time_s), after.frames_there) == (3, 2, before.frames_there - 1)
-    assert after.time_s == before.time_s[:2]
-    assert (before.left_out, after.left_out) == ("", f"{last.sequence}: a bird (ann)")
-    assert (maps_before[:7], reader.look().maps_of[:7]) == ("scene, ", "scene, ")
-    assert (f"cycle {last.cycle + 1}" in maps_before, f"cycle {last.cycle}" in reader.look().maps_of) == (True, True)
-    assert reader.look().frames == len(read_run(run).frames)  # they are there all the same
+    assert (len(before["time_s"]), len(after["time_s"]), after["frames_there"]) == (3, 2, before["frames_there"] - 1)
+    assert after["time_s"] == before["time_s"][:2]
+    assert (before["left_out"], after["left_out"]) == ("", f"{last.sequence}: a bird (ann)")
+    assert (maps_before[:7], reader.look()["maps_of"][:7]) == ("scene, ", "scene, ")
+    assert (f"cycle {last.cycle + 1}" in maps_before, f"cycle {last.cycle}" in reader.look()["maps_of"]) == (True, True)
+    assert reader.look()["frames"] == len(read_run(run).frames)  # they are there all the same
     note(run, include=str(last.sequence), by="ann")
     assert _curves(reader) == before
 
@@ -161,8 +161,8 @@ def test_curves_are_refused_where_nobody_knows_what_is_excluded(tmp_path: Path) 
     reader = RunReader(run)
     with pytest.raises(DataError, match="which frames are excluded is not known"):
         reader.curves()
-    assert any("which frames are excluded is not known" in text for text in reader.look().problems)
-    assert (reader.look().maps_of, reader.picture("0") is not None) == ("", True)
+    assert any("which frames are excluded is not known" in text for text in reader.look()["problems"])
+    assert (reader.look()["maps_of"], reader.picture("0") is not None) == ("", True)
 
 
 def test_a_folder_lists_its_runs_with_what_lies_beside_them(tmp_path: Path) -> None:
@@ -174,10 +174,10 @@ def test_a_folder_lists_its_runs_with_what_lies_beside_them(tmp_path: Path) -> N
     (tmp_path / "compared" / "report.html").write_text("<p>report</p>")
     (tmp_path / "run-summary.html").write_text("<p>summary</p>")
     source = source_at(tmp_path)
-    rows = {row.run: row for row in source.rows()}
-    assert rows["run"].verdict == "agrees with reservations"
-    assert rows["run"].pages == ("summary", "compared")
-    assert (rows["other"].verdict, rows["other"].pages, rows["other"].frames) == ("", (), 4)
+    rows = {row["run"]: row for row in source.rows()}
+    assert rows["run"]["verdict"] == "agrees with reservations"
+    assert rows["run"]["pages"] == ["summary", "compared"]
+    assert (rows["other"]["verdict"], rows["other"]["pages"], rows["other"]["frames"]) == ("", [], 4)
     assert source.document("run", "compared") == b"<p>report</p>"
     assert source.document("run", "summary") == b"<p>summary</p>"
 
@@ -196,14 +196,14 @@ def test_calibrations_beside_a_run_say_whether_they_hold_for_it(tmp_path: Path) 
         (tmp_path / f"{name}.json").write_text(json.dumps(noise | {"made_for": made}))
     (tmp_path / "runs" / "axis.json").write_text('{"kind": "polarizer", "half": ')
     (tmp_path / "runs" / "else.json").write_text('{"kind": "chair"}')
-    found = {one.file: one for one in RunReader(tmp_path / "runs" / "run").calibrations()}
-    assert {name: (one.kind, one.verdict) for name, one in found.items()} == {
+    found = {one["file"]: one for one in RunReader(tmp_path / "runs" / "run").calibrations()}
+    assert {name: (one["kind"], one["verdict"]) for name, one in found.items()} == {
         "ours.json": ("noise", "holds"),
         "old.json": ("noise", "doubtful"),
         "theirs.json": ("noise", "does not hold"),
         "axis.json": ("polarizer", "does not hold"),
     }
-    assert (found["ours.json"].made_utc, found["ours.json"].valid_days) == ("2026-05-01T10:00:00Z", 30.0)
-    assert found["old.json"].valid_days == 365.0
-    assert "it holds for 365" in found["old.json"].words
-    assert "camera serial number" in found["theirs.json"].words
+    assert (found["ours.json"]["made_utc"], found["ours.json"]["valid_days"]) == ("2026-05-01T10:00:00Z", 30.0)
+    assert found["old.json"]["valid_days"] == 365.0
+    assert "it holds for 365" in found["old.json"]["words"]
+    assert "camera serial number" in found["theirs.json"]["words"]
