@@ -513,7 +513,7 @@ def statements_page() -> str:
         "\n## Sentences that describe a figure\n\nThese sentences claim nothing that could hold or fail.\n\n"
         "| figure | sentence | here |\n|---|---|---|"
     )
-    rows += [f"| {one.figure} | {one.sentence} | {one.here} |" for one in descriptions()]
+    rows += [f"| {figure} | {sentence} | {here} |" for figure, sentence, here in descriptions()]
     return _STATEMENTS_HEAD + "\n".join(rows) + "\n"
 
 

@@ -1,19 +1,21 @@
-"""Check the paper with sets of materials: its scenes, its statements, what is assumed, points read off its figures."""
+"""The paper checked with sets of materials: scenes, verdicts, assumptions, and points read off its figures."""
 
 import csv
 import math
 import re
 from collections.abc import Callable, Collection, Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import NamedTuple
 
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
 from rigctl.files.choices import SnrForm
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.paper.curves import FIGURES
-from rigctl.paper.scenes import ASSUMED, Airborne, LowLight, PaperScenes, Rooftop
+from rigctl.paper.scenes import ASSUMED, PaperScenes
 from rigctl.paper.statements import Judged, Search, judged, search
 
 _POINT_COLUMNS = ("figure", "panel", "label", "x", "y")
@@ -22,9 +24,8 @@ _TABLE = re.compile(r"^\s*\[+(?P<name>[\w.]+)\]+")
 _NAME = re.compile(r'^\s*name\s*=\s*"(?P<name>[^"]*)"')
 
 
-@dataclass(frozen=True, kw_only=True)
-class DigitisedPoint:
-    """A point: number of the figure, letter of its panel (empty for all), which curve, and where."""
+class DigitisedPoint(NamedTuple):
+    """A point: number of the figure, letter of its panel (empty for all), label of the curve, and place."""
 
     figure: int
     panel: str
@@ -40,7 +41,7 @@ class MaterialSet:
     name: str
     scene: SceneFile
     scenes: PaperScenes
-    as_paper: PaperScenes | None  #: the same, computed as the authors did
+    as_paper: PaperScenes | None  #: the same scenes, computed as the authors did
     results: tuple[Judged, ...]
     assumed: tuple[str, ...]
 
@@ -58,7 +59,7 @@ class CheckedPaper:
     @property
     def results(self) -> tuple[Judged, ...]:
         """Verdicts of all sets."""
-        return tuple(one for each in self.sets for one in each.results)
+        return tuple(result for materials in self.sets for result in materials.results)
 
 
 def check_paper(
@@ -84,22 +85,20 @@ def check_paper(
     if sets and figures:
         raise ConfigError("--search: counts all statements; leave out --figure")
     points = () if digitised is None else _read_digitised(digitised)
-    low_light, found = LowLight(), list[MaterialSet]()
+    checked = []
     for name in dict.fromkeys(materials):
         tell(f"{name}: computing")
-        found.append(
-            _checked(
-                name, low_light, figures, is_shipped=name in shipped, snr=snr, height_m=height_m, as_paper=as_paper
-            )
+        checked.append(
+            _checked(name, figures, is_shipped=name in shipped, snr=snr, height_m=height_m, as_paper=as_paper)
         )
     tried = None
     if sets:
-        first = found[0]
+        first = checked[0]
         tried = search(
             first.scene, first.scenes, sets=sets, seed=seed, tell=lambda count: tell(f"search: {count} of {sets}")
         )
     return CheckedPaper(
-        sets=tuple(found),
+        sets=tuple(checked),
         figures=figures or FIGURES,
         search=tried,
         points=points,
@@ -108,34 +107,21 @@ def check_paper(
 
 
 def _checked(
-    name: str,
-    low_light: LowLight,
-    figures: tuple[int, ...],
-    *,
-    is_shipped: bool,
-    snr: SnrForm,
-    height_m: float,
-    as_paper: bool,
+    name: str, figures: tuple[int, ...], *, is_shipped: bool, snr: SnrForm, height_m: float, as_paper: bool
 ) -> MaterialSet:
-    if is_shipped:
-        with as_file(files("rigctl") / "data" / "examples" / "paper") as folder:
-            scene, assumed = load_scene(folder / f"{name}.toml"), _assumed_lines(folder / f"{name}.toml")
-    else:
-        scene, assumed = load_scene(Path(name)), _assumed_lines(Path(name))
+    folder = files("rigctl") / "data" / "examples" / "paper"
+    with as_file(folder / f"{name}.toml") if is_shipped else nullcontext(Path(name)) as path:
+        scene, assumed = load_scene(path), _assumed_lines(path)
     label = name if is_shipped else Path(name).stem
-    airborne = Airborne(scene, snr=snr)
-    scenes = PaperScenes(airborne=airborne, rooftop=Rooftop(airborne), low_light=low_light, height_m=height_m)
-    other = None
-    if as_paper:
-        authors = Airborne(scene, light=airborne.light, as_paper=True)
-        other = PaperScenes(airborne=authors, rooftop=scenes.rooftop, low_light=low_light, height_m=height_m)
+    scenes = PaperScenes(scene, snr=snr, height_m=height_m)
+    authors = scenes.as_authors() if as_paper else None
     return MaterialSet(
         name=label,
         scene=scene,
         scenes=scenes,
-        as_paper=other,
-        results=judged(scenes, label, figures, as_paper=other),
-        assumed=(*assumed, *airborne.predictor.remarks),
+        as_paper=authors,
+        results=judged(scenes, label, figures, as_paper=authors),
+        assumed=(*assumed, *scenes.predictor.remarks),
     )
 
 
@@ -162,29 +148,28 @@ def _read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     if not rows or not set(_POINT_COLUMNS) <= set(rows[0]):
         raise ConfigError(f"{path}: needs a first line {','.join(_POINT_COLUMNS)} and a point a line")
-    return tuple(_point(path, line, row) for line, row in enumerate(rows, start=2))
-
-
-def _point(path: Path, line: int, row: dict[str, str]) -> DigitisedPoint:
-    try:
-        x, y = float(row["x"]), float(row["y"])
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise ValueError("x and y must be finite")
-        return DigitisedPoint(figure=int(row["figure"]), panel=row["panel"].strip(), label=row["label"], x=x, y=y)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{path}, line {line}: {error}") from error
+    points = []
+    for line, row in enumerate(rows, start=2):
+        try:
+            x, y = float(row["x"]), float(row["y"])
+            if not (math.isfinite(x) and math.isfinite(y)):
+                raise ValueError("x and y must be finite")
+            points.append(DigitisedPoint(int(row["figure"]), row["panel"].strip(), row["label"], x, y))
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{path}, line {line}: {error}") from error
+    return tuple(points)
 
 
 def _assumed_lines(path: Path) -> tuple[str, ...]:
     """Return a text for each number of a scene file whose line says in a comment that it is assumed."""
-    table, found = "", []
+    table, assumed = "", []
     for line in read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines():
-        head, name, one = _TABLE.match(line), _NAME.match(line), _ASSUMED.match(line)
+        head, name, value = _TABLE.match(line), _NAME.match(line), _ASSUMED.match(line)
         if head is not None:
             table = f"{head['name']}."
         elif name is not None and table.startswith("regions."):
             table = f"regions.{name['name']}."
-        if one is not None:
-            why = f" ({one['why']})" if one["why"] else ""
-            found.append(f"assumed: {table}{one['key']} = {one['value']}{why}")
-    return tuple(found)
+        if value is not None:
+            why = f" ({value['why']})" if value["why"] else ""
+            assumed.append(f"assumed: {table}{value['key']} = {value['value']}{why}")
+    return tuple(assumed)

@@ -9,21 +9,21 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.paper.curves import Panel, PaperFigure, curves_of
-from rigctl.paper.scenes import PANELS, Number
-from rigctl.paper.statements import IN_WORDS, Description, Judged, Search, descriptions
+from rigctl.paper.scenes import PANELS
+from rigctl.paper.statements import IN_WORDS, Judged, Reading, Search, descriptions, labelled, statements
 from rigctl.report.data_files import csv_rows, finite
 from rigctl.report.document import Bullets, Paragraph, Picture, Report, Section
 from rigctl.report.drawing import COLOURS, legend_below, legend_of_all, png, say_beneath, subplots
 from rigctl.report.light import sky_picture
 from rigctl.report.output import html, write_folder
 from rigctl.report.prediction import laws_of
-from rigctl.report.table import Column, Table
+from rigctl.report.table import Column, Shown, Table, text_columns
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.sky_map import sky_map
 
@@ -38,24 +38,19 @@ if TYPE_CHECKING:
 
 # Statements as tables, CSV and JSON.
 
-
-# More numbers of a statement stand in CSV and JSON.
+# A page shows so many numbers of a statement; CSV and JSON have all of them.
 _MOST_SHOWN = 8
 
 
-def statement_json(found: Sequence[Judged]) -> list[dict[str, Json]]:
-    """Return the statements as programs read them."""
-    return [_object(one) for one in found]
-
-
-def _object(one: Judged) -> dict[str, Json]:
+def statement_json(one: Judged) -> dict[str, Json]:
+    """Return a statement as programs read it."""
     content: dict[str, Json] = {
         "id": one.id,
         "figure": one.statement.figure,
         "sentence": one.statement.sentence,
         "geometry": one.statement.geometry,
         "check": one.statement.check,
-        "numbers": {label: finite(number.value) for label, number in one.numbers},
+        "numbers": {label: finite(number.value) for label, number in labelled(one.readings)},
         "margin": one.margin,
         "numerical_error": one.numerical_error,
         "verdict": one.verdict,
@@ -64,83 +59,74 @@ def _object(one: Judged) -> dict[str, Json]:
     }
     if one.as_paper:
         content["as_paper"] = {
-            "numbers": {label: finite(number.value) for label, number in one.as_paper_numbers},
+            "numbers": {label: finite(number.value) for label, number in labelled(one.as_paper)},
             "verdict": one.as_paper_verdict,
         }
     return content
 
 
-def statement_csv(found: Sequence[Judged]) -> bytes:
-    """Return a row a statement."""
-    columns: tuple[Column[Judged], ...] = (
-        Column(key="id"),
-        *(Column(key=name, value=_of_statement(name)) for name in ("figure", "sentence", "geometry", "check")),
-        Column(key="numbers", value=lambda one: "; ".join(_number(*pair, digits=8) for pair in one.numbers)),
-        Column(key="margin"),
-        Column(key="numerical_error"),
-        Column(key="verdict"),
-        Column(key="materials"),
-        Column(key="readings", value=lambda one: "; ".join(f"{r.name}: {r.verdict}" for r in one.readings)),
-        Column(
-            key="as_paper_numbers",
-            value=lambda one: "; ".join(_number(*pair, digits=8) for pair in one.as_paper_numbers),
-        ),
-        Column(key="as_paper_verdict"),
-    )
-    return csv_rows(Table(columns=columns, rows=tuple(found)))
+_WIDE = Shown.PAGE | Shown.CSV
+_COLUMNS: tuple[Column[Judged], ...] = (
+    Column(key="id", title="id", left=True, unbroken=True),
+    Column(key="figure", value=lambda one: one.statement.figure, shown=Shown.CSV),
+    Column(
+        key="sentence", title="sentence", value=lambda one: one.statement.sentence, left=True, wide=True, shown=_WIDE
+    ),
+    Column(key="geometry", title="where", value=lambda one: one.statement.geometry, left=True, shown=_WIDE),
+    Column(key="check", title="check", value=lambda one: one.statement.check, left=True),
+    Column(
+        key="numbers",
+        title="numbers",
+        value=lambda one: _all_numbers(one.readings),
+        text=lambda one: _numbers_text(one),
+        left=True,
+        shown=_WIDE,
+    ),
+    Column(key="margin", title="margin", text=lambda one: "–" if one.margin is None else f"{one.margin:.3g}"),
+    Column(
+        key="numerical_error",
+        title="num. error",
+        text=lambda one: "–" if one.numerical_error is None else f"{one.numerical_error:.1g}",
+    ),
+    Column(
+        key="verdict",
+        title="verdict",
+        text=lambda one: verdict_text(one),
+        brief=lambda one: IN_WORDS[one.verdict],
+        left=True,
+    ),
+    Column(key="materials", shown=Shown.CSV),
+    Column(
+        key="readings", value=lambda one: "; ".join(f"{r.name}: {r.verdict}" for r in one.readings), shown=Shown.CSV
+    ),
+    Column(key="as_paper_numbers", value=lambda one: _all_numbers(one.as_paper), shown=Shown.CSV),
+    Column(key="as_paper_verdict", shown=Shown.CSV),
+)
 
 
-def _of_statement(name: str) -> Any:
-    return lambda one: getattr(one.statement, name)
+def statement_table(results: Sequence[Judged]) -> Table[Judged]:
+    """Return the statements with their verdicts; page and CSV have the sentences and the numbers of each, too."""
+    return Table(columns=_COLUMNS, rows=tuple(results), is_off=lambda one: one.verdict == "opposite")
 
 
-def _number(label: str, number: Number, *, digits: int = 4) -> str:
-    return f"{label} {number.value:.{digits}g}"
-
-
-def statement_table(found: Sequence[Judged], *, title: str = "") -> Table[Judged]:
-    """Return the statements with their verdicts, and the numbers of each."""
-    columns: tuple[Column[Judged], ...] = (
-        Column(title="id", text=lambda one: one.id, left=True, unbroken=True),
-        Column(title="sentence", text=lambda one: one.statement.sentence, left=True, wide=True),
-        Column(title="where", text=lambda one: one.statement.geometry, left=True),
-        Column(title="check", text=lambda one: one.statement.check, left=True),
-        Column(title="numbers", text=_numbers_text, left=True),
-        Column(title="margin", text=lambda one: "–" if one.margin is None else f"{one.margin:.3g}"),
-        Column(
-            title="num. error", text=lambda one: "–" if one.numerical_error is None else f"{one.numerical_error:.1g}"
-        ),
-        Column(title="verdict", text=verdict_text, brief=lambda one: IN_WORDS[one.verdict], left=True),
-    )
-    return Table(title=title, columns=columns, rows=tuple(found), is_off=lambda one: one.verdict == "opposite")
-
-
-def description_table(figure: int) -> Table[Description]:
-    """Return the sentences that say what a figure shows, and how the figure here follows them."""
-    columns: tuple[Column[Description], ...] = (
-        Column(title="what the text says is drawn", text=lambda one: one.sentence, left=True, wide=True),
-        Column(title="here", text=lambda one: one.here, left=True),
-    )
-    return Table(columns=columns, rows=tuple(one for one in descriptions() if one.figure == figure))
-
-
-def terminal_statements(found: Sequence[Judged]) -> Table[Judged]:
-    """Return what fits a terminal: id, check, margin, verdict."""
-    whole = statement_table(found)
-    kept = {"id", "check", "margin", "num. error", "verdict"}
-    return Table(columns=tuple(column for column in whole.columns if column.title in kept), rows=whole.rows)
+def _all_numbers(readings: Sequence[Reading]) -> str:
+    return "; ".join(f"{label} {number.value:.8g}" for label, number in labelled(readings))
 
 
 def _numbers_text(one: Judged) -> str:
-    pairs = one.numbers
-    more = f"; {len(pairs) - _MOST_SHOWN} more in statements.json" if len(pairs) > _MOST_SHOWN else ""
-    text = "; ".join(_number(*pair) for pair in pairs[:_MOST_SHOWN]) + more
+    numbers = labelled(one.readings)
+    shown = numbers[:_MOST_SHOWN]
+    more = f"; {len(numbers) - _MOST_SHOWN} more in statements.json" if len(numbers) > _MOST_SHOWN else ""
+    text = "; ".join(f"{label} {number.value:.4g}" for label, number in shown) + more
     if not one.as_paper:
         return text
-    costs = {label: number.value for label, number in one.as_paper_numbers}
-    shown = [f"{label} {costs[label]:.4g} ({costs[label] - number.value:+.2g})" for label, number in pairs[:_MOST_SHOWN]
-             if label in costs]  # fmt: skip
-    return f"{text} | as the paper computes: {'; '.join(shown)}"
+    theirs = {label: number.value for label, number in labelled(one.as_paper)}
+    changed = "; ".join(
+        f"{label} {theirs[label]:.4g} ({theirs[label] - number.value:+.2g})"
+        for label, number in shown
+        if label in theirs
+    )
+    return f"{text} | as the paper computes: {changed}"
 
 
 def verdict_text(one: Judged) -> str:
@@ -159,35 +145,31 @@ def tally(found: Sequence[Judged]) -> str:
     return ", ".join(f"{IN_WORDS[name]} {counts[name]}" for name in IN_WORDS if counts[name])
 
 
-def search_lines(found: Search | None) -> Iterable[str]:
-    """Return what a search came to."""
-    if found is None:
+def search_lines(searched: Search | None) -> Iterable[str]:
+    """Return the result of a search."""
+    if searched is None:
         return
-    start = next(one for one in found.tried if not one.numbers)
+    most, numbers = searched.tried[0]
+    own = next(held for held, drawn in searched.tried if not drawn)
     yield (
-        f"search: {len(found.tried)} sets of materials tried, the first set itself among them, and {found.impossible} "
-        f"draws that are no possible surface; most statements that hold {found.tried[0].held} of "
-        f"{len(found.tried[0].verdicts)}, with the first set {start.held}"
+        f"search: {len(searched.tried)} sets of materials tried, the first set itself among them, and "
+        f"{searched.impossible} draws that are no possible surface; most statements that hold {most} of "
+        f"{len(statements())}, with the first set {own}"
     )
-    for key, value in found.tried[0].numbers.items():
+    for key, value in numbers.items():
         yield f"  {key} = {value:.4g}"
-
-
-def verdict_lines(found: Iterable[Judged]) -> tuple[str, ...]:
-    """Return a line a statement, as it stands under a picture."""
-    return tuple(f"{one.statement.id} {verdict_text(one)}: {one.statement.check}" for one in found)
 
 
 def estimator_table(found: Mapping[str, EstimatorError], true_snr: Sequence[float]) -> Table[int]:
     """Return bias and rms error of estimators of the true DoLP, a row a true signal-to-noise ratio."""
     columns: tuple[Column[int], ...] = (
         Column(title="true SNR", text=lambda k: f"{true_snr[k]:g}"),
-        *(Column(title=name, text=partial(_errors, found=error), unbroken=True) for name, error in found.items()),
+        *(Column(title=name, text=partial(_bias_and_rms, of), unbroken=True) for name, of in found.items()),
     )
     return Table(title="bias/rms error", columns=columns, rows=tuple(range(len(true_snr))))
 
 
-def _errors(k: int, found: EstimatorError) -> str:
+def _bias_and_rms(found: EstimatorError, k: int) -> str:
     return f"{found.bias[k]:+.3f}/{found.rms[k]:.3f}"
 
 
@@ -199,7 +181,7 @@ _MOST_FALSE_ALARMS = 0.03
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 
-def curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[DigitisedPoint] = ()) -> bytes:
+def _curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[DigitisedPoint] = ()) -> bytes:
     """Return a figure of curves; points of the paper's own figure, where somebody has them, lie over them."""
     columns = len(figure.panels)
     drawn, axes = subplots(1, columns, size=(max(6.4 * columns, 8.5), 4.8 + 0.16 * len(beneath)))
@@ -241,7 +223,7 @@ def _overlay(ax: Axes, points: Sequence[DigitisedPoint]) -> None:
         ax.plot([point.x for point in own], [point.y for point in own], "kx", markersize=6, label=f"digitised: {name}")
 
 
-def panels_png(predictions: Mapping[str, RegionPrediction], names: Mapping[str, str], beneath: Sequence[str]) -> bytes:
+def _panels_png(predictions: Mapping[str, RegionPrediction], names: Mapping[str, str], beneath: Sequence[str]) -> bytes:
     """Return Fig. 6: S0 and DoLP of panels, each pixel drawn from the predicted law (seed 1)."""
     generator = np.random.default_rng(1)
     size = (_PANEL_PIXELS * _PANEL_PIXELS, 3)
@@ -263,7 +245,7 @@ def panels_png(predictions: Mapping[str, RegionPrediction], names: Mapping[str, 
     return png(figure)
 
 
-def laws_figure_png(
+def _laws_png(
     predictions: Mapping[str, RegionPrediction],
     names: Mapping[str, str],
     beneath: Sequence[str],
@@ -309,7 +291,7 @@ def estimator_plot(true_snr: NDArray[np.float64], errors: Mapping[str, Estimator
 # The page and the files.
 
 
-NOTHING_STATED = "The text says what is drawn, and nothing of it that could be held or not."
+_NOTHING_STATED = "The text says what is drawn, and nothing of it that could be held or not."
 _MEANING = (
     "holds, opposite: margins above three numerical errors. Cannot be seen: every P_D compared above .999, or the "
     "authors' measured points are needed. Noise floor: exact DoLP SNRs below 2.1, that of unpolarised light is 1.913. "
@@ -318,40 +300,54 @@ _MEANING = (
 )
 
 
-def paper_report(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Report:
-    """Return the report on the paper."""
-    return Report(
-        title="[MK14] figure by figure and sentence by sentence",
-        source="Meng & Kerekes, An Analytical Model for Optical Polarimetric Imaging Systems, IEEE TGRS 2014",
-        sections=[_summary(found), *_figures(found, pictures), *_search(found), *_assumed(found)],
-    )
+def write_paper(found: CheckedPaper, out: Path) -> tuple[str, ...]:
+    """Write paper.html, statements.csv, statements.json, curves.csv and fig*.png; return their names."""
+    curves = {
+        (one.name, number): curves_of(number, one.scenes, as_paper=one.as_paper)
+        for one in found.sets
+        for number in found.figures
+    }
+    pictures = {
+        f"fig{number}-{'model' if number in _SAME_FOR_ALL else one.name}.png": _picture(
+            found, one, number, curves[one.name, number]
+        )
+        for number in found.figures
+        for one in found.sets[: 1 if number in _SAME_FOR_ALL else None]
+    }
+    statements = [statement_json(one) for one in found.results]
+    contents = {
+        "paper.html": html(_report(found, pictures)).encode(),
+        "statements.json": (json.dumps(statements, indent=2, allow_nan=False) + "\n").encode(),
+        "statements.csv": csv_rows(statement_table(found.results)),
+        "curves.csv": _curves_csv(curves),
+        **pictures,
+    }
+    return write_folder(out, contents)
 
 
-def _summary(found: CheckedPaper) -> Section:
-    lines = tuple(f"{one.name}: {tally(one.results)}" for one in found.sets)
-    return Section(title="What comes out", blocks=(Bullets(items=lines), Paragraph(text=_MEANING)))
-
-
-def _figures(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Iterable[Section]:
+def _report(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Report:
+    tallies = tuple(f"{one.name}: {tally(one.results)}" for one in found.sets)
+    sections = [Section(title="What comes out", blocks=(Bullets(items=tallies), Paragraph(text=_MEANING)))]
     for number in found.figures:
         shown = [Picture(png=png, caption=name) for name, png in pictures.items() if name.startswith(f"fig{number}-")]
         rows = [one for one in found.results if number in one.statement.figures]
-        judged = [statement_table(rows)] if rows else [Paragraph(text=NOTHING_STATED)]
-        blocks = (*shown, *judged, description_table(number))
-        yield Section(title=f"Fig. {number}", blocks=blocks)
-
-
-def _search(found: CheckedPaper) -> Iterable[Section]:
-    if found.search is None:
-        return
-    note = "Without a tolerance: to be confirmed with --materials."
-    yield Section(title="Search", blocks=(Bullets(items=(*search_lines(found.search), note)),))
-
-
-def _assumed(found: CheckedPaper) -> Iterable[Section]:
-    yield Section(title="Assumed", blocks=(Bullets(items=found.remarks),))
-    for one in found.sets:
-        yield Section(title=f"Assumed in {one.name}", blocks=(Bullets(items=one.assumed),), folded=True)
+        judged = [statement_table(rows)] if rows else [Paragraph(text=_NOTHING_STATED)]
+        drawn = [(sentence, here) for figure, sentence, here in descriptions() if figure == number]
+        described = text_columns("what the text says is drawn", "here", left=(0, 1), wide=0)
+        blocks = (*shown, *judged, Table(columns=described, rows=tuple(drawn)))
+        sections.append(Section(title=f"Fig. {number}", blocks=blocks))
+    if found.search is not None:
+        note = "Without a tolerance: to be confirmed with --materials."
+        sections.append(Section(title="Search", blocks=(Bullets(items=(*search_lines(found.search), note)),)))
+    sections.append(Section(title="Assumed", blocks=(Bullets(items=found.remarks),)))
+    sections += [
+        Section(title=f"Assumed in {one.name}", blocks=(Bullets(items=one.assumed),), folded=True) for one in found.sets
+    ]
+    return Report(
+        title="[MK14] figure by figure and sentence by sentence",
+        source="Meng & Kerekes, An Analytical Model for Optical Polarimetric Imaging Systems, IEEE TGRS 2014",
+        sections=sections,
+    )
 
 
 _SAME_FOR_ALL = (2, 5)
@@ -360,44 +356,21 @@ _FIG2 = (
 )
 
 
-def write_paper(found: CheckedPaper, out: Path) -> tuple[str, ...]:
-    """Write paper.html, statements.csv, statements.json, curves.csv and fig*.png; return their names."""
-    curves = {(one.name, number): _curves(one, number) for one in found.sets for number in found.figures}
-    pictures = dict(_pictures(found, curves))
-    contents = {
-        "paper.html": html(paper_report(found, pictures)).encode(),
-        "statements.json": (json.dumps(statement_json(found.results), indent=2, allow_nan=False) + "\n").encode(),
-        "statements.csv": statement_csv(found.results),
-        "curves.csv": _curves_csv(curves),
-        **pictures,
-    }
-    return write_folder(out, contents)
-
-
-def _curves(one: MaterialSet, number: int) -> PaperFigure | None:
-    return curves_of(number, one.scenes, as_paper=one.as_paper)
-
-
-def _pictures(found: CheckedPaper, curves: dict[tuple[str, int], PaperFigure | None]) -> Iterable[tuple[str, bytes]]:
-    for number in found.figures:
-        for k, one in enumerate(found.sets):
-            if number in _SAME_FOR_ALL and k > 0:
-                continue
-            label = "model" if number in _SAME_FOR_ALL else one.name
-            yield f"fig{number}-{label}.png", _picture(found, one, number, curves[one.name, number])
-
-
 def _picture(found: CheckedPaper, one: MaterialSet, number: int, curves: PaperFigure | None) -> bytes:
-    rows = [row for row in one.results if number in row.statement.figures]
     of_what = "the same for all materials" if number in _SAME_FOR_ALL else f"materials: {one.name}"
-    beneath = (of_what, *(verdict_lines(rows) or (NOTHING_STATED,)))
+    verdicts = [
+        f"{row.statement.id} {verdict_text(row)}: {row.statement.check}"
+        for row in one.results
+        if number in row.statement.figures
+    ]
+    beneath = (of_what, *(verdicts or (_NOTHING_STATED,)))
     points = [point for point in found.points if point.figure == number]
     if curves is not None:
-        return curves_png(curves, beneath, points)
+        return _curves_png(curves, beneath, points)
     if number == 2:
         return sky_picture(sky_map(scene_of_file(one.scene)), title=(_FIG2,), beneath=beneath)
-    panels = one.scenes.rooftop.predictions
-    return panels_png(panels, PANELS, beneath) if number == 6 else laws_figure_png(panels, PANELS, beneath, points)
+    panels = one.scenes.panels
+    return _panels_png(panels, PANELS, beneath) if number == 6 else _laws_png(panels, PANELS, beneath, points)
 
 
 def _curves_csv(curves: dict[tuple[str, int], PaperFigure | None]) -> bytes:

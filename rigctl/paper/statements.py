@@ -1,7 +1,8 @@
 """Sentences of [MK14] about its figures, each with its check.
 
-The words stand in `rigctl/data/paper.toml`. A sentence that allows several readings is checked in all of them. One
-about the authors' measured points has no check, for these are not at hand.
+The words are in `rigctl/data/paper.toml`; `_CHECKS` has the inequalities of each sentence by its id. A sentence that
+can be understood in several ways has several readings. A sentence about the authors' measured points has no check,
+because the points are not available.
 """
 
 import tomllib
@@ -9,8 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from itertools import pairwise
-from math import pi, sqrt
+from itertools import chain, pairwise, permutations
+from math import hypot, log, log10, pi, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -24,15 +25,13 @@ from rigctl.paper.scenes import (
     ROC_NOISE_FACTORS,
     SUNS_DEG,
     TARGET,
-    TOLERANCE,
     VIEWS_DEG,
     WHITE,
-    Airborne,
-    Geometry,
+    Moment,
     Number,
     PaperScenes,
-    Rooftop,
     Source,
+    first_order_error,
 )
 from rigctl.scene.scene import get, parameters
 
@@ -44,25 +43,25 @@ IN_WORDS: dict[Verdict, str] = {
     "noise_floor": "noise floor",
     "ambiguous": "ambiguous",
 }
-# Ratio of exact mean and deviation of DoLP of light without any, sqrt(pi / (4 - pi)); below the other one it is noise.
+# Ratio of exact mean and deviation of DoLP of light without any, sqrt(pi / (4 - pi)). Below the floor it is noise.
 UNPOLARIZED_SNR, NOISE_FLOOR = sqrt(pi / (4.0 - pi)), 2.1
-# Above this everything is detected, and which of two is more cannot be seen.
+# Above this everything is detected, and no difference can be seen.
 ALL_DETECTED = 0.999
 # How many numerical errors a margin has to have.
 _FAR = 3.0
-# Of words for which the paper has no number.
-_MUCH, _SIGNIFICANT = 1.5, 1.5
+# Factor for "much" and "significantly", for which the paper has no number.
+_MUCH = 1.5
 _AZIMUTHS_DEG = (0.0, 90.0, 180.0)
 _PEAK_DEG = (40.0, 60.0)
 _PATH_TURNED, _AS_STATED = "azimuth of the path radiance turned by 180 deg", "as stated"
 
 
-# What comparing numbers says.
+# Comparisons of numbers.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Test:
-    """An inequality that a statement says: it holds where `margin`, in the unit of the numbers, is above 0."""
+    """An inequality: it holds where `margin`, in the unit of the numbers, is above 0."""
 
     numbers: tuple[Number, ...]
     margin: float
@@ -90,9 +89,9 @@ class Reading:
     @property
     def verdict(self) -> Verdict:
         """Of all tests: one that is reversed refutes; what cannot be seen in one is not seen in all."""
-        found = [test.verdict for test in self.tests]
+        verdicts = [test.verdict for test in self.tests]
         order: tuple[Verdict, ...] = ("opposite", "noise_floor", "cannot_be_seen", "ambiguous")
-        return next((one for one in order if one in found), "holds" if found else "cannot_be_seen")
+        return next((one for one in order if one in verdicts), "holds" if verdicts else "cannot_be_seen")
 
     @property
     def deciding(self) -> Test | None:
@@ -100,459 +99,309 @@ class Reading:
         tests = [test for test in self.tests if test.verdict == self.verdict]
         return min(tests, key=lambda test: test.margin, default=None)
 
-    @property
-    def numbers(self) -> tuple[Number, ...]:
-        """All numbers of its tests, each once."""
-        return tuple({one.label: one for test in self.tests for one in test.numbers}.values())
-
 
 def above(more: Number, less: Number, *, factor: float = 1.0) -> Test:
-    """Return the test of one number above so many times another."""
+    """Test that a number is above so many times another."""
     return Test(numbers=(more, less), margin=more.value - factor * less.value, error=more.error + factor * less.error)
 
 
-def _differ(one: Number, other: Number) -> Test:
-    """Return the test of two numbers that are not the same: it holds, or their distance is within the error."""
-    return Test(numbers=(one, other), margin=abs(one.value - other.value), error=one.error + other.error)
+def differ(first: Number, second: Number) -> Test:
+    """Test that two numbers differ: it holds, or their distance is within the error."""
+    return Test(numbers=(first, second), margin=abs(first.value - second.value), error=first.error + second.error)
 
 
 def falls(numbers: Sequence[Number]) -> tuple[Test, ...]:
-    """Return the tests of numbers that fall from each to the next."""
+    """Test that numbers fall from each to the next."""
     return tuple(above(first, second) for first, second in pairwise(numbers))
 
 
 def some_step_rises(numbers: Sequence[Number]) -> Test:
-    """Return the test of numbers that do not fall all along: the largest step upward."""
+    """Test that numbers do not fall all along: the largest step upward decides."""
     largest = max((above(second, first) for first, second in pairwise(numbers)), key=lambda step: step.margin)
     return _with_all(largest, numbers)
 
 
 def peak_within(numbers: Sequence[Number], places: Sequence[float], low: float, high: float) -> Test:
-    """Return the test of a largest number whose place lies between two limits."""
-    inside = [one for one, place in zip(numbers, places, strict=True) if low <= place <= high]
-    outside = [one for one, place in zip(numbers, places, strict=True) if not low <= place <= high]
-    best, rival = (max(part, key=lambda one: one.value) for part in (inside, outside))
+    """Test that the place of the largest number lies between two limits."""
+    inside = [number for number, place in zip(numbers, places, strict=True) if low <= place <= high]
+    outside = [number for number, place in zip(numbers, places, strict=True) if not low <= place <= high]
+    best, rival = (max(part, key=lambda number: number.value) for part in (inside, outside))
     return _with_all(above(best, rival), numbers)
 
 
 def _with_all(decided: Test, numbers: Sequence[Number]) -> Test:
-    """Return a test with all numbers, those that decide at the head."""
+    """Return a test with all numbers, those that decide first."""
     return replace(decided, numbers=(*decided.numbers, *(one for one in numbers if one not in decided.numbers)))
-
-
-# The checks, by the id of the statement.
-
-_Readings = tuple[Reading, ...]
-_CHECKS: dict[str, Callable[[PaperScenes], _Readings]] = {}
-
-
-def _checks(
-    statement: str,
-) -> Callable[[Callable[[PaperScenes], _Readings]], Callable[[PaperScenes], _Readings]]:
-    def noted(check: Callable[[PaperScenes], _Readings]) -> Callable[[PaperScenes], _Readings]:
-        _CHECKS[statement] = check
-        return check
-
-    return noted
-
-
-def _one(*tests: Test) -> _Readings:
-    return (Reading(name=_AS_STATED, tests=tests),)
-
-
-def _azimuths(tests: Callable[[bool], Iterable[Test]]) -> _Readings:
-    """Return the readings with the azimuth of the path radiance as stated, and turned by 180 deg."""
-    return tuple(
-        Reading(name=name, tests=tuple(tests(turned))) for turned, name in ((False, _AS_STATED), (True, _PATH_TURNED))
-    )
-
-
-def _decibels(tests: Callable[[float], Iterable[Test]]) -> _Readings:
-    """Return the readings of decibels, which the paper does not define: of an amplitude, and of a power."""
-    return tuple(
-        Reading(name=f"20 dB is an SNR of {ratio}", tests=tuple(tests(scale)))
-        for scale, ratio in ((1.0, 10), (2.0, 100))
-    )
 
 
 def _clearest(
     total: Sequence[Number], reflected: Sequence[Number], pairs: Iterable[tuple[int, int]]
 ) -> tuple[Test, ...]:
-    """Return the tests of the pair in which the total of one most clearly is higher and its reflected ratio lower."""
+    """Test that in some pair the total of the first is higher and its reflected ratio lower: the clearest pair."""
     tests = [(above(total[i], total[j]), above(reflected[j], reflected[i])) for i, j in pairs]
     return max(tests, key=lambda pair: min(test.margin for test in pair))
 
 
-def _first_order_off(scenes: PaperScenes, decibel: float, moment: Literal["mean", "std"], scale: float) -> Number:
-    return replace(
-        scenes.low_light.relative_error(scale * decibel, moment), label=f"first-order {moment} at {decibel:g} dB off by"
-    )
+# Series of numbers that several sentences compare.
 
 
-def _fig5(scenes: PaperScenes, pairs: Sequence[tuple[float, float]]) -> _Readings:
-    moments: tuple[Literal["mean", "std"], ...] = ("mean", "std")
-    return _decibels(
-        lambda scale: (
-            above(*(_first_order_off(scenes, decibel, moment, scale) for decibel in pair))
-            for moment in moments
-            for pair in pairs
-        )
-    )
+def _fig9(p: PaperScenes, view: float, source: Source, *, turned: bool = False, where: str = "") -> list[Number]:
+    """Return the DoLP SNR by azimuth."""
+    return [
+        p.snr(p.at(25.0, view, phi), source=source, turned=turned, label=f"{source} {where}phi {phi:g}")
+        for phi in _AZIMUTHS_DEG
+    ]
 
 
-@_checks("5a")
-def _diverges(scenes: PaperScenes) -> _Readings:
-    return _fig5(scenes, ((0.0, 10.0), (10.0, 20.0)))
+def _fig9_views(p: PaperScenes, source: Source, *, turned: bool = False) -> list[list[Number]]:
+    """Return the DoLP SNR by azimuth at a view of 10 deg and at one of 50 deg."""
+    return [_fig9(p, view, source, turned=turned, where=f"view {view:g} ") for view in (10.0, 50.0)]
 
 
-@_checks("5b")
-def _agrees_above_20(scenes: PaperScenes) -> _Readings:
-    return _fig5(scenes, [(decibel, 20.0) for decibel in (0.0, 4.0, 8.0, 12.0, 16.0)])
-
-
-@_checks("V-a")
-def _all_above_20(scenes: PaperScenes) -> _Readings:
-    least = min((*scenes.airborne.s0_snrs(), *scenes.rooftop.s0_snrs()), key=lambda one: one.value)
-
-    def decibels(scale: float) -> Number:
-        return Number(
-            label=f"least {least.label} [dB]",
-            value=20.0 / scale * float(np.log10(least.value)),
-            error=20.0 / scale / float(np.log(10.0)) * least.error / least.value,
-        )
-
-    return _decibels(lambda scale: (above(decibels(scale), Number(label="20 dB", value=20.0)),))
-
-
-@_checks("8a")
-def _black_is_higher(scenes: PaperScenes) -> _Readings:
-    number = scenes.rooftop.number
-    return _one(
-        above(number(TARGET, "dolp_pixels", "mean"), number(WHITE, "dolp_pixels", "mean")),
-        above(number(WHITE, "s0", "mean"), number(TARGET, "s0", "mean")),
-    )
-
-
-@_checks("8b")
-def _white_is_narrower(scenes: PaperScenes) -> _Readings:
-    number = scenes.rooftop.number
-    black, white = scenes.rooftop.s0_snrs()
-    quantities = ("s1n", "s2n", "dolp_pixels")
-    return _one(
-        *(above(number(TARGET, one, "std"), number(WHITE, one, "std")) for one in quantities), above(white, black)
-    )
-
-
-def _fig9(
-    scenes: PaperScenes, view: float, phi: float, source: Source, label: str = "", *, turned: bool = False
-) -> Number:
-    name = f"{source} {label or f'view {view:g} phi {phi:g}'}"
-    return scenes.airborne.snr(scenes.at(25.0, view, phi), source=source, label=name, turned=turned)
-
-
-def _reflected9(scenes: PaperScenes, view: float) -> list[Number]:
-    return [_fig9(scenes, view, phi, "reflected") for phi in _AZIMUTHS_DEG]
-
-
-@_checks("9a")
-def _total_differs(scenes: PaperScenes) -> _Readings:
-    def tests(turned: bool) -> Iterator[Test]:
-        for view in (10.0, 50.0):
-            for phi in _AZIMUTHS_DEG:
-                total = _fig9(scenes, view, phi, "total", turned=turned)
-                test = _differ(total, _fig9(scenes, view, phi, "reflected"))
-                if test.verdict != "noise_floor":
-                    yield test
-
-    return _azimuths(tests)
-
-
-@_checks("9b")
-def _path_above_reflected(scenes: PaperScenes) -> _Readings:
-    return _azimuths(
-        lambda turned: (
-            above(
-                _fig9(scenes, 10.0, phi, "path", f"phi {phi:g}", turned=turned),
-                _fig9(scenes, 10.0, phi, "reflected", f"phi {phi:g}"),
-            )
-            for phi in _AZIMUTHS_DEG[:2]
-        )
-    )
-
-
-@_checks("9c")
-def _total_much_higher_at_0(scenes: PaperScenes) -> _Readings:
-    def total(phi: float, turned: bool) -> Number:
-        return _fig9(scenes, 10.0, phi, "total", f"phi {phi:g}", turned=turned)
-
-    reflected = _fig9(scenes, 10.0, 0.0, "reflected", "phi 0")
-    found = []
-    for turned, azimuth in ((False, _AS_STATED), (True, _PATH_TURNED)):
-        at_0 = total(0.0, turned)
-        others = tuple(above(at_0, total(phi, turned), factor=_MUCH) for phi in _AZIMUTHS_DEG[1:])
-        times = f"{_MUCH:g} times that of the"
-        alone = (above(at_0, reflected, factor=_MUCH),)
-        found.append(Reading(name=f"{times} reflected radiance there; {azimuth}", tests=alone))
-        found.append(Reading(name=f"{times} total at 90 and 180 deg; {azimuth}", tests=others))
-    return tuple(found)
-
-
-@_checks("9d")
-def _path_dominates(scenes: PaperScenes) -> _Readings:
-    def tests(turned: bool) -> Iterator[Test]:
-        path = scenes.airborne.polarized(scenes.at(25.0, 10.0, 180.0 if turned else 0.0), "path")
-        yield above(path, scenes.airborne.polarized(scenes.at(25.0, 10.0, 0.0), "reflected"))
-
-    return _azimuths(tests)
-
-
-@_checks("9e")
-def _total_misleads(scenes: PaperScenes) -> _Readings:
-    def tests(turned: bool) -> tuple[Test, ...]:
-        points = [(view, phi) for view in (10.0, 50.0) for phi in _AZIMUTHS_DEG]
-        total = [_fig9(scenes, view, phi, "total", turned=turned) for view, phi in points]
-        reflected = [_fig9(scenes, view, phi, "reflected") for view, phi in points]
-        pairs = ((i, j) for i in range(len(points)) for j in range(len(points)) if i != j)
-        return _clearest(total, reflected, pairs)
-
-    return _azimuths(tests)
-
-
-@_checks("9f")
-def _reflected_rises(scenes: PaperScenes) -> _Readings:
-    return _one(*(test for view in (10.0, 50.0) for test in falls(_reflected9(scenes, view)[::-1])))
-
-
-@_checks("9g")
-def _oblique_is_higher(scenes: PaperScenes) -> _Readings:
-    steep, oblique = (_reflected9(scenes, view) for view in (10.0, 50.0))
-    return _one(*map(above, oblique, steep))
-
-
-@_checks("9h")
-def _forward_is_strongest(scenes: PaperScenes) -> _Readings:
-    tests: list[Test] = []
-    for view in (10.0, 50.0):
-        *others, forward = _reflected9(scenes, view)
-        tests += [above(forward, other) for other in others]
-    return _one(*tests)
-
-
-@_checks("9i")
-def _forward_is_purest(scenes: PaperScenes) -> _Readings:
-    def share(view: float, phi: float, turned: bool) -> Number:
-        seen = scenes.at(25.0, view, 180.0 - phi if turned else phi)
-        path = scenes.airborne.polarized(seen, "path")
-        reflected = scenes.airborne.polarized(scenes.at(25.0, view, phi), "reflected")
+def _path_share(p: PaperScenes, view: float, turned: bool) -> list[Number]:
+    """Polarized light of the path over that of the target, by azimuth."""
+    numbers = []
+    for phi in _AZIMUTHS_DEG:
+        path = p.polarized(p.at(25.0, view, 180.0 - phi if turned else phi), "path")
+        reflected = p.polarized(p.at(25.0, view, phi), "reflected")
         value = path.value / reflected.value
-        error = value * float(np.hypot(path.error / path.value, reflected.error / reflected.value))
-        return Number(label=f"polarized path over reflected view {view:g} phi {phi:g}", value=value, error=error)
-
-    def tests(turned: bool) -> Iterator[Test]:
-        for view in (10.0, 50.0):
-            *others, forward = (share(view, phi, turned) for phi in _AZIMUTHS_DEG)
-            yield from (above(other, forward) for other in others)
-
-    return _azimuths(tests)
+        error = value * hypot(path.error / path.value, reflected.error / reflected.value)
+        label = f"polarized path over reflected view {view:g} phi {phi:g}"
+        numbers.append(Number(label=label, value=value, error=error))
+    return numbers
 
 
-def _fig10(scenes: PaperScenes, source: Source, *, turned: bool = False) -> list[Number]:
-    snr = scenes.airborne.snr
-    return [snr(at, source=source, turned=turned, label=f"{source} {_km(at)}") for at in _heights()]
+def _by_height(number: Callable[..., Number], p: PaperScenes, label: str = "", **options: Any) -> list[Number]:
+    """Return a number at the heights of Figs 10 and 11."""
+    return [
+        number(p.at(50.0, 50.0, height_m=height), label=f"{label}{height / 1000:g} km", **options)
+        for height in HEIGHTS_M
+    ]
 
 
-def _heights() -> list[Geometry]:
-    return [Geometry(sun=50.0, view=50.0, height_m=height) for height in HEIGHTS_M]
+def _fig10(p: PaperScenes, source: Source, *, turned: bool = False) -> list[Number]:
+    return _by_height(p.snr, p, f"{source} ", source=source, turned=turned)
 
 
-def _km(at: Geometry) -> str:
-    return f"{at.height_m / 1000:g} km"
+def _snr_at(p: PaperScenes, sun: float, view: float, kn: float = 1.0) -> Number:
+    label = f"sun {sun:g} view {view:g}" + ("" if kn == 1.0 else f" Kn {kn:g}")
+    return p.snr(p.at(sun, view, kn=kn), label=label)
 
 
-@_checks("10a")
-def _reflected_falls(scenes: PaperScenes) -> _Readings:
-    return _one(*falls(_fig10(scenes, "reflected")))
+def _fig12(p: PaperScenes, view: float, kn: float = 1.0) -> list[Number]:
+    """DoLP SNR by the zenith angle of the sun."""
+    return [_snr_at(p, sun, view, kn) for sun in SUNS_DEG]
 
 
-@_checks("10b")
-def _total_does_not_fall(scenes: PaperScenes) -> _Readings:
-    return _azimuths(lambda turned: (some_step_rises(_fig10(scenes, "total", turned=turned)),))
+def _fig13(p: PaperScenes, sun: float, view: float) -> Number:
+    return p.p_detection(p.at(sun, view), label=f"sun {sun:g} view {view:g}")
 
 
-@_checks("10c")
-def _path_grows(scenes: PaperScenes) -> _Readings:
-    found = [scenes.airborne.radiance(at, "path", label=f"path {_km(at)}") for at in _heights()]
-    much = (above(found[-1], found[0], factor=_SIGNIFICANT),)
-    return (
-        Reading(name="rises", tests=falls(found[::-1])),
-        Reading(name=f"at 9 km {_SIGNIFICANT:g} times that at 3 km", tests=much),
+def _fig15(p: PaperScenes, view: float) -> list[Number]:
+    return [p.p_detection(p.at(50.0, view, kn=kn), label=f"view {view:g} Kn {kn:g}") for kn in ROC_NOISE_FACTORS]
+
+
+# The checks, by the id of the statement.
+
+Readings = tuple[Reading, ...]
+_Check = Callable[[PaperScenes], Readings]
+
+
+def _stated(tests: Callable[[PaperScenes], Iterable[Test]]) -> _Check:
+    """Return the check with a single reading."""
+    return lambda p: (Reading(name=_AS_STATED, tests=tuple(tests(p))),)
+
+
+def _named(readings: Callable[[PaperScenes], Mapping[str, Iterable[Test]]]) -> _Check:
+    """Return the check with readings by their names."""
+    return lambda p: tuple(Reading(name=name, tests=tuple(tests)) for name, tests in readings(p).items())
+
+
+def _azimuths(tests: Callable[[PaperScenes, bool], Iterable[Test]]) -> _Check:
+    """Return the check with the azimuth of the path radiance as stated, and turned by 180 deg."""
+    return _named(lambda p: {_AS_STATED: tests(p, False), _PATH_TURNED: tests(p, True)})
+
+
+def _decibels(tests: Callable[[PaperScenes, float], Iterable[Test]]) -> _Check:
+    """Return the check with decibels, which the paper does not define, of an amplitude (1) and of a power (2)."""
+    return _named(lambda p: {"20 dB is an SNR of 10": tests(p, 1.0), "20 dB is an SNR of 100": tests(p, 2.0)})
+
+
+def _first_order_is_worse(*pairs: tuple[float, float]) -> _Check:
+    """Return the check that first-order moments are off by more at the first SNR of each pair [dB]."""
+    moments: tuple[Moment, ...] = ("mean", "std")
+    return _decibels(
+        lambda _, scale: (
+            above(first_order_error(moment, worse, scale=scale), first_order_error(moment, better, scale=scale))
+            for moment in moments
+            for worse, better in pairs
+        )
     )
 
 
-@_checks("10d")
-def _height_misleads(scenes: PaperScenes) -> _Readings:
-    def tests(turned: bool) -> tuple[Test, ...]:
-        total, reflected = _fig10(scenes, "total", turned=turned), _fig10(scenes, "reflected")
-        pairs = ((high, low) for low in range(len(total)) for high in range(low + 1, len(total)))
-        return _clearest(total, reflected, pairs)
-
-    return _azimuths(tests)
+def _least_snr(p: PaperScenes, scale: float) -> Iterator[Test]:
+    least = min(p.s0_snrs(), key=lambda number: number.value)
+    value, error = 20.0 / scale * log10(least.value), 20.0 / scale / log(10.0) * least.error / least.value
+    yield above(Number(label=f"least {least.label} [dB]", value=value, error=error), Number(label="20 dB", value=20.0))
 
 
-def _fig11(scenes: PaperScenes) -> list[Number]:
-    return [scenes.airborne.p_detection(at, label=_km(at)) for at in _heights()]
+def _total_differs(p: PaperScenes, turned: bool) -> Iterable[Test]:
+    total, reflected = chain(*_fig9_views(p, "total", turned=turned)), chain(*_fig9_views(p, "reflected"))
+    return (test for test in map(differ, total, reflected) if test.verdict != "noise_floor")
 
 
-@_checks("11a")
-def _detection_falls(scenes: PaperScenes) -> _Readings:
-    return _one(*falls(_fig11(scenes)))
+def _total_much_higher_at_0(p: PaperScenes) -> dict[str, Iterable[Test]]:
+    reflected, readings = _fig9(p, 10.0, "reflected")[0], dict[str, Iterable[Test]]()
+    for turned, azimuth in ((False, _AS_STATED), (True, _PATH_TURNED)):
+        at_0, *others = _fig9(p, 10.0, "total", turned=turned)
+        times = f"{_MUCH:g} times that of the"
+        readings[f"{times} reflected radiance there; {azimuth}"] = (above(at_0, reflected, factor=_MUCH),)
+        readings[f"{times} total at 90 and 180 deg; {azimuth}"] = [above(at_0, one, factor=_MUCH) for one in others]
+    return readings
 
 
-@_checks("11c")
-def _both_fall(scenes: PaperScenes) -> _Readings:
-    return _one(*falls(_fig11(scenes)), *falls(_fig10(scenes, "reflected")))
+def _total_misleads(p: PaperScenes, turned: bool) -> Iterable[Test]:
+    total, reflected = [*chain(*_fig9_views(p, "total", turned=turned))], [*chain(*_fig9_views(p, "reflected"))]
+    return _clearest(total, reflected, permutations(range(len(total)), 2))
 
 
-@_checks("11b")
-def _much_higher_low(scenes: PaperScenes) -> _Readings:
-    low, *_, high = _fig10(scenes, "reflected")
-    return (
-        Reading(name=f"at 3 km {_MUCH:g} times that at 9 km", tests=(above(low, high, factor=_MUCH),)),
-        Reading(name="at 3 km above that at 9 km", tests=(above(low, high),)),
-    )
+def _height_misleads(p: PaperScenes, turned: bool) -> Iterable[Test]:
+    pairs = ((high, low) for low in range(len(HEIGHTS_M)) for high in range(low + 1, len(HEIGHTS_M)))
+    return _clearest(_fig10(p, "total", turned=turned), _fig10(p, "reflected"), pairs)
 
 
-def _fig12(scenes: PaperScenes, view: float, kn: float = 1.0) -> list[Number]:
-    label = f"view {view:g}" + ("" if kn == 1.0 else f" Kn {kn:g}")
-    return [scenes.airborne.snr(scenes.at(sun, view, kn=kn), label=f"sun {sun:g} {label}") for sun in SUNS_DEG]
+def _path_rises(p: PaperScenes) -> dict[str, Iterable[Test]]:
+    path = _by_height(p.radiance, p, "path ", source="path")
+    much = (above(path[-1], path[0], factor=_MUCH),)
+    return {"rises": falls(path[::-1]), f"at 9 km {_MUCH:g} times that at 3 km": much}
 
 
-def _oblique_above_steep(scenes: PaperScenes) -> tuple[Test, ...]:
-    return tuple(map(above, _fig12(scenes, 40.0), _fig12(scenes, 20.0)))
+def _much_higher_low(p: PaperScenes) -> dict[str, Iterable[Test]]:
+    low, *_, high = _fig10(p, "reflected")
+    name = f"at 3 km {_MUCH:g} times that at 9 km"
+    return {name: (above(low, high, factor=_MUCH),), "at 3 km above that at 9 km": (above(low, high),)}
 
 
-def _dolp(scenes: PaperScenes, region: str, sun: float, view: float) -> Number:
-    value = scenes.airborne.quantity(scenes.at(sun, view), region, "dolp")
-    # The error to which the light is computed, in parts of S0.
-    return Number(label=f"DoLP {region} sun {sun:g} view {view:g}", value=value, error=TOLERANCE)
+def _oblique_above_steep(p: PaperScenes) -> Iterable[Test]:
+    return map(above, _fig12(p, 40.0), _fig12(p, 20.0))
 
 
-@_checks("12a")
-def _oblique_has_more(scenes: PaperScenes) -> _Readings:
-    return _one(*_oblique_above_steep(scenes))
+def _peaks(p: PaperScenes) -> dict[str, Iterable[Test]]:
+    degrees = [[p.dolp(p.at(sun, view), TARGET) for sun in SUNS_DEG] for view in VIEWS_DEG]
+    return {
+        **{f"DoLP SNR at view {view:g}": [peak_within(_fig12(p, view), SUNS_DEG, *_PEAK_DEG)] for view in (40.0, 20.0)},
+        "DoLP itself at both views": [peak_within(numbers, SUNS_DEG, *_PEAK_DEG) for numbers in degrees],
+    }
 
 
-@_checks("12b")
-def _peaks(scenes: PaperScenes) -> _Readings:
-    def peak(numbers: Sequence[Number]) -> Test:
-        return peak_within(numbers, SUNS_DEG, *_PEAK_DEG)
-
-    degrees = tuple(peak([_dolp(scenes, TARGET, sun, view) for sun in SUNS_DEG]) for view in VIEWS_DEG)
-    return (
-        *(Reading(name=f"DoLP SNR at view {view:g}", tests=(peak(_fig12(scenes, view)),)) for view in (40.0, 20.0)),
-        Reading(name="DoLP itself at both views", tests=degrees),
-    )
-
-
-def _fig13(scenes: PaperScenes, sun: float, view: float) -> Number:
-    return scenes.airborne.p_detection(scenes.at(sun, view), label=f"sun {sun:g} view {view:g}")
-
-
-def _fig13_snr(scenes: PaperScenes, sun: float) -> Test:
-    """Return the test of the ratio at a view of 40 above that at 20."""
-    at = {view: scenes.airborne.snr(scenes.at(sun, view), label=f"sun {sun:g} view {view:g}") for view in VIEWS_DEG}
-    return above(at[40.0], at[20.0])
-
-
-def _steep_detects_more(scenes: PaperScenes) -> Test:
-    return above(_fig13(scenes, 50.0, 20.0), _fig13(scenes, 50.0, 40.0))
-
-
-@_checks("13a")
-def _sun_50_is_better(scenes: PaperScenes) -> _Readings:
-    return _one(*(above(_fig13(scenes, 50.0, view), _fig13(scenes, 10.0, view)) for view in VIEWS_DEG))
-
-
-@_checks("13b")
-def _view_40_at_10(scenes: PaperScenes) -> _Readings:
-    return _one(above(_fig13(scenes, 10.0, 40.0), _fig13(scenes, 10.0, 20.0)), _fig13_snr(scenes, 10.0))
-
-
-@_checks("13c")
-def _view_20_at_50(scenes: PaperScenes) -> _Readings:
-    return _one(_steep_detects_more(scenes))
-
-
-@_checks("13d")
-def _not_as_snr(scenes: PaperScenes) -> _Readings:
-    return _one(*_oblique_above_steep(scenes), _steep_detects_more(scenes))
-
-
-@_checks("13f")
-def _background_counts(scenes: PaperScenes) -> _Readings:
-    return _one(_fig13_snr(scenes, 50.0), _steep_detects_more(scenes))
-
-
-@_checks("13e")
-def _background_is_polarized(scenes: PaperScenes) -> _Readings:
-    nothing = Number(label="none", value=0.0)
-    unpolarized = scenes.airborne.p_detection_on_unpolarized
+def _background_is_polarized(p: PaperScenes) -> Iterator[Test]:
     places = [(sun, view) for sun in (10.0, 50.0) for view in VIEWS_DEG]
-    return _one(
-        *(above(_dolp(scenes, BACKGROUND, sun, view), nothing) for sun, view in places),
-        *(
-            _differ(_fig13(scenes, sun, view), unpolarized(scenes.at(sun, view), label=f"sun {sun:g} view {view:g}"))
-            for sun, view in places
-        ),
-    )
+    for place in places:
+        yield above(p.dolp(p.at(*place), BACKGROUND), Number(label="none", value=0.0))
+    for sun, view in places:
+        plain = p.p_detection_on_unpolarized(p.at(sun, view), label=f"sun {sun:g} view {view:g}")
+        yield differ(_fig13(p, sun, view), plain)
 
 
-@_checks("14a")
-def _snr_falls(scenes: PaperScenes) -> _Readings:
-    by_noise = [_fig12(scenes, 40.0, kn) for kn in NOISE_FACTORS]
-    return _one(*(test for numbers in zip(*by_noise, strict=True) for test in falls(numbers)))
+def _peaks_with_noise(p: PaperScenes) -> dict[str, Iterable[Test]]:
+    by_noise = [_fig12(p, 40.0, kn) for kn in NOISE_FACTORS]
+    return {
+        "largest at a sun of 40 to 60": [peak_within(numbers, SUNS_DEG, *_PEAK_DEG) for numbers in by_noise],
+        "at 40 and at 60 above 10 to 30, 70 and 80": [
+            above(numbers[SUNS_DEG.index(high)], numbers[SUNS_DEG.index(low)])
+            for numbers in by_noise
+            for high in _PEAK_DEG
+            for low in (10.0, 20.0, 30.0, 70.0, 80.0)
+        ],
+    }
 
 
-@_checks("14b")
-def _snr_peaks(scenes: PaperScenes) -> _Readings:
-    by_noise = [_fig12(scenes, 40.0, kn) for kn in NOISE_FACTORS]
-    both = tuple(
-        above(found[SUNS_DEG.index(high)], found[SUNS_DEG.index(low)])
-        for found in by_noise
-        for high in _PEAK_DEG
-        for low in (10.0, 20.0, 30.0, 70.0, 80.0)
-    )
-    peaks = tuple(peak_within(found, SUNS_DEG, *_PEAK_DEG) for found in by_noise)
-    return (
-        Reading(name="largest at a sun of 40 to 60", tests=peaks),
-        Reading(name="at 40 and at 60 above 10 to 30, 70 and 80", tests=both),
-    )
-
-
-def _fig15(scenes: PaperScenes, tests: Callable[[Sequence[Number]], tuple[Test, ...]]) -> _Readings:
-    detected = scenes.airborne.p_detection
-    return tuple(
-        Reading(
-            name=f"view {view:g}",
-            tests=tests(
-                [detected(scenes.at(50.0, view, kn=kn), label=f"view {view:g} Kn {kn:g}") for kn in ROC_NOISE_FACTORS]
+_CHECKS: dict[str, _Check] = {
+    "5a": _first_order_is_worse((0.0, 10.0), (10.0, 20.0)),
+    "5b": _first_order_is_worse(*((decibel, 20.0) for decibel in (0.0, 4.0, 8.0, 12.0, 16.0))),
+    "8a": _stated(
+        lambda p: (
+            above(p.panel(TARGET, "dolp_pixels", "mean"), p.panel(WHITE, "dolp_pixels", "mean")),
+            above(p.panel(WHITE, "s0", "mean"), p.panel(TARGET, "s0", "mean")),
+        )
+    ),
+    "8b": _stated(
+        lambda p: (
+            *(above(p.panel(TARGET, of, "std"), p.panel(WHITE, of, "std")) for of in ("s1n", "s2n", "dolp_pixels")),
+            above(p.panel_s0_snr(WHITE), p.panel_s0_snr(TARGET)),
+        )
+    ),
+    "9a": _azimuths(_total_differs),
+    "9b": _azimuths(
+        lambda p, turned: map(above, _fig9(p, 10.0, "path", turned=turned)[:2], _fig9(p, 10.0, "reflected")[:2])
+    ),
+    "9c": _named(_total_much_higher_at_0),
+    "9d": _azimuths(
+        lambda p, turned: (
+            above(
+                p.polarized(p.at(25.0, 10.0, 180.0 if turned else 0.0), "path"),
+                p.polarized(p.at(25.0, 10.0, 0.0), "reflected"),
             ),
         )
-        for view in VIEWS_DEG
-    )
+    ),
+    "9e": _azimuths(_total_misleads),
+    "9f": _stated(lambda p: [test for numbers in _fig9_views(p, "reflected") for test in falls(numbers[::-1])]),
+    "9g": _stated(lambda p: map(above, *_fig9_views(p, "reflected")[::-1])),
+    "9h": _stated(
+        lambda p: [above(numbers[-1], other) for numbers in _fig9_views(p, "reflected") for other in numbers[:-1]]
+    ),
+    "9i": _azimuths(
+        lambda p, turned: [
+            above(other, shares[-1])
+            for shares in (_path_share(p, view, turned) for view in (10.0, 50.0))
+            for other in shares[:-1]
+        ]
+    ),
+    "10a": _stated(lambda p: falls(_fig10(p, "reflected"))),
+    "10b": _azimuths(lambda p, turned: (some_step_rises(_fig10(p, "total", turned=turned)),)),
+    "10c": _named(_path_rises),
+    "10d": _azimuths(_height_misleads),
+    "11a": _stated(lambda p: falls(_by_height(p.p_detection, p))),
+    "11b": _named(_much_higher_low),
+    "11c": _stated(lambda p: (*falls(_by_height(p.p_detection, p)), *falls(_fig10(p, "reflected")))),
+    "12a": _stated(_oblique_above_steep),
+    "12b": _named(_peaks),
+    "13a": _stated(lambda p: [above(_fig13(p, 50.0, view), _fig13(p, 10.0, view)) for view in VIEWS_DEG]),
+    "13b": _stated(
+        lambda p: (
+            above(_fig13(p, 10.0, 40.0), _fig13(p, 10.0, 20.0)),
+            above(_snr_at(p, 10.0, 40.0), _snr_at(p, 10.0, 20.0)),
+        )
+    ),
+    "13c": _stated(lambda p: (above(_fig13(p, 50.0, 20.0), _fig13(p, 50.0, 40.0)),)),
+    "13d": _stated(lambda p: (*_oblique_above_steep(p), above(_fig13(p, 50.0, 20.0), _fig13(p, 50.0, 40.0)))),
+    "13e": _stated(_background_is_polarized),
+    "13f": _stated(
+        lambda p: (
+            above(_snr_at(p, 50.0, 40.0), _snr_at(p, 50.0, 20.0)),
+            above(_fig13(p, 50.0, 20.0), _fig13(p, 50.0, 40.0)),
+        )
+    ),
+    "14a": _stated(
+        lambda p: [
+            test
+            for by_noise in zip(*(_fig12(p, 40.0, kn) for kn in NOISE_FACTORS), strict=True)
+            for test in falls(by_noise)
+        ]
+    ),
+    "14b": _named(_peaks_with_noise),
+    "15a": _named(lambda p: {f"view {view:g}": falls(_fig15(p, view)) for view in VIEWS_DEG}),
+    "15b": _named(
+        lambda p: {
+            f"view {view:g}": (above(numbers[0], numbers[-1], factor=_MUCH),)
+            for view, numbers in ((view, _fig15(p, view)) for view in VIEWS_DEG)
+        }
+    ),
+    "V-a": _decibels(_least_snr),
+}
 
 
-@_checks("15a")
-def _noise_lowers_detection(scenes: PaperScenes) -> _Readings:
-    return _fig15(scenes, falls)
-
-
-@_checks("15b")
-def _noise_lowers_it_much(scenes: PaperScenes) -> _Readings:
-    return _fig15(scenes, lambda found: (above(found[0], found[-1], factor=_SIGNIFICANT),))
-
-
-# Statements, and what comes out of them.
+# Statements and their verdicts.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -573,19 +422,10 @@ class Statement:
             return tuple(range(int(first), int(last) + 1))
         return tuple(int(part.strip().rstrip("ab")) for part in self.figure.split(","))
 
-    def readings(self, scenes: PaperScenes) -> _Readings:
-        """Return the readings of the sentence with their numbers; without the authors' points one without any."""
+    def readings(self, scenes: PaperScenes) -> Readings:
+        """Return the readings of the sentence; a sentence about the authors' points has one without numbers."""
         check = _CHECKS.get(self.id)
         return (Reading(name="without their data", tests=()),) if check is None else check(scenes)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Description:
-    """A sentence that says what a figure shows or how it was made, and what the figure of this program has of it."""
-
-    figure: int
-    sentence: str
-    here: str
 
 
 @cache
@@ -599,20 +439,19 @@ def statements() -> tuple[Statement, ...]:
     return tuple(Statement(**one) for one in _file()["statements"])
 
 
-@cache
-def descriptions() -> tuple[Description, ...]:
-    """Return the other sentences about the figures."""
-    return tuple(Description(**one) for one in _file()["descriptions"])
+def descriptions() -> tuple[tuple[int, str, str], ...]:
+    """Return the other sentences: figure, sentence, and how the figure here follows it."""
+    return tuple((one["figure"], one["sentence"], one["here"]) for one in _file()["descriptions"])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """A statement and what comes out with one set of materials."""
+    """A statement with its readings for one set of materials."""
 
     statement: Statement
     materials: str
-    readings: _Readings
-    as_paper: _Readings = ()  #: the same, computed as the authors did; empty where that was not asked for
+    readings: Readings
+    as_paper: Readings = ()  #: the same, computed as the authors did; empty where that was not asked for
 
     @property
     def id(self) -> str:
@@ -621,7 +460,7 @@ class Judged:
 
     @property
     def verdict(self) -> Verdict:
-        """That of all readings; ambiguous where they differ."""
+        """The verdict of all readings; ambiguous where they differ."""
         return _joint(self.readings)
 
     @property
@@ -631,25 +470,15 @@ class Judged:
 
     @property
     def margin(self) -> float | None:
-        """Of the test that decides the first reading."""
+        """Margin of the test that decides the first reading."""
         test = self.readings[0].deciding
         return None if test is None else test.margin
 
     @property
     def numerical_error(self) -> float | None:
-        """Of that margin."""
+        """Numerical error of that margin."""
         test = self.readings[0].deciding
         return None if test is None else test.error
-
-    @property
-    def numbers(self) -> tuple[tuple[str, Number], ...]:
-        """Label and number of every reading; the name of a later reading stands behind the label."""
-        return tuple(_labelled(self.readings))
-
-    @property
-    def as_paper_numbers(self) -> tuple[tuple[str, Number], ...]:
-        """The same as the authors computed them."""
-        return tuple(_labelled(self.as_paper))
 
 
 def _joint(readings: Sequence[Reading]) -> Verdict:
@@ -657,22 +486,23 @@ def _joint(readings: Sequence[Reading]) -> Verdict:
     return verdicts.pop() if len(verdicts) == 1 else "ambiguous"
 
 
-def _labelled(readings: Sequence[Reading]) -> Iterator[tuple[str, Number]]:
-    seen: set[tuple[str, float]] = set()
+def labelled(readings: Sequence[Reading]) -> tuple[tuple[str, Number], ...]:
+    """Return label and number of every reading, each once; the name of a later reading follows the label."""
+    numbers = dict[tuple[str, float], tuple[str, Number]]()
     for k, reading in enumerate(readings):
-        for number in reading.numbers:
-            if (number.label, number.value) not in seen:
-                seen.add((number.label, number.value))
-                yield (number.label if k == 0 else f"{number.label} ({reading.name})"), number
+        for number in (number for test in reading.tests for number in test.numbers):
+            label = number.label if k == 0 else f"{number.label} ({reading.name})"
+            numbers.setdefault((number.label, number.value), (label, number))
+    return tuple(numbers.values())
 
 
 def judged(
     scenes: PaperScenes, materials: str, figures: Iterable[int] = (), *, as_paper: PaperScenes | None = None
 ) -> tuple[Judged, ...]:
-    """Return what comes out of the statements about some figures (all unless named) with one set of materials."""
+    """Return the verdicts on the statements about some figures (all unless given) with one set of materials."""
     wanted = set(figures)
     chosen = [one for one in statements() if not wanted or wanted & set(one.figures)]
-    found = {
+    results = {
         one.id: Judged(
             statement=one,
             materials=materials,
@@ -682,71 +512,63 @@ def judged(
         # A statement about all geometries comes last, when they are there.
         for one in sorted(chosen, key=lambda one: " to " in one.figure)
     }
-    return tuple(found[one.id] for one in chosen)
+    return tuple(results[one.id] for one in chosen)
 
 
 # Materials within their stated uncertainties with which most statements hold.
 
-_OWN = tuple(f"regions.{region}." for region in (TARGET, BACKGROUND))
 # Draws that no surface allows (a lobe that alone reflects more than its dhr) are made anew this many times.
 _MOST_REDRAWN = 50
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tried:
-    """A set of materials that was tried: its numbers by their keys, and the verdict on every statement."""
-
-    numbers: Mapping[str, float]
-    verdicts: Mapping[str, Verdict]
-
-    @property
-    def held(self) -> int:
-        """How many statements hold."""
-        return sum(verdict == "holds" for verdict in self.verdicts.values())
-
-
-@dataclass(frozen=True, kw_only=True)
 class Search:
-    """Sets of materials that were tried, the best first, and how many draws no surface allowed."""
+    """Sets of materials that were tried."""
 
-    tried: tuple[Tried, ...]
-    impossible: int
+    tried: tuple[tuple[int, Mapping[str, float]], ...]  #: statements that hold and the numbers by key, best first
+    impossible: int  #: draws that no surface allowed
 
 
 def search(
     scene: SceneFile, start: PaperScenes, *, sets: int, seed: int, tell: Callable[[int], None] = lambda _: None
 ) -> Search:
-    """Return what comes out of random sets of materials, normal about those of a scene with their uncertainties.
+    """Judge the statements with random sets of materials, normal about those of a scene with their uncertainties.
 
-    The scene's own materials (`start`, whose skies are used again) are the first set. Without a tolerance: a verdict of
-    a search is to be confirmed with `--materials`.
+    The scene's own materials (`start`, whose skies are used again) are the first set. Nothing is computed to a
+    tolerance: confirm a verdict of a search with `--materials`.
     """
     generator = np.random.default_rng(seed)
-    found, impossible = [_tried(start, {})], 0
+    own = start.predictor.scene
+    uncertain = [
+        number
+        for parameter in parameters(own)
+        if (number := get(own, parameter.key)).std
+        and number.key.startswith((f"regions.{TARGET}.", f"regions.{BACKGROUND}."))
+    ]
+    tried: list[tuple[int, Mapping[str, float]]] = [(_held(start), {})]
+    impossible = 0
     for count in range(1, sets + 1):
-        for numbers in _draws(start.airborne, generator):
+        for _ in range(_MOST_REDRAWN):
+            drawn = {
+                number.key: min(max(float(generator.normal(number.value, number.std)), number.least), number.most)
+                for number in uncertain
+            }
             try:
-                airborne = Airborne(
-                    scene, light=start.airborne.light, snr=start.airborne.snr_form, changed=numbers, tolerance=None
+                scenes = PaperScenes(
+                    scene,
+                    light=start.light,
+                    snr=start.snr_form,
+                    height_m=start.height_m,
+                    changed=drawn,
+                    tolerance=None,
                 )
-                found.append(_tried(replace(start, airborne=airborne, rooftop=Rooftop(airborne)), numbers))
+                tried.append((_held(scenes), drawn))
                 break
             except (ConfigError, ValueError):
                 impossible += 1
         tell(count)
-    return Search(tried=tuple(sorted(found, key=lambda one: -one.held)), impossible=impossible)
+    return Search(tried=tuple(sorted(tried, key=lambda one: -one[0])), impossible=impossible)
 
 
-def _tried(scenes: PaperScenes, numbers: Mapping[str, float]) -> Tried:
-    return Tried(numbers=dict(numbers), verdicts={one.statement.id: one.verdict for one in judged(scenes, "")})
-
-
-def _draws(airborne: Airborne, generator: np.random.Generator) -> Iterator[dict[str, float]]:
-    scene = airborne.predictor.scene
-    # Whatever the materials, or the scene of these two regions, state an uncertainty of.
-    own = [
-        one for parameter in parameters(scene) if (one := get(scene, parameter.key)).key.startswith(_OWN) and one.std
-    ]
-    for _ in range(_MOST_REDRAWN):
-        drawn = {one.key: float(generator.normal(one.value, one.std)) for one in own}
-        yield {one.key: min(max(drawn[one.key], one.least), one.most) for one in own}
+def _held(scenes: PaperScenes) -> int:
+    return sum(one.verdict == "holds" for one in judged(scenes, ""))

@@ -120,11 +120,11 @@ class PaperResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return how many statements hold, each with its verdict, and what is assumed."""
-        from rigctl.paper.report import search_lines, tally, terminal_statements
+        from rigctl.paper.report import search_lines, statement_table, tally
 
         yield from (f"{one.name}: {tally(one.results)}" for one in self.found.sets)
         yield from search_lines(self.found.search)
-        yield terminal_statements(self.found.results)
+        yield statement_table(self.found.results)
         yield from self.found.remarks
         yield from dict.fromkeys(text for one in self.found.sets for text in one.assumed)
 
@@ -132,7 +132,7 @@ class PaperResult(Result):
         """Return what statements.json holds."""
         from rigctl.paper.report import statement_json
 
-        return statement_json(self.found.results)
+        return [statement_json(one) for one in self.found.results]
 
     def write(self, folder: Path) -> tuple[str, ...]:
         """Write the page, statements, curves and pictures into a folder; return the names of the files."""

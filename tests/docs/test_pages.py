@@ -9,7 +9,7 @@ import pytest
 from model.quantities import QUANTITIES
 from rigctl.files.session_file import InterlockSection
 from rigctl.paper import report as paper_files
-from rigctl.paper.report import statement_csv
+from rigctl.paper.report import statement_table
 from rigctl.report.comparison import row_table
 from rigctl.report.data_files import csv_rows
 from rigctl.report.detection import measured_roc_table, roc_csv
@@ -55,7 +55,7 @@ _CSV_FILES = {
     "roc.csv` of `detect": csv_rows(measured_roc_table(_NO_POINTS)),
     "tradeoff.csv": csv_rows(curve_table(_NOTHING)),
     "acquisition.csv": tradeoff_csv(_NOTHING),
-    "statements.csv": statement_csv(()),
+    "statements.csv": csv_rows(statement_table(())),
     "curves.csv": paper_files._curves_csv({}),
 }
 
