@@ -160,7 +160,7 @@ def _roc() -> Row:
     truth = rx_roc(p, *moments, tolerance=1e-12).p_detection
 
     def drawn(count: int) -> np.ndarray:
-        return rx_draws(p, *moments, draws=count, generator=rng, draw_threshold=False).p_detection
+        return rx_draws(p, *moments, draws=count, generator=rng)[0]
 
     needed = _draws_for(drawn, truth, draws, 8)
     own_s, drawn_s = least_s(lambda: rx_roc(p, *moments, tolerance=_WANTED_ERROR), lambda: drawn(draws))

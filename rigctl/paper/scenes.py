@@ -99,8 +99,10 @@ def low_light() -> DolpAgainstSnr:
 def first_order_error(moment: Moment, decibel: float, *, scale: float = 1.0) -> Number:
     """Return the relative error of the first-order mean or deviation of DoLP at `scale` times an SNR of S0 in dB."""
     place = int(np.argmin(np.abs(DECIBELS - scale * decibel)))
-    first = float(getattr(low_light(), f"first_{moment}")[place])
-    exact, error = (float(values[place]) for values in low_light().truth(moment))
+    first, exact, error = (
+        float(getattr(low_light(), name)[place])
+        for name in (f"first_{moment}", f"true_{moment}", f"true_{moment}_error")
+    )
     label = f"first-order {moment} at {decibel:g} dB off by"
     return Number(label=label, value=abs(first / exact - 1.0), error=error * first / exact**2)
 
@@ -301,7 +303,8 @@ def _drawn_roc(predictions: Mapping[str, RegionPrediction], rates: list[float]) 
     # Fewer false alarms than two cannot be drawn, and all of them need no draw.
     every = np.array(rates)
     can_be = (every >= 2.0 / _AUTHORS_DRAWS) & (every < 1.0)
-    drawn = rx_draws(
+    detected, error = np.where(every == 1.0, 1.0, np.nan), np.zeros(every.size)
+    detected[can_be], error[can_be] = rx_draws(
         every[can_be],
         target.mean,
         target.cov,
@@ -309,10 +312,7 @@ def _drawn_roc(predictions: Mapping[str, RegionPrediction], rates: list[float]) 
         background.cov,
         draws=_AUTHORS_DRAWS,
         generator=np.random.default_rng(1),
-        draw_threshold=True,
     )
-    detected, error = np.where(every == 1.0, 1.0, np.nan), np.zeros(every.size)
-    detected[can_be], error[can_be] = drawn.p_detection, drawn.standard_error
     return PairDetection(
         target=TARGET,
         background=BACKGROUND,

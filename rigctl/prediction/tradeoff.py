@@ -178,7 +178,7 @@ def _drawn(result: ChainResult, truth: Truth, draws: int, clock: Clock) -> Itera
         # A threshold that fewer draws than this exceed cannot be drawn at all.
         rates = [rate for rate in pair.p_false_alarm if rate * draws >= _LEAST_EXCEEDING]
         try:
-            drawn = rx_draws(
+            detected, _ = rx_draws(
                 rates,
                 target.mean,
                 target.cov,
@@ -186,11 +186,10 @@ def _drawn(result: ChainResult, truth: Truth, draws: int, clock: Clock) -> Itera
                 background.cov,
                 draws=draws,
                 generator=generator,
-                draw_threshold=True,
             )
         except ValueError:
             continue
-        for rate, found in zip(rates, np.atleast_1d(drawn.p_detection), strict=True):
+        for rate, found in zip(rates, np.atleast_1d(detected), strict=True):
             key = Reading(f"{pair.target} on {pair.background}", "p_detection", f"{rate:g}")
             if key in truth:
                 errors[key] = abs(float(found) - truth[key].number)

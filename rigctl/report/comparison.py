@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.processing import dolp
-from model.processing import dolp_studies as normalized_stokes
+from model.processing.dolp_studies import normalized_density
 from model.processing.reconstruction import aolp_is_defined
 from model.quantities import FOLLOWED, QUANTITIES, angle_of
 from model.stokes import dolp as degree_of_polarization
@@ -547,7 +547,7 @@ def _edges(low: float, high: float, step: float) -> FloatArray:
 
 
 def _ratio_law(stokes: Moments, component: int) -> Law:
-    return lambda x: normalized_stokes.distribution(x, stokes.mean, stokes.cov, component=component).density
+    return lambda x: normalized_density(x, stokes.mean, stokes.cov, component=component)
 
 
 def _dolp_law(stokes: Moments) -> Law:

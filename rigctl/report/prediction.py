@@ -239,19 +239,17 @@ def laws_of(one: RegionPrediction) -> tuple[tuple[FloatArray, FloatArray], ...]:
 
     A number that does not fluctuate has no density: its abscissa is the one value that it has.
     """
-    from model.processing import dolp_studies as normalized_stokes
     from model.processing.dolp import pdf
+    from model.processing.dolp_studies import normalized_density
 
     mean, cov = one.stokes_dn.mean, one.stokes_dn.cov
-
-    def ratio(x: FloatArray, component: int) -> FloatArray:
-        return normalized_stokes.distribution(x, mean, cov, component=component).density
 
     found = []
     for component, name in ((1, "s1n"), (2, "s2n")):
         value, std = one.quantities[name]["mean"], one.quantities[name]["std"]
         limits = (value - _SPAN * std, value + _SPAN * std)
-        found.append(_law(partial(ratio, component=component), limits, value))
+        density = partial(normalized_density, stokes_mean=mean, stokes_cov=cov, component=component)
+        found.append(_law(density, limits, value))
     return (*found, _law(lambda x: pdf(x, mean, cov), _dolp_limits(one), one.quantities["dolp"]["mean"]))
 
 
