@@ -4,18 +4,22 @@ The inputs have a normal prior, cut at their limits. Measured numbers differ fro
 covariance and by a discrepancy: a Gaussian process with a covariance of known shape (Kennedy and O'Hagan 2001). Its
 scales are inferred with the inputs, so that a model that does not fit gives a wide posterior.
 
-The model is slow, so the chain runs on an emulator of it: a Gaussian process through points that are placed where the
-posterior lies, and checked there against the model until its error no longer matters. The first points follow the
-linear update. The emcee sampler moves two ensembles of walkers, one from the estimate and one from three times as wide.
+`infer` works in three steps:
 
-Every point and every block of the chain goes through a `Store` first and is read from there again, so that work goes on
-after a kill, and ends in the same numbers.
+1. Compute the model at first points: the prior mean, one standard deviation to both sides, draws from the prior and
+   about the linear update.
+2. Fit an emulator, a Gaussian process, through the points; draw from the posterior that it gives; compute the model at
+   some of the draws. Repeat with these points added until the error of the emulator does not matter.
+3. Run two ensembles of walkers (emcee) on the emulator until both agree, and check the emulator once more.
+
+Inputs are handled as standard scores u: inputs are mean + root u, with the root of the prior covariance. Scales of the
+discrepancy have scores w. The same seed and problem give the same posterior.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,40 +28,18 @@ from scipy.special import chdtrc, ndtri
 from scipy.stats import qmc
 
 FloatArray = NDArray[np.float64]
-Arrays = Mapping[str, NDArray[Any]]
+Progress = Callable[[str, int, int], None]
 
 # Accepted shift of a posterior by the emulator, in standard deviations of the data: it adds 1 % to a width.
 _EMULATOR_ERROR = 0.15
 # The chain has to be this many autocorrelation times long (Goodman and Weare's advice in emcee), and R-hat this near 1.
 _LEAST_TIMES, _MOST_R_HAT = 50.0, 1.01
 _BLOCK_STEPS, _CHECK_STEPS = 250, 500
-_PIECE = 16
+_LEAST_CHECKED = 16
 
 
 class NotConvergedError(ValueError):
     """The chain, or the emulator, did not reach what a posterior needs within the work that was allowed."""
-
-
-class Store(Protocol):
-    """Where points and blocks of a chain are kept: a folder, or memory."""
-
-    def load(self, name: str) -> Arrays | None:
-        """Return what was saved under a name; None where nothing was."""
-
-    def save(self, name: str, arrays: Arrays) -> None:
-        """Return once the arrays would survive a kill."""
-
-
-class Memory(dict[str, Arrays]):
-    """Keeps points and blocks as long as the process lives."""
-
-    def load(self, name: str) -> Arrays | None:
-        """Return what was saved under a name; None where nothing was."""
-        return self.get(name)
-
-    def save(self, name: str, arrays: Arrays) -> None:
-        """Keep the arrays."""
-        self[name] = arrays
 
 
 # Standard deviation of the logarithm of a scale: a factor of two.
@@ -202,16 +184,8 @@ class Posterior:
 _DEGENERATE, _MEMBER, _KNOWN = 0.1, 0.4, 0.3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearUpdate:
-    """First estimate: mean and covariance of the standard scores."""
-
-    mean: FloatArray
-    cov: FloatArray
-
-
-def linear_update(slopes: FloatArray, residual: FloatArray, cov: FloatArray) -> LinearUpdate:
-    """Return the linear-Gaussian posterior of standard normal scores.
+def linear_update(slopes: FloatArray, residual: FloatArray, cov: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of the linear-Gaussian posterior of standard normal scores.
 
     Parameters
     ----------
@@ -228,7 +202,7 @@ def linear_update(slopes: FloatArray, residual: FloatArray, cov: FloatArray) -> 
     """
     weighted = np.linalg.solve(cov, slopes)
     found = np.linalg.inv(np.eye(slopes.shape[1]) + slopes.T @ weighted)
-    return LinearUpdate(mean=found @ (weighted.T @ residual), cov=np.asarray(found))
+    return found @ (weighted.T @ residual), np.asarray(found)
 
 
 def infer(
@@ -237,8 +211,7 @@ def infer(
     seed: int = 1,
     most_steps: int = 20_000,
     most_points: int = 800,
-    store: Store | None = None,
-    tell: Callable[[str, int, int], None] = lambda *_: None,
+    tell: Progress = lambda *_: None,
 ) -> Posterior:
     """Return the posterior of the inputs of a problem.
 
@@ -247,13 +220,11 @@ def infer(
     problem
         Prior, data, model, and what is known of their errors.
     seed
-        Of all draws: the same seed and problem give the same posterior, also when the work was interrupted.
+        Of all draws.
     most_steps, most_points
         Longest chain of an ensemble, and most computations of the model.
-    store
-        Where points and blocks are kept; memory unless given.
     tell
-        Takes what is being done, how much of it is done, and how much there is.
+        Called with the current work in words, the steps done, and the steps in all.
 
     Raises
     ------
@@ -267,20 +238,20 @@ def infer(
     Kennedy and O'Hagan (2001), doi:10.1111/1467-9868.00294 (discrepancy); Foreman-Mackey et al. (2013),
     doi:10.1086/670067 (emcee); Gelman and Rubin (1992), doi:10.1214/ss/1177011136 (R-hat).
     """
-    kept = Memory() if store is None else store
-    points = _Points(problem, kept, tell, most_points)
-    first = _first_points(problem, points, seed)
-    count, draws = problem.mean.size, _first_draws(problem, first, seed)
+    points = _Points(problem, tell, most_points)
+    count, draws = problem.mean.size, _first_draws(problem, points, seed)
     for number in range(_MOST_CHAINS):
-        emulator, check, draws = _accurate_emulator(problem, points, draws, [seed, number])
-        density = _Density(problem, emulator, check.error_cov)
-        chain = _converged_chain(density, draws, [seed, number], most_steps, kept, tell)
-        draws = chain.independent(seed)
-        last = _checked(problem, emulator, points, draws, f"last-{number}")
-        if last.error <= 2.0 * _EMULATOR_ERROR:
+        emulator, error_cov, draws = _accurate_emulator(problem, points, draws, [seed, number])
+        density = _Density(problem, emulator, error_cov)
+        values, time, r_hat = _converged_chain(density, draws, [seed, number], most_steps, tell)
+        # Draws half an autocorrelation time apart, in random order.
+        thinned = values[:, :: max(1, int(0.5 * time))].reshape(-1, values.shape[-1])
+        draws = np.random.default_rng([seed, 3]).permutation(thinned)[:_MOST_DRAWS]
+        error, _, impossible = _checked(problem, emulator, points, draws)
+        if error <= 2.0 * _EMULATOR_ERROR:
             break
     else:
-        raise NotConvergedError(_inaccurate(last.error, points.count))
+        raise NotConvergedError(_inaccurate(error, points.count))
     prior = problem.inputs(_prior_scores(problem, np.random.default_rng(seed), _PRIOR_DRAWS))
     return Posterior(
         inputs=problem.inputs(draws[:, :count]),
@@ -288,17 +259,17 @@ def infer(
         modelled=emulator(draws[:, :count]),
         prior_mean=prior.mean(axis=0),
         prior_std=prior.std(axis=0, ddof=1),
-        steps=chain.steps,
-        autocorrelation_steps=chain.time,
-        r_hat=chain.r_hat,
+        steps=values.shape[1],
+        autocorrelation_steps=time,
+        r_hat=r_hat,
         model_calls=points.count,
-        emulator_error=last.error,
-        emulator_cov=check.error_cov,
-        impossible_share=last.impossible,
+        emulator_error=error,
+        emulator_cov=error_cov,
+        impossible_share=impossible,
     )
 
 
-_PRIOR_DRAWS = 4096
+_MOST_TURNS, _MOST_CHAINS, _MOST_DRAWS, _PRIOR_DRAWS = 40, 5, 4000, 4096
 
 
 def _prior_scores(problem: Problem, draw: np.random.Generator, count: int) -> FloatArray:
@@ -313,8 +284,8 @@ def _prior_scores(problem: Problem, draw: np.random.Generator, count: int) -> Fl
 class _Points:
     """Points at which the model was computed, as standard scores; not a number where it does not exist."""
 
-    def __init__(self, problem: Problem, store: Store, tell: Callable[[str, int, int], None], most: int) -> None:
-        self._problem, self._store, self._tell, self.most = problem, store, tell, most
+    def __init__(self, problem: Problem, tell: Progress, most: int) -> None:
+        self._problem, self._tell, self.most = problem, tell, most
         self.u = np.empty((0, problem.mean.size))
         self.z = np.empty((0, problem.data.size))
 
@@ -328,56 +299,40 @@ class _Points:
         """Whether the model exists at each."""
         return np.asarray(np.isfinite(self.z).all(axis=1))
 
-    def compute(self, u: FloatArray, name: str) -> FloatArray:
+    def compute(self, u: FloatArray) -> FloatArray:
         """Return the model at further points, and keep them."""
-        found = [self._piece(u[k : k + _PIECE], f"{name}-{k // _PIECE:02d}") for k in range(0, len(u), _PIECE)]
-        z = np.concatenate(found)
+        z = np.full((len(u), self._problem.data.size), np.nan)
+        for k in np.flatnonzero(self._problem.is_within(u)):
+            with suppress(ValueError):
+                z[k] = self._problem.model(self._problem.inputs(u[k]))
+            self._tell("computing the model", self.count + int(k) + 1, self.most)
         self.u, self.z = np.concatenate([self.u, u]), np.concatenate([self.z, z])
         return z
 
-    def _piece(self, u: FloatArray, name: str) -> FloatArray:
-        known = self._store.load(name)
-        if known is not None and np.array_equal(known["u"], u):
-            return np.asarray(known["z"])
-        z = np.stack([self._one(one) for one in u])
-        self._store.save(name, {"u": u, "z": z})
-        self._tell("computing the model", self.count + len(u), self.most)
-        return z
 
-    def _one(self, u: FloatArray) -> FloatArray:
-        nothing = np.full(self._problem.data.size, np.nan)
-        if not self._problem.is_within(u):
-            return nothing
-        try:
-            return self._problem.model(self._problem.inputs(u))
-        except ValueError:
-            return nothing
-
-
-def _first_points(problem: Problem, points: _Points, seed: int) -> LinearUpdate:
-    """Compute the model at the prior mean, to both sides of it, and at draws of prior and linear update."""
+def _first_draws(problem: Problem, points: _Points, seed: int) -> FloatArray:
+    """Compute the first points; return draws from the linear update, with scales from their prior."""
     count = problem.mean.size
     steps = np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
-    z = points.compute(steps, "first")
+    z = points.compute(steps)
     if not np.isfinite(z[0]).all():
-        problem.model(problem.mean)  # raises what is wrong
+        problem.model(problem.mean)  # raises an error that says why
     slopes = central_slopes(z[0], z[1 : count + 1], z[count + 1 :])
     cov = problem.total_cov(np.asarray(problem.discrepancy_median, dtype=np.float64))
-    update = linear_update(slopes, problem.data - z[0], cov)
-    shares = qmc.Sobol(count, scramble=True, rng=np.random.default_rng(seed)).random(_power_of_two(4 * count))
+    mean, cov = linear_update(slopes, problem.data - z[0], cov)
+    root = np.linalg.cholesky(cov)
+    number = int(2 ** np.ceil(np.log2(4 * count)))
+    shares = qmc.Sobol(count, scramble=True, rng=np.random.default_rng(seed)).random(number)
     normal = ndtri(0.001 + 0.998 * shares)
-    half = len(normal) // 2
-    near = update.mean + _WIDER * normal[half:] @ np.linalg.cholesky(update.cov).T
-    points.compute(np.concatenate([normal[:half], np.clip(near, -_FAR, _FAR)]), "prior")
-    return update
+    near = mean + _WIDER * normal[number // 2 :] @ root.T
+    points.compute(np.concatenate([normal[: number // 2], np.clip(near, -_FAR, _FAR)]))
+    draws = np.random.default_rng([seed, 1]).standard_normal((_GUESSED, count + len(problem.discrepancy)))
+    draws[:, :count] = mean + draws[:, :count] @ root.T
+    return draws
 
 
 # Points are placed so much wider than the estimate, and no farther from the prior mean than this.
-_WIDER, _FAR = 1.5, 5.0
-
-
-def _power_of_two(least: int) -> int:
-    return int(2 ** np.ceil(np.log2(least)))
+_WIDER, _FAR, _GUESSED = 1.5, 5.0, 2000
 
 
 def central_slopes(centre: FloatArray, above: FloatArray, below: FloatArray) -> FloatArray:
@@ -399,7 +354,7 @@ def central_slopes(centre: FloatArray, above: FloatArray, below: FloatArray) -> 
 class _Emulator:
     """Gaussian process through points of the model: a polynomial trend, and one kernel for each of the numbers."""
 
-    def __init__(self, points: _Points, lengths: FloatArray | None = None, *, are_final: bool = False) -> None:
+    def __init__(self, points: _Points, lengths: FloatArray | None = None, *, is_fitted: bool = True) -> None:
         possible = points.is_possible
         self._all_u, self._possible = points.u, possible
         self._u, z = points.u[possible], points.z[possible]
@@ -414,7 +369,7 @@ class _Emulator:
         start = np.full((z.shape[1], count + 1), np.log(3.0)) if lengths is None else lengths
         if lengths is None:
             start[:, -1] = np.log(1e-6)
-        fits = [_fitted_kernel(self._u, scaled[:, k], start[k], is_final=are_final) for k in range(z.shape[1])]
+        fits = [_fitted_kernel(self._u, scaled[:, k], start[k], is_fitted=is_fitted) for k in range(z.shape[1])]
         self.lengths = np.array([fit[0] for fit in fits])
         self._inverse_lengths = np.exp(-self.lengths[:, :-1])
         self._weights = np.array([fit[1] for fit in fits])
@@ -449,11 +404,12 @@ _LENGTHS, _NUGGET = (np.log(0.3), np.log(100.0)), (np.log(1e-10), np.log(1e-1))
 
 
 def _fitted_kernel(
-    u: FloatArray, z: FloatArray, start: FloatArray, *, is_final: bool
+    u: FloatArray, z: FloatArray, start: FloatArray, *, is_fitted: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the kernel of largest likelihood, its weights, and errors at each point if it is left out.
 
-    The kernel is exp(-d^2/2) with a length for each input, and a nugget; its size is eliminated. What is final is kept.
+    The kernel is exp(-d^2/2) with a length for each input, and a nugget; its size is eliminated. Without a fit, lengths
+    and nugget stay as given.
 
     References
     ----------
@@ -481,72 +437,55 @@ def _fitted_kernel(
 
     bounds = [_LENGTHS] * u.shape[1] + [_NUGGET]
     found = start
-    if not is_final:
+    if is_fitted:
         found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}).x
     inverse = np.linalg.inv(kernel(found) + np.exp(found[-1]) * eye)
     weights = inverse @ z
     return found, weights, weights / np.diag(inverse)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Check:
-    """Error of an emulator at draws of the posterior."""
+def _checked(
+    problem: Problem, emulator: _Emulator, points: _Points, draws: FloatArray
+) -> tuple[float, FloatArray, float]:
+    """Compare the emulator with the model at the first of the draws, which become points.
 
-    error: float  #: Root mean square over draws, of the length of the error in standard deviations of the data.
-    error_cov: FloatArray  #: Its second moment.
-    impossible: float  #: Share of the draws at which the model does not exist.
-
-
-def _checked(problem: Problem, emulator: _Emulator, points: _Points, draws: FloatArray, name: str) -> _Check:
-    """Compare the emulator with the model at the first of the draws, which become points."""
+    Returned are the error (root mean square over draws of its length in standard deviations of the data), the second
+    moment of the error, and the share of the draws at which the model does not exist.
+    """
     count = problem.mean.size
-    chosen = draws[: max(_PIECE, 2 * count)]
-    z = points.compute(chosen[:, :count], name)
+    chosen = draws[: max(_LEAST_CHECKED, 2 * count)]
+    z = points.compute(chosen[:, :count])
     there = np.isfinite(z).all(axis=1)
     if not there.any():
-        return _Check(error=np.inf, error_cov=problem.noise_cov, impossible=1.0)
+        return np.inf, problem.noise_cov, 1.0
     off = z[there] - emulator(chosen[there, :count])
     # The noise at the smallest discrepancy that the draws have: there an error of the emulator matters most.
     scales = problem.scales(np.quantile(draws[:, count:], 0.25, axis=0))
     white = np.linalg.solve(np.linalg.cholesky(problem.total_cov(scales)), off.T)
-    return _Check(
-        error=float(np.sqrt(np.mean(np.sum(white**2, axis=0)))),
-        error_cov=np.asarray(off.T @ off / len(off)),
-        impossible=float(1.0 - there.mean()),
-    )
-
-
-def _first_draws(problem: Problem, first: LinearUpdate, seed: int) -> FloatArray:
-    """Return draws from the linear update, and scales from their prior."""
-    count = problem.mean.size
-    normal = np.random.default_rng([seed, 1]).standard_normal((_GUESSED, count + len(problem.discrepancy)))
-    normal[:, :count] = first.mean + normal[:, :count] @ np.linalg.cholesky(first.cov).T
-    return normal
+    error = float(np.sqrt(np.mean(np.sum(white**2, axis=0))))
+    return error, np.asarray(off.T @ off / len(off)), float(1.0 - there.mean())
 
 
 def _accurate_emulator(
     problem: Problem, points: _Points, draws: FloatArray, seed: list[int]
-) -> tuple[_Emulator, _Check, FloatArray]:
-    """Return an emulator that is accurate where the posterior lies, its error there, and draws of the posterior."""
-    draw, walkers = np.random.default_rng([*seed, 2]), _walkers(problem)
-    lengths, check = None, None
+) -> tuple[_Emulator, FloatArray, FloatArray]:
+    """Return an emulator that is accurate where the posterior lies, its error covariance, and draws from there."""
+    draw, lengths, error, error_cov = np.random.default_rng([*seed, 2]), None, np.inf, None
     for turn in range(_MOST_TURNS):
         emulator = _Emulator(points, lengths)
         lengths = emulator.lengths
-        left_out = np.asarray(emulator.left_out.T @ emulator.left_out / len(emulator.left_out))
-        density = _Density(problem, emulator, left_out if check is None else check.error_cov)
-        start = _possible(density, draws[:walkers], draw)
-        blocks = _moved(density, density.guess(draws), start, _CHECK_STEPS, np.random.RandomState([*seed, 3, turn]))
-        draws = draw.permutation(blocks[len(blocks) // 2 :].reshape(-1, draws.shape[1]))
-        check = _checked(problem, emulator, points, draws, f"turn-{seed[-1]}-{turn:02d}")
-        if check.error <= _EMULATOR_ERROR:
-            return _Emulator(points, lengths, are_final=True), check, draws
+        if error_cov is None:
+            error_cov = np.asarray(emulator.left_out.T @ emulator.left_out / len(emulator.left_out))
+        density = _Density(problem, emulator, error_cov)
+        start = _possible(density, draws[: density.walkers], draw)
+        chain = _moved(density, density.guess(draws), start, _CHECK_STEPS, np.random.RandomState([*seed, 3, turn]))
+        draws = draw.permutation(chain[len(chain) // 2 :].reshape(-1, draws.shape[1]))
+        error, error_cov, _ = _checked(problem, emulator, points, draws)
+        if error <= _EMULATOR_ERROR:
+            return _Emulator(points, lengths, is_fitted=False), error_cov, draws
         if points.count >= points.most:
             break
-    raise NotConvergedError(_inaccurate(np.inf if check is None else check.error, points.count))
-
-
-_MOST_TURNS, _MOST_CHAINS, _GUESSED = 40, 5, 2000
+    raise NotConvergedError(_inaccurate(error, points.count))
 
 
 def _inaccurate(error: float, count: int) -> str:
@@ -562,8 +501,8 @@ class _Density:
 
     def __init__(self, problem: Problem, emulator: _Emulator, error_cov: FloatArray) -> None:
         self._problem, self._emulator, self._error_cov = problem, emulator, error_cov
-        self.size = problem.mean.size + len(problem.discrepancy)
-        self.walkers = _walkers(problem)
+        # Even, and more than twice the coordinates.
+        self.walkers = max(32, 2 * (problem.mean.size + len(problem.discrepancy)) + 4)
 
     def __call__(self, scores: FloatArray) -> FloatArray:
         """Return it at scores, shape (W,) for (W, K + number of scales)."""
@@ -582,20 +521,15 @@ class _Density:
         return found
 
     def guess(self, draws: FloatArray) -> "_Guess":
-        """Return what offers places, from draws of an earlier estimate."""
+        """Return proposals from draws of an earlier estimate."""
         return _Guess(self._problem, self._emulator, self._error_cov, draws)
 
 
 _OUTERMOST = 8.0
 
 
-def _walkers(problem: Problem) -> int:
-    """Return how many walkers an ensemble has: even, and more than twice the coordinates."""
-    return max(32, 2 * (problem.mean.size + len(problem.discrepancy)) + 4)
-
-
 def _possible(density: _Density, scores: FloatArray, draw: np.random.Generator) -> FloatArray:
-    """Return starts at all of which the density exists, others replaced by neighbours of those that do."""
+    """Return starts of walkers where the density exists; others are replaced by neighbours of those."""
     there = np.isfinite(density(scores))
     if not there.any():
         raise NotConvergedError("the model exists at no start of the chain; give the inputs smaller uncertainties")
@@ -607,7 +541,7 @@ def _possible(density: _Density, scores: FloatArray, draw: np.random.Generator) 
 
 
 class _Guess:
-    """Places that walkers are offered whatever their own: scales from an estimate, inputs by the linear update.
+    """Proposals that do not depend on where a walker is: scales from an estimate, inputs by the linear update.
 
     The narrower the discrepancy, the narrower the posterior of the inputs: a step that suits one does not suit another.
     Given the scales, the linear update about the estimate is nearly the posterior. Laws are Student's, for their tails.
@@ -679,97 +613,47 @@ def _moved(
     return np.asarray(sampler.get_chain())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Chain:
-    """Both ensembles after the burn-in, shape (2, steps, walkers, coordinates)."""
+def _converged_chain(
+    density: _Density, draws: FloatArray, seed: list[int], most_steps: int, tell: Progress
+) -> tuple[FloatArray, float, float]:
+    """Move two ensembles, one from the draws and one from three times as wide, until they are converged.
 
-    values: FloatArray
-    time: float  #: Longest autocorrelation time of any coordinate [steps].
-    r_hat: float  #: Largest of any coordinate.
+    Returned are the walkers without the burn-in, shape (2, steps, walkers, coordinates), the longest autocorrelation
+    time of any coordinate [steps], and the largest R-hat.
+    """
+    draw, guess, walkers = np.random.default_rng([*seed, 5]), density.guess(draws), density.walkers
+    wide = draws.mean(axis=0) + 3.0 * (draws[walkers : 2 * walkers] - draws.mean(axis=0))
+    at = np.array([_possible(density, one, draw) for one in (draws[:walkers], wide)])
+    blocks: list[FloatArray] = []
+    said = ""
+    while (done := len(blocks) * _BLOCK_STEPS) < most_steps:
+        randoms = [np.random.RandomState([*seed, 4, ensemble, len(blocks)]) for ensemble in (0, 1)]
+        found = [_moved(density, guess, start, _BLOCK_STEPS, own) for start, own in zip(at, randoms, strict=True)]
+        blocks.append(np.stack(found))
+        at, done = blocks[-1][:, -1], done + _BLOCK_STEPS
+        values = np.concatenate(blocks, axis=1)[:, done // 5 :]
+        time, r_hat = _convergence(values)
+        steps = values.shape[1]
+        if steps >= _LEAST_TIMES * time and r_hat <= _MOST_R_HAT:
+            return values, time, r_hat
+        tell("moving the chain", done, max(done, int(min(most_steps, 1.25 * _LEAST_TIMES * time))))
+        said = (
+            f" after {done} steps it is {steps / time:.0f} autocorrelation times long (needed are {_LEAST_TIMES:g}) "
+            f"and R-hat is {r_hat:.3f} (allowed is {_MOST_R_HAT:g});"
+        )
+    raise NotConvergedError(f"the chain has not converged:{said} allow more steps, or choose fewer inputs")
 
-    @property
-    def steps(self) -> int:
-        """Length of each."""
-        return int(self.values.shape[1])
 
-    @property
-    def is_converged(self) -> bool:
-        """Return whether the chain is long enough and both ensembles agree."""
-        return self.steps >= _LEAST_TIMES * self.time and self.r_hat <= _MOST_R_HAT
-
-    def independent(self, seed: int) -> FloatArray:
-        """Return draws that are half an autocorrelation time apart, in random order."""
-        apart = max(1, int(0.5 * self.time))
-        thinned = self.values[:, ::apart].reshape(-1, self.values.shape[-1])
-        return np.random.default_rng([seed, 3]).permutation(thinned)[:_MOST_DRAWS]
-
-
-_MOST_DRAWS = 4000
-
-
-def _chain(blocks: FloatArray) -> _Chain:
-    """Return a chain without its burn-in, a fifth, with its autocorrelation time and R-hat."""
+def _convergence(values: FloatArray) -> tuple[float, float]:
+    """Return the longest autocorrelation time of any coordinate [steps], and the largest R-hat of four half chains."""
     from emcee.autocorr import integrated_time
 
-    values = blocks[:, blocks.shape[1] // 5 :]
     with np.errstate(invalid="ignore"):  # of a walker that never moved
         times = [integrated_time(ensemble, tol=0, quiet=True) for ensemble in values]
     half = values.shape[1] // 2
     parts = np.concatenate([values[:, :half], values[:, half : 2 * half]]).reshape(4, -1, values.shape[-1])
     within, between = parts.var(axis=1, ddof=1).mean(axis=0), parts.mean(axis=1).var(axis=0, ddof=1)
-    return _Chain(
-        values=values,
-        time=float(np.nan_to_num(np.max(times), nan=np.inf)),
-        r_hat=float(np.max(np.sqrt(1.0 + between / within))),
-    )
-
-
-def _blocks(
-    density: _Density, guess: _Guess, start: FloatArray, seed: list[int], ensemble: int, store: Store
-) -> Iterator[FloatArray]:
-    """Yield the chain of one ensemble, block by block; blocks that are kept are not computed again."""
-    at, block = start, 0
-    while True:
-        name = f"chain-{seed[-1]}-{ensemble}-{block:03d}"
-        known = store.load(name)
-        if known is None or known["chain"].shape != (_BLOCK_STEPS, *start.shape):
-            found = _moved(density, guess, at, _BLOCK_STEPS, np.random.RandomState([*seed, 4, ensemble, block]))
-            store.save(name, {"chain": found})
-        else:
-            found = np.asarray(known["chain"])
-        yield found
-        at, block = found[-1], block + 1
-
-
-def _converged_chain(
-    density: _Density,
-    draws: FloatArray,
-    seed: list[int],
-    most_steps: int,
-    store: Store,
-    tell: Callable[[str, int, int], None],
-) -> _Chain:
-    """Move both ensembles until they are converged."""
-    draw, guess, walkers = np.random.default_rng([*seed, 5]), density.guess(draws), density.walkers
-    wide = draws.mean(axis=0) + 3.0 * (draws[walkers : 2 * walkers] - draws.mean(axis=0))
-    starts = [_possible(density, one, draw) for one in (draws[:walkers], wide)]
-    ensembles = [_blocks(density, guess, one, seed, k, store) for k, one in enumerate(starts)]
-    blocks: list[FloatArray] = []
-    chain = None
-    while len(blocks) * _BLOCK_STEPS < most_steps:
-        blocks.append(np.stack([next(ensemble) for ensemble in ensembles]))
-        chain = _chain(np.concatenate(blocks, axis=1))
-        if chain.is_converged:
-            return chain
-        done = len(blocks) * _BLOCK_STEPS
-        tell("moving the chain", done, max(done, int(min(most_steps, 1.25 * _LEAST_TIMES * chain.time))))
-    said = ""
-    if chain is not None:
-        said = (
-            f" after {len(blocks) * _BLOCK_STEPS} steps it is {chain.steps / chain.time:.0f} autocorrelation times "
-            f"long (needed are {_LEAST_TIMES:g}) and R-hat is {chain.r_hat:.3f} (allowed is {_MOST_R_HAT:g});"
-        )
-    raise NotConvergedError(f"the chain has not converged:{said} allow more steps, or choose fewer inputs")
+    return float(np.nan_to_num(np.max(times), nan=np.inf)), float(np.max(np.sqrt(1.0 + between / within)))
 
 
 def block_p_values(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rigctl.base.numbers import chance, percent, to_digits
-from rigctl.comparison.inference import QUANTITIES, Inference, RegionNumbers
+from rigctl.comparison.inference import QUANTITIES, Inference
 from rigctl.report.data_files import csv_rows, finite, json_file, json_rows
 from rigctl.report.drawing import MEASURED, PREDICTED, png, subplots
 from rigctl.report.output import write_folder
@@ -33,9 +33,7 @@ _UNEXPLAINED = 1e-3
 
 def unexplained(found: Inference) -> tuple[str, ...]:
     """Return the regions that even the discrepancy does not explain."""
-    return tuple(
-        _place(found, one) for one, p in zip(found.evidence.numbers, found.p_values, strict=True) if p < _UNEXPLAINED
-    )
+    return _missed(found, found.p_values)
 
 
 def answer(found: Inference) -> str:
@@ -57,14 +55,14 @@ def _explained(found: Inference) -> str:
     lost = unexplained(found)
     if lost:
         return f"The posterior cannot be trusted: even its discrepancy does not explain {', '.join(lost)}."
-    missed = [
-        _place(found, one)
-        for one, p in zip(found.evidence.numbers, found.p_values_of_model, strict=True)
-        if p < _UNEXPLAINED
-    ]
+    missed = _missed(found, found.p_values_of_model)
     if missed:
         return f"The model alone does not explain {', '.join(missed)}; its discrepancy widens the posterior."
     return "The model explains every region."
+
+
+def _missed(found: Inference, p_values: FloatArray) -> tuple[str, ...]:
+    return tuple(_place(found, int(k)) for k in np.flatnonzero(p_values < _UNEXPLAINED))
 
 
 def doubts(found: Inference) -> Iterable[str]:
@@ -117,44 +115,45 @@ def inputs_table(found: Inference) -> Table[int]:
     return Table(title=title, columns=columns, rows=tuple(range(len(found.evidence.parameters))))
 
 
-def regions_table(found: Inference) -> Table[RegionNumbers]:
+def regions_table(found: Inference) -> Table[int]:
     """Return how well each region is explained, and what discrepancy the model has there."""
     mean, std = found.discrepancy
-    columns: tuple[Column[RegionNumbers], ...] = (
-        Column(title="region", text=lambda one: _place(found, one), left=True, unbroken=True),
-        Column(key="run", shown=Shown.PROGRAMS),
-        Column(key="region", shown=Shown.PROGRAMS),
+    columns: tuple[Column[int], ...] = (
+        Column(title="region", text=lambda k: _place(found, k), left=True, unbroken=True),
+        Column(key="run", shown=Shown.PROGRAMS, value=lambda k: found.evidence.regions[k][0]),
+        Column(key="region", shown=Shown.PROGRAMS, value=lambda k: found.evidence.regions[k][1]),
         *(
-            Column[RegionNumbers](
+            Column[int](
                 title=title,
                 key=f"discrepancy_{name}",
-                value=lambda one, k=k: float(mean[one.place, k]),  # type: ignore[misc]
-                text=lambda one, k=k, f=factor: _with_std(f * mean[one.place, k], f * std[one.place, k]),  # type: ignore[misc]
+                value=lambda k, q=q: float(mean[k, q]),  # type: ignore[misc]
+                text=lambda k, q=q, f=factor: _with_std(f * mean[k, q], f * std[k, q]),  # type: ignore[misc]
             )
-            for k, (name, title, factor) in enumerate(zip(QUANTITIES, _TITLES, (100.0, 1.0, 1.0), strict=True))
+            for q, (name, title, factor) in enumerate(zip(QUANTITIES, _TITLES, (100.0, 1.0, 1.0), strict=True))
         ),
         Column(
             title="p model",
             key="p_value_of_model",
-            value=lambda one: float(found.p_values_of_model[one.place]),
-            text=lambda one: chance(found.p_values_of_model[one.place]),
+            value=lambda k: float(found.p_values_of_model[k]),
+            text=lambda k: chance(found.p_values_of_model[k]),
         ),
         Column(
             title="p",
             key="p_value",
-            value=lambda one: float(found.p_values[one.place]),
-            text=lambda one: chance(found.p_values[one.place]),
+            value=lambda k: float(found.p_values[k]),
+            text=lambda k: chance(found.p_values[k]),
         ),
     )
     title = "off the model by; chance of the region's numbers by the model alone, and with its discrepancy"
-    return Table(title=title, columns=columns, rows=found.evidence.numbers)
+    return Table(title=title, columns=columns, rows=tuple(range(len(found.evidence.regions))))
 
 
 _TITLES = ("S0 [%]", "S1/S0", "S2/S0")
 
 
-def _place(found: Inference, one: RegionNumbers) -> str:
-    return one.region if len(found.evidence.runs) == 1 else f"{one.run}: {one.region}"
+def _place(found: Inference, k: int) -> str:
+    run, region = found.evidence.regions[k]
+    return region if len(found.evidence.runs) == 1 else f"{run}: {region}"
 
 
 def _with_std(value: float, std: float) -> str:
@@ -302,14 +301,14 @@ def check_png(found: Inference) -> bytes:
     centre = posterior.modelled.mean(axis=0)
     alone = np.sqrt(posterior.modelled.var(axis=0) + np.diag(problem.noise_cov))
     whole = np.sqrt(posterior.modelled.var(axis=0) + np.diagonal(total, axis1=1, axis2=2).mean(axis=0))
-    figure, axes = subplots(1, 3, size=(11.0, 1.2 + 0.35 * len(found.evidence.numbers)))
-    at = np.arange(len(found.evidence.numbers))
+    figure, axes = subplots(1, 3, size=(11.0, 1.2 + 0.35 * len(found.evidence.regions)))
+    at = np.arange(len(found.evidence.regions))
     for k, (ax, title, factor) in enumerate(zip(axes, _TITLES, (100.0, 1.0, 1.0), strict=True)):
         own = 3 * at + k
         ax.errorbar(np.zeros(at.size), at, xerr=2.0 * factor * whole[own], fmt="none", color="0.75", elinewidth=7)
         ax.errorbar(np.zeros(at.size), at, xerr=2.0 * factor * alone[own], fmt="none", color=PREDICTED, elinewidth=3)
         ax.plot(factor * (problem.data - centre)[own], at, "o", color=MEASURED, markersize=5)
-        ax.set_yticks(at, [_place(found, one) for one in found.evidence.numbers] if k == 0 else [""] * at.size)
+        ax.set_yticks(at, [_place(found, int(one)) for one in at] if k == 0 else [""] * at.size)
         ax.set_xlabel(f"{title}, measured less predicted")
         ax.invert_yaxis()
     figure.suptitle("measured (points); predicted, two standard deviations: by the model, grey with its discrepancy")

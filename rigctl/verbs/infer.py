@@ -40,7 +40,7 @@ def infer(
     runs say something, or of those that are chosen; all others widen it. The model may be wrong by a discrepancy, whose
     size is inferred too, so that a model that does not fit gives a wide posterior.
 
-    With --out, computed points and the chain are kept in the folder: after a kill the same command goes on.
+    With --out, computed points of the model are kept in the folder: after a kill the same command continues from them.
 
     The exit code is 4 where the chain has not converged, and 5 where even the discrepancy does not explain the runs.
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.processing.posterior import Arrays, Memory, NotConvergedError, Problem, block_p_values, infer
+from model.processing.posterior import NotConvergedError, Problem, block_p_values, infer
 
 INFINITE = np.full(2, np.inf)
 SLOPES = np.array([[1.0, 0.2], [0.3, 1.0], [0.5, -0.4], [0.0, 0.7]])
@@ -90,29 +90,6 @@ def test_a_model_that_misses_the_data_widens_the_posterior() -> None:
     problem = discrepant(right + 0.3 * np.array([1.0, -1.0, -1.0, 1.0]))
     assert block_p_values(problem, far, blocks, discrepancy=False)[0] < 1e-6
     assert block_p_values(problem, far, blocks, discrepancy=True)[0] > 0.05
-
-
-class Killed(Memory):
-    """Memory that is killed as it saves for the n-th time."""
-
-    def __init__(self, after: int) -> None:
-        self.left = after
-
-    def save(self, name: str, arrays: Arrays) -> None:
-        self.left -= 1
-        if self.left == 0:
-            raise KeyboardInterrupt
-        super().save(name, arrays)
-
-
-@pytest.mark.parametrize("after", [1, 2, 4, 6])
-def test_work_that_was_killed_goes_on_and_ends_in_the_same_numbers(after: int) -> None:
-    whole, store = infer(linear_problem()), Killed(after)
-    with pytest.raises(KeyboardInterrupt):
-        infer(linear_problem(), store=store)
-    calls = len(store)
-    np.testing.assert_array_equal(infer(linear_problem(), store=store).inputs, whole.inputs)
-    assert calls == after - 1
 
 
 def test_a_chain_that_does_not_find_both_ends_is_refused() -> None:
