@@ -19,6 +19,7 @@ from model.atmosphere.mie import (
     efficiencies,
     log_normal,
     mixed_index,
+    number_of_volume,
     sphere_coefficients,
 )
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL, REFERENCE, aerosol_of
@@ -303,3 +304,18 @@ def test_index_is_linear_between_rows():
 def test_what_has_no_meaning_is_refused(make, named):
     with pytest.raises(ValueError, match=named):
         make()
+
+
+def test_the_number_that_makes_a_volume_is_that_of_the_integral():
+    sigma, median = 0.6, 0.3
+    ln_radius = np.linspace(np.log(median) - 8.0, np.log(median) + 8.0, 4001)
+    number_median = median * np.exp(-3.0 * sigma**2)
+    density = np.exp(-0.5 * ((ln_radius - np.log(number_median)) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+    volume = np.trapezoid(density * 4.0 / 3.0 * np.pi * np.exp(3.0 * ln_radius), ln_radius)
+    assert number_of_volume(volume=volume, volume_median_radius_m=median, ln_sigma=sigma) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("change", [{"volume": 0.0}, {"volume_median_radius_m": -1.0}, {"ln_sigma": 3.0}])
+def test_impossible_volumes_are_refused(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        number_of_volume(**({"volume": 1.0, "volume_median_radius_m": 1e-7, "ln_sigma": 0.5} | change))

@@ -1,8 +1,23 @@
+"""Regions of a picture: their pixels, and the file that holds them."""
+
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from rigctl.errors import ConfigError
-from rigctl.files.regions import Rectangle, Region, inner_masks, load_regions, masks
+from rigctl.files.regions import (
+    Marker,
+    Markers,
+    Rectangle,
+    Region,
+    RegionsFile,
+    inner_masks,
+    load_regions,
+    masks,
+    regions_text,
+)
+from rigctl.files.toml import load
 
 
 def _only(region, *, width=10, height=8):
@@ -87,3 +102,20 @@ def test_a_marker_may_lead_only_regions_that_there_are(tmp_path):
     )
     with pytest.raises(ConfigError, match="no region is called b; there are a"):
         load_regions(path)
+
+
+def test_it_is_read_back_as_it_was(tmp_path: Path) -> None:
+    square = [(0.25, 0.0), (9.0, 0.5), (9.125, 9.0), (0.0, 9.0)]
+    file = RegionsFile(
+        regions=[
+            Region(name="a", rectangle=Rectangle(x=1, y=2, width=3, height=4), edge_px=2),
+            Region(name="b.2", polygon=[(0.5, 1.0), (10.0, 1.0), (5.0, 7.25)]),
+        ],
+        markers=Markers(
+            dictionary="5x5_100",
+            seen=[Marker(id=0, corners=square), Marker(id=4, corners=square, regions=("a", "b.2"))],
+        ),
+    )
+    path = tmp_path / "regions.toml"
+    path.write_text(regions_text(file))
+    assert load(path, RegionsFile) == file

@@ -8,7 +8,7 @@ from rigctl.errors import DataError
 from rigctl.files.regions import RegionsFile
 from rigctl.files.toml import load
 from rigctl.web.regions_page import write_regions
-from tests.rigctl.outlines.marked_pictures import panels
+from tests.rigctl.marked_pictures import panels
 
 BODY = b'{"regions": [{"name": "panel", "polygon": [[1, 1], [9, 1], [9, 9]]}]}'
 

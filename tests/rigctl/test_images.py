@@ -1,5 +1,9 @@
+"""Pictures of other programs: FITS, PNG, TIFF, arrays of HDF5 and netCDF."""
+
 import gzip
 import io
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -11,10 +15,11 @@ import tifffile
 from astropy.io import fits
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.images import ImageFile, image_files, read_image
+from rigctl.images import ImageFile, image_files, read_image, unfiltered_png
 from rigctl.runs.fits import encode_frame
 from tests.rigctl.run_samples import noisy_counts
 
@@ -275,3 +280,48 @@ def test_spoilt_fits_header_is_read_or_refused_but_never_a_fault(tmp_path_factor
     except DataError:
         return
     assert isinstance(image, ImageFile)
+
+
+def chunk(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def png(
+    samples: NDArray[np.uint16] | NDArray[np.uint8], *, filters: int = 0, extra: bytes = b"", pieces: int = 3
+) -> bytes:
+    rows = samples.astype(samples.dtype.newbyteorder(">")).view(np.uint8).reshape(samples.shape[0], -1)
+    packed = zlib.compress(np.column_stack([np.full(len(rows), filters, np.uint8), rows]).tobytes())
+    size = -(-len(packed) // pieces)
+    body = b"".join(chunk(b"IDAT", packed[start : start + size]) for start in range(0, len(packed), size))
+    header = struct.pack(">IIBBBBB", samples.shape[1], samples.shape[0], 8 * samples.dtype.itemsize, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + extra + body + chunk(b"IEND", b"")
+
+
+def picture(dtype: type) -> NDArray[np.uint16]:
+    drawn: NDArray[np.uint16] = np.random.default_rng(1).integers(0, np.iinfo(dtype).max + 1, (5, 7)).astype(dtype)
+    return drawn
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_reads_what_opencv_reads(dtype: type) -> None:
+    data = png(picture(dtype))
+    found = unfiltered_png(data)
+    assert found is not None
+    np.testing.assert_array_equal(found, picture(dtype))
+    np.testing.assert_array_equal(found, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(png(picture(np.uint16), filters=2), id="filtered"),
+        pytest.param(png(picture(np.uint8), extra=chunk(b"tRNS", b"\0\0")), id="transparent"),
+        pytest.param(cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes(), id="colour"),
+        pytest.param(png(picture(np.uint16))[:-40], id="cut short"),
+        pytest.param(png(picture(np.uint16))[:60] + b"x" + png(picture(np.uint16))[61:], id="a byte changed"),
+        pytest.param(png(picture(np.uint16)).replace(chunk(b"IEND", b""), chunk(b"IDAT", b"more")), id="too much"),
+        pytest.param(b"\x89PNG\r\n\x1a\n", id="nothing"),
+    ],
+)
+def test_leaves_all_others_to_a_general_reader(data: bytes) -> None:
+    assert unfiltered_png(data) is None
