@@ -11,7 +11,9 @@ import inspect
 import logging
 import os
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -337,24 +339,45 @@ def _reports_printed() -> Iterator[None]:
     finally:
         log.removeHandler(reports)
         log.setLevel(level)
+        for text in reports.below:
+            _print_error(text)
 
 
 class _Reports(logging.Handler):
-    """Prints what verbs report on standard error: notes as they are, each warning once."""
+    """Prints what verbs report on standard error: notes as they are, each warning once; some wait for the answer."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self._printed: set[str] = set()
+        self.below: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a report."""
         text = record.getMessage()
-        if record.levelno < logging.WARNING:
-            sys.stderr.write(f"{visible(text)}\n")
+        if getattr(record, "below", False):
+            self.below.append(text)
+        elif record.levelno < logging.WARNING:
+            _print_error(text)
         elif text not in self._printed:
             self._printed.add(text)
             _say(f"warning: {text}")
 
 
 def _say(message: str) -> None:
-    sys.stderr.write(f"rigctl: {visible(message)}\n")
+    _print_error(f"rigctl: {message}")
+
+
+def _print_error(text: str) -> None:
+    """Print on standard error; on a terminal lines break between words."""
+    text = visible(text)
+    if sys.stderr.isatty():
+        width = shutil.get_terminal_size().columns
+        text = "\n".join(_wrapped(line, width) for line in text.split("\n"))
+    sys.stderr.write(f"{text}\n")
+
+
+def _wrapped(line: str, width: int) -> str:
+    """Return a line broken between words; a line that fits keeps its spaces."""
+    if len(line) <= width:
+        return line
+    return textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)

@@ -308,9 +308,11 @@ def not_known(calibration: NoiseCalibration) -> dict[str, str]:
         if getattr(best, name) is None
     }
     if best.prnu is None:
-        found["prnu"] = f"noise in time hides it: {_STACKS}"
+        found["prnu"] = f"temporal noise hides it: {_STACKS}"
     if best.dsnu_e is None:
-        found["dsnu_e"] = f"noise in time, or rounding, hides it: {_STACKS}, longer if it stays so"
+        found["dsnu_e"] = (
+            f"temporal noise, or rounding, hides it: {_STACKS}; if that does not help, at longer exposures"
+        )
     if best.saturation_e is None:
         found["saturation_e"] = f"the sweep ends below it: {_brighter(best)}"
     if merit.quantum_efficiency is None:
@@ -347,13 +349,14 @@ def first_lines(calibration: NoiseCalibration) -> tuple[str, str, str]:
     levels = (*calibration.flats, *calibration.darks)
     doubts = gain_doubts(levels, calibration.transfer, black_level_dn=calibration.black_level_dn)
     off, words = max((doubts[name] for name in flagged & doubts.keys()), default=(0.0, ""))
-    trust = f"trust the gain to {max(share, off):.{1 if max(share, off) >= 1e-3 else 2}%}"
+    trust = f"Trust the gain to {max(share, off):.{1 if max(share, off) >= 1e-3 else 2}%}"
     # The headline is never better than the flags.
     trust += f": {words}" if off > share else ""
     named = [flag.level for flag in calibration.flags if flag.level is not None and flag.name != "unclear_level"]
     if named:
-        trust += f"; {len(dict.fromkeys(named))} level{'s are' if len(set(named)) > 1 else ' is'} named as wrong"
-    return f"{trust}.", f"{_unknown(calibration)}.", f"{_next(calibration)}."
+        trust += f"; {len(set(named))} level{'s are' if len(set(named)) > 1 else ' is'} listed below as wrong"
+    unknown, step = _unknown(calibration), _next(calibration)
+    return f"{trust}.", f"{unknown[0].upper()}{unknown[1:]}.", f"{step[0].upper()}{step[1:]}."
 
 
 def temporal_noise_e(signal_e: FloatArray, *, read_noise_e: float, gain_dn_per_e: float) -> FloatArray:
@@ -868,9 +871,9 @@ _REASONS = {
 def _brighter(best: NoiseCalibration) -> str:
     """Return how flats become brighter in a sweep of this kind."""
     return (
-        "go on with a brighter lamp until pixels are full"
+        "continue with a brighter lamp until pixels are full"
         if is_lamp_sweep(best.flats)
-        else "go on with longer exposures until pixels are full"
+        else "continue with longer exposures until pixels are full"
     )
 
 
@@ -892,7 +895,7 @@ def _standard(best: NoiseCalibration, found: dict[str, str]) -> dict[str, str]:
                 else "fewer than three levels of known light lie within 5 to 95 % of saturation: take more"
             )
         elif name.startswith(("dsnu", "prnu")):
-            reasons[name] = f"its variance is not above 0 once noise in time is taken off: {_STACKS}"
+            reasons[name] = f"temporal noise hides its variance: {_STACKS}"
         elif name.startswith("dark_current"):
             reasons[name] = found.get("dark_current_e_per_s", "dark frames have fewer than three exposures: take more")
         elif name.startswith(("saturation", "dynamic", "snr")) and best.saturation_e is None:
@@ -952,7 +955,7 @@ def _unknown(calibration: NoiseCalibration) -> str:
     if unknown:
         known = "known" if calibration.darks else "determined"
         found.append(f"{_listed(unknown)} {'is' if len(unknown) == 1 else 'are'} not {known}")
-    return "; ".join(found) or "all best numbers are known"
+    return "; ".join(found) or "all numbers that the model needs are known"
 
 
 def _listed(words: list[str]) -> str:
@@ -963,10 +966,10 @@ def _next(calibration: NoiseCalibration) -> str:
     for flag in calibration.flags:
         if flag.name == "saturation_not_reached":
             more = "a brighter lamp" if is_lamp_sweep(calibration.flats) else "longer exposures"
-            return f"next: go on with {more} until pixels are full"
+            return f"next: continue with {more} until pixels are full"
         if flag.name in _NEXT:
             return f"next: {_NEXT[flag.name]}"
-    return "nothing needs to be taken again"
+    return "no frames have to be taken again"
 
 
 # Light in dark frames, by the fixed pattern

@@ -26,9 +26,8 @@ _POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
 _INT, _UINT, _FLOAT = ctypes.c_int, ctypes.c_uint, ctypes.c_double
 _INT64, _UINT64, _SIZE = ctypes.c_int64, ctypes.c_uint64, ctypes.c_size_t
 _MISSING = (
-    "libaravis 0.8 is not installed here, and without it no GigE or USB3 Vision camera can be reached, whether it is "
-    "there or not: `apt install libaravis-0.8-0` (Debian, Ubuntu), or set ARAVIS_LIBRARY to its path. A camera with "
-    "software of its own can be used through files:FOLDER"
+    "GigE and USB3 Vision cameras need libaravis 0.8, which is not installed: `apt install libaravis-0.8-0` (Debian, "
+    "Ubuntu), or set ARAVIS_LIBRARY to its path"
 )
 
 
@@ -174,7 +173,7 @@ def load_aravis(*, wanted_for: str = "") -> AravisLibrary:
         found = None if stated else ctypes.util.find_library("aravis-0.8")
         if found is None:
             name = f"{wanted_for}: " if wanted_for else ""
-            raise NotConnectedError(f"{name}{_MISSING} ({error})") from error
+            raise NotConnectedError(f"{name}{_MISSING}" + (f" ({error})" if stated else "")) from error
         aravis = ctypes.CDLL(found)
     return AravisLibrary(aravis, ctypes.CDLL("libgobject-2.0.so.0"), ctypes.CDLL("libglib-2.0.so.0"))
 

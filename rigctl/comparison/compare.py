@@ -170,13 +170,13 @@ class NumericalAccuracy:
         where = "" if self.row is None else f" ({self.row.region} {self.row.quantity} {self.row.statistic})"
         kind = "estimated, for spheres not promised, " if self.found.estimated_only else ""
         text = (
-            f"numerical tolerance {self.tolerance:.1e}, chosen for the errors of this comparison: the largest "
-            f"numerical error is {kind}{self.share:.2g} of its row's standard error{where}"
+            f"Numerical error: {kind}at most {self.share:.2g} of a standard error{where}, with a tolerance of "
+            f"{self.tolerance:.1e} chosen for this comparison"
         )
         if self.is_kept:
             return text
         why = "finer settings take minutes" if self.is_dear else "no tolerance that was tried gave it"
-        return f"{text}; wanted were {ALLOWED_SHARE:g}, but {why}"
+        return f"{text}; the aim was {ALLOWED_SHARE:g}, but {why}"
 
     def beside(self, rows: Iterable[Row], predictions: Mapping[str, RegionPrediction]) -> "NumericalAccuracy":
         """Return this beside the rows of a comparison that was made with its settings."""

@@ -241,8 +241,7 @@ def _remark(moves: Sequence[InputMove], p_value: float, exact: Sequence[str]) ->
 def _not_to_be_named(exact: Sequence[str]) -> str:
     if not exact:
         return "; look at what the run shows of itself"
-    verb = "is" if len(exact) == 1 else "are"
-    return f"; {', '.join(exact)} {verb} stated as exact and cannot be named: give them a std"
+    return f"; not considered, because no uncertainty is given: {', '.join(exact)}"
 
 
 def _told_from(names: Sequence[str]) -> str:
@@ -321,10 +320,10 @@ def _shown(value: float, error: float) -> str:
 
 def unstated_lines(found: Sequence[UnstatedEffect], *, disagrees: bool) -> Iterable[str]:
     """Yield the effects that nobody stated and that could move a number beyond its error, or fit the residuals."""
-    large = [f"{one.effect} ({one.errors:.2g} errors; {one.range})" for one in found if one.errors > 1.0]
+    large = [f"{one.effect} ({one.errors:.2g} standard errors for {one.range})" for one in found if one.errors > 1.0]
     if large:
-        yield f"not stated, and able to move a tested number by more than its error: {', '.join(large)}"
+        yield f"Not stated in the scene file, but able to move a tested number: {', '.join(large)}"
     likely = sorted((one for one in found if one.removes > _EXPLAINS), key=lambda one: -one.removes)
     if disagrees and likely:
         named = ", ".join(f"{one.effect} ({percent(one.removes)} of their chi-square; {one.range})" for one in likely)
-        yield f"effects that nobody stated and that could explain the residuals: {named}"
+        yield f"Effects that are not stated and could explain the residuals: {named}"

@@ -15,6 +15,7 @@ from calibration.radiometric import FreeScale, fit_free_scale
 from model.prediction import RegionPrediction
 from model.processing.agreement import input_jacobian
 from model.sensor import counts_per_radiance
+from rigctl.base.numbers import percent
 from rigctl.comparison.predict_run import one_exposure_s
 from rigctl.errors import ConfigError, DataError
 from rigctl.scene.light import sensor_of
@@ -92,8 +93,9 @@ class Scale:
     @property
     def remark(self) -> str:
         """The scale in a line."""
-        number = f"{self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
-        return f"scale of the counts: {number}" if self.kind != "absolute" else f"scale of the counts, taken: {number}"
+        if self.kind == "absolute":
+            return f"Scale of the counts: from the scene file, known to {percent(self.std_error)} ({self.source})"
+        return f"Scale of the counts: {self.value:.4g} +- {self.std_error:.2g} times the scene file's ({self.source})"
 
 
 def scale_inputs(

@@ -85,9 +85,9 @@ def warn(text: str) -> None:
     _LOG.warning("%s", text)
 
 
-def note(text: str) -> None:
-    """Report a step, such as which files were written; as `warn`, but silent in Python unless its level is shown."""
-    _LOG.info("%s", text)
+def note(text: str, *, below: bool = False) -> None:
+    """Report a step, or below the answer which files were written; silent in Python unless its level is shown."""
+    _LOG.info("%s", text, extra={"below": below})
 
 
 def print_json_list(content: Sequence[Mapping[str, Json]]) -> None:

@@ -56,10 +56,10 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
     ("quantum efficiency", "%", 100.0, "quantum_efficiency", "quantum_efficiency"),
     ("responsivity", "DN/photon", 1.0, None, "responsivity_dn_per_photon"),
     ("read noise", "e-", 1.0, "read_noise_e", "temporal_dark_noise_e"),
-    ("dark noise, 1/12 DN^2 in it", "DN", 1.0, None, "temporal_dark_noise_dn"),
+    ("dark noise with rounding", "DN", 1.0, None, "temporal_dark_noise_dn"),
     ("black level", "DN", 1.0, "black_level_dn", None),
-    ("absolute sensitivity threshold", "e-", 1.0, "threshold_e", "threshold_e"),
-    ("absolute sensitivity threshold", "photons", 1.0, None, "threshold_photons"),
+    ("sensitivity threshold", "e-", 1.0, "threshold_e", "threshold_e"),
+    ("sensitivity threshold", "photons", 1.0, None, "threshold_photons"),
     ("saturation", "e-", 1.0, "saturation_e", "saturation_e"),
     ("saturation", "photons", 1.0, None, "saturation_photons"),
     ("dynamic range", "", 1.0, "dynamic_range", "dynamic_range"),
@@ -106,7 +106,6 @@ _COLUMNS: tuple[Column[CalibrationRow], ...] = (
     Column(title="std error", text=lambda row: row.emva_error, group=_STANDARD),
     Column(title="frames", text=lambda row: row.emva_frames, group=_STANDARD, shown=Shown.PAGE),
     Column(title="unit", text=lambda row: row.unit, left=True),
-    Column(title="frames", text=lambda row: row.frames or row.emva_frames, shown=Shown.TERMINAL),
 )
 _SHEET_COLUMNS: tuple[Column[CalibrationRow], ...] = (
     Column(title="quantity", text=lambda row: row.title, left=True),
@@ -118,8 +117,11 @@ _SHEET_COLUMNS: tuple[Column[CalibrationRow], ...] = (
 
 
 def calibration_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:
-    """Return the numbers of a calibration, the standard's beside the best ones."""
-    return Table(columns=_COLUMNS, rows=tuple(rows))
+    """Return the numbers of a calibration that are known, or bounds, next to those of the standard."""
+    missing = ("", _NOT_KNOWN, _NOT_DETERMINED)
+    return Table(
+        columns=_COLUMNS, rows=tuple(row for row in rows if row.value not in missing or row.emva_value not in missing)
+    )
 
 
 def sheet_table(rows: list[CalibrationRow]) -> Table[CalibrationRow]:

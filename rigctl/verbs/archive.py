@@ -439,5 +439,5 @@ def _over_runs(
         found = run_over_archive(job, tell=tell)
     for text in found.damaged:
         warn(f"{text}; its runs were done again")
-    note(f"table and page: {job.out / 'archive.csv'}, {job.out / 'archive.html'}")
+    note(f"table and page: {job.out / 'archive.csv'}, {job.out / 'archive.html'}", below=True)
     return found

@@ -119,7 +119,7 @@ def compare(
     for comparison in result.comparisons:
         _report(comparison)
     if out is not None:
-        note(f"report: {', '.join(str(Path(out) / name) for name in result.write(Path(out)))}")
+        note(f"report: {', '.join(str(Path(out) / name) for name in result.write(Path(out)))}", below=True)
     return result
 
 
@@ -197,7 +197,7 @@ class ComparisonResult(Result):
             yield row_table(off[:_SHOWN])
             yield from (f"points to {cause}: {ADVICE[cause]}" for cause in found.points_to)
             if found.attribution is not None:
-                yield f"what would explain it: {found.attribution.remark}"
+                yield f"Likely cause among the inputs: {found.attribution.remark}"
         yield from unstated_lines(found.unstated, disagrees=found.agrees is False)
         yield from _of_run(found)
         yield from (f"hardly tested: {weak}" for weak in found.weak)
@@ -296,16 +296,16 @@ def _verdict(found: "Comparison") -> str:
 
     tests = sum(row.agrees is not None for row in found.rows)
     untested = len(found.rows) - tests if found.kind == "closed loop" else 0
-    not_counted = f"; {untested} that stand beside themselves are not counted" if untested else ""
+    not_counted = f"; {untested} that the prediction takes from the run itself are not counted" if untested else ""
     reasons = reservations(found.checks, found.regions)
     reserved = f", with reservations ({reasons})" if reasons else ""
     if found.agrees is None:
         return not_judged(found.checks)
     if found.agrees:
-        return f"model and measurement agree{reserved}: {tests} numbers tested at alpha = {found.alpha:g}{not_counted}"
+        return f"Model and measurement agree{reserved}: {tests} numbers tested at alpha = {found.alpha:g}{not_counted}."
     return (
-        f"model and measurement DISAGREE in {len(found.disagreements)} of {tests} numbers (alpha = {found.alpha:g})"
-        f"{not_counted}"
+        f"Model and measurement DISAGREE in {len(found.disagreements)} of {tests} numbers (alpha = {found.alpha:g})"
+        f"{not_counted}."
     )
 
 

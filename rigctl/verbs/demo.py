@@ -88,7 +88,7 @@ def demo(
     scene, noise = folder / "scene-panels.toml", folder / NOISE
     found = compare_run(folder / RUN, scene=scene, noise=noise, calibrations="none", alpha=alpha)
     compared = ComparisonResult(comparison=found)
-    note(f"report: {', '.join(str(folder / name) for name in compared.write(folder))}")
+    note(f"report: {', '.join(str(folder / name) for name in compared.write(folder))}", below=True)
     return compared
 
 

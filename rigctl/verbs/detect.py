@@ -105,7 +105,7 @@ def detect(
         warn(doubt)
     result = DetectResult(background=background, target=target, found=found)
     if out is not None:
-        note(f"{', '.join(result.write(Path(out)))} in {out}")
+        note(f"written: {', '.join(result.write(Path(out)))} in {out}", below=True)
     return result
 
 

@@ -73,7 +73,7 @@ def _cameras() -> "Iterator[tuple[str, DeviceIdentity]]":
         except DeviceError as error:
             failures.setdefault(str(error), []).append(entry.name)
     for text, names in failures.items():
-        warn(f"cameras of {', '.join(sorted(names))} were not looked for: {text}")
+        warn(f"cameras ({', '.join(sorted(names))}) were not looked for: {text}")
 
 
 @dataclass(frozen=True, kw_only=True)

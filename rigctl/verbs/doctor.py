@@ -104,12 +104,10 @@ class CheckUp(Result):
     def content(self) -> Iterable[Part]:
         """Return what to change, then every finding."""
         changes = self.to_change
-        yield f"{len(changes)} to change, what stops a session first:" if changes else "ready: nothing to change"
+        yield f"{len(changes)} to change, the most important first:" if changes else "Ready: nothing to change."
         yield from (f"  {number}. {one.what}: {one.advice}" for number, one in enumerate(changes, 1))
         for finding in self.findings:
             yield f"{finding.what}: {finding.found}"
-            if finding.advice is not None:
-                yield f"  change: {finding.advice}"
             if finding.hint is not None:
                 yield f"  hint: {finding.hint}"
 

@@ -106,7 +106,7 @@ def effects(
         checked = verify_effects(planned, tell=tell) if verify else None
     found = EffectsResult(plan=planned.plan, checked=checked, remarks=planned.remarks, is_wide=wide)
     if out is not None:
-        note(f"{' and '.join(found.write(Path(out)))} in {out}")
+        note(f"written: {' and '.join(found.write(Path(out)))} in {out}", below=True)
     return found
 
 

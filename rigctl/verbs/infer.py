@@ -111,7 +111,7 @@ def infer(
         )
         result = InferenceResult(inference=found)
         if folder is not None:
-            note(f"posterior: {', '.join(str(folder / name) for name in result.write(folder))}")
+            note(f"posterior: {', '.join(str(folder / name) for name in result.write(folder))}", below=True)
     return result
 
 

@@ -108,7 +108,7 @@ def paper(
         names = (
             "estimators.png" if estimators else "paper.html, statements.csv, statements.json, curves.csv and pictures"
         )
-        note(f"{names} in {out}")
+        note(f"written: {names} in {out}", below=True)
     return found
 
 

@@ -132,14 +132,14 @@ def predict(
     _report(picked, doubts)
     if out is not None:
         with solving_shown():
-            note(f"{', '.join(found.write(Path(out)))} in {out}")
+            note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
     if write_truth is not None:
         from rigctl.prediction.truth_file import write_truth as write
 
         if not isinstance(scene, str | Path):
             raise ConfigError("--write-truth: needs the scene as a file")
         write(Path(scene), Path(write_truth), changes=changes_of(options.get("changes", ())))
-        note(f"truth: {write_truth}")
+        note(f"truth: {write_truth}", below=True)
     return found
 
 
@@ -215,7 +215,7 @@ def sweep(
     )
     _report(picked, doubts)
     if out is not None:
-        note(f"{', '.join(found.write(Path(out)))} in {out}")
+        note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
     return found
 
 

@@ -68,7 +68,7 @@ def sky(
         with solving_shown() as tell:
             found = SkyResult(sky=sky_map(record, engine=engine, tell=tell))
     if out is not None:
-        note(f"{' and '.join(found.write(Path(out)))} in {out}")
+        note(f"written: {' and '.join(found.write(Path(out)))} in {out}", below=True)
     return found
 
 

@@ -205,7 +205,8 @@ class RunContents(Result):
         yield from (f"{title:<14}{text}" for title, text in self._facts())
         yield Table(columns=_group_columns(), rows=self.groups)
         yield from (f"note: {remark} ({frames} frames)" for remark, frames in self.remarks.items())
-        yield from (f"event: {event} ({times} x)" for event, times in self.events.items())
+        if self.events:
+            yield f"events: {', '.join(f'{event} ({times} x)' for event, times in self.events.items())}"
         yield from (annotation.line for annotation in self.annotations)
 
     def _facts(self) -> Iterable[tuple[str, str]]:
@@ -301,7 +302,7 @@ def _group_columns() -> "tuple[Column[FrameGroup], ...]":
     return (
         Column(title="kind", text=lambda group: group.kind, left=True),
         Column(title="angle [deg]", text=lambda group: _number(group.polarizer_angle_target_deg)),
-        Column(title="readback [deg]", text=lambda group: _span(group.polarizer_angle_deg, digits=3)),
+        Column(title="readback [deg]", text=lambda group: _span(group.polarizer_angle_deg, digits=3), unbroken=True),
         Column(title="exposure [s]", text=lambda group: _number(group.exposure_s)),
         Column(title="gain [dB]", text=lambda group: _number(group.gain_db)),
         Column(title="frames", text=lambda group: str(group.frames)),
@@ -429,5 +430,5 @@ def _page(path: Path, page: Path, run: "RunRecord") -> SessionPage:
     doubts = unset_polarizer(path, placeholder=run.session.polarizer.placeholder)
     for doubt in doubts:
         warn(doubt)
-    note(f"page: {page}")
+    note(f"page: {page}", below=True)
     return SessionPage(run=str(path), page=page, history=history, diagnosis=diagnosis, doubts=doubts)

@@ -98,7 +98,7 @@ def stokes(
     for remark in found.remarks:
         warn(remark)
     if out is not None:
-        note(f"{', '.join(found.write(Path(out)))} in {out}")
+        note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
     for refusal in found.refused:
         warn(refusal)
     return found

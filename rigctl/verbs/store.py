@@ -99,7 +99,7 @@ def history(folder: FilePath | None = None, /, *, out: Annotated[FilePath | None
         if not found.histories:
             raise ConfigError(f"--out: {store.folder} holds no noise and no polarizer calibration with a date")
         write_whole(Path(out), found.picture())
-        note(f"history: {out}")
+        note(f"history: {out}", below=True)
     return found
 
 

@@ -96,7 +96,7 @@ def surface(
             raise ConfigError(f"--at {at}: takes one material, {1 + len(more)} are named")
         read = _readings(material, Path(at), wavelength_nm, shadowing=shadowing, diffuse=diffuse)
         if out is not None:
-            note(f"{', '.join(read.write(Path(out)))} in {out}")
+            note(f"written: {', '.join(read.write(Path(out)))} in {out}", below=True)
         return read
     sheets = tuple(
         _sheet(str(one), wavelength_nm, sun_zenith_deg, shadowing=shadowing, diffuse=diffuse)
@@ -104,7 +104,7 @@ def surface(
     )
     found = ManySurfaces(sheets=sheets) if more else SurfaceResult(sheet=sheets[0])
     if out is not None:
-        note(f"{', '.join(found.write(Path(out)))} in {out}")
+        note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
     return found
 
 

@@ -137,7 +137,7 @@ def tradeoff(
             raise ConfigError(f"--acquisition: {error}") from error
         found = AcquisitionResult(found=sessions, is_wide=wide)
     if out is not None:
-        note(f"{', '.join(found.write(Path(out)))} in {out}")
+        note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
     return found
 
 
@@ -353,7 +353,7 @@ def _seconds(found: "Predicted") -> float:
 def _words(choice: "NamedChoice", *, is_better: bool) -> str:
     if is_better:
         return _NO_ERROR_STATED
-    return "no error in this scene" if choice.error == 0.0 else ""
+    return "no error" if choice.error == 0.0 else ""
 
 
 def _error(value: float) -> str:

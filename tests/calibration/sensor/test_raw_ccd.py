@@ -82,7 +82,7 @@ def test_the_headline_is_not_better_than_a_gain_that_bends() -> None:
     assert "bent_photon_transfer" in flags(found)
     headline, *_ = first_lines(found)
     assert "it depends on the level" in headline
-    share = float(headline.removeprefix("trust the gain to ").partition("%")[0]) / 100.0
+    share = float(headline.removeprefix("Trust the gain to ").partition("%")[0]) / 100.0
     # The rise is known to a fifth of itself.
     assert 0.045 < share < 0.075
     assert share > 5.0 * found.gain_dn_per_e.std_error / found.gain_dn_per_e.value
@@ -91,7 +91,7 @@ def test_the_headline_is_not_better_than_a_gain_that_bends() -> None:
 def test_the_headline_of_a_line_is_its_error() -> None:
     found = calibrate_noise(bent(0.0), bit_depth=16)
     assert (
-        first_lines(found)[0] == f"trust the gain to {found.gain_dn_per_e.std_error / found.gain_dn_per_e.value:.1%}."
+        first_lines(found)[0] == f"Trust the gain to {found.gain_dn_per_e.std_error / found.gain_dn_per_e.value:.1%}."
     )
 
 

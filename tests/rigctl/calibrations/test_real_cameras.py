@@ -184,7 +184,7 @@ def test_the_unit_is_named_and_no_dark_current_given(as_stated: tuple[dict[str, 
     assert content["dark_current_e_per_s"] is None
     assert content["emva1288"]["dark_current_mean_e_per_s"] is None
     assert content["not_known"]["dark_current_e_per_s"]
-    assert printed.splitlines()[0].startswith("trust the gain to")
+    assert printed.splitlines()[0].startswith("Trust the gain to")
 
 
 def test_the_mislabelled_stack_is_named_and_no_innocent(as_stated: tuple[dict[str, Any], str]) -> None:

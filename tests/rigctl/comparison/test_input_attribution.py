@@ -124,6 +124,6 @@ def test_where_no_input_explains_enough_nobody_is_named():
     move = SimpleNamespace(name="noise.prnu", score=9.0, removes=False, move_std=3.0, indistinguishable_from=())
     text = _remark((move,), 1e-12, ("sensor.f_number", "rig.polarizer_offset_deg"))
     assert text == (
-        "none of the stated inputs; sensor.f_number, rig.polarizer_offset_deg are stated as exact and cannot be named: "
-        "give them a std"
+        "none of the stated inputs; not considered, because no uncertainty is given: "
+        "sensor.f_number, rig.polarizer_offset_deg"
     )

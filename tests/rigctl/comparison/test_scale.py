@@ -176,7 +176,7 @@ def test_compare_says_its_scale(tmp_path: Path) -> None:
     said = compared_json(found)["scale"]
     assert said["kind"] == "free"
     assert said["value"] == pytest.approx(1.12, rel=1e-3)
-    assert any(remark.startswith("scale of the counts: 1.12 +- ") for remark in found.remarks)
+    assert any(remark.startswith("Scale of the counts: 1.12 +- ") for remark in found.remarks)
 
 
 def test_a_scale_by_a_panel_needs_its_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -204,4 +204,4 @@ def test_predict_takes_the_panels_scale(tmp_path: Path) -> None:
     for name, region in plain.predictions.items():
         ratio = scaled.predictions[name].quantities["s0"]["mean"] / region.quantities["s0"]["mean"]
         assert ratio == pytest.approx(1.12, rel=2e-3)
-    assert any("scale of the counts: 1.1" in remark for remark in scaled.remarks)
+    assert any("Scale of the counts: 1.1" in remark for remark in scaled.remarks)
