@@ -33,10 +33,10 @@ Out: TypeAlias = Annotated[FilePath, Writes(kind="folder", names=_FILES)]
 
 
 def index(root: Root, /) -> "IndexUpdate":
-    """Make or update the index, ROOT/.rigctl-index.sqlite: of each run time, sun, devices, state, verdict, regions.
+    """Make or update the index of an archive: time, sun, devices, state, verdict and regions of each run.
 
-    Run folders remain the truth, and are not changed: the index can be removed and made anew. Only runs that changed
-    are read again. Verdicts and regions come from the comparison.json files below ROOT, the newest of a run.
+    The index is the file ROOT/.rigctl-index.sqlite; it can be removed and made again. Run folders are not changed. Only
+    runs that changed are read again. Verdicts and regions come from the newest comparison.json of each run below ROOT.
 
     Example: rigctl archive index runs
 
@@ -80,11 +80,11 @@ class IndexUpdate(Result):
 
 
 def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
-    """Print the runs and regions of which an expression holds.
+    """Print the runs and regions that fulfil a condition.
 
-    The expression is a condition of SQL, such as column < number, column = 'text', joined by and, or, not, brackets.
-    The documentation lists the columns. No condition on a region or a verdict holds of a run that was never
-    compared.
+    The condition is an SQL expression: comparisons such as column < number or column = 'text', joined by and, or, not
+    and brackets. docs/how-to/archives.md lists the columns. A run that was never compared has no regions and no
+    verdict, and fulfils no condition on them.
 
     Example: rigctl archive find runs "sun_zenith < 40 and region = 'asphalt' and verdict = 'disagree'"
 
@@ -93,9 +93,9 @@ def find(root: Root, expression: str, /, *, csv: bool = False) -> "FoundRows":
     root : path
         Folder with runs at any depth below it.
     expression : str
-        Condition of SQL on the columns of the index; nothing but reading is allowed.
+        SQL condition on the columns of the index.
     csv : bool
-        Answer in CSV, all columns.
+        Print CSV with all columns.
 
     Returns
     -------
@@ -149,10 +149,10 @@ class FoundRows(Result):
 
 
 def health(root: Root, /) -> "RigHealth":
-    """Print how the rig fared from run to run: stage, lost frames, dark level, gain, axis, clock; what changed when.
+    """Print how the rig changed from run to run: stage, lost frames, dark level, gain, axis and clock.
 
-    The runs themselves are read, not the index; of each one dark frame is opened. A number far off those of the other
-    runs of its device is named.
+    The command reads the runs, not the index, and opens one dark frame of each. Numbers far from those of other runs of
+    the same device are listed.
 
     Example: rigctl archive health runs
 
@@ -240,12 +240,13 @@ def compare(
     full: bool = False,
     **options: Unpack[ManyCompared],
 ) -> Result:
-    """Compare every run that matches with the model, as `rigctl compare` does one; write one table and one page.
+    """Compare every selected run with the model, like `rigctl compare`; write one table and one page.
 
-    Each run has its own sun and its comparison.json in DIR/runs/RUN; with DIR below ROOT the index has the verdicts.
-    A run that is damaged or unfit is a row with its reason. Ctrl-C stops (exit 75); the same command goes on.
+    Each run has its own sun, and its comparison.json in OUT/runs/RUN. If OUT is below ROOT, the index gets the
+    verdicts. A run that is damaged or unfit is a row with its reason. Ctrl-C stops (exit code 75), and the same command
+    continues.
 
-    Exit: 0 all agree; 5 a run disagrees; 4 none does, and a run is unfit or cannot be judged; 75 stopped.
+    Exit codes: 0 all agree, 5 a run disagrees, 4 none disagrees but a run is unfit or cannot be judged, 75 stopped.
 
     Example: rigctl archive compare runs --scene scene.toml --where "sun_zenith < 60" --out runs/compared
 
@@ -254,13 +255,13 @@ def compare(
     root : path
         Folder with runs at any depth below it.
     out : path
-        Folder for table and page, and for what is done so far.
+        Folder for table, page and finished runs.
     scene : path
         Scene file.
     regions : path
         Regions file.
     full : bool
-        Also write, to DIR/runs/RUN, all that the command of a single run writes.
+        Also write to OUT/runs/RUN all files that the command for a single run writes.
     **options
         As of a single run, and which runs, see `ManyCompared`.
 
@@ -284,12 +285,12 @@ def compare(
 def stokes(
     root: Root, /, *, out: Out, regions: FilePath | None = None, full: bool = False, **options: Unpack[ManyMeasured]
 ) -> Result:
-    """Measure every run that matches, as `rigctl stokes` does one: DoLP and AoLP of the regions, soundness.
+    """Measure every selected run, like `rigctl stokes`: DoLP and AoLP of the regions, soundness.
 
-    Images are written with --full only. A run that is damaged is a row with its reason. Ctrl-C stops (exit 75); the
-    same command goes on, and does no run twice that did not change.
+    Images are written only with --full. A damaged run is a row with its reason. Ctrl-C stops (exit code 75), and the
+    same command continues; runs that did not change are not measured twice.
 
-    Exit: 0 all sound; 4 a run is refused or unfit; 75 stopped.
+    Exit codes: 0 all sound, 4 a run is refused or unfit, 75 stopped.
 
     Example: rigctl archive stokes runs --regions regions.toml --out runs/measured
 
@@ -298,11 +299,11 @@ def stokes(
     root : path
         Folder with runs at any depth below it.
     out : path
-        Folder for table and page, and for what is done so far.
+        Folder for table, page and finished runs.
     regions : path
         Regions file.
     full : bool
-        Also write, to DIR/runs/RUN, all that the command of a single run writes.
+        Also write to OUT/runs/RUN all files that the command for a single run writes.
     **options
         As of a single run, and which runs, see `ManyMeasured`.
 
@@ -321,12 +322,12 @@ def stokes(
 
 
 def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
-    """Check every checksum of every run that matches, as `rigctl verify` does of one.
+    """Check every checksum of every selected run, like `rigctl verify`.
 
-    A run is checked again if its journals, or sizes and times of its frames, have changed since; for all of them name
-    another DIR.
+    A run is checked again only if its journals, or sizes or times of its frames, have changed. To check all runs again,
+    give another folder as --out.
 
-    Exit: 0 all whole; 4 a run is damaged; 75 none is, and one is unfinished, or the check was stopped.
+    Exit codes: 0 all complete, 4 a run is damaged, 75 a run is unfinished or the check was stopped.
 
     Example: rigctl archive verify runs --out checked --workers 2
 
@@ -335,7 +336,7 @@ def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
     root : path
         Folder with runs at any depth below it.
     out : path
-        Folder for table and page, and for what is done so far.
+        Folder for table, page and finished runs.
     **options
         Which runs, see `ManyRuns`.
 
@@ -362,14 +363,13 @@ def recalibrate(
     full: bool = False,
     **options: Unpack[ManyMeasured],
 ) -> Result:
-    """Measure every run that matches anew, with the calibrations that are named or that the store holds today.
+    """Measure every selected run again, with other calibrations or those that the store has today.
 
-    Next to each number stands what the run gives by itself: with the axis of its rig file and no calibration. Polarizer
-    angles are computed again from the stage's by the axis of the polarizer calibration; throughput, flat field,
-    registration and dark level are used as in `rigctl stokes`. The runs stay as they are; DIR/runs/RUN/stokes.json has
-    the new numbers and the hashes of the calibrations.
+    The table has each number twice: with the new calibrations, and without calibration and with the axis of the run's
+    rig file. Polarizer angles are computed again from the stage angles with the calibrated axis. The runs are not
+    changed; OUT/runs/RUN/stokes.json has the new numbers and the hashes of the calibrations.
 
-    Exit: 0 all sound; 4 a run is refused or unfit; 75 stopped.
+    Exit codes: 0 all sound, 4 a run is refused or unfit, 75 stopped.
 
     Example: rigctl archive recalibrate runs --regions regions.toml --polarizer polarizer.json --out recalibrated
 
@@ -378,13 +378,13 @@ def recalibrate(
     root : path
         Folder with runs at any depth below it.
     out : path
-        Folder for table and page, and for what is done so far.
+        Folder for table, page and finished runs.
     regions : path
         Regions file.
     scene : path
         Scene file, for its regions.
     full : bool
-        Also write, to DIR/runs/RUN, all that the command of a single run writes.
+        Also write to OUT/runs/RUN all files that the command for a single run writes.
     **options
         As of a single run, and which runs, see `ManyMeasured`.
 

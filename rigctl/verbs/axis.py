@@ -51,8 +51,8 @@ def axis(
     either sense: give two that are not at 90 deg to each other, or one that is not along or across the axis of the
     stage's zero, with --expect-offset-deg. Angles are counter-clockwise from horizontal as the camera sees the scene.
 
-    A polarizer that is warped or tilted has another axis at each place: --regions gives each region its own numbers,
-    --maps each block of the picture. --report makes a page of it.
+    The axis of a warped or tilted polarizer differs from place to place: --regions gives each region its own numbers,
+    --maps each block of the picture.
 
     Example: rigctl calibrate axis runs/ref0 runs/ref30 --reference-deg 0 --reference-deg 30 --out polarizer.json
 
@@ -63,31 +63,31 @@ def axis(
     reference_deg : sequence of float
         Direction of the fixed reference of each run [deg]. Repeatable.
     generator : path
-        Angles of a turning generator: TOML or CSV.
+        File with the angles of the generator: TOML or CSV.
     dolp : float
-        DoLP of reference or generator, above 0 up to 1; gives the extinction.
+        DoLP of reference or generator, above 0 up to 1; needed for the extinction ratio.
     dolp_std : float
-        Its standard uncertainty.
+        Standard uncertainty of the DoLP.
     axis_std_deg : float
         Standard uncertainty of the direction [deg].
     expect_offset_deg : float
-        Offset as a mark on the mount says it, roughly [deg].
+        Rough offset, for instance from a mark on the mount [deg].
     expect_std_deg : float
-        How well the mark says it [deg].
+        Standard uncertainty of this rough offset [deg].
     regions : path or sequence of Region
-        Regions file: the first region gives the result, and each has numbers of its own.
+        Regions file: each region gets its own numbers; the first gives the result.
     out : path
-        Calibration file to write, such as polarizer.json. Python may leave it out.
+        Calibration file to write, such as polarizer.json. Optional in Python.
     maps : path
-        Maps over the picture (.npz); with --generator.
+        File for maps over the picture (.npz); needs --generator.
     block : int
         Side of a block of the maps [pixel].
     report : path
-        Page with curves, harmonics and maps (HTML).
+        Report with curves, harmonics and maps to write (HTML).
     valid_days : float
-        For how long it holds; 180 days unless given.
+        Validity [days]; default: 180.
     write : path
-        Rig file that sense, offset and extinction are written into too.
+        Rig file to update with sense, offset and extinction.
     **frames
         See `RunOptions`.
 

@@ -46,10 +46,10 @@ def bundle(
     frames: Annotated[int, Parameter(validator=Number(gte=0))] = 3,
     trace: FilePath | None = None,
 ) -> "Bundle":
-    """Pack log, versions, check-up and a few frames of a run into one file, without secrets, for a report of a fault.
+    """Pack log, versions, check-up and a few frames of a run into one file for a bug report, without secrets.
 
-    Addresses on the web, [notify], commands of monitors, tokens and passwords, e-mail addresses, users and the name of
-    this machine are left out. Comments, notes, serial numbers and the site stay: read it before you pass it on.
+    Web addresses, [notify], commands of monitors, tokens, passwords, e-mail addresses, user names and the name of this
+    machine are left out. Comments, notes, serial numbers and the site stay: read the file before you send it.
 
     Example: rigctl bundle runs/2026-05-04 --out fault.zip --frames 5
 
@@ -58,11 +58,11 @@ def bundle(
     run : path or Run
         Run folder; it may be unfinished or damaged.
     out : path
-        File to make (.zip); it is complete, or not there at all.
+        File to write (.zip).
     frames : int
-        Frames to pack, spread over the run.
+        Number of frames to pack, spread over the run.
     trace : path
-        What `rigctl acquire --trace` wrote, to be packed too.
+        Trace file to pack, written by `rigctl acquire --trace`.
 
     Returns
     -------

@@ -72,26 +72,27 @@ def noise(
     max_frame_mb: MaxFrameMb = MOST_FRAME_MB,
     **frames: Unpack[RunOptions],
 ) -> "NoiseResult":
-    """Find gain, read noise, dark current, black level, saturation, PRNU and DSNU, each with its standard error.
+    """Measure gain, read noise, dark current, black level, saturation, PRNU and DSNU of a sensor.
 
-    Take two flats and two darks at each of some ten exposures up to saturation, and a stack of 16 of each at one of
-    them. Frames that make every number wrong are refused by name (exit code 4), and no file is written.
+    Take at least two flats and two darks at each of ten exposures up to saturation, and a stack of 16 flats and 16
+    darks at one of them. Unfit frames are refused with the reason (exit code 4), and no file is written.
 
-    The names of a folder's images say what they are (dark_10ms_001.png, flat/10ms/001.fits); a table says it of any
-    (columns file, kind, exposure_ms, photons, level). Both need --bit-depth.
+    Images may come from a run, an EMVA 1288 data set, a folder or a table. In a folder, names say what each image is
+    (dark_10ms_001.png, flat/10ms/001.fits); in a table, the columns file, kind, exposure_ms, photons, level. Both need
+    --bit-depth.
 
-    Exposures are read in nanoseconds from a descriptor, milliseconds from a table, seconds from a header, and in the
-    unit that follows them in a name; --exposure-unit states another, and the unit of exp000522 in a name.
+    Exposures are in nanoseconds in a descriptor, milliseconds in a table, seconds in a header, and in the unit that
+    follows them in a name. --exposure-unit overrides this, and gives the unit for names such as exp000522.
 
-    Flats without dark frames give gain, linearity and saturation where the black level is known: stated by
-    --black-level-dn, from --overscan, or as a run records it. Read noise and dark current are then not determined.
+    Without dark frames, flats give gain, linearity and saturation if the black level is known (--black-level-dn,
+    --overscan, or recorded in the run). Read noise and dark current then stay undetermined.
 
     Example: rigctl calibrate noise --run runs/noise --out noise.json --report noise.html
 
     Parameters
     ----------
     out : path
-        Calibration file to write, such as noise.json. Python may leave it out.
+        Calibration file to write, such as noise.json. Optional in Python.
     run : path or Run
         Run folder with dark and flat frames.
     emva : path
@@ -99,27 +100,27 @@ def noise(
     folder : path
         Folder of PNG, TIFF, FITS or RAW images.
     table : path
-        Table of images as CSV: file, kind, exposure_ms, ...
+        CSV table of images: file, kind, exposure_ms, ...
     bit_depth : int
         Bits per sample of a folder's images.
     plane : str
-        Colour of RAW files, such as green.
+        Colour to take from RAW files, such as green.
     exposure_unit : {"ns", "us", "ms", "s"}
-        Unit of stated exposures, where it is not the usual one.
+        Unit of the exposures, if not the usual one.
     black_level_dn : float
-        Counts without light [DN], where there are no dark frames.
+        Counts without light [DN], if there are no dark frames.
     black_level_error_dn : float
-        Standard error of the black level [DN]; 0.5 unless given.
+        Standard error of the black level [DN]; default: 0.5.
     overscan : str
-        Strip of pixels without light as X,Y,WIDTH,HEIGHT: its mean is the black level.
+        Strip of pixels without light, X,Y,WIDTH,HEIGHT; its mean is the black level.
     plot : path
-        Draw the photon-transfer curve (PNG).
+        Picture of the photon-transfer curve to write (PNG).
     report : path
-        Write a page with curves and maps (HTML).
+        Report with curves and maps to write (HTML).
     defects : path
-        Write the map of defect pixels (PNG).
+        Map of defect pixels to write (PNG).
     max_frame_mb : int
-        Refuse a picture of more MB of samples before memory is taken for it.
+        Largest picture that is read [MB of samples].
     **frames
         See `RunOptions`.
 
@@ -395,10 +396,10 @@ def flat(
     valid_days: ValidDays = None,
     **frames: Unpack[RunOptions],
 ) -> "FlatResult":
-    """Measure flat fields, one for each polarizer angle, each pixel with its error, from frames of even light.
+    """Measure a flat field for each polarizer angle from frames of even light.
 
-    `rigctl stokes --flat FILE` and `rigctl compare --flat FILE` divide by them. Dividing adds the noise of the flats as
-    a pattern that differs from angle to angle: it is stated, and goes into predictions; take many bright frames.
+    `rigctl stokes --flat FILE` and `rigctl compare --flat FILE` divide by the flat fields. Dividing adds the noise of
+    the flats as a fixed pattern; the command prints its size, and predictions include it. Take many bright frames.
 
     Example: rigctl calibrate flat runs/flats --out flat.npz
 
@@ -407,9 +408,9 @@ def flat(
     run : path or Run
         Run folder with flat frames at each angle, and darks.
     out : path
-        File to write, such as flat.npz. Python may leave it out.
+        File to write, such as flat.npz. Optional in Python.
     valid_days : float
-        For how long it holds; 30 days unless given.
+        Validity [days]; default: 30.
     **frames
         See `RunOptions`.
 
@@ -484,23 +485,23 @@ def lens(
     square_mm: Annotated[float, Parameter(validator=validators.Number(gte=0.001))],
     out: Annotated[FilePath | None, Writes(), Parameter(required=True)] = None,
 ) -> "LensResult":
-    """Find focal length, principal point and distortion of a lens from pictures of a chessboard, each with its error.
+    """Measure focal length, principal point and distortion of a lens from pictures of a chessboard.
 
-    Ten pictures or more, the board over all of the field and tilted by 20 to 40 deg in different directions, at the
-    focus of use. `rigctl calibrate pointing` takes the file.
+    Take ten pictures or more at the focus of use. Move the board over the whole field, and tilt it by 20 to 40 deg in
+    different directions. `rigctl calibrate pointing` uses the file.
 
     Example: rigctl calibrate lens board-01.png board-02.png board-03.png --board 9x6 --square-mm 25 --out lens.json
 
     Parameters
     ----------
     pictures : path
-        Images of the board, tilted differently in each; three or more.
+        Three or more images of the board.
     board : str
-        Inner corners along its sides, such as 9x6.
+        Number of inner corners along the sides, such as 9x6.
     square_mm : float
         Side of a square [mm].
     out : path
-        Calibration file to write, such as lens.json. Python may leave it out.
+        Calibration file to write, such as lens.json. Optional in Python.
 
     Returns
     -------
@@ -573,11 +574,11 @@ def radiometric(
     valid_days: ValidDays = None,
     **frames: Unpack[RunOptions],
 ) -> "RadiometricResult":
-    """Find the counts per unit of radiance, for each polarizer angle and for all, with their errors.
+    """Measure the counts per unit of radiance from a reference panel, for each polarizer angle.
 
-    The radiance of the panel is predicted from its material and the sun of the run (or is given by the scene file as
-    stokes_radiance), with the uncertainties that the scene file states: they are most of the error.
-    `rigctl compare --scale panel --radiometric FILE` uses it.
+    The radiance of the panel is predicted from its material and the sun of the run, or given in the scene file as
+    stokes_radiance. Most of the error comes from the uncertainties in the scene file.
+    `rigctl compare --scale panel --radiometric FILE` uses the file.
 
     Example: rigctl calibrate radiometric runs/panels --panel white_panel --scene scene.toml --out radiometric.json
 
@@ -586,15 +587,15 @@ def radiometric(
     run : path or Run
         Run folder with the panel in its pictures.
     panel : str
-        Region of the scene file that is the panel.
+        Name of the region that is the panel.
     scene : path or SceneFile
-        Scene file: what the panel is made of, and the light.
+        Scene file with the panel's material and the light.
     out : path
-        Calibration file to write, such as radiometric.json. Python may leave it out.
+        Calibration file to write, such as radiometric.json. Optional in Python.
     noise : path
-        Noise calibration of the camera.
+        Noise calibration file of the camera.
     valid_days : float
-        For how long it holds; 90 days unless given.
+        Validity [days]; default: 90.
     **frames
         See `RunOptions`.
 
@@ -675,26 +676,26 @@ def registration(
     force_registration: bool = False,
     **frames: Unpack[RunOptions],
 ) -> "RegistrationResult":
-    """Measure the shift of the picture at each angle, and the circle of a wedged polarizer.
+    """Measure the shift of the picture at each polarizer angle, for instance from a wedged polarizer.
 
     A shift of 0.1 pixel makes a false DoLP of 0.003 on a natural scene, and up to 0.05 at edges. With --out the shifts
-    are kept, and `rigctl stokes --register FILE` and `rigctl compare --register FILE` move frames back by them. Where
-    edges do not lie better on one another for a shift, in tiles that it was not fitted on, it is refused (4).
+    are written to a file, and `rigctl stokes --register FILE` and `rigctl compare --register FILE` undo them. A shift
+    that does not make edges match better, in tiles that it was not fitted on, is refused (exit code 4).
 
     Example: rigctl calibrate registration runs/panels --out walk.json
 
     Parameters
     ----------
     run : path or Run
-        Run folder of a scene with shapes in it.
+        Run folder of a scene with edges.
     cycle : int
-        Repeat of the set of angles, from 0; the first unless given.
+        Cycle to use, counted from 0; default: the first.
     out : path
-        File for --register of stokes and compare, such as walk.json.
+        Calibration file to write, such as walk.json.
     valid_days : float
-        For how long it holds; 180 days unless given.
+        Validity [days]; default: 180.
     force_registration : bool
-        Keep it though the pictures are not plainly shifted.
+        Write the file even if no shift is significant.
     **frames
         See `RunOptions`.
 

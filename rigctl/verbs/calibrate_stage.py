@@ -36,7 +36,7 @@ def stage(
     watch_s: Annotated[float, Parameter(validator=Number(gte=0.1, lte=60.0))] = 1.0,
     band_deg: Annotated[float, Parameter(validator=Number(gte=0.0, lte=5.0))] = 0.01,
 ) -> "StageCalibration":
-    """Visit the session's angles from both sides; measure readback error, backlash and the time until the stage rests.
+    """Measure readback error, backlash and settling time of a rotation stage.
 
     Name the file as `characterisation` under [stage] of the rig file, and every move of a session waits until the stage
     rests. Play between encoder and polarizer does not show in readings.
@@ -48,17 +48,17 @@ def stage(
     rig : path
         Rig file; only its stage is opened.
     session : path
-        Session file whose angles are visited; 0, 45, 90 and 135 degrees unless given.
+        Session file whose angles are visited; default: 0, 45, 90 and 135 deg.
     out : path
-        File to write, for the rig file (.json).
+        File to write (.json).
     plot : path
-        Picture of errors and settling (.png).
+        Picture of errors and settling to write (.png).
     repeats : int
-        Visits of each angle from each side.
+        Number of visits of each angle from each side.
     watch_s : float
-        Time for which each visit is watched [s].
+        Time of observation after each move [s].
     band_deg : float
-        Readings within this band count as rest [deg].
+        Width of the band of readings that counts as rest [deg].
 
     Returns
     -------

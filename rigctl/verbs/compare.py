@@ -61,23 +61,20 @@ def compare(
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES), Parameter(required=True)] = None,
     **options: Unpack[CompareOptions],
 ) -> "ComparisonResult | SeriesResult":
-    """Compare a run with what the model predicts for it; write a report and the numbers.
+    """Compare a run with the model; write a report and give a verdict.
 
-    With a scene file the model predicts the run from the radiance of its regions. With --regions alone it predicts
-    deviations and the law of DoLP from the run's own means. The exit code is 0 where model and measurement agree, 5
-    where they disagree, and 4 where that cannot be judged.
+    With a scene file, the model predicts the run from the description of the scene. With --regions alone, it predicts
+    the noise and the distribution of DoLP from the run's own means. The exit code is 0 if model and measurement agree,
+    5 if they disagree, and 4 if that cannot be judged.
 
-    Several runs of one rig, such as an afternoon, share a scene file; each has its own sun. series.html shows both
-    sides against time and sun, and a folder for each run has its own report. A run of another camera, gain or axis is
-    refused.
+    Several runs of the same rig, such as an afternoon, can be compared with one scene file; each has its own sun. The
+    report series.html then shows both sides against time, and each run has its own report.
 
-    Numerical settings are chosen so that no numerical error is above 0.3 of its row's standard error. Effects of the
-    light are left out where that changes less than half of the tolerance; the report says which the scene calls for.
+    Numbers of the scene file may be uncertain: { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }. Their errors then
+    count in the verdict, and after a disagreement the report says which input would explain it.
 
-    Numbers of the scene file may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }. Errors of the inputs are then
-    shown with those of the measurement, and a disagreement says which input would explain it.
-
-    Calibrations that are not named are picked from the store beside the rig file, if there is one.
+    Numerical settings are chosen so that no numerical error exceeds 0.3 of a standard error. Calibrations that are not
+    given are picked from the store next to the rig file.
 
     Example: rigctl compare runs/panels examples/scene-panels.toml --noise noise.json --out compared
 
@@ -86,13 +83,13 @@ def compare(
     run : path or Run
         Run folder.
     more : path
-        More run folders; a scene file may stand last.
+        More run folders; the scene file may be the last argument.
     scene : path or SceneFile
-        Scene file, if it does not stand last.
+        Scene file, if it is not the last argument.
     regions : path or sequence of Region
-        Regions file: without a scene, or the scene's regions where they are now.
+        Regions file, in place of a scene, or with present outlines of the scene's regions.
     out : path
-        Folder for report and numbers. Python may leave it out: nothing is written then.
+        Folder for report and numbers. Optional in Python.
     **options
         Calibrations, scale and effects, see `CompareOptions`.
 

@@ -32,27 +32,27 @@ def demo(
     gige: bool = False,
     lost: Annotated[float, Parameter(validator=Number(gte=0.0, lt=1.0))] = 0.0,
 ) -> ComparisonResult:
-    """Run the whole job on a simulated rig: session, noise calibration, prediction, comparison, report.
+    """Run the whole job on a simulated rig: session, noise calibration, prediction, comparison and report.
 
-    The simulated truth differs from what the model is told by nothing but noise, so both agree (exit code 0). With
-    --perturb the rig changes after its calibration; they disagree (5), and the report says where that points.
+    Model and measurement agree (exit code 0), because they differ only by noise. With --perturb, the rig changes after
+    its calibration: they disagree (exit code 5), and the report names the likely cause.
 
     Example: rigctl demo --out /tmp/demo --perturb angle-offset
 
     Parameters
     ----------
     out : path
-        Folder to make: example files, runs, noise calibration, prediction, comparison and report.
+        New folder for example files, runs, calibration, prediction and report.
     seed : int
-        Seed of all that is random.
+        Seed of the random numbers.
     perturb : {"gain", "angle-offset", "angle-sense", "extinction"}
-        Change the rig between calibration and run.
+        Change to the rig between calibration and session.
     alpha : float
-        Chance of any false disagreement.
+        Probability of any false disagreement.
     gige : bool
-        Send pictures as GigE Vision packets over this machine's network (needs libaravis).
+        Send the pictures as GigE Vision packets (needs libaravis).
     lost : float
-        With --gige: share of packets that are lost.
+        With --gige: share of packets that are lost, 0 to 1.
 
     Returns
     -------

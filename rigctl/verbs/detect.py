@@ -40,10 +40,11 @@ def detect(
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES), Parameter(required=True)] = None,
     **frames: Unpack[RunOptions],
 ) -> "DetectResult":
-    """Run the RX detector on the Stokes parameters of a run's first cycle.
+    """Detect a target against a background by its Stokes parameters, with the RX detector.
 
-    Writes the map of D, the measured ROC of the target's pixels with its 95 % band, and the ROC that the exact law
-    predicts, from the scene file or from the regions' own moments.
+    Uses the first cycle of the run. Writes the map of the detection statistic D, the measured ROC of the target's
+    pixels with its 95 % band, and the predicted ROC, from the scene file or from the regions' own means and
+    covariances.
 
     Example: rigctl detect runs/panels --background asphalt --target black_panel --out rx
     --regions examples/regions.toml
@@ -53,17 +54,17 @@ def detect(
     run : path or Run
         Run folder.
     background : str
-        Region that gives mean and covariance.
+        Region that gives mean and covariance of the background.
     target : str
-        Region that is to be detected.
+        Region to detect.
     regions : path or sequence of Region
         Regions file.
     scene : path or SceneFile
-        Scene file: predicts from it; holds the regions too.
+        Scene file to predict the ROC from; it also has the regions.
     noise : path
-        Noise calibration, for a scene.
+        Noise calibration file, for the prediction from a scene.
     out : path
-        Folder for map, curves and numbers. Python may leave it out: nothing is written then.
+        Folder for map, curves and numbers. Optional in Python.
     **frames
         See `RunOptions`.
 

@@ -21,19 +21,19 @@ _CAMERA_FINDERS = "rigctl.camera_finders"
 
 
 def devices(*, probe: bool = False, port: Sequence[str] = ()) -> "FoundDevices":
-    """List ports, stages and cameras, and print for each what a rig file needs.
+    """List ports, stages and cameras, with the lines that a rig file needs for each.
 
-    Nothing moves and no setting is changed. Only ports with the USB id of a supported stage are asked, unless --probe.
-    Cameras are looked for by the finders of all installed drivers, plug-ins' too; not with --port.
+    Nothing moves and no setting is changed. Without --probe, the command talks only to ports with the USB id of a
+    supported stage. Cameras are found by all installed drivers, including plug-ins.
 
     Example: rigctl devices --probe --port /tmp/stage
 
     Parameters
     ----------
     probe : bool
-        Ask on every port, also where it may disturb a foreign device.
+        Talk to every port; this may disturb devices of other kinds.
     port : sequence of str
-        Look at these ports only, and for no camera. A port may be a pseudo-terminal.
+        Check only this port, and no cameras. It may be a pseudo-terminal. Repeatable.
 
     Returns
     -------

@@ -37,10 +37,10 @@ def doctor(
     frames: Annotated[int, Parameter(validator=Number(gte=1))] = 20,
     try_notices: bool = False,
 ) -> "CheckUp":
-    """Check network, disk, clock and, with a rig file, its devices; each line says what to change.
+    """Check network, disk, clock and, with a rig file, its devices, and say what to change.
 
-    The stage is asked for its position and not moved. Without a session file the disk is held against 60 frames a
-    second. Exit code 3 if something has to be changed.
+    The stage reports its position and does not move. Without a session file, the disk is checked for 60 frames a
+    second. The exit code is 3 if something has to be changed.
 
     Example: rigctl doctor examples/rig-sim.toml examples/session.toml --folder /data/runs
 
@@ -51,11 +51,11 @@ def doctor(
     session : path
         Session file: compare the disk with what the session needs.
     folder : path
-        Folder where runs will be.
+        Folder for runs, to check its disk.
     frames : int
-        Pictures to take.
+        Number of pictures to take as a test.
     try_notices : bool
-        Send a notice as [notify] of the rig file says, and check nothing else.
+        Only send a test notice, as [notify] of the rig file says.
 
     Returns
     -------

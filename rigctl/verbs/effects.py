@@ -43,15 +43,14 @@ def effects(
     out: Annotated[FilePath | None, Writes(kind="folder", names=("effects.png", "effects.json"))] = None,
     **options: Unpack[EffectOptions],
 ) -> "EffectsResult | RenderingResult":
-    """List the effects of the model, largest first: which act in a scene, are left out or not stated, and why.
+    """List the effects of the model, largest first, and whether each matters in a scene.
 
-    An effect acts, is left out, or is not stated. The size of one that acts is found by leaving it out, that of one
-    that is not stated by adding it at both ends of its usual range. An effect of the light is left out while the sum of
-    the bounds of all that are left out stays within half of the tolerance. Changes are of counts and radiance
-    (relative), of DoLP, S1/S0 and S2/S0 (absolute), of standard deviations and SNR (noise, relative), and of
-    probabilities of detection (P_D, absolute).
+    An effect acts, is left out, or is not stated in the scene file. The size of an effect that acts is found by leaving
+    it out; the size of an effect that is not stated, by adding it at both ends of its usual range. Effects of the light
+    are left out if their bounds together stay within half of the tolerance. Changes of counts, radiance, standard
+    deviations and SNR (noise) are relative; changes of DoLP, S1/S0, S2/S0 and detection probability (P_D) are absolute.
 
-    Of a rig file with [simulation]: the effects that the simulated camera's pictures go through, and the time of each.
+    For a rig file with [simulation], the command lists the effects in the simulated camera's pictures, and their cost.
 
     Example: rigctl effects examples/scene-panels.toml --tolerance 0.02 --verify
 
@@ -62,16 +61,16 @@ def effects(
     file : path
         Scene file, or rig file.
     tolerance : float
-        Of a prediction; effects may take half of it.
+        Tolerance of a prediction; effects that are left out may use half of it.
     verify : bool
-        Evaluate the chain with and without each effect at the settings of the scene: its true change, and its time.
-        Exit code 1 if a bound does not hold.
+        Compute the scene with and without each effect, and show the true change and the time. The exit code is 1 if
+        a bound does not hold.
     noise : path
-        Noise calibration in place of the assumed noise.
+        Noise calibration file, in place of the assumed noise.
     wide : bool
-        Show the bound of every kind of number, its place in the chain and its cost.
+        Also show the bounds for every kind of number, and the cost of each effect.
     out : path
-        Folder for effects.png, a chart of the bounds against the tolerance, and effects.json.
+        Folder for effects.png (chart of the bounds against the tolerance) and effects.json.
     **options
         Which effects are forced, see `EffectOptions`.
 

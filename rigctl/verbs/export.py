@@ -41,9 +41,9 @@ def export(
 ) -> "ExportedRun":
     """Write a run in a format that other programs read; each frame's checksum is verified on the way.
 
-    Frames in csv: the numbers of regions, a row for each cycle, region and quantity. fits: one file with all frames and
-    a table of what is known of each. tiff: a file a frame. hdf5 and zarr: one array. With --of stokes, the Stokes
-    parameters, DoLP and AoLP of every pixel with their errors and mask, as in stokes.fits.
+    csv has the numbers of regions, one row for each cycle, region and quantity. fits has all frames and a table of
+    their metadata in one file, tiff one file per frame, hdf5 and zarr one array. With --of stokes, the Stokes
+    parameters, DoLP and AoLP of every pixel are written with their errors and mask, as in stokes.fits.
 
     Example: rigctl export runs/2026-05-04 --to hdf5 --out panels.h5
 
@@ -58,11 +58,11 @@ def export(
     to : {"csv", "fits", "tiff", "hdf5", "zarr"}
         Format; tiff, hdf5 and zarr need pip install 'rigctl[export]'.
     out : path
-        File or folder to make; it is complete, or not there at all.
+        File or folder to write; after a failure nothing is left.
     of : {"frames", "stokes"}
-        Frames as they were taken, or what is measured of every pixel.
+        Frames as they were taken, or the Stokes parameters of every pixel.
     regions : path or sequence of Region
-        Regions file, for csv; of stokes only pixels of the regions are written.
+        Regions file, for csv; with --of stokes, only pixels of the regions are written.
     **frames
         Calibrations and corrections, for csv and stokes, and which frames are read, see `FrameOptions`.
 

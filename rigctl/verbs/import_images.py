@@ -60,35 +60,34 @@ def import_images(
     stokes: Annotated[FilePath | None, Writes(kind="folder", names=STOKES_FILES)] = None,
     **frames: Unpack[FrameOptions],
 ) -> "ImportedRun":
-    """Make a run out of images that exist, or add images of another kind to such a run.
+    """Make a run from images of other programs, or add images of another kind to such a run.
 
-    Angles are those of the transmission axis, counter-clockwise from horizontal in the picture as shown. Headers and
-    names of files are read; state what they do not say. Where headers have TRIMSEC or DATASEC, pictures are cut to it.
-    RETANG is taken as the angle of a half-wave plate, which turns the axis by twice as much. What is recognised is
-    reported, and noted in every frame. Every file is looked at before anything is written, and all of its frames are
-    in the run, or none.
+    Polarizer angles are those of the transmission axis, counter-clockwise from horizontal in the picture as shown.
+    They, the exposure and the black level are read from headers and file names; give by option what these do not say.
+    Pictures are cut to TRIMSEC or DATASEC. RETANG is read as the angle of a half-wave plate, which turns the axis by
+    twice its angle. The command prints what it recognised. If one file is refused, nothing is written.
 
     Example: rigctl import runs/panels panel_0.png panel_45.png panel_90.png panel_135.png --same-exposure
     --black-level-dn 15 --stokes panels
 
     Example: rigctl import runs/fruits fruits.png --mosaic 90,45,135,0 --black-level-dn 0
 
-    rigctl import runs/corona a.fits b.fits c.fits --angles 0,60,-60 --exposure-key EXPTIME
+    Example: rigctl import runs/corona a.fits b.fits c.fits --angles 0,60,-60 --exposure-key EXPTIME
     --black-level-key OFFSET --bit-depth 16
 
-    rigctl import runs/sky a.dng b.dng c.dng --angles 0,60,-60 --plane green-1 --exposure-key EXPTIME
+    Example: rigctl import runs/sky a.dng b.dng c.dng --angles 0,60,-60 --plane green-1 --exposure-key EXPTIME
     --black-level-key BLACK --bit-depth 12
 
     Parameters
     ----------
     run : path
-        Run folder: new, or imported before.
+        New run folder, or one that was imported before.
     files : sequence of path
         FITS, PNG, TIFF or camera RAW images in the order in which they were taken, folders of them, and arrays in HDF5
         and NetCDF files, as in scan.h5:/entry/data.
     angles : sequence of float, or str
-        Polarizer angle of each file [deg], as in 0,60,-60, or a CSV table with the columns file and angle_deg; else by
-        headers or names.
+        Polarizer angle of each file [deg], such as 0,60,-60, or a CSV table with the columns file and angle_deg;
+        default: from headers or file names.
     angle_key : str
         Header keyword with the angle [deg].
     stage_angles : sequence of float, or str
@@ -97,41 +96,41 @@ def import_images(
     mosaic : sequence of float
         Angles of the 2 x 2 cell at the top left, row by row [deg].
     kind : {"scene", "dark", "flat"}
-        What the camera saw; else by headers or names of files, or scene.
+        Kind of frames; default: from headers or file names, otherwise scene.
     exposure_s : float
         Exposure of every file [s].
     exposure_key : str
-        Header keyword with the exposure [s]; else EXPTIME, where all files have it.
+        Header keyword with the exposure [s]; default: EXPTIME if all files have it.
     same_exposure : bool
-        One exposure for all files, not known how long.
+        All files have the same exposure, of unknown length.
     black_level_dn : float
-        Counts without light [DN as in the files]; else the mean of the overscan, where headers have BIASSEC.
+        Counts without light [DN as in the files]; default: mean of the overscan if headers have BIASSEC.
     black_level_key : str
         Header keyword with the black level [DN].
     black_level_from_darks : bool
-        Dark frames, imported too, give the black level.
+        Take the black level from dark frames that are imported too.
     bit_depth : int
-        Bits of the camera, 1 to 32.
+        Bits per sample of the camera, 1 to 32.
     coadds : int
-        Each file is the sum of so many reads; else by COADDS of the header.
+        Number of reads that each file is the sum of; default: COADDS of the header.
     averaged : int
-        Each file is the mean of so many reads; else by NCOMBINE of the header.
+        Number of reads that each file is the mean of; default: NCOMBINE of the header.
     justified : {"left", "right"}
-        End of a sample at which these bits stand, if the counts do not show it.
+        Position of these bits in a 16-bit sample, if the counts do not show it.
     saturation_dn : float
-        Saturated at and above this [DN as in the files].
+        Count from which a pixel is saturated [DN as in the files].
     missing_dn : float or "none"
-        Value of pixels not received [DN as in the files], or none. NaN and infinite samples are missing anyway.
+        Value of missing pixels [DN as in the files], or none. NaN and infinite values are always missing.
     no_border_search : bool
         Do not look for constant pixels along the edges.
     first_row : {"top", "bottom"}
-        First row in the files. FITS: bottom, unless ROWORDER says.
+        First row in the files; default for FITS: bottom, unless ROWORDER says otherwise.
     plane : {"red", "green-1", "green-2", "blue", "green", "sum", "all"}
-        Colour of colour images and RAW files; of RAW files green-1 stands in the rows of red.
+        Colour to take from colour images and RAW files; green-1 is the green in the rows of red.
     max_frame_mb : int
-        Refuse a picture of more MB of samples before memory is taken for it.
+        Largest picture that is read [MB of samples].
     stokes : path
-        Measure the run at once, as rigctl stokes does, into this folder.
+        Folder for results: also measure the run, as rigctl stokes does.
     **frames
         Calibrations and corrections for that, see `FrameOptions`.
 

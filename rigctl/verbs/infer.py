@@ -34,15 +34,15 @@ def infer(
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
     **options: Unpack[ScaledOptions],
 ) -> "InferenceResult":
-    """Infer uncertain numbers of a scene from one run or several: material, aerosol, pointing, scale.
+    """Infer uncertain numbers of a scene from runs: material, aerosol, pointing, scale.
 
-    The prior is what the scene file says: every number with a std. The answer is the posterior of those of which the
-    runs say something, or of those that are chosen; all others widen it. The model may be wrong by a discrepancy, whose
-    size is inferred too, so that a model that does not fit gives a wide posterior.
+    The prior is the scene file: every number with a std. The answer is the posterior of the numbers that the runs
+    determine better than the prior, or of those given by --input; all other uncertain numbers widen it. The size of a
+    model error (discrepancy) is inferred too, so that a model that does not fit gives a wide posterior.
 
-    With --out, computed points of the model are kept in the folder: after a kill the same command continues from them.
+    With --out, computed points of the model are kept, and an interrupted inference continues from them.
 
-    The exit code is 4 where the chain has not converged, and 5 where even the discrepancy does not explain the runs.
+    The exit code is 4 if the chain has not converged, and 5 if even the discrepancy does not explain the runs.
 
     Example: rigctl infer runs/panels examples/scene-panels-uncertain.toml --noise noise.json --out inferred
 
@@ -51,22 +51,21 @@ def infer(
     run : path or Run
         Run folder.
     more : path
-        More run folders of the same rig; the scene file may stand last.
+        More run folders of the same rig; the scene file may be the last argument.
     scene : path or SceneFile
-        Scene file, if it does not stand last.
+        Scene file, if it is not the last argument.
     inputs : sequence of str
-        Key of a number to infer, such as atmosphere.visibility_km; all that the runs say something of unless given.
-        Repeatable.
+        Key of a number to infer, such as atmosphere.visibility_km; default: all that the runs determine. Repeatable.
     regions : path or sequence of Region
-        Regions file: the scene's regions where they are now.
+        Regions file with the present outlines of the scene's regions.
     discrepancy : float
-        How far the model is expected to be wrong in S1/S0 and S2/S0; five times that in ln S0. 0: it is taken as right.
+        Expected error of the model in S1/S0 and S2/S0, and five times this in ln S0. 0 means a perfect model.
     most_steps : int
-        Longest chain of an ensemble.
+        Largest number of steps of a chain.
     seed : int
-        Of all draws.
+        Seed of the random numbers.
     out : path
-        Folder for numbers, pictures, draws, and the materials that were inferred.
+        Folder for numbers, pictures, draws and inferred materials.
     **options
         Calibrations, scale and effects, see `ScaledOptions`.
 

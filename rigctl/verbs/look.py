@@ -36,8 +36,8 @@ def look(
     """Show S0, DoLP and AoLP maps of a few images, without exposure or black level.
 
     Angles come from the headers or the names of the files (panel_0.png, panel_45deg.png, ...), or are given. Images of
-    one angle are averaged. The maps are uncalibrated: a black level that stays in makes DoLP too small. For numbers,
-    make a run of the images (rigctl import) and measure it (rigctl stokes).
+    one angle are averaged. The maps are not calibrated: the black level is not subtracted, which makes DoLP too small.
+    For numbers, make a run from the images (rigctl import) and measure it (rigctl stokes).
 
     Example: rigctl look panel_0.png panel_45.png panel_90.png panel_135.png
 
@@ -52,13 +52,13 @@ def look(
     mosaic : sequence of float
         Angles of the 2 x 2 cell at the top left, row by row [deg].
     first_row : {"top", "bottom"}
-        First row in the files. FITS: bottom, unless ROWORDER says.
+        First row in the files; default for FITS: bottom, unless ROWORDER says otherwise.
     plane : {"red", "green-1", "green-2", "blue", "green", "sum", "all"}
-        Colour of RAW files; green-1 stands in the rows of red.
+        Colour to take from RAW files; green-1 is the green in the rows of red.
     max_frame_mb : int
-        Refuse a picture of more MB of samples before memory is taken for it.
+        Largest picture that is read [MB of samples].
     out : path
-        Picture of the three maps.
+        Picture to write.
 
     Returns
     -------

@@ -66,11 +66,10 @@ def new(
     elevation_m: float = 0.0,
     no_input: bool = False,
 ) -> "NewFolder":
-    """Write rig, session, noise, flat and axis sessions, scene and regions that run as they are, with a README.
+    """Write the files of a new rig: rig, sessions, scene and regions, ready to run, with a README.
 
-    Without --simulated, --stage and --camera, the command asks which stage and camera there are. Sense and offset of
-    the polarizer are placeholders, and every command says so, until `rigctl calibrate axis ... --write rig.toml` has
-    filled them in.
+    Without --simulated, --stage and --camera, the command asks for stage and camera. Sense and offset of the polarizer
+    are placeholders until `rigctl calibrate axis ... --write rig.toml` writes them; every command reminds you.
 
     Example: rigctl new my-rig --simulated
 
@@ -79,11 +78,11 @@ def new(
     Parameters
     ----------
     folder : path
-        A new folder, or an empty one.
+        New or empty folder.
     simulated : bool
-        Describe a simulated rig.
+        Use a simulated stage and camera.
     stage : str
-        Port of an Elliptec stage, or DRIVER:PORT of another one (rigctl devices).
+        Port of an Elliptec stage, or DRIVER:PORT for other stages (see rigctl devices).
     camera : str
         Address of the camera, such as gige:192.168.0.5 or v4l2:/dev/video0.
     latitude_deg : float
@@ -93,7 +92,7 @@ def new(
     elevation_m : float
         Elevation of the rig above the sea.
     no_input : bool
-        Ask nothing.
+        Never ask; fail if something is missing.
 
     Raises
     ------

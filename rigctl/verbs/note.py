@@ -39,30 +39,30 @@ def note(
     by: str | None = None,
     utc_ns: Annotated[Callable[[], int], Parameter(parse=False)] = time.time_ns,
 ) -> "Noted":
-    """Write a note about a run, or exclude frames from every number, with a reason, a time and a name.
+    """Write a note about a run, or exclude frames from all results, with a reason.
 
-    Notes stand in the log, the page and the reports of the run. They go into annotations.jsonl in the run; frames never
-    change. Every command that makes numbers of frames leaves excluded ones out and says so; --ignore-exclusions takes
-    all.
+    Notes appear in the log, the page and the reports of the run, with time and name. They are kept in annotations.jsonl
+    of the run; frames never change. Every command leaves out excluded frames and says so, unless --ignore-exclusions is
+    given.
 
     Example: rigctl note runs/2026-05-04 "a cloud passed" --at 10:00 --by ann
 
-    rigctl note runs/2026-05-04 --exclude 12,15-18 "a bird" --by ann
+    Example: rigctl note runs/2026-05-04 --exclude 12,15-18 "a bird" --by ann
 
     Parameters
     ----------
     run : path or Run
-        Run folder; it may still be growing.
+        Run folder; the session may still be running.
     text : str
-        The note, or the reason why frames are excluded, in quotes.
+        Note, or reason for excluding frames, in quotes.
     exclude : str
-        Exclude these frames, by the number in the manifest and file name: 12,15-18.
+        Numbers of frames to exclude, such as 12,15-18; file names have them.
     include : str
-        Use these frames again; a reason may be given.
+        Numbers of frames to use again.
     at : str
-        Time of the note: 14:10 (UTC, or with a zone), 2026-05-04T14:10Z; now unless given.
+        Time of the note, such as 14:10 (UTC) or 2026-05-04T14:10Z; default: now.
     by : str
-        Who writes it; the login name unless given.
+        Name of the author; default: the login name.
     utc_ns
         Clock [ns since 1970 UTC].
 

@@ -105,36 +105,37 @@ def extend_help(group: type, *extended: type) -> None:
 
 
 class RunOptions(TypedDict, total=False):
-    """Which frames of a run are read.
+    """Frames of a run to be read.
 
     Parameters
     ----------
     ignore_exclusions : bool
-        Take frames too that people have excluded.
+        Also use frames that were excluded by a note.
     """
 
     ignore_exclusions: bool
 
 
 class FrameOptions(RunOptions, total=False):
-    """Calibrations that frames of a run are processed with; one that is not named is picked from the store.
+    """Calibrations that frames of a run are processed with; the store supplies those that are not given.
 
     Parameters
     ----------
     noise : path or "none"
-        Noise calibration: texture, noise and dark level. none: pick none.
+        Noise calibration file: noise, pattern and dark level of the camera. "none" uses none.
     polarizer : path or "none"
-        Polarizer calibration: divide by each angle's throughput. none: pick none.
+        Polarizer calibration file: divide by the throughput at each angle. "none" uses none.
     flat : path or "none"
-        Flat fields: divide frames by them. none: pick none.
+        Flat-field file: divide frames by the flat fields. "none" uses none.
     register : path or "none"
-        Registration: move frames to lie on one another. none: pick none.
+        Registration file: undo the shift of the picture at each angle. "none" uses none.
     force_registration : bool
-        Move frames even where edges lie no better for it.
+        Undo the shift even if edges do not match better afterwards.
     calibrations : path or "none"
-        Store to pick calibrations from; the folder ``calibrations`` beside the rig file unless given. none: pick none.
+        Folder from which calibrations that are not given are picked; without this option, the folder ``calibrations``
+        next to the rig file. "none" picks none.
     correct : sequence of {"throughput", "dark-level", "shift"}
-        Correct the faults of these names as the run itself shows them.
+        Correct these faults by what the run itself shows.
     """
 
     noise: Annotated[FilePath | None, Parameter(show_default=False)]
@@ -150,16 +151,16 @@ extend_help(FrameOptions, RunOptions)
 
 
 class EffectOptions(TypedDict, total=False):
-    """Which effects act in a prediction.
+    """Effects that act in a prediction.
 
     Parameters
     ----------
     effects : {"safe", "all"}
-        Leave effects out by their bounds within the tolerance (safe, the default), or leave none out (all).
+        Leave out effects whose bounds stay within the tolerance (safe, the default), or leave out none (all).
     switched_on : sequence of str
-        Let the effect of this name act, whatever its bound; rigctl effects lists the names. Repeatable.
+        Effect that must act; rigctl effects lists the names. Repeatable.
     left_out : sequence of str
-        Leave the effect of this name out, whatever its bound. Repeatable.
+        Effect to leave out. Repeatable.
     """
 
     effects: EffectRule | None
@@ -173,10 +174,10 @@ class ScaledOptions(FrameOptions, EffectOptions, total=False):
     Parameters
     ----------
     scale : {"absolute", "panel", "free"}
-        What the counts are scaled by: the scene file (absolute, the default), a radiometric calibration (panel), or a
-        factor that is fitted to the run (free).
+        Source of the scale of the counts: the scene file (absolute, the default), a radiometric calibration (panel),
+        or a factor fitted to the run (free).
     radiometric : path or "none"
-        Radiometric calibration, for scale panel.
+        Radiometric calibration file, for --scale panel.
     """
 
     scale: ScaleKind
@@ -192,7 +193,7 @@ class CompareOptions(ScaledOptions, total=False):
     Parameters
     ----------
     alpha : float
-        Chance of any false disagreement, 0 to 1; 0.001 unless given.
+        Probability of any false disagreement, between 0 and 1; default 0.001.
     """
 
     alpha: float
@@ -202,14 +203,14 @@ extend_help(CompareOptions, ScaledOptions)
 
 
 class EngineOptions(TypedDict, total=False):
-    """Where thousands of items are worked on.
+    """Machines on which many items are processed.
 
     Parameters
     ----------
     scheduler : str
-        Address of a scheduler of dask, tcp://HOST:8786; this machine unless given.
+        Address of a dask scheduler, such as tcp://HOST:8786; default: this machine.
     workers : int
-        Processes on this machine; one for each core unless given.
+        Processes on this machine; default: one per core.
     """
 
     scheduler: str | None
@@ -228,7 +229,7 @@ def engine_of(options: EngineOptions) -> "mapped.Engine":
 
     scheduler, workers = options.get("scheduler"), options.get("workers")
     if scheduler is not None and workers is not None:
-        raise ConfigError("--workers: is of this machine; a scheduler has its own")
+        raise ConfigError("--workers: is for this machine and cannot be combined with --scheduler; give one of them")
     return mapped.Engine(scheduler=scheduler, workers=workers or os.cpu_count() or 1)
 
 
@@ -263,27 +264,27 @@ class PredictOptions(EffectOptions, total=False):
     Parameters
     ----------
     changes : mapping, or sequence of "KEY=VALUE"
-        Numbers in place of those of the file and of the calibrations, by keys such as sun.zenith_deg. Repeatable.
+        KEY=VALUE, such as sun.zenith_deg=40: replaces a number of the scene file or of a calibration. Repeatable.
     noise : path or "none"
-        Noise calibration in place of the assumed noise; picked from the store unless named. none: pick none.
+        Noise calibration file, in place of the assumed noise; default: picked from the store. "none" uses none.
     radiometric : path
-        Radiometric calibration, in place of optics and efficiency.
+        Radiometric calibration file, in place of optics and efficiency of the scene file.
     calibrations : path or "none"
-        Store to pick calibrations from; the folder ``calibrations`` beside the scene file unless given. none: pick
-        none.
+        Folder from which calibrations that are not given are picked; without this option, the folder ``calibrations``
+        next to the scene file. "none" picks none.
     light : {"total", "reflected", "reflected_sun", "reflected_sky", "path"}
-        Predict as if only this part of the light of materials came.
+        Part of the light of materials to be predicted alone.
     engine : {"own", "sasktran2"}
-        Solver of the light of the air: own, or sasktran2 as an independent check.
+        Radiative transfer solver: own, or sasktran2 as an independent check.
     tolerance : float
-        Largest numerical error, 1e-6 to 0.1: absolute in DoLP, s1, s2 and P_D, relative in radiance, counts, deviations
-        and SNR. Settings are chosen and errors estimated; numbers that cannot keep it are listed (docs/accuracy.md).
+        Largest allowed numerical error, 1e-6 to 0.1: absolute in DoLP, s1, s2 and P_D, relative in radiance, counts,
+        deviations and SNR. The program chooses its settings for it and lists numbers that cannot keep it.
     estimated_only : bool
-        With a tolerance: aerosol = spheres too, whose errors are estimated and not promised.
+        With --tolerance: also allow aerosol = "spheres", whose errors are estimated and not guaranteed.
     roc : "TARGET,BACKGROUND"
-        Whole ROC curves of a pair of regions, on Stokes parameters and on intensity.
+        Two regions: ROC curves for telling them apart by Stokes parameters and by intensity.
     snr : {"exact", "first-order", "both"}
-        DoLP SNR that is shown: of the exact law, to first order ([MK14]), or both.
+        Formula of the DoLP SNR: the exact law, first order as in the paper, or both.
     """
 
     changes: Annotated[Changes, Parameter(name="--set")]

@@ -40,10 +40,10 @@ def paper(
     estimators: bool = False,
     out: Annotated[FilePath | None, Writes(kind="folder", names=_FILES)] = None,
 ) -> "PaperResult | EstimatorResult":
-    """Compute the figures of Meng & Kerekes 2014 and judge every sentence of its text about them.
+    """Reproduce the figures of Meng & Kerekes 2014, and judge each statement of the text about them.
 
-    Verdicts: holds, opposite, cannot be seen (all is detected, or their measured points are needed), noise floor,
-    ambiguous (readings of the sentence differ). A statement that does not come out is a result: the exit code is 0.
+    Verdicts are: holds, opposite, cannot be seen (everything is detected, or unpublished data are needed), noise floor,
+    ambiguous (the sentence can be read in several ways). The exit code is 0 whatever the verdicts.
 
     Example: rigctl paper --out paper
 
@@ -52,24 +52,23 @@ def paper(
     Parameters
     ----------
     figures : sequence of int
-        2 or 5 to 15; all unless given. Repeatable.
+        Figure to compute: 2, or 5 to 15; default: all. Repeatable.
     materials : sequence of str
-        library, rough, or a scene file like theirs; the first two unless given. Repeatable.
+        Materials: library, rough, or a scene file. Repeatable.
     snr : {"exact", "first-order"}
-        DoLP SNR that is compared: exact, or first-order as the paper.
+        Formula of the DoLP SNR: exact, or first-order as in the paper.
     height_m : float
-        Height of the camera where the paper states none [m].
+        Height of the camera where the paper gives none [m].
     as_paper : bool
-        Also compute as the authors did, and state the error of that.
+        Also compute with the authors' settings, and state their error.
     search : int
-        Try so many random sets of materials within their uncertainties.
+        Number of random sets of materials to try, within their uncertainties.
     seed : int
-        Of the search.
+        Seed of the random numbers.
     digitised : path
         CSV of points of the paper's figures (figure,panel,label,x,y), drawn over ours.
     estimators : bool
-        Compare estimators of the true DoLP instead: bias and rms error against its signal-to-noise ratio, in units of
-        the deviation of S1/S0 and of S2/S0.
+        Instead, compare estimators of the true DoLP: bias and rms error against the signal-to-noise ratio.
     out : path
         Folder for paper.html, statements.csv and .json, curves.csv, and a picture of each figure; or estimators.png.
 

@@ -53,7 +53,7 @@ def pointing(
     at: str | None = None,
     write: Annotated[FilePath | None, Writes(kind="edited")] = None,
 ) -> "PointingResult":
-    """Find azimuth, zenith angle and roll of the camera and tilt of panels, each with its standard uncertainty.
+    """Determine azimuth, zenith angle and roll of the camera, and the tilt of panels.
 
     Every source that is given counts by its error; one that the others exclude is reported. --write puts the angles
     into the scene file as { value = ..., std = ... }, and how their errors go together into its [pointing], so that a
@@ -71,9 +71,9 @@ def pointing(
     focal_px : str
         Focal length over pixel pitch with its error, without a lens file: "1500 +- 20".
     sun : str
-        Where the sun stands in the picture, pixels right and down: "X,Y".
+        Position of the sun in the picture, pixels right and down: "X,Y".
     compass : str
-        Whereto the camera looks, magnetic, with its error [deg]: "171 +- 2".
+        Magnetic azimuth of the viewing direction with its error [deg]: "171 +- 2".
     declination : str
         Of the compass, east positive, or with a letter: "-11.3 +- 0.3", "11.3 W +- 0.3".
     level : str
@@ -85,13 +85,13 @@ def pointing(
     panel : sequence of str
         A panel and its sides in metres: "white_panel=0.6x0.4". Repeatable.
     outlines : path
-        Scene or regions file with the corners of panels.
+        Scene or regions file with the outlines of the panels.
     pixel_std : float
         Standard uncertainty of each coordinate of sun and corners [pixel].
     at : str
-        When the sun was seen; the middle of the run unless given.
+        Time of the picture with the sun; default: the middle of the run.
     write : path
-        Scene file that the angles are written into.
+        Scene file to update with the angles.
 
     Returns
     -------

@@ -52,13 +52,13 @@ def predict(
     out: Annotated[FilePath | None, Writes(kind="folder", names=_PREDICTED)] = None,
     **options: Unpack[PredictOptions],
 ) -> "Prediction":
-    """Predict each region of a scene by the analytical model: counts, Stokes parameters, DoLP, deviations, SNR.
+    """Predict the regions of a scene by the analytical model: counts, Stokes parameters, DoLP and their noise.
 
-    Regions are given by their radiance, or by material, sun and atmosphere; then the answer also has the parts of the
-    light at the aperture.
+    A region is given by its radiance, or by its material; then the sun and the atmosphere light it, and the answer also
+    lists the parts of the light at the aperture.
 
-    Inputs may be { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }: --uncertainty gives each number its standard
-    uncertainty by all of them, [rig] included, and ranks them (docs/comparison.md).
+    Inputs may be uncertain: { value = 1.2, std = 0.1 } or { range = [1.0, 1.4] }. With --uncertainty, each result has a
+    standard uncertainty, and the inputs are ranked by their share of it.
 
     Example: rigctl predict examples/scene-airborne.toml --tolerance 0.01
 
@@ -70,11 +70,11 @@ def predict(
     scene : path or SceneFile
         Scene file.
     uncertainty : bool
-        Also propagate the stated uncertainties of the inputs to each number.
+        Also propagate the uncertainties of the inputs to each number.
     write_truth : path
-        Also write a scene file of plain radiances, for simulators (.toml).
+        Also write a scene file with the radiances, for simulators (.toml).
     out : path
-        Folder for pictures, tables, JSON: counts behind each angle and the laws of s1, s2 and DoLP ([MK14] Figs 7, 8b).
+        Folder for tables, JSON and pictures: counts at each angle, distributions of s1, s2 and DoLP.
     **options
         Changed numbers, calibrations, effects, tolerance, see `PredictOptions`.
 
@@ -154,7 +154,7 @@ def sweep(
 ) -> "SweepResult":
     """Predict a scene over a range of one of its numbers, or over a grid of several.
 
-    With --tolerance some points are judged; those between them take the plans and errors of these.
+    With --tolerance, settings and errors are determined at some points and used for the points between them.
 
     Example: rigctl sweep examples/scene-airborne.toml sun.zenith_deg=10:80:8 --out sweep
 
@@ -165,12 +165,12 @@ def sweep(
     scene : path or SceneFile
         Scene file.
     ranges : KEY=start:stop:n
-        Any parameter of the scene over a range; a second range makes a grid. Python may give the key alone, such
-        as "sun.zenith_deg", and its values.
+        Key of a number of the scene, with first value, last value and number of values; a second range makes a grid.
+        In Python also the key alone, such as "sun.zenith_deg", followed by its values.
     values : sequence of float
         Values of one key, in the unit that the key ends in (Python only).
     out : path
-        Folder for sweep.csv, sweep.json and a plot, or two maps of a grid; with --roc the curves.
+        Folder for sweep.csv, sweep.json and a plot, or maps of a grid; with --roc also the curves.
     **options
         Changed numbers, calibrations, effects, tolerance, see `PredictOptions`.
 

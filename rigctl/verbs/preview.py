@@ -39,30 +39,30 @@ def preview(
     picture: Annotated[FilePath | None, Writes()] = None,
     frames: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
 ) -> None:
-    """Show what a camera sees, with a number that is largest where the picture is sharpest, until Ctrl-C.
+    """Show the live picture of a camera with its sharpness, for focusing, until Ctrl-C.
 
-    Open the page that is printed in a browser, turn the lens, and stop where the number was best. It is the page of
-    `rigctl serve` at its camera: exposure, gain and zoom can be changed there. Saturated pixels are red. The picture is
-    stretched for the eye: nothing is measured with it, and no stage is needed or moved.
+    Open the printed address in a browser, turn the lens, and stop where the sharpness is largest. Exposure, gain and
+    zoom can be changed on the page. Saturated pixels are red. The contrast is stretched for the eye. No stage is needed
+    or moved.
 
     Example: rigctl preview sim:gc780 --exposure-ms 0.03
 
     Parameters
     ----------
     camera : str
-        Rig file, or a camera's address as it stands in one.
+        Rig file, or address of a camera as in a rig file.
     exposure_ms : float
-        Exposure [ms]; it follows the light unless given.
+        Exposure [ms]; default: it follows the light.
     gain_db : float
         Gain [dB].
     zoom : int
-        Show the middle, so many times larger.
+        Magnification of the middle of the picture.
     listen : str
-        Address and port of the page; 0.0.0.0:8765 lets a telephone in too.
+        Address and port of the page; with 0.0.0.0:8765, other devices such as a phone can open it.
     picture : path
-        JPEG file to write again and again; there is no page then.
+        JPEG file to overwrite with each picture, instead of a page.
     frames : int
-        End after so many pictures.
+        Number of pictures after which to stop.
 
     Raises
     ------

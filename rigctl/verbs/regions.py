@@ -37,9 +37,9 @@ def draw(
     no_browser: bool = False,
     **frames: Unpack[RunOptions],
 ) -> "WrittenRegions":
-    """Draw regions on a picture of a run, in the page of `rigctl serve`, which this machine serves to itself.
+    """Draw regions on a picture of a run, on a page in the browser of this machine.
 
-    Markers of the family 4x4_50 that the picture shows are written down too: `rigctl regions find` follows them.
+    Printed markers (ArUco 4x4_50) in the picture are stored too, for `rigctl regions find`.
 
     Example: rigctl regions draw runs/panels --out regions.toml
 
@@ -50,13 +50,13 @@ def draw(
     out : path
         Regions file to write.
     start : path
-        Begin with the regions of this file.
+        Regions file to start with.
     port : int
-        Port of the page; 0 for any.
+        Port of the page; 0 for any free port.
     minutes : float
-        How long to wait for you.
+        Time after which the command gives up [min].
     no_browser : bool
-        Print the address, do not open a browser.
+        Print the address without opening a browser.
     **frames
         Which frames are read, see `RunOptions`.
 
@@ -95,7 +95,7 @@ def mark(
     dictionary: Dictionary = "4x4_50",
     **frames: Unpack[RunOptions],
 ) -> "WrittenRegions":
-    """Write down where the markers are in the picture that the regions were drawn on.
+    """Add the markers in the picture to a regions file that was drawn on it.
 
     Example: rigctl regions mark runs/noon regions.toml --out regions.toml
 
@@ -134,18 +134,18 @@ def mark(
 
 
 def find(run: RunPath, regions: FilePath, /, *, out: Followed, **frames: Unpack[RunOptions]) -> "FoundRegions":
-    """Find regions again by their markers, after the camera has moved, and write them where they are now.
+    """Find regions again by their markers after the camera has moved, and write the new outlines.
 
-    Each outline grows its left-out border by twice the error that the markers leave.
+    The border that is left out of each region grows by twice the error of the new position.
 
     Example: rigctl regions find runs/evening regions.toml --out regions-evening.toml
 
     Parameters
     ----------
     run : path or Run
-        Run folder of now.
+        Run folder taken after the move.
     regions : path
-        Regions file with the markers as they were.
+        Regions file with markers, drawn before the move.
     out : path
         Regions file to write.
     **frames

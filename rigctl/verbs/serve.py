@@ -44,12 +44,12 @@ def serve(
     new_tokens: bool = False,
     open_page: Annotated[bool, Parameter(name="--open")] = False,
 ) -> "ServedPage":
-    """Serve a page: focus a rig, draw regions, start, hold and stop sessions; or watch a run as it grows.
+    """Serve a page in the browser: operate a rig, draw regions, or watch a run while it is taken.
 
-    Of a rig two addresses are printed: with the one a person may look, with the other act as well. A session runs in a
-    process of its own and goes on without the page; where somebody has to cover the lens it holds, and the page says
-    so. Of a run the page shows frames, maps, curves and events, of a folder the list of its runs: it only reads, in a
-    process of its own, so that it disturbs no session. Ctrl-C ends the page.
+    For a rig, two addresses are printed: one to look only, and one to operate it as well. A session runs in its own
+    process and continues if the page ends. It holds where the lens has to be covered, and the page says so. For a run,
+    the page shows frames, maps, curves and events; for a folder, the list of its runs. Then it only reads and disturbs
+    no session. Ctrl-C ends the page.
 
     Example: rigctl serve examples/rig-sim.toml --sessions examples --runs runs --listen 0.0.0.0:8765
 
@@ -58,19 +58,19 @@ def serve(
     Parameters
     ----------
     what : str
-        Rig file or a camera's address; or a run folder, also one yet to come, or a folder of runs.
+        Rig file, address of a camera, run folder (it need not exist yet) or folder of runs.
     sessions : path
-        With a rig: folder of session files; this folder unless given.
+        With a rig: folder of session files; default: this folder.
     runs : path
-        With a rig: folder of the runs, made where there is none; this folder unless given.
+        With a rig: folder for runs; default: this folder.
     listen : str
-        Address and port of the page; 0.0.0.0:8765 lets a telephone in too.
+        Address and port of the page; with 0.0.0.0:8765, other devices such as a phone can open it.
     certificate : path
-        TLS certificate.
+        File with a TLS certificate, for https.
     key : path
-        Key of the certificate.
+        File with the key of the certificate.
     new_tokens : bool
-        Make new tokens: who has the old addresses is shut out.
+        Make new addresses; the old ones stop working.
     open_page : bool
         Open the page in this machine's browser.
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rigctl.session.plan import SessionPlan
     from rigctl.session.take import Outcome
 
-#: Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
+#: When the lens has to be covered: ask at the terminal, or hold until `rigctl resume`.
 Ask: TypeAlias = Literal["terminal", "hold"]
 
 # Without --all.
@@ -62,9 +62,9 @@ def plan(
     frame: str | None = None,
     all_steps: Annotated[bool, Parameter(name="--all")] = False,
 ) -> "PlannedSession":
-    """Print the steps of a session with times, sun angles, disk and duration; with a scene, what it can give.
+    """Print the steps of a session with times, sun angles, disk space and duration; with a scene, predict each round.
 
-    A scene whose regions are given by materials is lit by the sun of each round.
+    No device is opened. Regions that are given by materials are lit by the sun at the time of each round.
 
     Example: rigctl plan examples/rig-rooftop.toml examples/session-rooftop.toml --at 2026-05-04T10:00Z
 
@@ -75,17 +75,17 @@ def plan(
     session : path
         Session file.
     at : str
-        Begin then, such as 2026-05-04T10:00Z; now unless given.
+        Start time, such as 2026-05-04T10:00Z; default: now.
     until : str
-        Take no frame from then on.
+        End time: no frame is taken after it.
     scene : path
-        Scene file: predict each round.
+        Scene file: also predict each round.
     noise : path
         Noise calibration for the prediction.
     frame : str
-        Size of a real camera's pictures, WIDTHxHEIGHT, for the disk.
+        Picture size of a real camera, WIDTHxHEIGHT, to compute the disk space.
     all_steps : bool
-        Print every step, however many.
+        Print all rounds and steps.
 
     Returns
     -------
@@ -145,10 +145,10 @@ def acquire(
     ask: Ask = "terminal",
     trace: Annotated[FilePath | None, Writes(kind="absent")] = None,
 ) -> "SessionResult":
-    """Take a session: each frame is on the disk, whole, before it counts. `rigctl resume` goes on where it ended.
+    """Take a session into a new run folder; every frame is safely on the disk before the next step.
 
-    Exit codes: 0 finished, 75 stopped before its end by Ctrl-C, a signal or `rigctl stop` (a second Ctrl-C stops at
-    once: 130), 2, 3 and 4 as everywhere.
+    Ctrl-C or `rigctl stop` ends the session after the current frame (exit code 75), and `rigctl resume` continues it. A
+    second Ctrl-C stops at once (exit code 130).
 
     Example: rigctl acquire examples/rig-sim.toml examples/session.toml --out runs/panels
 
@@ -160,37 +160,38 @@ def acquire(
     Parameters
     ----------
     rig : path
-        Rig file: the devices.
+        Rig file: devices and how they are mounted.
     session : path
-        Session file: the frames.
+        Session file: frames to take.
     out : path
-        Run folder to make; it must not exist yet.
+        New run folder.
     dry_run : bool
-        Print what `rigctl plan` prints, or what refuses the session; touch no device.
+        Check the session and print its plan, without opening a device.
     at : str
-        Begin then, such as 2026-05-04T10:00Z; a zone is needed.
+        Start time with a time zone, such as 2026-05-04T10:00Z; default: now.
     until : str
-        Take no frame from then on.
+        End time: no frame is taken after it.
     noise : path or "none"
-        Noise calibration: what noise does to sum rule, drift, DoLP. none: pick none.
+        Noise calibration file, for the expected errors shown during the session. "none" uses none.
     polarizer : path or "none"
-        Polarizer calibration: the rig file has to agree with it. none: pick none.
+        Polarizer calibration file that the rig file must agree with. "none" uses none.
     calibrations : path or "none"
-        Store to pick calibrations from; the folder ``calibrations`` beside the rig file unless given. none: pick none.
+        Folder from which calibrations that are not given are picked; without this option, the folder ``calibrations``
+        next to the rig file. "none" picks none.
     scene : path
         Scene file, for --target-dolp-sigma.
     target_dolp_sigma : float
-        Take as many cycles as bring the error of a pixel's DoLP in --scene to this.
+        Take as many cycles as are needed for this standard error of a pixel's DoLP, predicted from --scene.
     regions : path
-        Regions file: watch these too; they replace those of the session file that have the same names.
+        Regions file: watch these regions too. They replace regions of the same name in the session file.
     clock : str
-        Simulated rig: its clock begins then, and the session does not wait.
+        Simulated rigs only: time at which the clock starts; the session does not wait.
     perturb : {"visibility", "aerosol", "dhr", "tilt", "drift"}
-        Simulated roof: change it against its scene file.
+        Simulated rooftop only: make the scene differ from its scene file.
     ask : {"terminal", "hold"}
-        Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
+        When the lens has to be covered: ask at the terminal, or hold until `rigctl resume`.
     trace : path
-        Text file to make: bytes on the stage's line with their times, settings and frames of the camera.
+        Text file to write: bytes sent to and received from the stage, settings and frames of the camera, with times.
 
     Returns
     -------
@@ -259,7 +260,7 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
     run : path or Run
         Run folder.
     ask : {"terminal", "hold"}
-        Where somebody has to cover the lens: ask at the terminal, or hold until `rigctl resume`.
+        When the lens has to be covered: ask at the terminal, or hold until `rigctl resume`.
 
     Returns
     -------
@@ -296,7 +297,7 @@ def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
 
 
 def hold(run: RunPath, /) -> "Asked":
-    """Ask the session that writes into a run to hold, between two frames. `rigctl resume` goes on.
+    """Hold the session that is writing a run after its current frame. `rigctl resume` continues it.
 
     Example: rigctl hold runs/2026-05-04
 
@@ -314,7 +315,7 @@ def hold(run: RunPath, /) -> "Asked":
 
 
 def stop(run: RunPath, /) -> "Asked":
-    """Ask the session that writes into a run to stop, between two frames. `rigctl resume` goes on.
+    """Stop the session that is writing a run after its current frame. `rigctl resume` continues it.
 
     Example: rigctl stop runs/2026-05-04
 

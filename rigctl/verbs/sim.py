@@ -25,7 +25,7 @@ def stage(
 ) -> None:
     """Serve a simulated rotation stage on a pseudo-terminal until it is stopped (Ctrl-C, or SIGTERM).
 
-    Any program can open the link as a serial port. A wrong address prints all keys that an address can have.
+    Any program can open the link as a serial port. A wrong address prints the allowed keys.
 
     Example: rigctl sim stage "sim:ellx?stall=3&pace=1" --link /tmp/stage --truth /tmp/stage.csv
 
@@ -34,9 +34,9 @@ def stage(
     address : str
         Address of the stage, such as sim:ellx, sim:zaber or sim:apt?stall=3.
     link : path
-        Link to make to the pseudo-terminal.
+        Path of the port to make, such as /tmp/stage.
     truth : path
-        Log of the true angle: simulated time [s], angle [deg].
+        CSV file to write: simulated time [s], true angle [deg].
 
     Raises
     ------
@@ -67,7 +67,7 @@ def camera(
 ) -> None:
     """Serve the camera of a simulated rig as a GigE Vision camera, with its stage, until it is stopped.
 
-    Any GigE Vision program finds it. Turn the polarizer by the stage's port, which is printed.
+    Any GigE Vision program finds it. Turn the polarizer through the printed port of the stage.
 
     Example: rigctl sim camera 127.0.0.1 --lost 0.001
 
@@ -76,9 +76,9 @@ def camera(
     address : str
         Address of this machine, such as 127.0.0.1 or 127.0.0.1?hang=20.
     rig : path
-        Rig file whose scene the camera sees; the rig of the demo unless given.
+        Rig file with the scene that the camera sees; default: the rig of the demo.
     lost : float
-        Share of packets that are not sent.
+        Share of packets that are lost, 0 to 1.
 
     Raises
     ------
@@ -96,8 +96,7 @@ def camera(
 def lens(rig: FilePath, /, *, defocus_mm: float) -> "LensResult":
     """Turn the lens of a simulated camera, also while it runs, to try focusing.
 
-    It changes defocus_mm in the rig file and nothing else there; a simulated camera of that file has it in its next
-    picture.
+    The command changes defocus_mm in the rig file. A running simulated camera uses it from its next picture on.
 
     Example: rigctl sim lens rig-sim.toml --defocus-mm 0.1
 

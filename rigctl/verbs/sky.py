@@ -27,8 +27,8 @@ def sky(
 ) -> "SkyResult":
     """Compute the sky of a scene: S0, S1, S2 and DoLP over the hemisphere, with the sun marked ([MK14] Fig. 2).
 
-    The answer states the tier and its accuracy, the optical depth, and the least known input. Computed skies are kept
-    in the user's cache folder and taken from there again; those of another engine are not.
+    The answer states the method and its accuracy, the optical depth, and the least known input. Computed skies are kept
+    in the user's cache folder.
 
     Example: rigctl sky examples/scene-airborne.toml --out sky
 
@@ -39,9 +39,9 @@ def sky(
     scene : path or SceneFile
         Scene file with [sun], [atmosphere] and the sensor's band.
     engine : {"own", "sasktran2"}
-        Solver of the light of the air: own, or sasktran2 as an independent check.
+        Radiative transfer solver: own, or sasktran2 as an independent check.
     compare_aerosols : bool
-        Compute one kind of aerosol after another, side by side.
+        Compute the sky for each kind of aerosol, side by side.
     out : path
         Folder for sky.png and sky.json, or sky-aerosols.png and sky-aerosols.json.
 

@@ -43,30 +43,30 @@ def status(
     last: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     **frames: Unpack[RunOptions],
 ) -> "SessionStatus | RunContents | SessionLog | SessionPage":
-    """Print where a session stands; ask from any terminal, while it runs and years later.
+    """Print the progress of a session, the contents of a run, or its log, during the session or later.
 
-    Frames, remaining time, counts and saturation by angle; sum rule, drift, and DoLP of the regions of the last cycle,
-    each with the standard deviation that noise predicts if the session was given a calibration (`--noise`).
+    Without an option, it prints frames, remaining time, counts and saturation by angle, sum rule, drift, and the DoLP
+    of regions in the last cycle. If the session had a noise calibration (`--noise`), the expected deviations are next
+    to them.
 
     Example: rigctl status runs/2026-05-04
 
-    rigctl status runs/2026-05-04 --log --only interlock
+    Example: rigctl status runs/2026-05-04 --log --only interlock
 
     Parameters
     ----------
     run : path or Run
         Run folder.
     contents : bool
-        Print what the run holds: frames, angles, exposures, devices, time span and notes.
+        Print the contents: frames, angles, exposures, devices, time span and notes.
     log : bool
-        Print what happened, line by line, with UTC. Readings of monitors, one event for each exposure, are left out
-        unless ``--only "monitor readings"`` asks for them.
+        Print the events with their times (UTC). Monitor readings are shown with ``--only "monitor readings"``.
     page : path
-        Write a page: contact sheet, counts and drift by angle, faults of the frames, sun, events. HTML or PDF.
+        File to write (.html or .pdf): contact sheet, counts and drift by angle, faults, sun, events.
     only : str
-        With --log: events of this name only, such as interlock, round or note.
+        With --log: only events of this name, such as interlock, round or note.
     last : int
-        With --log: the last N of them.
+        With --log: only the last N events.
     **frames
         With --contents and --page: which frames are read, see `RunOptions`.
 

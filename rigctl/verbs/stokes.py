@@ -53,11 +53,11 @@ def stokes(
     wide: bool = False,
     **frames: Unpack[FrameOptions],
 ) -> "StokesResult":
-    """Measure Stokes parameters, DoLP and AoLP of a run, and the numbers of its regions.
+    """Measure Stokes parameters, DoLP and AoLP of every pixel of a run, and of its regions.
 
-    stokes.fits holds S0, S1, S2 after the dark level, in DN, or in DN/s where exposures differ; their errors and
-    covariance, DoLP and AoLP with errors, and a mask. Calibrations that are not named are picked from the store beside
-    the rig file, if there is one (rigctl calibrate list).
+    stokes.fits holds S0, S1 and S2 without the dark level, in DN, or in DN/s if exposures differ, with their errors and
+    covariances, DoLP and AoLP with errors, and a mask. Calibrations that are not given are picked from the store next
+    to the rig file (see rigctl calibrate list).
 
     Example: rigctl stokes runs/panels --regions examples/regions.toml --out stokes
 
@@ -68,9 +68,9 @@ def stokes(
     regions : path or sequence of Region
         Regions file.
     out : path
-        Folder for images, pictures and numbers. Python may leave it out: nothing is written then.
+        Folder for images, pictures and numbers. Optional in Python.
     wide : bool
-        Show every measured number of each region.
+        Print all measured numbers of each region.
     **frames
         Calibrations and corrections, see `FrameOptions`.
 

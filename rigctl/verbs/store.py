@@ -27,7 +27,7 @@ def list_store(
     used_by: Annotated[FilePath | None, Parameter(name="--for")] = None,
     at: str | None = None,
 ) -> "StoreResult":
-    """List the store of calibrations: of which devices, from when, and how long each holds.
+    """List the stored calibrations: for which devices, from when, and how long each is valid.
 
     The store is the folder `calibrations` beside the rig file: whatever `rigctl calibrate` writes there. Where it
     exists, `acquire`, `stokes`, `compare` and `predict` pick from it what is not named.
@@ -37,11 +37,11 @@ def list_store(
     Parameters
     ----------
     folder : path
-        The store, or the rig file that it stands beside; ./calibrations unless given.
+        Store, or rig file next to it; default: ./calibrations.
     used_by : path
-        Which of them this run folder or rig file is given, and why.
+        Run folder or rig file: show which calibrations are picked for it, and why.
     at : str
-        Ages as of this time, with a zone; now unless given.
+        Time for which ages are shown, with a time zone; default: now.
 
     Returns
     -------
@@ -69,16 +69,16 @@ def list_store(
 
 
 def history(folder: FilePath | None = None, /, *, out: Annotated[FilePath | None, Writes()] = None) -> "HistoryResult":
-    """Show how gain, read noise, dark current and axis have moved from calibration to calibration.
+    """Show the changes of gain, read noise, dark current and axis from calibration to calibration.
 
     Example: rigctl calibrate history --out history.png
 
     Parameters
     ----------
     folder : path
-        The store, or the rig file that it stands beside; ./calibrations unless given.
+        Store, or rig file next to it; default: ./calibrations.
     out : path
-        Draw them with control limits (PNG).
+        Picture with control limits to write (PNG).
 
     Returns
     -------

@@ -38,15 +38,14 @@ def study(
     workers: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     tolerance: Annotated[float | None, Parameter(validator=Number(gte=1e-6, lte=0.1))] = None,
 ) -> "StudyResult":
-    """Predict scenes with any of their numbers varied: grids, lists, draws; with Sobol's indices, which input matters.
+    """Predict many cases of a scene: grids, lists or random draws of its numbers, with Sobol sensitivity indices.
 
-    Writes study.zarr, which xarray opens, study.parquet (a row for each case and region), detection.parquet where
-    detection is wanted, and sensitivity.csv, .json, .png of kind sobol.
+    Writes study.zarr (for xarray), study.parquet (a row for each case and region), detection.parquet if detection is
+    requested, and sensitivity.csv, .json and .png for studies of kind sobol.
 
-    Finished cases are kept as they come. Ctrl-C stops (exit 75); the same command goes on, and does nothing twice. A
-    case that fails is a row with its reason. Cases under one sky are computed together, which saves most of their time.
-    With --tolerance the cases of a batch are one series: some are judged, the others follow from those around them, so
-    that numbers depend on the batch by less than the tolerance.
+    Finished cases are kept. Ctrl-C stops (exit code 75), and the same command continues. A case that fails is a row
+    with its reason. Cases under the same sky are computed together, which saves most of the time. With --tolerance,
+    settings are determined for some cases of a batch and used for their neighbours.
 
     Example: rigctl study examples/study-panels.toml --out panels-study --workers 2
 
@@ -57,11 +56,11 @@ def study(
     out : path
         Folder for study.zarr, tables, and the finished cases.
     scheduler : str
-        Scheduler of dask, tcp://HOST:8786; this machine unless given.
+        Address of a dask scheduler, such as tcp://HOST:8786; default: this machine.
     workers : int
-        Processes on this machine; one for each core unless given.
+        Processes on this machine; default: one per core.
     tolerance : float
-        Largest numerical error of every case, 1e-6 to 0.1; the settings of the scene files unless given.
+        Largest numerical error of each case, 1e-6 to 0.1; default: the settings of the scene file.
 
     Returns
     -------

@@ -39,9 +39,7 @@ def surface(
 ) -> "SurfaceResult | SurfaceReadings | ManySurfaces | MaterialList":
     """Print DoLP and reflectance of a material against angle, and the source of each of its values.
 
-    In a scene file, name the material as `material`, and for the diagonal texture of [MK14] eq. (10) give
-    `texture_diagonal = [r0, r1, r2]`, deviations of S0, S1 and S2 as shares of the S0 that the surface reflects
-    (examples/paper/rough.toml has both).
+    A scene file uses such a material by `material = "black-paint"` in a region.
 
     Example: rigctl surface --list
 
@@ -56,7 +54,7 @@ def surface(
     material : str
         Material file, or a name of the library such as black-paint, white-paint or asphalt.
     more : str
-        Further materials, set beside the first: a line each, and one picture with all curves.
+        More materials to compare: one line each, and one picture with all curves.
     listed : bool
         List all materials that come with the program: values, uncertainties, sources, and what is assumed.
     wavelength_nm : float
@@ -64,13 +62,13 @@ def surface(
     sun_zenith_deg : float
         Angle of the sun from the normal, 0 to below 90 [deg].
     shadowing : {"none", "v-cavity", "smith", "smith-correlated"}
-        How facets hide one another.
+        Model of shadowing and masking between facets.
     diffuse : {"lambert", "balance", "coupled", "polarised", "volume"}
-        Form of the diffuse term, in place of the material's own.
+        Model of the diffuse term, in place of the one of the material.
     at : path
-        CSV file of geometries: columns incidence_deg, reflection_deg, azimuth_deg (180 is forward, counted as phi in
-        the conventions) and, where it varies, wavelength_nm. Prints them as CSV with f00_per_sr, s1 and s2 (over S0),
-        dolp of reflected unpolarised light, and their standard uncertainties from those of the material.
+        CSV file of geometries with the columns incidence_deg, reflection_deg, azimuth_deg (180 is forward) and, if it
+        varies, wavelength_nm. They are printed as CSV with f00_per_sr and, for unpolarised incident light, s1 and s2
+        (over S0), dolp and their standard uncertainties.
     out : path
         Folder for surface.png (against angle), hemisphere.png (all directions of the camera) and surface.json; with
         --at for surface.csv and surface.json.

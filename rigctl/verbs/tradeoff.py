@@ -53,11 +53,11 @@ def tradeoff(
     settling_time_ms: float = 0.0,
     out: Annotated[FilePath | None, Writes(kind="folder", names=(*_ACCURACY_FILES, *_ACQUISITION_FILES))] = None,
 ) -> "AccuracyTradeoff | AcquisitionResult":
-    """Say which tolerance is worth having for a scene, and its cost in time; or with --acquisition which session is.
+    """Show which numerical tolerance is worth its time for a scene; with --acquisition, which session is.
 
-    The table sets tolerances next to choices of the paper (midpoint tiles, a sky kept every 10 deg, first-order DoLP,
-    draws for the ROC, one wavelength, single scattering), and your own by --also. Times are measured on this machine,
-    now. True errors are against finer settings of all.
+    The table compares tolerances with fixed choices as in the paper (midpoint tiles, a sky kept every 10 deg,
+    first-order DoLP, random draws for the ROC, one wavelength, single scattering), and with your own (--also). Times
+    are measured on this machine. True errors are differences from the finest settings.
 
     Example: rigctl tradeoff examples/scene-airborne.toml --out tradeoff
 
@@ -68,22 +68,22 @@ def tradeoff(
     scene : path
         Scene file.
     noise : path
-        Noise calibration in place of the assumed noise.
+        Noise calibration file, in place of the assumed noise.
     tolerances : sequence of float
-        Tolerances to show, 1e-5 to 0.1, with commas between them; small ones take longest.
+        Tolerances to show, 1e-5 to 0.1, separated by commas; small ones take longest.
     also : sequence of "KEY=VALUE,..."
-        Own choice of settings to show with the paper's, such as tiles_per_side=3,rule=midpoint. Repeatable.
+        Own choice of settings to show as well, such as tiles_per_side=3,rule=midpoint. Repeatable.
     wide : bool
-        Also show each setting by itself, what each tolerance chooses, and the floor of the uncertain inputs; of
-        sessions all columns.
+        Also show each setting alone, the settings chosen for each tolerance, and the effect of uncertain inputs; with
+        --acquisition, all columns.
     acquisition : bool
-        Trade the session instead: frames, angles and exposure against the error of DoLP.
+        Trade session time instead: frames, angles and exposure against the error of DoLP.
     target_dolp_sigma : float
         With --acquisition: find the shortest session with this error of DoLP.
     p_detection : float
-        With --acquisition: wanted probability of detection.
+        With --acquisition: probability of detection to reach.
     p_false_alarm : float
-        With --acquisition: at this probability of a false alarm.
+        With --acquisition: probability of a false alarm.
     region : str
         With --acquisition: region whose DoLP counts.
     pair : "TARGET,BACKGROUND"
@@ -91,12 +91,12 @@ def tradeoff(
     pixels : int
         With --acquisition: pixels averaged before DoLP is taken.
     drift_percent_per_min : float
-        With --acquisition: drift of the light.
+        With --acquisition: drift of the light [%/min].
     settling_time_ms : float
-        With --acquisition: of the polarizer.
+        With --acquisition: settling time of the polarizer [ms].
     out : path
-        Folder for table, numbers and plots: tradeoff.png answers the question; settings.png has each setting by
-        itself, stages.png where the time goes, digits.png what a digit costs.
+        Folder for table, numbers and plots: tradeoff.png (the answer), settings.png (each setting alone), stages.png
+        (where the time goes), digits.png (cost of a digit).
 
     Returns
     -------

@@ -21,10 +21,9 @@ _MOST_GAPS = 20
 def verify(run: RunPath, /) -> "VerifiedRun":
     """Check every checksum of a run, its manifest against the frames, and the frames against what was planned.
 
-    Ends with 0 if the run is whole: every check holds, and the session has noted its end over these very frames. Ends
-    with 75 if it is unfinished, with 4 if anything is damaged, missing or contradictory; a step of the plan without a
-    frame is named. What a killed session leaves behind (unfinished files, a frame that was never acknowledged) is
-    listed as left over and is not bad.
+    The exit code is 0 if the run is complete, 75 if it is unfinished, and 4 if anything is damaged, missing or
+    contradictory. Planned steps without a frame are listed. Files that an interrupted session left behind are listed as
+    left over; they do no harm.
 
     Example: rigctl verify runs/2026-05-04
 

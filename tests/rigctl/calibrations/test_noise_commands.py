@@ -92,8 +92,8 @@ def test_flats_without_darks_give_the_gain(
     for name, title in (("read_noise_e", "read noise"), ("dark_current_e_per_s", "dark current by mean")):
         assert content[name] is None
         assert "no dark frames" in content["not_known"][name]
-        assert re.search(rf"{title}\W+not determined", shown)
-        assert re.search(rf"{title}\W.{{0,80}}not determined", page.read_text(), re.DOTALL)
+        assert re.search(rf"not determined: .*{title}", shown)
+        assert re.search(rf"not determined: .*{title}", page.read_text())
     with pytest.raises(ConfigError, match=r"read_noise_e \(not determined"):
         noise_numbers(found)
 
