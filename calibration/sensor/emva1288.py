@@ -386,12 +386,12 @@ def _parts(level: LevelStatistics) -> dict[str, tuple[float, float]]:
     """Return the spatial variances of a level by the ending of their name, with standard errors."""
     rows, columns = level.shape
     noise = level.temporal_variance_dn2 / level.n_frames
-    parts = level.pattern
+    of_rows, of_columns, of_pixels = level.pattern_dn2
     return {
         "": (level.spatial_variance_dn2, level.spatial_std_error_dn2),
-        "_row": (parts.row_dn2, (abs(parts.row_dn2) + noise / columns) * float(np.sqrt(2.0 / rows))),
-        "_column": (parts.column_dn2, (abs(parts.column_dn2) + noise / rows) * float(np.sqrt(2.0 / columns))),
-        "_pixel": (parts.pixel_dn2, (abs(parts.pixel_dn2) + noise) * float(np.sqrt(2.0 / (rows * columns)))),
+        "_row": (of_rows, (abs(of_rows) + noise / columns) * float(np.sqrt(2.0 / rows))),
+        "_column": (of_columns, (abs(of_columns) + noise / rows) * float(np.sqrt(2.0 / columns))),
+        "_pixel": (of_pixels, (abs(of_pixels) + noise) * float(np.sqrt(2.0 / (rows * columns)))),
     }
 
 

@@ -578,7 +578,7 @@ def _uneven_light(frames: _Frames) -> Flag | None:
 
 def _correlations(level: LevelStatistics) -> tuple[float, float]:
     """Return the correlation of neighbours across and down, without the part that whole lines share."""
-    of, variance = level.row_column, level.temporal_variance_dn2 or 1.0
+    of, variance = level.shared, level.temporal_variance_dn2 or 1.0
     return of.horizontal - of.row_variance_dn2 / variance, of.vertical - of.column_variance_dn2 / variance
 
 
@@ -586,7 +586,7 @@ def _correlation_of_flats(frames: _Frames) -> tuple[float, float, float]:
     """Return the correlation of neighbours in bright flats across and down, and its error."""
     flats = frames.bright_flats
     across, down = (float(one) for one in np.mean([_correlations(flat) for flat in flats], axis=0))
-    return across, down, float(np.mean([flat.row_column.std_error for flat in flats])) / np.sqrt(len(flats))
+    return across, down, float(np.mean([flat.shared.std_error for flat in flats])) / np.sqrt(len(flats))
 
 
 def _correlated_noise(frames: _Frames) -> Flag | None:
@@ -609,13 +609,13 @@ def _compressed_frames(frames: _Frames) -> Flag | None:
     smoothed = [
         dark
         for dark in darks
-        if max(np.abs(_correlations(dark))) > max(_DARK_CORRELATION, _SIGMA * dark.row_column.std_error)
+        if max(np.abs(_correlations(dark))) > max(_DARK_CORRELATION, _SIGMA * dark.shared.std_error)
     ]
     if not darks or len(smoothed) <= len(darks) // 2:
         return None
     each = np.array([_correlations(dark) for dark in darks])
     across, down = (float(one) for one in np.median(each, axis=0))
-    if _is_of_readout(frames, each, errors=np.array([dark.row_column.std_error for dark in darks])):
+    if _is_of_readout(frames, each, errors=np.array([dark.shared.std_error for dark in darks])):
         factor = float(np.sqrt(max(1.0 + 2.0 * (across + down), 0.0)))
         return _flag("readout_correlation", across=across, down=down, limit=_DARK_CORRELATION, factor=factor)
     return _flag("compressed_frames", refuses=True, across=across, down=down, limit=_DARK_CORRELATION)
@@ -647,8 +647,8 @@ def _lag(frames: _Frames) -> tuple[float, float] | None:
     stacks = [level.lag for level in steady if level.lag is not None]
     if not stacks:
         return None
-    error = float(np.sqrt(np.sum([lag.std_error**2 for lag in stacks]))) / len(stacks)
-    return float(np.mean([lag.share for lag in stacks])), error
+    error = float(np.sqrt(np.sum([error**2 for _, error in stacks]))) / len(stacks)
+    return float(np.mean([share for share, _ in stacks])), error
 
 
 def _frames_go_together(frames: _Frames) -> Flag | None:
@@ -673,11 +673,11 @@ def _colour_mosaic(frames: _Frames) -> Flag | None:
 
 def _line_variances(levels: Sequence[LevelStatistics]) -> FloatArray:
     """Return the variances that rows and columns share, shape (n, 2) [DN^2]."""
-    return np.array([[v.row_column.row_variance_dn2, v.row_column.column_variance_dn2] for v in levels])
+    return np.array([[v.shared.row_variance_dn2, v.shared.column_variance_dn2] for v in levels])
 
 
 def _line_errors(levels: Sequence[LevelStatistics]) -> FloatArray:
-    return np.array([[v.row_column.row_std_error_dn2, v.row_column.column_std_error_dn2] for v in levels])
+    return np.array([[v.shared.row_std_error_dn2, v.shared.column_std_error_dn2] for v in levels])
 
 
 def _row_noise(frames: _Frames) -> Flag | None:

@@ -11,10 +11,11 @@ from scipy.special import chdtri
 
 from calibration.results import Flag
 from calibration.sensor.curves import QUANTISATION_LIMIT_DN2
-from calibration.sensor.levels import LevelPicture, LevelStatistics, Spectrogram, spectral_peak, spectrogram
+from calibration.sensor.levels import LevelPicture, LevelStatistics
 
 # Pixels that are not like the others: in the dark, in the light, or in their noise
 
+FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 # Normal deviations are larger than this once in 5e8.
@@ -126,8 +127,6 @@ def _noise_limit(variance_dn2: SingleArray, n_frames: int) -> float:
 
 # Distribution of the pixels' own deviations, for a logarithmic histogram
 
-FloatArray = NDArray[np.float64]
-
 _BINS = 256
 _SIDE = 5
 
@@ -180,6 +179,68 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
         counts=counts.astype(np.int64),
         normal_counts=np.asarray(density * deviation.size * step * np.ones(len(centres))),
         sigma=sigma,
+    )
+
+# Spectrograms: the fixed pattern by spatial frequency, along rows and along columns
+
+# Rows that are transformed at a time.
+_ROWS_AT_A_TIME = 64
+# Below this frequency a pattern is uneven light rather than periodic.
+_LOWEST_PERIODIC_PER_PIXEL = 0.02
+# Share of the variance that a periodic pattern has at least: this, and what chance gives one of few frequencies.
+_LEAST_SHARE, _CHANCE_SHARE = 0.1, 10.0
+_PEAK_SIGMA = 8.0
+# The power of fewer lines scatters too much.
+_LEAST_LINES = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrogram:
+    """Amplitude of a picture by frequency; independent noise has its own deviation at each frequency."""
+
+    frequency_per_pixel: FloatArray  #: (n,): above 0, up to 0.5 [1/pixel]
+    amplitude: FloatArray  #: (n,): root of the mean power over all lines, in the unit of the picture
+    n_lines: int  #: rows or columns that it is the mean of
+
+    @property
+    def median(self) -> float:
+        """Median of the amplitude, which peaks do not change; 0 for lines of one pixel."""
+        return float(np.median(self.amplitude)) if self.amplitude.size else 0.0
+
+    def peak(self, *, variance: float) -> tuple[float, float] | None:
+        """Return the frequency [1/pixel] with most of a fixed pattern's variance, and its share; None below a tenth.
+
+        Lines of one pattern (columns) have one power for each frequency, exponentially distributed: the largest of 300
+        has 6 times the mean, 2 % of the variance. With few frequencies the limit is higher by so much.
+        """
+        periodic = self.frequency_per_pixel >= _LOWEST_PERIODIC_PER_PIXEL
+        if not periodic.any() or variance <= 0.0 or self.n_lines < _LEAST_LINES:
+            return None
+        n_frequencies, noise = len(self.amplitude), _PEAK_SIGMA * self.median**2 / np.sqrt(self.n_lines)
+        power = np.square(self.amplitude[periodic]) - self.median**2
+        largest = int(np.argmax(power))
+        share = float(power[largest]) / (n_frequencies * variance)
+        if share < _LEAST_SHARE + _CHANCE_SHARE / n_frequencies or power[largest] < noise:
+            return None
+        return float(self.frequency_per_pixel[periodic][largest]), share
+
+
+def spectrogram(picture: SingleArray, *, along: int) -> Spectrogram:
+    """Return the spectrogram of a picture along its rows (1) or columns (0).
+
+    EMVA Standard 1288, Release 4.0 Linear, spectrograms: mean over lines of the squared Fourier amplitude over the
+    length of a line.
+    """
+    lines = picture if along == 1 else picture.T
+    mean, size = float(picture.mean(dtype=np.float64)), lines.shape[1]
+    power = np.zeros(size // 2 + 1)
+    for start in range(0, lines.shape[0], _ROWS_AT_A_TIME):
+        block = np.fft.rfft(lines[start : start + _ROWS_AT_A_TIME] - mean, axis=1)
+        power += np.square(np.abs(block)).sum(axis=0)
+    return Spectrogram(
+        frequency_per_pixel=np.arange(1, size // 2 + 1) / size,
+        amplitude=np.sqrt(power[1:] / (size * lines.shape[0])),
+        n_lines=lines.shape[0],
     )
 
 
@@ -257,7 +318,7 @@ def _periodic_pattern(pattern: FixedPattern) -> Flag | None:
     peaks = {
         name: peak
         for name, (spectrum, variance) in spectra.items()
-        if (peak := spectral_peak(spectrum, variance=variance)) is not None
+        if (peak := spectrum.peak(variance=variance)) is not None
     }
     if not peaks:
         return None

@@ -14,9 +14,9 @@ from calibration.estimate import Bound, Estimate
 from calibration.results import CalibrationError, Flag, RefusedFramesError, by_consequence
 from calibration.sensor.curves import PhotonTransfer, brighter_fatter
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure
-from calibration.sensor.levels import LevelStatistics, Spectrogram, level_statistics
+from calibration.sensor.levels import LevelStatistics, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise, first_lines, not_known, with_pattern
-from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram, fixed_pattern
+from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram, Spectrogram, fixed_pattern
 from rigctl.base.numbers import covariance_rows, utc_text
 from rigctl.calibrations.noise import QUANTITIES, SCHEMA_VERSION
 from rigctl.calibrations.noise_frames import FrameGroup, FrameSet

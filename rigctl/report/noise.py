@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from calibration.estimate import Estimate
     from calibration.results import Flag
     from calibration.sensor.emva1288 import EmvaFigure
-    from calibration.sensor.levels import LevelStatistics, Spectrogram
+    from calibration.sensor.levels import LevelStatistics
     from calibration.sensor.noise import NoiseCalibration, Performance
-    from calibration.sensor.pattern import FixedPattern, PatternHistogram
+    from calibration.sensor.pattern import FixedPattern, PatternHistogram, Spectrogram
     from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSource
     from rigctl.calibrations.store import History

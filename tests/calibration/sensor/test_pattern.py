@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.sensor.levels import LevelStatistics, level_statistics, spectrogram
+from calibration.sensor.levels import LevelStatistics, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
-from calibration.sensor.pattern import Defect, FixedPattern, fixed_pattern, pattern_flags
+from calibration.sensor.pattern import Defect, FixedPattern, fixed_pattern, pattern_flags, spectrogram
 from tests.calibration.sensor.synthetic_sensor import EXPOSURES_S, SIGNALS_E, SyntheticCamera, SyntheticSensor
 
 SHAPE = (120, 160)
