@@ -55,7 +55,7 @@ def _emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistic
     """
     flats = sorted(_points(flats), key=lambda level: level.mean_dn)
     darks = sorted(_points(darks), key=lambda level: level.exposure_s or 0.0)
-    weights = match_darks(flats, darks).weights
+    weights = match_darks(flats, darks)
     dark_mean = np.array([dark.mean_dn for dark in darks])
     dark_variance = np.array([dark.temporal_variance_dn2 for dark in darks])
     signal = np.array([flat.mean_dn for flat in flats]) - weights @ dark_mean

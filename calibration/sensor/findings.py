@@ -23,9 +23,9 @@ from calibration.sensor.curves import (
     BEND_LEVELS,
     QUANTISATION_LIMIT_DN2,
     SATURATED_FRACTION,
-    DarkMatch,
     DarkSignal,
     PhotonTransfer,
+    beyond_darks,
     brighter_fatter,
     is_saturated,
     sample_ceiling_dn,
@@ -147,7 +147,12 @@ _MESSAGES = {
     "black_clamp": "with exposure the mean of dark frames grows by {by_mean:.4g} DN/s, their variance says "
     "{by_variance:.4g} DN/s (difference more than {limit:.0f} standard errors): the camera takes dark signal off by "
     "itself, or dark frames were not dark; the dark current given is that of the mean",
-    # Results.
+    # Results, and the unit of exposures.
+    "wrong_time_unit": "the longest exposure is {longest:.3g} s, and {problem}: {advice}",
+    "dark_current_not_resolved": "dark exposures up to {longest:.3g} s are too short for a dark current of any camera "
+    "to show: it is not known; take dark frames of 1 s or more",
+    "unusual_dark_current": "the dark current is {size}: for any other camera its exposures are {true} than stated, by "
+    "a wrong unit: {advice}",
     "negative_dark_current": "the dark mean falls with exposure, by {rate} e-/s: the camera takes off more than its "
     "dark signal, its black level drifts, or exposures are mixed up; see the dark current by variance",
     "quantum_efficiency_above_one": "there are {efficiency} electrons a photon, of which there can be one at most: "
@@ -192,15 +197,44 @@ _SCATTER, _SCATTER_CHI2_PER_DOF = 0.005, 3.0
 _NOT_LINEAR, _LAMP = 0.01, 0.01
 # Share of the brightest signal from which on the gain of a level is stated.
 _LEAST_SIGNAL = 0.05
+# The longest exposure of a sweep is neither shorter nor longer [s]; that of usual cameras is not shorter than the third
+# number: few have the light for it.
+_SHORTEST_S, _LONGEST_S, _USUAL_S = 1e-6, 3600.0, 5e-5
+# Dark current [e-/s]: that of no camera for visible light (warm ones have tens to thousands), that of cooled sensors,
+# and that of hot or infrared ones.
+_ABSURD_E_PER_S, _COOLED_E_PER_S, _HOT_E_PER_S = 1e5, 0.1, 5e3
+# Units by what `--exposure-unit` calls them: seconds in each, and their names.
+_UNITS = {
+    "ns": (1e-9, "nanoseconds"),
+    "us": (1e-6, "microseconds"),
+    "ms": (1e-3, "milliseconds"),
+    "s": (1.0, "seconds"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedExposures:
+    """Place where exposures are stated, and the unit that they were read in."""
+
+    where: str = "what was given"  #: such as "the column exposure_ms"
+    unit: str | None = None  #: ns, us, ms or s; None where it is not one for all
+    has_option: bool = True  #: --exposure-unit states another unit; otherwise the statement has to be corrected
+
+
+_ANYWHERE = StatedExposures()
 
 
 def frame_flags(
-    levels: Sequence[LevelStatistics], *, bit_depth: int, black_level_dn: Estimate | None = None
+    levels: Sequence[LevelStatistics],
+    *,
+    bit_depth: int,
+    black_level_dn: Estimate | None = None,
+    stated: StatedExposures = _ANYWHERE,
 ) -> tuple[Flag, ...]:
     """Return the findings in dark and flat levels themselves; at least one of each, or flats and a black level.
 
-    Differences of frames whose light differs hold the pattern of the pixels, which looks like flicker, bands and noise
-    that neighbours share: where a level refuses the set for its light, checks of light and noise do without that level.
+    Differences of frames whose light differs include the pattern of the pixels, which looks like flicker, bands and
+    noise that neighbours share: a level that refuses the set for its light is left out of checks of light and noise.
     """
     frames = _Frames(levels=levels, bit_depth=bit_depth, black_level_dn=black_level_dn)
     of_samples: tuple[Callable[[_Frames], Flag | None], ...] = (
@@ -228,15 +262,16 @@ def frame_flags(
         _row_noise,
         _banded_light,
     )
-    flags = _found(check(frames) for check in of_samples)
+    flags = _present(check(frames) for check in of_samples)
     mixed = _mixed_levels(frames)
     steady = [level for level in levels if not any(level is one for one in mixed)]
     if black_level_dn is not None:
         words = number_with_error(black_level_dn.value, black_level_dn.std_error)
         flags = (*flags, _flag("no_darks", black=words))
+    flags = (*flags, *_present([_impossible_exposures(levels, stated)]))
     if {level.kind for level in steady} != {level.kind for level in levels}:
         return flags
-    return (*flags, *_found(check(replace(frames, levels=steady)) for check in of_light))
+    return (*flags, *_present(check(replace(frames, levels=steady)) for check in of_light))
 
 
 def gain_doubts(
@@ -263,14 +298,14 @@ def gain_doubts(
 def curve_flags(
     levels: Sequence[LevelStatistics],
     flats: Sequence[LevelStatistics],
+    darks: Sequence[LevelStatistics],
     transfer: PhotonTransfer,
     dark: DarkSignal,
-    match: DarkMatch,
     *,
     wrong: Sequence[LevelStatistics],
 ) -> tuple[Flag, ...]:
     """Return the findings in the curves through all levels; `wrong` are the flats with a flag of their own."""
-    return _found(
+    return _present(
         (
             _non_monotonic_sweep(levels, wrong),
             _light_not_constant(
@@ -283,8 +318,8 @@ def curve_flags(
             _scattered_photon_transfer(transfer),
             _response_not_linear(transfer),
             _unsteady_lamp(transfer),
-            _dark_exposure_missing(flats, transfer, match),
-            _single_dark_exposure(dark) if len(flats) < len(levels) else None,
+            _dark_exposure_missing(flats, darks, transfer),
+            _single_dark_exposure(dark) if darks else None,
             _dark_current_changed(dark),
             _quantisation_limited(transfer, dark),
             _black_clamp(transfer, dark),
@@ -292,23 +327,60 @@ def curve_flags(
     )
 
 
-def parameter_flags(*, dark_current_e_per_s: Estimate | None, quantum_efficiency: Estimate | None) -> tuple[Flag, ...]:
-    """Return the findings in results that no sensor has."""
-    current, efficiency = dark_current_e_per_s, quantum_efficiency
-    found = []
+def parameter_flags(
+    *,
+    dark_current_e_per_s: Estimate | None,
+    quantum_efficiency: Estimate | None,
+    stated: StatedExposures = _ANYWHERE,
+) -> tuple[Flag, ...]:
+    """Return the findings in results that no sensor has, or few."""
+    current, efficiency, flags = dark_current_e_per_s, quantum_efficiency, []
     if current is not None and current.value <= -_SIGMA * current.std_error:
-        found.append(_flag("negative_dark_current", rate=number_with_error(-current.value, current.std_error)))
+        flags.append(_flag("negative_dark_current", rate=number_with_error(-current.value, current.std_error)))
     if efficiency is not None and efficiency.value - _SIGMA * efficiency.std_error >= 1.0:
         words = number_with_error(efficiency.value, efficiency.std_error)
-        found.append(_flag("quantum_efficiency_above_one", efficiency=words))
-    return tuple(found)
+        flags.append(_flag("quantum_efficiency_above_one", efficiency=words))
+    if current is not None:
+        reach = _BEND_SIGMA * current.std_error
+        most, least = max(current.value, 0.0) + reach, current.value - reach
+        if most < _COOLED_E_PER_S and least > -_COOLED_E_PER_S:
+            size = f"below {most:.2g} e-/s, as of cooled sensors, or of cameras that subtract their own dark signal"
+            flags.append(_flag("unusual_dark_current", size=size, true="shorter", advice=_next_unit(stated, -1)))
+        elif least > _HOT_E_PER_S:
+            size = f"above {least:.2g} e-/s, as of hot or infrared sensors"
+            flags.append(_flag("unusual_dark_current", size=size, true="longer", advice=_next_unit(stated, 1)))
+    return tuple(flags)
+
+
+def absurd_dark_current(
+    levels: Sequence[LevelStatistics], dark_current_e_per_s: Estimate | None, *, stated: StatedExposures = _ANYWHERE
+) -> Flag | None:
+    """Return a flag if a dark current, or its bound, is beyond that of any camera for visible light."""
+    current = dark_current_e_per_s
+    if current is None or abs(current.value) + _BEND_SIGMA * current.std_error <= _ABSURD_E_PER_S:
+        return None
+    is_resolved, longest_s = current.value - _SIGMA * current.std_error > _ABSURD_E_PER_S, _longest_s(levels) or 0.0
+    if not is_resolved and longest_s > _USUAL_S:
+        darks_s = _longest_s([level for level in levels if level.kind == "dark"]) or 0.0
+        return _flag("dark_current_not_resolved", longest=darks_s)
+    size = (
+        f"the dark signal grows as in no camera for visible light (more than {_ABSURD_E_PER_S:.0e} e-/s)"
+        if is_resolved
+        else "with them the dark current could be more than any camera's"
+    )
+    light = ", or light reached the dark frames" if is_resolved else ""
+    problem = (
+        f"{size}: exposures are stated in another unit than {_as_read(stated)}{light}; the dark current is not known "
+    )
+    problem += "until the unit is"
+    return _flag("wrong_time_unit", longest=longest_s, problem=problem, advice=_unit_advice(longest_s, stated))
 
 
 def _flag(name: str, *, refuses: bool = False, **words: object) -> Flag:
     return Flag(name=name, message=_MESSAGES[name].format(**words), refuses=refuses)
 
 
-def _found(flags: Iterable[Flag | None]) -> tuple[Flag, ...]:
+def _present(flags: Iterable[Flag | None]) -> tuple[Flag, ...]:
     return tuple(flag for flag in flags if flag is not None)
 
 
@@ -370,7 +442,7 @@ class _Frames:
         ]
 
     def saturated(self, levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
-        return [level for level in levels if is_saturated(level, ceiling_dn=self.ceiling_dn)]
+        return [level for level in levels if is_saturated(level, self.ceiling_dn)]
 
 
 def _open(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
@@ -813,13 +885,11 @@ def _cause_of_bend(transfer: PhotonTransfer, *, rises: bool) -> str:
             if rises
             else "the sensor is not linear, or charge spreads between pixels"
         )
-    top_dn = transfer.top_dn
-    response = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
-    found = f"mean against {curve.light} is {response:+.2%} off its line there"
-    left = percent_with_error(spreading.value, spreading.std_error)
-    if abs(spreading.value) < _LEFT_SIGMA * spreading.std_error:
+    found = f"mean against {curve.light} is {curve.departure(transfer.top_dn):+.2%} off its line there"
+    left = percent_with_error(*spreading)
+    if abs(spreading[0]) < _LEFT_SIGMA * spreading[1]:
         return f"{found}, and what that does not explain ({left}) is within its error"
-    if spreading.value > 0.0:
+    if spreading[0] > 0.0:
         return f"{found}, and {left} more is left that no spreading of charge makes: another noise grows with the light"
     return f"{found}, and {left} is left for charge that spreads between pixels"
 
@@ -835,7 +905,7 @@ def _response_not_linear(transfer: PhotonTransfer) -> Flag | None:
     curve, top_dn = transfer.linearity, transfer.top_dn
     if curve is None:
         return None
-    off = (curve.quadratic_per_dn + curve.cubic_per_dn2 * top_dn) * top_dn
+    off = curve.departure(top_dn)
     gradient = np.array([top_dn, top_dn**2])
     error = float(np.sqrt(gradient @ curve.covariance @ gradient))
     if abs(off) < _NOT_LINEAR or abs(off) < _BEND_SIGMA * error:
@@ -851,9 +921,11 @@ def _unsteady_lamp(transfer: PhotonTransfer) -> Flag | None:
     return _flag("unsteady_lamp", scatter=curve.relative_scatter, light=curve.light, limit=_LAMP)
 
 
-def _dark_exposure_missing(flats: Sequence[LevelStatistics], transfer: PhotonTransfer, match: DarkMatch) -> Flag | None:
-    uncovered = [flats[index] for index in np.flatnonzero(transfer.used & ~match.covered).tolist()]
-    return _flag("dark_exposure_missing", levels=level_names(uncovered)) if uncovered else None
+def _dark_exposure_missing(
+    flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], transfer: PhotonTransfer
+) -> Flag | None:
+    beyond = [flats[index] for index in np.flatnonzero(transfer.used & beyond_darks(flats, darks)).tolist()]
+    return _flag("dark_exposure_missing", levels=level_names(beyond)) if beyond else None
 
 
 def _single_dark_exposure(dark: DarkSignal) -> Flag | None:
@@ -883,3 +955,63 @@ def _black_clamp(transfer: PhotonTransfer, dark: DarkSignal) -> Flag | None:
     if abs(by_mean - by_variance) < _SIGMA * error:
         return None
     return _flag("black_clamp", by_mean=by_mean, by_variance=by_variance, limit=_SIGMA)
+
+
+# The unit of exposures
+
+
+def _impossible_exposures(levels: Sequence[LevelStatistics], stated: StatedExposures) -> Flag | None:
+    """Look at exposures that no camera's sweep has."""
+    longest_s = _longest_s(levels)
+    if longest_s is None or _SHORTEST_S <= longest_s <= _LONGEST_S:
+        return None
+    problem = f"no camera's sweep has that: exposures are stated in another unit than {_as_read(stated)}"
+    advice = _unit_advice(longest_s, stated)
+    return _flag("wrong_time_unit", refuses=True, longest=longest_s, problem=problem, advice=advice)
+
+
+def _longest_s(levels: Sequence[LevelStatistics]) -> float | None:
+    return max((level.exposure_s for level in levels if level.exposure_s is not None), default=None)
+
+
+def _as_read(stated: StatedExposures) -> str:
+    """Return the unit that exposures were read in, in words."""
+    if stated.unit is None:
+        return f"was read from {stated.where}"
+    return f"the {_UNITS[stated.unit][1]} that were read from {stated.where}"
+
+
+def _next_unit(stated: StatedExposures, step: int) -> str:
+    """Return how to state the next larger or smaller unit."""
+    units = list(_UNITS)
+    place = -1 if stated.unit is None else units.index(stated.unit) + step
+    if not stated.has_option or (stated.unit is not None and place not in range(len(units))):
+        return f"correct {stated.where}"
+    if stated.unit is None:
+        return f"look at {stated.where}, or state it with --exposure-unit"
+    return f"if {_UNITS[units[place]][1]} stand in {stated.where}, state the unit with --exposure-unit {units[place]}"
+
+
+def _unit_advice(longest_s: float, stated: StatedExposures) -> str:
+    if not stated.has_option:
+        return f"correct {stated.where}"
+    others = [unit for unit in _UNITS if unit != stated.unit]
+    likely = _likely_unit(longest_s, stated.unit)
+    if stated.unit is None or likely is None:
+        return f"state its unit with --exposure-unit {', '.join(others[:-1])} or {others[-1]}"
+    seconds, name = _UNITS[likely]
+    in_it_s = longest_s * seconds / _UNITS[stated.unit][0]
+    return (
+        f"if {name} stand in {stated.where}, it is {in_it_s:.3g} s, as usual: state the unit with "
+        f"--exposure-unit {likely}"
+    )
+
+
+def _likely_unit(longest_s: float, unit: str | None) -> str | None:
+    """Return the nearest unit in which unusual exposures are usual; None where no unit or each of two may be it."""
+    if unit is None or _USUAL_S <= longest_s <= _LONGEST_S:
+        return None
+    own_s = _UNITS[unit][0]
+    factors = {name: seconds / own_s for name, (seconds, _) in _UNITS.items()}
+    by_nearness = sorted(factors, key=lambda name: max(factors[name], 1.0 / factors[name]))
+    return next((name for name in by_nearness if _USUAL_S <= longest_s * factors[name] <= _LONGEST_S), None)

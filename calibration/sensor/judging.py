@@ -34,7 +34,6 @@ from calibration.estimate import number_with_error, percent_with_error
 from calibration.results import Flag
 from calibration.sensor.curves import (
     QUANTISATION_LIMIT_DN2,
-    DarkMatch,
     DarkSignal,
     LightStability,
     PhotonTransfer,
@@ -51,9 +50,11 @@ from calibration.sensor.curves import (
 from calibration.sensor.fits import CurveModel, PointInfluence, point_influence
 from calibration.sensor.levels import (
     LevelStatistics,
+    column,
     describe_level,
     least_noise_dn2,
     mean_rounding_error_dn,
+    pattern_variances,
     variance_rounding_error_dn2,
 )
 
@@ -113,23 +114,13 @@ class LevelInfluence:
     cause: str | None = None  #: name of the flag of this level; None for a sound level
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JudgedCurve:
-    """The photon-transfer curve through the sound levels."""
-
-    transfer: PhotonTransfer
-    levels: tuple[LevelInfluence, ...]  #: of all flats
-    stability: LightStability
-    flags: tuple[Flag, ...]
-
-
 def sound_darks(darks: Sequence[LevelStatistics]) -> tuple[list[LevelStatistics], tuple[Flag, ...]]:
     """Return the dark levels that go together, and a flag for each that does not.
 
     Means follow a polynomial of the exposure. Variances follow one too, or a straight line of the mean: however a dark
     current changes, its electrons add to the variance what they add to the mean.
     """
-    exposures = _column(darks, "exposure_s")
+    exposures = column(darks, "exposure_s")
     by_mean = _dark_means(darks, exposures) if len(darks) >= _LEAST_LEVELS else None
     by_variance = None if by_mean is None else _dark_variances(darks, exposures, by_mean)
     if by_mean is None or by_variance is None:
@@ -143,43 +134,44 @@ def judged_curve(
     flats: Sequence[LevelStatistics],
     darks: Sequence[LevelStatistics],
     dark: DarkSignal,
-    match: DarkMatch,
+    weights: FloatArray,
     *,
     ceiling_dn: int,
-) -> JudgedCurve:
+) -> tuple[PhotonTransfer, tuple[LevelInfluence, ...], LightStability, tuple[Flag, ...]]:
     """Return the photon-transfer curve through the sound levels; flats by ascending mean.
 
-    A level that is off on an axis is left out of the fits on this axis only. Levels between the range of the fit and
-    saturation are in no fit, but their light is judged.
+    With it come the influence of each flat, the wander of the light and the flags of wrong levels. `weights` are those
+    of `match_darks`. A level that is off on an axis is left out of the fits on this axis only. Levels between the range
+    of the fit and saturation are in no fit, but their light is judged.
     """
-    points = transfer_points(flats, dark, match, ceiling_dn=ceiling_dn)
+    points = transfer_points(flats, dark, weights, ceiling_dn=ceiling_dn)
     full_dn = ceiling_dn - float(dark.means_dn.min())
-    usable = usable_points(points, full_signal_dn=full_dn, light=_stated_light(flats))
-    mask = usable.mask
-    stability = light_stability(_chosen(flats, mask), points.signal_dn[mask])
-    own_dn2 = np.square(match.weights) @ (mean_sampling_variance(darks) if darks else np.zeros(1))
+    usable, saturation = usable_points(points, full_signal_dn=full_dn, light=_stated_light(flats))
+    stability = light_stability(_chosen(flats, usable), points.signal_dn[usable])
+    own_dn2 = np.square(weights) @ (mean_sampling_variance(darks) if darks else np.zeros(1))
     own_dn2 += np.where(points.signal_dn > 0.0, mean_variance_dn2(flats, points.signal_dn, stability), 0.0)
-    bend = beyond_range(points, usable, full_signal_dn=full_dn)
+    bend = beyond_range(points, saturation_dn=saturation.signal_dn if saturation else full_dn)
 
-    noise, lit, by_dark = _by_noise(points, mask, has_darks=bool(darks)), mask, _dark_step(darks)
+    noise, lit, by_dark = _by_noise(points, usable, has_darks=bool(darks)), usable, _dark_step(darks)
     light = _by_light(flats, points, lit, own_dn2)
     change = _change(flats, lit, noise, light, by_dark)
     if change is None and np.any(bend > 0.0):
-        lit = mask | (bend > 0.0)
+        lit = usable | (bend > 0.0)
         light = _by_light(flats, points, lit, own_dn2 + np.square(bend * points.signal_dn))
         if by_dark is not None and by_dark.is_large and light:
             # After a change to more light, too few levels may be left within the range of the fit.
             change = _change(flats, lit, noise, light, by_dark)
     if change is None:
-        levels, wrong_noise, wrong_light, flags = _judged_levels(flats, mask, lit, noise, light)
+        levels, wrong_noise, wrong_light, flags = _judged_levels(flats, usable, lit, noise, light)
     else:
         # No level is judged by itself where the levels follow no smooth curve.
         levels, flags = [LevelInfluence() for _ in flats], [change[0]]
-        wrong_noise, wrong_light = np.zeros_like(mask), mask
+        wrong_noise, wrong_light = np.zeros_like(usable), usable
     transfer = fit_photon_transfer(
         flats,
         points,
-        usable=replace(usable, mask=mask & ~wrong_noise),
+        used=usable & ~wrong_noise,
+        saturation=saturation,
         mean_variance_dn2=own_dn2,
         wrong_light=wrong_light,
     )
@@ -191,7 +183,7 @@ def judged_curve(
     shifts = transfer.gain_shifts / np.sqrt(transfer.fit.covariance[0, 0])
     for shift, index in zip(shifts, np.flatnonzero(transfer.used).tolist(), strict=True):
         levels[index] = replace(levels[index], gain_shift_errors=float(shift))
-    return JudgedCurve(transfer=transfer, levels=tuple(levels), stability=stability, flags=tuple(flags))
+    return transfer, tuple(levels), stability, tuple(flags)
 
 
 def is_lamp_sweep(flats: Sequence[LevelStatistics]) -> bool:
@@ -201,20 +193,12 @@ def is_lamp_sweep(flats: Sequence[LevelStatistics]) -> bool:
 
 def mean_variance_dn2(flats: Sequence[LevelStatistics], signal_dn: FloatArray, stability: LightStability) -> FloatArray:
     """Return the variance of the means of flats by pixel noise, rounding and wander of the light [DN^2]."""
-    temporal = _column(flats, "temporal_variance_dn2")
-    spatial = np.array([max(flat.ordinary.variance_dn2, 0.0) for flat in flats])
-    n_frames = _column(flats, "n_frames")
-    n_pixels = _column(flats, "n_pixels")
+    temporal = column(flats, "temporal_variance_dn2")
+    spatial = pattern_variances(flats)
     rounding = mean_rounding_error_dn(least_noise_dn2(temporal, spatial) + spatial)
-    variance: FloatArray = (
-        temporal / n_pixels + wander_variance_dn2(flats, signal_dn, stability)
-    ) / n_frames + np.square(rounding)
+    of_frame = temporal / column(flats, "n_pixels") + wander_variance_dn2(flats, signal_dn, stability)
+    variance: FloatArray = of_frame / column(flats, "n_frames") + np.square(rounding)
     return variance
-
-
-def _column(levels: Sequence[LevelStatistics], name: str) -> FloatArray:
-    """Return one number of each level, nan where it is not known."""
-    return np.array([np.nan if (value := getattr(level, name)) is None else value for level in levels], dtype=float)
 
 
 def _chosen(levels: Sequence[LevelStatistics], chosen: Mask) -> list[LevelStatistics]:
@@ -223,7 +207,7 @@ def _chosen(levels: Sequence[LevelStatistics], chosen: Mask) -> list[LevelStatis
 
 def _stated_light(flats: Sequence[LevelStatistics]) -> FloatArray | None:
     """Return photons or exposures of the flats, None where neither is known for all or they do not differ."""
-    known = [light for light in (_column(flats, "photons"), _column(flats, "exposure_s")) if not np.isnan(light).any()]
+    known = [light for light in (column(flats, "photons"), column(flats, "exposure_s")) if not np.isnan(light).any()]
     return next((light for light in known if len(np.unique(light)) > len(light) // 2), None)
 
 
@@ -241,7 +225,7 @@ def _relative(points: PointInfluence, row: int) -> _Offset:
 
 
 def _dark_means(darks: Sequence[LevelStatistics], exposures: FloatArray) -> PointInfluence | None:
-    means = _column(darks, "mean_dn")
+    means = column(darks, "mean_dn")
     # Pixels that jump may be left out of the mean of one level and not of the next.
     left_out_dn = np.array([np.mean(dark.frame_means_dn) for dark in darks]) - means
     own = mean_sampling_variance(darks) + np.square(left_out_dn)
@@ -251,10 +235,10 @@ def _dark_means(darks: Sequence[LevelStatistics], exposures: FloatArray) -> Poin
 def _dark_variances(
     darks: Sequence[LevelStatistics], exposures: FloatArray, by_mean: PointInfluence
 ) -> PointInfluence | None:
-    temporal = _column(darks, "temporal_variance_dn2")
-    spatial = np.array([max(dark.ordinary.variance_dn2, 0.0) for dark in darks])
+    temporal = column(darks, "temporal_variance_dn2")
+    spatial = pattern_variances(darks)
     seen = np.maximum(temporal, _LEAST_VARIANCE_DN2)
-    relative = np.maximum(_column(darks, "temporal_std_error_dn2") / seen, _LEAST_RELATIVE)
+    relative = np.maximum(column(darks, "temporal_std_error_dn2") / seen, _LEAST_RELATIVE)
     own = np.square(relative * np.maximum(_line_of_all(exposures, temporal), seen.min()))
     own += np.square(variance_rounding_error_dn2(least_noise_dn2(temporal, spatial), spatial))
     models = _dark_models(exposures, temporal, own)
@@ -362,7 +346,7 @@ def _by_light(
     """Compare the flats with their response to exposure and to photons; the light that they follow best comes first."""
     levels, signal_dn, own = _chosen(flats, chosen), points.signal_dn[chosen], own_dn2[chosen]
     lights: tuple[tuple[_LightName, str], ...] = (("exposure", "exposure_s"), ("photons", "photons"))
-    found = [(name, _by_one_light(name, signal_dn, _column(levels, field), own)) for name, field in lights]
+    found = [(name, _by_one_light(name, signal_dn, column(levels, field), own)) for name, field in lights]
     return sorted(((name, one) for name, one in found if one is not None), key=lambda pair: pair[1].cost)
 
 

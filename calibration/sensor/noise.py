@@ -26,74 +26,84 @@ from calibration.sensor.curves import (
     QUANTISATION_LIMIT_DN2,
     QUANTISATION_VAR_DN2,
     RANGE_OF_SATURATION,
-    DarkMatch,
     DarkSignal,
     LightStability,
     PhotonTransfer,
-    StatedExposures,
     fit_dark_signal,
-    implausible_unit,
-    impossible_exposures,
-    is_absurd,
     match_darks,
     response_slope,
     sample_ceiling_dn,
     stated_dark_signal,
-    unusual_dark_current,
 )
 from calibration.sensor.emva1288 import EMVA_SYMBOLS, EmvaFigure, emva1288_figures
-from calibration.sensor.findings import curve_flags, frame_flags, gain_doubts, parameter_flags
-from calibration.sensor.judging import JudgedCurve, LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
-from calibration.sensor.levels import LevelStatistics, least_noise_dn2, small_scale_freedom, spatial_rounding_error_dn2
+from calibration.sensor.findings import (
+    StatedExposures,
+    absurd_dark_current,
+    curve_flags,
+    frame_flags,
+    gain_doubts,
+    parameter_flags,
+)
+from calibration.sensor.judging import LevelInfluence, is_lamp_sweep, judged_curve, sound_darks
+from calibration.sensor.levels import (
+    LevelStatistics,
+    column,
+    least_noise_dn2,
+    pattern_variances,
+    small_scale_freedom,
+    spatial_rounding_error_dn2,
+)
 from calibration.sensor.pattern import FixedPattern, left_out_flags, pattern_flags
 
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
-_STATED = StatedExposures()
+_ANYWHERE = StatedExposures()
 _DARK_CURRENT = "dark_current_e_per_s"
 _STANDARD_DARK_CURRENTS = ("dark_current_mean_e_per_s", "dark_current_variance_e_per_s")
 # Rows of the seven numbers in DN; the last is independent of the others.
 _GAIN, _DARK_VARIANCE, _FLAT_SPATIAL, _DARK_SPATIAL, _BLACK_LEVEL, _DARK_SLOPE, _RESPONSE_SLOPE = range(7)
-# A variance that is not this many errors above 0 is not resolved.
-_RESOLVED_SIGMA = 3.0
+# A number is resolved if it is this many errors from 0; light is seen in darks at the second significance.
+_RESOLVED_SIGMA, _LIGHT_SIGMA = 3.0, 5.0
 # A dark current that matters in few uses [e-/s].
 _SMALL_E_PER_S = 3.0
 # A dark current beyond this may be light; below, light and the dark current of pixels with unlike gains are as likely.
 _USUAL_DARK_E_PER_S = 1000.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpatialLevels:
-    """The levels from which the fixed pattern is taken."""
-
-    flat: int  #: index into the flats
-    dark: int  #: index into the darks
+# Local mean that is subtracted from pictures [pixel], and the variance of white noise that is left.
+_WINDOW = 15
+_LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
+# Pixels further off than the first are left out; fewer pixels say nothing; light in darks over that of the flat.
+_OUTLIER, _LEAST_PIXELS, _LEAST_LIGHT = 5.0, 1000, 1e-4
+_BLOCK_PIXELS = 1 << 18
+# Flags that say nothing once there is no dark current.
+_OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of merit; None is what the frames cannot give."""
+    """Figures of merit; None where the frames cannot give one."""
 
-    threshold_e: Estimate | None  #: absolute sensitivity threshold: electrons at which the temporal SNR is 1
-    dynamic_range: Estimate | None  #: saturation over that threshold
-    snr_max: Estimate | None  #: temporal SNR of a pixel at saturation, square root of its electrons
-    dark_current_variance_e_per_s: Estimate | None  #: dark current by the growth of the dark variance [e-/s]
-    dark_current_disagreement: float | None  #: dark current by mean less that by variance, in standard errors
-    quantum_efficiency: Estimate | None  #: electrons per stated photon; the error of the photons is not in its error
+    threshold_e: Estimate | None = None  #: absolute sensitivity threshold: electrons at which the temporal SNR is 1
+    dynamic_range: Estimate | None = None  #: saturation over that threshold
+    snr_max: Estimate | None = None  #: temporal SNR of a pixel at saturation, square root of its electrons
+    dark_current_variance_e_per_s: Estimate | None = None  #: dark current by the growth of the dark variance [e-/s]
+    dark_current_disagreement: float | None = None  #: dark current by mean less that by variance, in standard errors
+    #: electrons per stated photon; the error of the photons is not in its error
+    quantum_efficiency: Estimate | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseCalibration:
-    """A sensor's noise parameters; None is what the frames cannot give, and a flag then says why."""
+    """A sensor's noise parameters; None where the frames cannot give one, and a flag then says why."""
 
     gain_dn_per_e: Estimate  #: conversion gain K of EMVA 1288 [DN/e-]
-    read_noise_e: Estimate | None  #: temporal noise of a dark pixel at no exposure, rounding removed [e-]
-    dark_current_e_per_s: Estimate | None  #: growth of the dark mean [e-/s]; may be below 0 by its error
+    read_noise_e: Estimate | None = None  #: temporal noise of a dark pixel at no exposure, rounding removed [e-]
+    dark_current_e_per_s: Estimate | None = None  #: growth of the dark mean [e-/s]; may be below 0 by its error
     black_level_dn: Estimate  #: dark mean at no exposure [DN]
-    saturation_e: Estimate | None  #: signal of largest temporal variance [e-]
-    prnu: Estimate | None  #: relative standard deviation of the pixels' response, without smooth structure
-    dsnu_e: Estimate | None  #: standard deviation of the dark signal from pixel to pixel [e-]
+    saturation_e: Estimate | None = None  #: signal of largest temporal variance [e-]
+    prnu: Estimate | None = None  #: relative standard deviation of the pixels' response, without smooth structure
+    dsnu_e: Estimate | None = None  #: standard deviation of the dark signal from pixel to pixel [e-]
     covariance: JointCovariance  #: of the errors of all that exist but the saturation
     flags: tuple[Flag, ...]  #: none of them refuses: a refused set has no calibration
     bounds: dict[str, Bound]  #: upper or lower bounds of numbers that are None, where the frames give one
@@ -102,17 +112,23 @@ class NoiseCalibration:
     dark: DarkSignal  #: lines through the dark levels
     flats: tuple[LevelStatistics, ...]  #: by ascending mean
     darks: tuple[LevelStatistics, ...]  #: the sound ones, as given; none where the black level was stated
-    spatial: SpatialLevels | None  #: None without darks
+    #: flat and dark from which the fixed pattern is taken, as places in `flats` and `darks`; None without darks
+    spatial: tuple[int, int] | None = None
     emva1288: dict[str, EmvaFigure | None]  #: by the names of `calibration.sensor.emva1288.EMVA_SYMBOLS`
     influence: tuple[LevelInfluence, ...]  #: each flat compared with all others, in the order of `flats`
     light_stability: LightStability  #: wander of the light from frame to frame
+
+    @property
+    def stacks(self) -> tuple[LevelStatistics, LevelStatistics] | None:
+        """Flat and dark level from which the fixed pattern is taken; None without darks."""
+        return None if self.spatial is None else (self.flats[self.spatial[0]], self.darks[self.spatial[1]])
 
 
 def calibrate_noise(
     levels: Sequence[LevelStatistics],
     *,
     bit_depth: int,
-    stated: StatedExposures = _STATED,
+    stated: StatedExposures = _ANYWHERE,
     black_level_dn: Estimate | None = None,
 ) -> NoiseCalibration:
     """Return gain, read noise, dark current, black level, saturation, PRNU and DSNU of a sensor.
@@ -152,38 +168,53 @@ def calibrate_noise(
     bend of the curve, several exposures for the read noise, standard errors. `NoiseCalibration.emva1288` has its own.
     """
     flats, all_darks = _sorted_levels(levels, bit_depth, black_level_dn)
-    flags = frame_flags(levels, bit_depth=bit_depth, black_level_dn=black_level_dn)
-    flags += impossible_exposures(levels, stated=stated)
+    flags = frame_flags(levels, bit_depth=bit_depth, black_level_dn=black_level_dn, stated=stated)
     _refuse_if_any(flags)
     darks, dark_flags = sound_darks(all_darks)
     dark = fit_dark_signal(darks) if black_level_dn is None else stated_dark_signal(black_level_dn, flats)
-    match = match_darks(flats, darks)
+    weights = match_darks(flats, darks)
     ceiling_dn = sample_ceiling_dn(levels, bit_depth=bit_depth)
-    curve = judged_curve(flats, darks, dark, match, ceiling_dn=ceiling_dn)
-    wrong = [flat for flat, one in zip(flats, curve.levels, strict=True) if one.cause is not None]
-    flags += (*dark_flags, *curve.flags, *curve_flags(levels, flats, curve.transfer, dark, match, wrong=wrong))
+    transfer, influence, stability, level_flags = judged_curve(flats, darks, dark, weights, ceiling_dn=ceiling_dn)
+    wrong = [flat for flat, one in zip(flats, influence, strict=True) if one.cause is not None]
+    flags += (*dark_flags, *level_flags, *curve_flags(levels, flats, darks, transfer, dark, wrong=wrong))
     _refuse_if_any(flags)
 
-    transfer = curve.transfer
-    if black_level_dn is not None:
-        return _without_darks(flats, curve, dark, black_level_dn, flags)
-    spatial = _choose_spatial_levels(flats, darks, transfer=transfer, match=match)
-    measured = _measure(flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial)
-    best, covariance, of_parameters = _parameters(measured, dark, darks)
-    of_unit: tuple[Flag, ...] = ()
-    if is_absurd(best.get(_DARK_CURRENT)):
-        of_unit = _implausible_exposures(flats, darks, best.get(_DARK_CURRENT), stated)
-        best, covariance, of_parameters = _parameters(measured, dark, darks, has_dark_current=False)
     saturation_e = _saturation(flats, transfer)
+    if black_level_dn is not None:
+        gain, covariance, bounds = _gain_of_flats(flats, transfer, black_level_dn)
+        return NoiseCalibration(
+            gain_dn_per_e=gain,
+            black_level_dn=black_level_dn,
+            saturation_e=saturation_e,
+            covariance=covariance,
+            flags=by_consequence(flags),
+            bounds=bounds | _saturation_bound(transfer),
+            performance=Performance(snr_max=None if saturation_e is None else _root(saturation_e)),
+            transfer=transfer,
+            dark=dark,
+            flats=tuple(flats),
+            darks=(),
+            emva1288=dict.fromkeys(EMVA_SYMBOLS),
+            influence=influence,
+            light_stability=stability,
+        )
+    spatial = _choose_spatial_levels(flats, darks, transfer=transfer, weights=weights)
+    measured = _measure(flats, darks, transfer=transfer, dark=dark, weights=weights, spatial=spatial)
+    best, covariance, of_parameters = _parameters(measured, dark, darks)
+    absurd = absurd_dark_current((*flats, *darks), best.get(_DARK_CURRENT), stated=stated)
+    if absurd is not None:
+        best, covariance, of_parameters = _parameters(measured, dark, darks, has_dark_current=False)
     merit = _performance(transfer, dark, best, saturation_e)
     standard = emva1288_figures(flats, darks, ceiling_dn=ceiling_dn)
-    if of_unit:
+    if absurd is not None:
         # Without a unit of the exposures there is no dark current.
         merit = replace(merit, dark_current_variance_e_per_s=None, dark_current_disagreement=None)
         standard |= dict.fromkeys(_STANDARD_DARK_CURRENTS)
-    flags += (*of_parameters, *left_out_flags(darks[spatial.dark], flats[spatial.flat]), *of_unit)
-    flags += parameter_flags(dark_current_e_per_s=best.get(_DARK_CURRENT), quantum_efficiency=merit.quantum_efficiency)
-    flags += unusual_dark_current(best.get(_DARK_CURRENT), stated=stated)
+    flags += (*of_parameters, *left_out_flags(darks[spatial[1]], flats[spatial[0]]))
+    flags += () if absurd is None else (absurd,)
+    flags += parameter_flags(
+        dark_current_e_per_s=best.get(_DARK_CURRENT), quantum_efficiency=merit.quantum_efficiency, stated=stated
+    )
     return NoiseCalibration(
         gain_dn_per_e=best["gain_dn_per_e"],
         read_noise_e=best.get("read_noise_e"),
@@ -202,61 +233,8 @@ def calibrate_noise(
         darks=tuple(darks),
         spatial=spatial,
         emva1288=standard,
-        influence=curve.levels,
-        light_stability=curve.stability,
-    )
-
-
-def _without_darks(
-    flats: Sequence[LevelStatistics],
-    curve: JudgedCurve,
-    dark: DarkSignal,
-    black_level_dn: Estimate,
-    flags: tuple[Flag, ...],
-) -> NoiseCalibration:
-    """Return what flats alone tell: gain, response and saturation."""
-    transfer, points, used = curve.transfer, curve.transfer.points, curve.transfer.used
-    response = transfer.gain_response
-    sampling = np.diag(np.square(points.flat_std_error_dn2[used])) + points.dark_covariance_dn4[np.ix_(used, used)]
-    variance = float(response @ sampling @ response) + _gain_variance_beyond_sampling(transfer)
-    gain = Estimate(value=transfer.gain_dn_per_e, std_error=float(np.sqrt(variance)), n=_frames(flats, used))
-    shared = transfer.gain_by_black * black_level_dn.std_error**2
-    saturation_e = _saturation(flats, transfer)
-    brightest = int(np.flatnonzero(used)[-1])
-    level, signal_dn = flats[brightest].ordinary, float(points.signal_dn[brightest])
-    largest_dn2 = max(level.small_scale_variance_dn2, 0.0) + _RESOLVED_SIGMA * level.std_error_dn2
-    slope = response_slope(transfer, signal_dn)
-    least_dn = signal_dn * max(slope.value - _RESOLVED_SIGMA * slope.std_error, 0.5)
-    return NoiseCalibration(
-        gain_dn_per_e=gain,
-        read_noise_e=None,
-        dark_current_e_per_s=None,
-        black_level_dn=black_level_dn,
-        saturation_e=saturation_e,
-        prnu=None,
-        dsnu_e=None,
-        covariance=JointCovariance(
-            names=("gain_dn_per_e", "black_level_dn"),
-            matrix=np.array([[variance, shared], [shared, black_level_dn.std_error**2]]),
-        ),
-        flags=by_consequence(flags),
-        bounds={"prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2)) / least_dn)} | _saturation_bound(transfer),
-        performance=Performance(
-            threshold_e=None,
-            dynamic_range=None,
-            snr_max=None if saturation_e is None else _root(saturation_e),
-            dark_current_variance_e_per_s=None,
-            dark_current_disagreement=None,
-            quantum_efficiency=None,
-        ),
-        transfer=transfer,
-        dark=dark,
-        flats=tuple(flats),
-        darks=(),
-        spatial=None,
-        emva1288=dict.fromkeys(EMVA_SYMBOLS),
-        influence=curve.levels,
-        light_stability=curve.stability,
+        influence=influence,
+        light_stability=stability,
     )
 
 
@@ -275,25 +253,31 @@ def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) ->
     A dark current within what cameras usually have is taken for one unless the pattern shows light in it; one that is
     larger is taken for one where light would have shown, and is otherwise a bound.
     """
-    spatial = calibration.spatial
-    if spatial is None:
+    if calibration.stacks is None:
         return calibration
     found = () if pattern is None else pattern_flags(pattern)
-    # The pixel-by-pixel look at defects says more than that at their variance.
-    named = {flag.name for flag in found}
-    kept = tuple(flag for flag in calibration.flags if flag.name not in named)
+    # Defects pixel by pixel say more than their variance.
+    names = {flag.name for flag in found}
+    kept = tuple(flag for flag in calibration.flags if flag.name not in names)
     calibration = replace(calibration, flags=by_consequence((*kept, *found)))
-    light = None if pattern is None else _dark_light(pattern, black_level_dn=calibration.black_level_dn.value)
-    if light is not None:
-        calibration = _with_own_response(calibration, light.covariance, spatial)
-    if light is not None and light.is_seen:
-        return _with_light(calibration, light.light, calibration.darks[spatial.dark])
+    in_darks = None if pattern is None else _light_in_darks(pattern, black_level_dn=calibration.black_level_dn.value)
+    excludes_light = False
+    if in_darks is not None:
+        light, covariance, is_seen, excludes_light = in_darks
+        calibration = _with_own_response(calibration, covariance)
+        if is_seen:
+            return _with_light(calibration, light)
     current = calibration.dark_current_e_per_s
-    if current is None or (light is not None and light.excludes_light):
+    if current is None or excludes_light:
         return calibration
-    if current.value - _SIGMA * current.std_error < _USUAL_DARK_E_PER_S:
+    if current.value - _LIGHT_SIGMA * current.std_error < _USUAL_DARK_E_PER_S:
         return calibration
-    return _without_dark_current(calibration, _untestable_flag(current), bound=current)
+    message = (
+        f"dark frames gain {number_with_error(current.value, current.std_error)} e-/s, more than cameras usually do "
+        f"({_USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too little known to tell dark current from light: "
+        f"cover the lens, and take stacks of 16 flats and 16 darks or more at one exposure"
+    )
+    return _without_dark_current(calibration, Flag(name="dark_current_or_light", message=message), bound=current)
 
 
 def not_known(calibration: NoiseCalibration) -> dict[str, str]:
@@ -430,17 +414,16 @@ def _choose_spatial_levels(
     darks: Sequence[LevelStatistics],
     *,
     transfer: PhotonTransfer,
-    match: DarkMatch,
-) -> SpatialLevels:
-    """Return the levels with the most frames; of those the flat nearest to the middle, and its own dark."""
+    weights: FloatArray,
+) -> tuple[int, int]:
+    """Return the flat and the dark with the most frames; of those the flat nearest to the middle, and its own dark."""
     signal = transfer.points.signal_dn
     middle_dn = float(signal[transfer.used].max()) / (2.0 * RANGE_OF_SATURATION)
     flat = max(
         np.flatnonzero(transfer.used).tolist(),
         key=lambda index: (flats[index].n_frames, -abs(signal[index] - middle_dn)),
     )
-    dark = max(range(len(darks)), key=lambda index: (darks[index].n_frames, match.weights[flat, index]))
-    return SpatialLevels(flat=flat, dark=dark)
+    return flat, max(range(len(darks)), key=lambda index: (darks[index].n_frames, weights[flat, index]))
 
 
 def _measure(
@@ -449,49 +432,48 @@ def _measure(
     *,
     transfer: PhotonTransfer,
     dark: DarkSignal,
-    match: DarkMatch,
-    spatial: SpatialLevels,
+    weights: FloatArray,
+    spatial: tuple[int, int],
 ) -> _Measured:
     """Read the numbers in DN off the curves and the levels of the fixed pattern."""
-    dark_spatial = np.array([level.ordinary.variance_dn2 for level in darks])
-    flat_weights = match.weights[spatial.flat]
+    flat, stack, of_flat = flats[spatial[0]], darks[spatial[1]], weights[spatial[0]]
+    signal_dn = float(transfer.points.signal_dn[spatial[0]])
+    # A smooth pattern across the picture is that of light and lens, not of the sensor.
+    dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
+    hidden_dn2 = _hidden_defects_dn2(flat, darks, of_flat)
+    slope, slope_error = response_slope(transfer, signal_dn)
     values, covariance = np.zeros(7), np.zeros((7, 7))
     values[_GAIN] = transfer.gain_dn_per_e
     values[_DARK_VARIANCE] = 0.0 if dark.variance_fit is None else dark.variance_fit.parameters[0]
-    # A smooth pattern across the picture is that of light and lens, not of the sensor.
-    dark_small = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
-    values[_FLAT_SPATIAL] = flats[spatial.flat].ordinary.small_scale_variance_dn2 - flat_weights @ dark_small
-    hidden_dn2 = _hidden_defects_dn2(flats[spatial.flat], darks, flat_weights)
-    values[_FLAT_SPATIAL] -= 0.5 * hidden_dn2
-    values[_DARK_SPATIAL] = dark_spatial[spatial.dark]
+    values[_FLAT_SPATIAL] = flat.ordinary.small_scale_variance_dn2 - of_flat @ dark_small - 0.5 * hidden_dn2
+    values[_DARK_SPATIAL] = stack.ordinary.variance_dn2
     values[_BLACK_LEVEL] = dark.mean_fit.parameters[0]
     values[_DARK_SLOPE] = dark.mean_fit.parameters[1] if dark.has_slope else 0.0
+    values[_RESPONSE_SLOPE] = slope
     covariance[:_RESPONSE_SLOPE, :_RESPONSE_SLOPE] = _measured_covariance(
-        flats, darks, transfer=transfer, dark=dark, match=match, spatial=spatial
+        flats, darks, transfer=transfer, dark=dark, weights=weights, spatial=spatial
     )
     covariance[_FLAT_SPATIAL, _FLAT_SPATIAL] += (0.5 * hidden_dn2) ** 2
-    signal_dn = float(transfer.points.signal_dn[spatial.flat])
-    slope = response_slope(transfer, signal_dn)
-    values[_RESPONSE_SLOPE], covariance[_RESPONSE_SLOPE, _RESPONSE_SLOPE] = slope.value, slope.std_error**2
-    matched = np.greater(match.weights[transfer.used].sum(axis=0), 0.0)
+    covariance[_RESPONSE_SLOPE, _RESPONSE_SLOPE] = slope_error**2
+    matched = np.greater(weights[transfer.used].sum(axis=0), 0.0)
     return _Measured(
         values=values,
         covariance=covariance,
         signal_dn=signal_dn,
         n_gain=_frames(flats, transfer.used) + _frames(darks, matched),
-        n_dark=_frames(darks, np.ones(len(darks), dtype=bool)),
-        n_flat_pattern=flats[spatial.flat].n_frames + _frames(darks, np.greater(flat_weights, 0.0)),
-        n_dark_pattern=darks[spatial.dark].n_frames,
+        n_dark=sum(level.n_frames for level in darks),
+        n_flat_pattern=flat.n_frames + _frames(darks, np.greater(of_flat, 0.0)),
+        n_dark_pattern=stack.n_frames,
     )
 
 
 def _hidden_defects_dn2(flat: LevelStatistics, darks: Sequence[LevelStatistics], weights: FloatArray) -> float:
     """Return the variance that pixels which are defect in the dark have at most among the others in the light [DN^2].
 
-    A hot pixel that stands out in the dark may lie within what pixels differ by with light; half of it is taken off,
+    A hot pixel that stands out in the dark may lie within what pixels differ by with light; half of it is subtracted,
     and half is the error.
     """
-    all_dn2 = np.array([level.small_scale_variance_dn2 for level in darks])
+    all_dn2 = column(darks, "small_scale_variance_dn2")
     ordinary_dn2 = np.array([level.ordinary.small_scale_variance_dn2 for level in darks])
     left_out = np.array([float(level.ordinary.left_out) for level in darks])
     # The largest stand out in the light too, and are left out there.
@@ -499,7 +481,7 @@ def _hidden_defects_dn2(flat: LevelStatistics, darks: Sequence[LevelStatistics],
     return float(weights @ (hidden * np.maximum(all_dn2 - ordinary_dn2, 0.0)))
 
 
-def _frames(levels: Sequence[LevelStatistics], chosen: NDArray[np.bool_]) -> int:
+def _frames(levels: Sequence[LevelStatistics], chosen: Mask) -> int:
     return sum(level.n_frames for level, take in zip(levels, chosen, strict=True) if take)
 
 
@@ -509,68 +491,44 @@ def _measured_covariance(
     *,
     transfer: PhotonTransfer,
     dark: DarkSignal,
-    match: DarkMatch,
-    spatial: SpatialLevels,
+    weights: FloatArray,
+    spatial: tuple[int, int],
 ) -> FloatArray:
-    """Return the (6, 6) covariance of what is measured in DN, before division by the gain.
-
-    In this order: gain [DN/e-], dark temporal variance at no exposure [DN^2], spatial variance of the flat level
-    less that of its darks, what is smooth taken off [DN^2], spatial variance of the dark level [DN^2], black level
-    [DN], slope of the dark mean [DN/s]; zeros for what does not exist.
+    """Return the (6, 6) covariance of the numbers in DN but the last; zeros for those that do not exist.
 
     To first order in the errors. Each is linear in temporal and spatial variances and means of the levels. A
-    level's mean is taken as independent of its variances, which holds for noise without skewness, and the
+    level's mean is taken as independent of its variances, which is right for noise without skewness, and the
     error of a flat's mean is neglected: against that of its variance it is the square root of the gain over
-    the signal. The black level is that of the population from which this sensor's pixels are drawn, so the
-    fixed pattern's own sampling is in it.
+    the signal. The black level is that of the population from which this sensor's pixels are drawn, so it includes
+    the sampling of the fixed pattern.
     """
-    response = _response(transfer, dark, match, spatial)
-    statistics = _statistics_covariance(flats, darks, transfer, dark)
+    n_flat, n_dark = weights.shape
+    # Derivatives by flat and dark temporal variances, then flat and dark spatial variances.
+    response = np.zeros((4, 2 * (n_flat + n_dark)))
+    temporal, pattern = response[:, : n_flat + n_dark], response[:, n_flat + n_dark :]
+    temporal[_GAIN, :n_flat][transfer.used] = transfer.gain_response
+    temporal[_GAIN, n_flat:] = -temporal[_GAIN, :n_flat] @ weights
+    if dark.variance_fit is not None:
+        temporal[_DARK_VARIANCE, n_flat:] = dark.variance_fit.response[0]
+    pattern[_FLAT_SPATIAL, spatial[0]] = 1.0
+    pattern[_FLAT_SPATIAL, n_flat:] = -weights[spatial[0]]
+    pattern[_DARK_SPATIAL, n_flat + spatial[1]] = 1.0
     covariance = np.zeros((6, 6))
-    covariance[:4, :4] = response @ statistics @ response.T
-    covariance[_GAIN, _GAIN] += _gain_variance_beyond_sampling(transfer)
-    # The fixed pattern with light is what is left within blocks, which have fewer degrees of freedom.
-    covariance[_FLAT_SPATIAL, _FLAT_SPATIAL] /= small_scale_freedom(flats[spatial.flat].shape)
+    covariance[:4, :4] = response @ _statistics_covariance(flats, darks, transfer, dark) @ response.T
+    covariance[_GAIN, _GAIN] += transfer.gain_variance_beyond_sampling
+    # The fixed pattern with light is the variance within blocks, which have fewer degrees of freedom.
+    covariance[_FLAT_SPATIAL, _FLAT_SPATIAL] /= small_scale_freedom(flats[spatial[0]].shape)
     size = 2 if dark.has_slope else 1
     covariance[4 : 4 + size, 4 : 4 + size] = dark.mean_fit.covariance[:size, :size]
-    level = darks[spatial.dark]
     if dark.quantisation_limited:
         covariance[_DARK_SPATIAL, _DARK_SPATIAL] += QUANTISATION_VAR_DN2**2
     if dark.is_curved and dark.variance_fit is not None:
         # The variance at no exposure is that at the mean of no exposure.
-        covariance[_DARK_VARIANCE, _DARK_VARIANCE] += (
-            dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
-        )
-    covariance[_BLACK_LEVEL, _BLACK_LEVEL] += max(level.spatial_variance_dn2, 0.0) / level.n_pixels
+        by_mean = dark.variance_fit.parameters[1] ** 2 * dark.mean_fit.covariance[0, 0]
+        covariance[_DARK_VARIANCE, _DARK_VARIANCE] += by_mean
+    stack = darks[spatial[1]]
+    covariance[_BLACK_LEVEL, _BLACK_LEVEL] += max(stack.spatial_variance_dn2, 0.0) / stack.n_pixels
     return covariance
-
-
-def _gain_variance_beyond_sampling(transfer: PhotonTransfer) -> float:
-    scattered = transfer.gain_response * transfer.points.signal_dn[transfer.used]
-    of_change = transfer.relative_gain_error_of_change * transfer.gain_dn_per_e
-    return (
-        float(scattered @ scattered) * transfer.fit.scatter**2
-        + of_change**2
-        + transfer.gain_error_of_linearity_dn_per_e**2
-        + transfer.gain_error_of_black_dn_per_e**2
-    )
-
-
-def _response(transfer: PhotonTransfer, dark: DarkSignal, match: DarkMatch, spatial: SpatialLevels) -> FloatArray:
-    """Return derivatives by flat and dark temporal variances, then flat and dark spatial variances."""
-    n_flat, n_dark = match.weights.shape
-    gain = np.zeros(n_flat)
-    gain[transfer.used] = transfer.gain_response
-    response = np.zeros((4, 2 * (n_flat + n_dark)))
-    temporal, pattern = response[:, : n_flat + n_dark], response[:, n_flat + n_dark :]
-    temporal[_GAIN, :n_flat] = gain
-    temporal[_GAIN, n_flat:] = -gain @ match.weights
-    if dark.variance_fit is not None:
-        temporal[_DARK_VARIANCE, n_flat:] = dark.variance_fit.response[0]
-    pattern[_FLAT_SPATIAL, spatial.flat] = 1.0
-    pattern[_FLAT_SPATIAL, n_flat:] = -match.weights[spatial.flat]
-    pattern[_DARK_SPATIAL, n_flat + spatial.dark] = 1.0
-    return response
 
 
 def _statistics_covariance(
@@ -585,16 +543,35 @@ def _statistics_covariance(
     temporal = np.zeros((n, n))
     temporal[:n_flat, :n_flat] = np.diag(np.square(transfer.points.flat_std_error_dn2))
     temporal[n_flat:, n_flat:] = dark.variance_covariance_dn4
-    spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + _rounding_dn4(levels))
+    # Noise that hardly dithers leaves an error of rounding in spatial variances.
+    noise, pattern = column(levels, "temporal_variance_dn2"), pattern_variances(levels)
+    rounding_dn4 = np.square(spatial_rounding_error_dn2(least_noise_dn2(noise, pattern), pattern))
+    spatial = np.diag(np.square([level.ordinary.std_error_dn2 for level in levels]) + rounding_dn4)
     cross = np.diag([level.ordinary.temporal_cov_dn4 for level in levels])
     return np.block([[temporal, cross], [cross, spatial]])
 
 
-def _rounding_dn4(levels: Sequence[LevelStatistics]) -> FloatArray:
-    """Return what noise that hardly dithers leaves of rounding in spatial variances, squared [DN^4]."""
-    temporal = np.array([level.temporal_variance_dn2 for level in levels])
-    pattern = np.array([max(level.ordinary.variance_dn2, 0.0) for level in levels])
-    return np.square(spatial_rounding_error_dn2(least_noise_dn2(temporal, pattern), pattern))
+def _gain_of_flats(
+    flats: Sequence[LevelStatistics], transfer: PhotonTransfer, black_level_dn: Estimate
+) -> tuple[Estimate, JointCovariance, dict[str, Bound]]:
+    """Return the gain of flats without darks, its covariance with the black level, and the bound of the PRNU."""
+    points, used = transfer.points, transfer.used
+    sampling = np.diag(np.square(points.flat_std_error_dn2[used])) + points.dark_covariance_dn4[np.ix_(used, used)]
+    response = transfer.gain_response
+    variance = float(response @ sampling @ response) + transfer.gain_variance_beyond_sampling
+    shared, of_black = transfer.gain_by_black * black_level_dn.std_error**2, black_level_dn.std_error**2
+    brightest = int(np.flatnonzero(used)[-1])
+    pattern, signal_dn = flats[brightest].ordinary, float(points.signal_dn[brightest])
+    largest_dn2 = max(pattern.small_scale_variance_dn2, 0.0) + _RESOLVED_SIGMA * pattern.std_error_dn2
+    slope, slope_error = response_slope(transfer, signal_dn)
+    least_dn = signal_dn * max(slope - _RESOLVED_SIGMA * slope_error, 0.5)
+    return (
+        Estimate(value=transfer.gain_dn_per_e, std_error=float(np.sqrt(variance)), n=_frames(flats, used)),
+        JointCovariance(
+            names=("gain_dn_per_e", "black_level_dn"), matrix=np.array([[variance, shared], [shared, of_black]])
+        ),
+        {"prnu": Bound(bound="<", value=float(np.sqrt(largest_dn2)) / least_dn)},
+    )
 
 
 # Parameters in electrons
@@ -716,22 +693,6 @@ def _longer(bound_e_per_s: float, longest_s: float) -> str:
 def _longest_s(darks: Sequence[LevelStatistics]) -> float:
     """Return the longest exposure that is known, 0 if none is."""
     return max((dark.exposure_s for dark in darks if dark.exposure_s is not None), default=0.0)
-
-
-def _implausible_exposures(
-    flats: Sequence[LevelStatistics],
-    darks: Sequence[LevelStatistics],
-    dark_current_e_per_s: Estimate | None,
-    stated: StatedExposures,
-) -> tuple[Flag, ...]:
-    """Return what a dark current that no camera has says of the exposures."""
-    return implausible_unit((*flats, *darks), dark_current_e_per_s, stated=stated) or (
-        Flag(
-            name="dark_current_not_resolved",
-            message=f"dark exposures up to {_longest_s(darks):.3g} s are too short for a dark current of any camera to "
-            f"show: it is not known; take dark frames of 1 s or more",
-        ),
-    )
 
 
 def _saturation_bound(transfer: PhotonTransfer) -> dict[str, Bound]:
@@ -975,72 +936,56 @@ def _next(calibration: NoiseCalibration) -> str:
 # Light in dark frames, by the fixed pattern
 
 
-_WINDOW, _OUTLIER, _LEAST_PIXELS = 15, 5.0, 1000
-# Variance of white noise that a local mean leaves.
-_LOCAL_SHARE = 1.0 - 1.0 / _WINDOW**2
-_SIGMA, _LEAST_SHARE = 5.0, 1e-4
-_GAIN_SIGMA = 3.0
-_BLOCK_PIXELS = 1 << 18
-_OF_DARK_CURRENT = ("dark_current_not_resolved", "unusual_dark_current")
+def _light_in_darks(pattern: FixedPattern, *, black_level_dn: float) -> tuple[Estimate, Estimate, bool, bool] | None:
+    """Return the light in a dark stack [DN], the covariance of dark signal and response, and two verdicts.
 
-
-@dataclass(frozen=True, kw_only=True)
-class _DarkLight:
-    """Light in a dark stack by the pattern of the response to light in it."""
-
-    light: Estimate
-    covariance: Estimate
-    is_seen: bool
-    excludes_light: bool
-
-
-def _dark_light(pattern: FixedPattern, *, black_level_dn: float) -> _DarkLight | None:
-    """Return the light in a dark stack, None where the response has no pattern to know it by.
+    The verdicts are whether light is seen, and whether it is excluded. None where the response has no pattern.
 
     Dark current has its own pattern from pixel to pixel, light has that of the response (PRNU), and so has dark current
     where each pixel has a gain of its own. With r the relative response, d the dark mean less its local mean,
-    cov(d, r) = light var(r) - noise / signal, where the noise of the dark mean enters r by the dark that was taken off.
+    cov(d, r) = light var(r) - noise / signal, where the noise of the dark mean enters r by the subtracted dark.
 
-    Which share of the response is gain the noise of the pixels tells: the variance of photons goes with the gain's
-    square, and with the light. Where that share of the dark signal is all that is seen, there is no sign of light.
+    The noise of the pixels shows which share of the response is gain: the variance of photons goes with the gain's
+    square, and with the light. If that share of the dark signal explains all, there is no sign of light.
     """
-    dark, response = _local(pattern.dark.mean_dn), _local(_response_light_in_darks(pattern))
+    if float(np.median(pattern.dark.temporal_variance_dn2)) < QUANTISATION_LIMIT_DN2:
+        # The offsets of pixels that rounding hides stay in the flat, and look like response.
+        return None
+    relative = pattern.flat.mean_dn - pattern.dark.mean_dn
+    relative /= np.float32(pattern.signal_dn)
+    dark, response = _local(pattern.dark.mean_dn), _local(relative)
     noise_dn2 = float(np.mean(pattern.dark.temporal_variance_dn2)) / pattern.n_dark_frames
     flat_noise_dn2 = float(np.mean(pattern.flat.temporal_variance_dn2)) / pattern.n_flat_frames
     kept = (np.abs(dark) < _OUTLIER * _robust_std(dark)) & (np.abs(response) < _OUTLIER * _robust_std(response))
-    is_rounded = float(np.median(pattern.dark.temporal_variance_dn2)) < QUANTISATION_LIMIT_DN2
-    if is_rounded or np.count_nonzero(kept) < _LEAST_PIXELS:
-        # What rounding hides of a pixel's own offset stays in the flat, and looks like response.
+    if np.count_nonzero(kept) < _LEAST_PIXELS:
         return None
     d, r = dark[kept], response[kept]
-    del dark, response
+    del dark, response, relative
     _, (d_variance, r_variance), d_with_r = _pair_moments(d, r)
     of_response = r_variance - _LOCAL_SHARE * (noise_dn2 + flat_noise_dn2) / pattern.signal_dn**2
     if of_response <= 0.0:
         return None
     together = d_with_r + _LOCAL_SHARE * noise_dn2 / pattern.signal_dn
     of_chance = float(np.sqrt(d_variance * r_variance / d.size))
-    error_dn = of_chance / of_response
-    light = Estimate(value=together / of_response, std_error=error_dn, n=pattern.n_dark_frames)
+    light_dn, error_dn = together / of_response, of_chance / of_response
     dark_dn = max(float(pattern.dark.mean_dn[kept].mean()) - black_level_dn, 0.0)
     del d
-    share = _gain_share(pattern, r, kept, of_response=of_response)
-    is_of_gain = share.value > _GAIN_SIGMA * share.std_error and light.value - share.value * dark_dn < (
-        _GAIN_SIGMA * float(np.hypot(error_dn, share.std_error * dark_dn))
+    share, share_error = _gain_share(pattern, r, kept, of_response=of_response)
+    is_of_gain = share > _RESOLVED_SIGMA * share_error and light_dn - share * dark_dn < (
+        _RESOLVED_SIGMA * float(np.hypot(error_dn, share_error * dark_dn))
     )
-    is_there = light.value > _SIGMA * error_dn and light.value > _LEAST_SHARE * pattern.signal_dn
-    return _DarkLight(
-        light=light,
-        covariance=Estimate(value=together / pattern.signal_dn, std_error=of_chance / pattern.signal_dn, n=light.n),
-        is_seen=is_there and not is_of_gain,
-        excludes_light=light.value < _GAIN_SIGMA * error_dn and dark_dn - light.value > _SIGMA * error_dn,
+    is_there = light_dn > _LIGHT_SIGMA * error_dn and light_dn > _LEAST_LIGHT * pattern.signal_dn
+    n, signal_dn = pattern.n_dark_frames, pattern.signal_dn
+    return (
+        Estimate(value=light_dn, std_error=error_dn, n=n),
+        Estimate(value=together / signal_dn, std_error=of_chance / signal_dn, n=n),
+        is_there and not is_of_gain,
+        light_dn < _RESOLVED_SIGMA * error_dn and dark_dn - light_dn > _LIGHT_SIGMA * error_dn,
     )
 
 
-def _gain_share(
-    pattern: FixedPattern, response: SingleArray, kept: NDArray[np.bool_], *, of_response: float
-) -> Estimate:
-    """Return the share of what pixels differ by in their response that is their gain.
+def _gain_share(pattern: FixedPattern, response: SingleArray, kept: Mask, *, of_response: float) -> tuple[float, float]:
+    """Return the share of the pixels' differences in response that is their gain, and its error.
 
     The variance of photons grows with the response by 1 where pixels catch more light, by 2 where their gain is higher.
     """
@@ -1048,7 +993,7 @@ def _gain_share(
     (mean, _), (of_variance, variance_of_response), together = _pair_moments(variance, response)
     slope = together / mean / of_response
     error = float(np.sqrt(of_variance * variance_of_response / response.size)) / abs(mean) / of_response
-    return Estimate(value=slope - 1.0, std_error=error, n=pattern.n_flat_frames)
+    return slope - 1.0, error
 
 
 def _pair_moments(one: SingleArray, other: SingleArray) -> tuple[tuple[float, float], tuple[float, float], float]:
@@ -1061,12 +1006,6 @@ def _pair_moments(one: SingleArray, other: SingleArray) -> tuple[tuple[float, fl
         sums += (a @ a, b @ b, a @ b)
     first, second, together = (sums / one.size).tolist()
     return means, (first, second), together
-
-
-def _response_light_in_darks(pattern: FixedPattern) -> SingleArray:
-    response: SingleArray = pattern.flat.mean_dn - pattern.dark.mean_dn
-    response /= np.float32(pattern.signal_dn)
-    return response
 
 
 def _local(picture: SingleArray) -> SingleArray:
@@ -1082,26 +1021,21 @@ def _robust_std(picture: SingleArray) -> float:
     return 1.4826 * float(np.median(np.abs(picture), overwrite_input=True))
 
 
-def _share_of_flat(calibration: NoiseCalibration, spatial: SpatialLevels) -> float:
-    """Return the dark signal within the flat of the fixed pattern over that of the dark stack, 1 where not known."""
-    flat_s = calibration.flats[spatial.flat].exposure_s
-    stack_s = calibration.darks[spatial.dark].exposure_s
-    if flat_s is None or stack_s is None or not calibration.dark.has_slope:
-        return 1.0
-    of_flat, of_stack = calibration.dark.mean_at(np.array([flat_s, stack_s])) - calibration.black_level_dn.value
-    return float(of_flat / of_stack) if of_stack > 0.0 and of_flat > 0.0 else 1.0
-
-
-def _with_own_response(calibration: NoiseCalibration, covariance: Estimate, spatial: SpatialLevels) -> NoiseCalibration:
+def _with_own_response(calibration: NoiseCalibration, covariance: Estimate) -> NoiseCalibration:
     """Return a calibration whose PRNU is of the light alone, where dark signal and response go together.
 
-    The variance of a flat less that of its dark holds twice their covariance: with a gain of each pixel's own, dark
+    The variance of a flat less that of its dark includes twice their covariance: with a gain of each pixel's own, dark
     current differs from pixel to pixel as the light does.
     """
-    prnu = calibration.prnu
-    if prnu is None or abs(covariance.value) < _GAIN_SIGMA * covariance.std_error:
+    prnu, stacks = calibration.prnu, calibration.stacks
+    if prnu is None or stacks is None or abs(covariance.value) < _RESOLVED_SIGMA * covariance.std_error:
         return calibration
-    square = prnu.value**2 - 2.0 * _share_of_flat(calibration, spatial) * covariance.value
+    # The dark signal within the flat over that within the dark stack.
+    share, (flat_s, dark_s) = 1.0, (level.exposure_s for level in stacks)
+    if flat_s is not None and dark_s is not None and calibration.dark.has_slope:
+        of_flat, of_dark = calibration.dark.mean_at(np.array([flat_s, dark_s])) - calibration.black_level_dn.value
+        share = float(of_flat / of_dark) if of_dark > 0.0 and of_flat > 0.0 else 1.0
+    square = prnu.value**2 - 2.0 * share * covariance.value
     if square <= 0.0:
         return calibration
     value = float(np.sqrt(square))
@@ -1117,15 +1051,25 @@ def _with_own_response(calibration: NoiseCalibration, covariance: Estimate, spat
     )
 
 
-def _with_light(calibration: NoiseCalibration, light: Estimate, dark: LevelStatistics) -> NoiseCalibration:
+def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibration:
     """Return a calibration whose dark current is uncertain by light, or a bound where that is more than usual."""
-    current = calibration.dark_current_e_per_s
-    flagged = replace(calibration, flags=by_consequence((*calibration.flags, _light_flag(light))))
-    if current is None or not dark.exposure_s:
+    message = (
+        f"dark frames show the pattern that pixels have in the light, as "
+        f"{number_with_error(light.value, light.std_error)} DN of light would (more than {_LIGHT_SIGMA:.0f} standard "
+        f"errors): light got in, or each pixel has a gain of its own; the dark current cannot be told from it: cover "
+        f"the lens, and take the dark frames again"
+    )
+    flag, current, stacks = (
+        Flag(name="light_in_darks", message=message),
+        calibration.dark_current_e_per_s,
+        calibration.stacks,
+    )
+    flagged = replace(calibration, flags=by_consequence((*calibration.flags, flag)))
+    if current is None or stacks is None or not stacks[1].exposure_s:
         return flagged
-    rate_e_per_s = light.value / calibration.gain_dn_per_e.value / dark.exposure_s
+    rate_e_per_s = light.value / calibration.gain_dn_per_e.value / stacks[1].exposure_s
     if rate_e_per_s >= _USUAL_DARK_E_PER_S:
-        return _without_dark_current(calibration, _light_flag(light), bound=current)
+        return _without_dark_current(calibration, flag, bound=current)
     names, wider = calibration.covariance.names, calibration.covariance.matrix.copy()
     own = names.index(_DARK_CURRENT)
     wider[own, own] += rate_e_per_s**2
@@ -1139,36 +1083,15 @@ def _with_light(calibration: NoiseCalibration, light: Estimate, dark: LevelStati
 def _without_dark_current(calibration: NoiseCalibration, flag: Flag, *, bound: Estimate) -> NoiseCalibration:
     names, matrix = calibration.covariance.names, calibration.covariance.matrix
     kept = [index for index, name in enumerate(names) if name != _DARK_CURRENT]
-    largest = max(bound.value, 0.0) + _GAIN_SIGMA * bound.std_error
-    flags = tuple(one for one in calibration.flags if one.name not in _OF_DARK_CURRENT)
-    unusual = next((one.message for one in calibration.flags if one.name == "unusual_dark_current"), None)
-    if unusual is not None:
-        flag = replace(flag, message=f"{flag.message}; without light, {unusual}")
+    largest = max(bound.value, 0.0) + _RESOLVED_SIGMA * bound.std_error
+    of_current = {one.name: one for one in calibration.flags if one.name in _OF_DARK_CURRENT}
+    flags = tuple(one for one in calibration.flags if one.name not in of_current)
+    if (unusual := of_current.get("unusual_dark_current")) is not None:
+        flag = replace(flag, message=f"{flag.message}; without light, {unusual.message}")
     return replace(
         calibration,
         dark_current_e_per_s=None,
         bounds=calibration.bounds | {_DARK_CURRENT: Bound(bound="<", value=largest)},
         covariance=JointCovariance(names=tuple(names[index] for index in kept), matrix=matrix[np.ix_(kept, kept)]),
         flags=by_consequence((*flags, flag)),
-    )
-
-
-def _light_flag(light: Estimate) -> Flag:
-    return Flag(
-        name="light_in_darks",
-        message=f"dark frames show the pattern that pixels have in the light, as "
-        f"{number_with_error(light.value, light.std_error)} DN "
-        f"of light would (more than {_SIGMA:.0f} standard errors): light got in, or "
-        f"each pixel has a gain of its own; the dark current cannot be told from it: cover the lens, and take the dark "
-        f"frames again",
-    )
-
-
-def _untestable_flag(current: Estimate) -> Flag:
-    return Flag(
-        name="dark_current_or_light",
-        message=f"dark frames gain "
-        f"{number_with_error(current.value, current.std_error)} e-/s, more than cameras usually do "
-        f"({_USUAL_DARK_E_PER_S:.0f} e-/s), and the fixed pattern is too little known to tell dark current from light: "
-        f"cover the lens, and take stacks of 16 flats and 16 darks or more at one exposure",
     )

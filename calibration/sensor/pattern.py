@@ -181,6 +181,7 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
         sigma=sigma,
     )
 
+
 # Spectrograms: the fixed pattern by spatial frequency, along rows and along columns
 
 # Rows that are transformed at a time.

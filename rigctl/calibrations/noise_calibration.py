@@ -104,7 +104,9 @@ def _linearity(transfer: PhotonTransfer) -> dict[str, Json] | None:
         "cubic_per_dn2": curve.cubic_per_dn2,
         "covariance": covariance_rows(curve.covariance),
         "relative_scatter": curve.relative_scatter,
-        "brighter_fatter": None if spreading is None else asdict(spreading),
+        "brighter_fatter": None
+        if spreading is None
+        else {"value": spreading[0], "std_error": spreading[1], "signal_dn": transfer.top_dn},
     }
 
 
@@ -249,11 +251,10 @@ def _measure(group: FrameGroup, keep_picture: bool) -> LevelStatistics:
 
 
 def _fixed_pattern(noise: NoiseCalibration, groups: dict[int, FrameGroup]) -> FixedPattern | None:
-    if noise.spatial is None:
+    if noise.stacks is None:
         return None
-    chosen = noise.darks[noise.spatial.dark], noise.flats[noise.spatial.flat]
-    dark, flat = (
-        level if level.picture is not None else _measure(groups[id(level)], keep_picture=True) for level in chosen
+    flat, dark = (
+        level if level.picture is not None else _measure(groups[id(level)], keep_picture=True) for level in noise.stacks
     )
     return fixed_pattern(dark, flat)
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
 from calibration.results import Flag, refused
-from calibration.sensor.curves import StatedExposures
+from calibration.sensor.findings import StatedExposures
 from calibration.sensor.levels import LevelKind
 from drivers.cameras.raw_files import RAW_SUFFIXES
 from model.processing.mosaic import mosaic

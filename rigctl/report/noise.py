@@ -801,8 +801,8 @@ def _sheet_facts(calibration: FrameCalibration) -> list[tuple[str, str]]:
     exposures = [level.exposure_s for level in (*noise.flats, *noise.darks) if level.exposure_s is not None]
     rows, columns = noise.flats[0].shape
     pattern = _NOT_DETERMINED
-    if noise.spatial is not None:
-        flat, dark = noise.flats[noise.spatial.flat], noise.darks[noise.spatial.dark]
+    if noise.stacks is not None:
+        flat, dark = noise.stacks
         pattern = f"{flat.n_frames} flats at {flat.mean_dn:.0f} DN and {dark.n_frames} darks"
     return [
         *((name.replace("_", " "), _known(getattr(made_for, name))) for name in _MADE_FOR),

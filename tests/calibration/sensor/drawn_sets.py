@@ -160,7 +160,7 @@ def drawn_ten_errors(seed: int) -> NoiseSet:
     except RefusedFramesError:
         return _set(sensor, exposures)
     signal_dn = sound.transfer.points.signal_dn
-    of_darks = np.square(match_darks(sound.flats, sound.darks).weights) @ mean_sampling_variance(sound.darks)
+    of_darks = np.square(match_darks(sound.flats, sound.darks)) @ mean_sampling_variance(sound.darks)
     own_dn2 = mean_variance_dn2(sound.flats, signal_dn, sound.light_stability) + of_darks
     place = int(sensor.draws.choice(np.flatnonzero(sound.transfer.used))) if seed % 2 else 0
     relative = 10.0 * float(np.sqrt(own_dn2[place]) / signal_dn[place])

@@ -108,7 +108,8 @@ def tells_of_level(flag: Flag, mean_dn: float) -> bool:
 def calibrated(found: NoiseSet) -> NoiseCalibration:
     """The calibration of a set, with its fixed pattern as from files."""
     noise = calibrate_noise(found.levels, bit_depth=found.bits)
-    return with_pattern(noise, fixed_pattern(noise.darks[noise.spatial.dark], noise.flats[noise.spatial.flat]))
+    flat, dark = noise.stacks
+    return with_pattern(noise, fixed_pattern(dark, flat))
 
 
 FULL_E_PER_S = 1.0e6

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
 from calibration.results import CalibrationError, Flag, RefusedFramesError
-from calibration.sensor.curves import StatedExposures, impossible_exposures, unusual_dark_current
+from calibration.sensor.findings import StatedExposures, frame_flags, parameter_flags
 from calibration.sensor.levels import LevelKind, LevelStatistics, describe_level, level_statistics
 from calibration.sensor.noise import NoiseCalibration, calibrate_noise
 from tests.calibration.sensor.synthetic_sensor import (
@@ -457,7 +457,8 @@ def test_dim_flats_with_row_noise_are_not_called_filtered_or_banded() -> None:
     ],
 )
 def test_advice_on_a_unit_is_about_where_exposures_are_stated(stated: StatedExposures, said: str) -> None:
-    (flag,) = impossible_exposures(timed(levels(), 2e-7 / max(EXPOSURES_S)), stated=stated)
+    found = frame_flags(timed(levels(), 2e-7 / max(EXPOSURES_S)), bit_depth=12, stated=stated)
+    (flag,) = [flag for flag in found if flag.name == "wrong_time_unit"]
     assert said in flag.message
     assert f"read from {stated.where}" in flag.message
     assert ("nanoseconds" in flag.message) is (stated.unit == "ns")
@@ -479,7 +480,9 @@ def test_advice_on_a_unit_is_about_where_exposures_are_stated(stated: StatedExpo
 )
 def test_a_dark_current_of_few_cameras_may_be_one_of_another_unit(value: float, error: float, said: str | None) -> None:
     stated = StatedExposures(where="the column exposure_ms", unit="ms")
-    found = unusual_dark_current(Estimate(value=value, std_error=error, n=20), stated=stated)
+    current = Estimate(value=value, std_error=error, n=20)
+    given = parameter_flags(dark_current_e_per_s=current, quantum_efficiency=None, stated=stated)
+    found = [flag for flag in given if flag.name == "unusual_dark_current"]
     assert [said in flag.message and not flag.refuses for flag in found if said] == [True] * bool(said)
     assert len(found) == bool(said)
 
