@@ -1,22 +1,10 @@
-"""A case of a study and the scene it is of, each known by the hash of what its numbers follow from.
+"""Studies: predictions of many cases of some scenes, on dask, each done once.
 
-The cases of a study: every combination, lists side by side, or draws from the laws of the numbers.
-
-Batches of cases: what a worker computes at a time, and what comes back; cases of one sky stand together.
-
-What of a study is done: a durable file for each batch; a kill or a power cut takes what was in flight alone.
-
-Numbers of a study in the order of its cases, from its parts.
-
-The files of a study as others read them: one Zarr store for xarray, tables in Parquet.
-
-How much each uncertain input matters to each number: Sobol's indices.
-
-How much inputs matter to the numbers of a study, as tables for terminal, CSV and JSON.
-
-Pictures of a study: which input deserves a measurement.
-
-The files of a study for people: how much each input matters.
+The cases of a study are every combination of some numbers, lists side by side, or draws from the laws of the numbers.
+Cases under one sky are computed together, in batches that workers take. Each batch that is done is a durable file in
+the folder of the study, with the hash of each case: a kill or a power cut takes what was being computed and no more,
+and the same command continues. Once all cases were tried, the numbers are written as one Zarr store for xarray and as
+tables in Parquet. A study of kind "sobol" also says how much each uncertain input matters to each number.
 """
 
 from __future__ import annotations
@@ -33,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +32,13 @@ from model.prediction import RegionPrediction, detections_of_sweep
 from model.quantities import is_counts
 from rigctl import mapped as on_dask
 from rigctl.base.arrays import read_arrays
-from rigctl.base.durable import MOST_RECORD_BYTES, flush_folder, read_bounded, write_durably
+from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, flush_folder, read_bounded, write_durably
+from rigctl.base.numbers import utc_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ROC_KINDS
 from rigctl.files.scene_file import load_scene
-from rigctl.files.study_file import MOST_CASES
-from rigctl.mapped import PARTS_FOLDER
+from rigctl.files.study_file import MOST_CASES, load_study
+from rigctl.mapped import PARTS_FOLDER, held_folder, mapped
 from rigctl.prediction.predict import ROC_RATES, SWEPT_RATES, ScenePredictor, parse_roc, roc_curves_of_sweep
 from rigctl.prediction.sweep import SKY_KEYS
 from rigctl.report.data_files import csv_rows, json_file, json_rows
@@ -60,52 +49,162 @@ from rigctl.scene.light import SceneLight
 from rigctl.scene.scene import get, require_within, with_values
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from model.prediction import PairDetection
     from rigctl.console.json_text import Json
     from rigctl.files.scene_file import SceneFile
-    from rigctl.files.study_file import CasesSection, VariedSection
+    from rigctl.files.study_file import CasesSection, StudyFile, VariedSection
+    from rigctl.mapped import Engine, Outcome
     from rigctl.scene.scene import Parameter, Scene
 
+FloatArray = NDArray[np.float64]
 
-# What a number hangs on, beside the inputs.
+# The code from which the numbers follow.
 PACKAGES = ("model", "rigctl.files", "rigctl.scene", "rigctl.prediction", "rigctl.study")
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyScene:
-    """A scene of a study; two are one where their digests are."""
+    """A scene of a study; two scenes are the same if their digests are."""
 
-    digest: str  #: SHA-256 of the file and of the files that it names.
-    name: str = field(compare=False)  #: The file's name without ending: what cases are told by.
+    digest: str  #: SHA-256 of the file and of the files that it names
+    name: str = field(compare=False)  #: name of the file without its ending
     #: Its content. Files that it names are read where a case is computed, under the same paths.
     file: SceneFile = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What is computed of every case."""
+    """Numbers that are computed of every case."""
 
-    columns: tuple[tuple[str, str], ...]  #: Quantity and statistic of each region.
-    detection: bool  #: Whether every ordered pair's probability of detection and area under the curve is wanted.
-    roc: str | None  #: Pair whose whole curves are wanted.
-    tolerance: float | None  #: Largest numerical error; None: the settings of the scene file.
+    columns: tuple[tuple[str, str], ...]  #: quantity and statistic of each region
+    detection: bool  #: whether probability of detection and area under the curve of every ordered pair are wanted
+    roc: str | None  #: pair whose whole curves are wanted
+    tolerance: float | None  #: largest numerical error; None: the settings of the scene file
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One case: its place in the study, that of its scene among the scenes, and numbers in the place of the file's."""
+    """One case: its place in the study, that of its scene among the scenes, and the numbers that replace the file's."""
 
     number: int
     scene: int
     values: tuple[tuple[str, float], ...]
 
 
-def case_hash(case: Case, scene: StudyScene, wanted: Wanted) -> str:
-    """Return what a case is known by: the hash of its inputs, of what is wanted, and of the code."""
-    said = [scene.digest, sorted(case.values), wanted.columns, wanted.detection, wanted.roc, wanted.tolerance]
-    return hashlib.sha256(json.dumps([code_version(), *said]).encode()).hexdigest()
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Numbers:
+    """Numbers of N cases, NaN where there are none."""
+
+    regions: tuple[str, ...]  #: R of them
+    pairs: tuple[str, ...]  #: ordered pairs as "TARGET on BACKGROUND", where detection is wanted; P of them
+    values: FloatArray  #: of the wanted columns, (N, R, columns)
+    p_detection: FloatArray  #: at the rates of a sweep, (N, P, rates)
+    auc: FloatArray  #: areas under the curves, (N, P)
+    roc: (
+        FloatArray  #: P_D on Stokes parameters and on counts at `ROC_RATES`, (N, 2, rates); (N, 0, rates) if not wanted
+    )
+    seconds: FloatArray  #: time of each case; of the first of a sky with that sky
+    is_new_sky: NDArray[np.bool_]  #: whether the case before was under another sky, or there was none
+    reasons: tuple[str, ...]  #: why a case failed; empty where it did not
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StudyTable:
+    """A study as its files hold it."""
+
+    scenes: tuple[str, ...]  #: names
+    axes: tuple[Parameter, ...]  #: the numbers that are varied
+    grid: tuple[tuple[float, ...], ...]  #: values of each axis where all combinations are there, else empty
+    columns: tuple[tuple[str, str], ...]  #: quantity and statistic
+    cases: tuple[Case, ...]
+    numbers: Numbers
+    said: Mapping[str, str]  #: attributes of the store: version, inputs, conventions
+
+
+# The whole study.
+
+
+def run_study(
+    path: Path, out: Path, engine: Engine, tolerance: float | None, *, tell: Callable[[int, int], None]
+) -> tuple[StudyTable, tuple[SobolIndex, ...], Outcome, int, list[str]]:
+    """Compute a study as far as it was not computed before, and write it once all of its cases were tried.
+
+    Returns the study, how much its inputs matter (of kind sobol, when whole), the outcome, how many cases were done
+    before, and the parts of an earlier command that are damaged.
+    """
+    file = load_study(path)
+    scenes = tuple(study_scene(scene) for scene in file.scenes)
+    predictors = [ScenePredictor(scene.file, None) for scene in scenes]
+    cases = cases_of(file.cases, [one.scene for one in predictors])
+    wanted = _wanted(file, predictors, tolerance)
+    hashes = [_case_hash(case, scenes[case.scene], wanted) for case in cases]
+    texts = {one.name: read_bounded(one, MOST_TEXT_BYTES).decode("utf-8") for one in (path, *file.scenes)}
+    varied = file.cases.parameters
+    with held_folder(out):
+        done, damaged = read_parts(out)
+        left = [case for case, one in zip(cases, hashes, strict=True) if one not in done]
+        before = len(cases) - len(left)
+        outcome = mapped(
+            engine,
+            compute,
+            lambda slots: batches_of(left, scenes, wanted, workers=slots),
+            lambda batch, numbers: write_part(out, numbers, [hashes[case.number] for case in batch.cases]),
+            command="study",
+            packages=PACKAGES,
+            size=lambda batch: len(batch.cases),
+            parts=lambda batch: tuple(replace(batch, cases=(case,)) for case in batch.cases),
+            lost=_failed,
+            done=before,
+            total=len(cases),
+            tell=tell,
+        )
+        table = StudyTable(
+            scenes=tuple(scene.name for scene in scenes),
+            axes=tuple(get(predictors[0].scene, key) for key in varied),
+            grid=tuple(tuple(one.steps) for one in varied.values()) if file.cases.kind == "grid" else (),
+            columns=wanted.columns,
+            cases=cases,
+            numbers=_joined(hashes, read_parts(out)[0], wanted),
+            said={
+                "title": file.name,
+                "created_by": f"rigctl {code_version()}",
+                "created_utc": utc_text(time.time_ns()),
+                "origin": "predicted by the analytical model; nothing here was measured",
+                "conventions": _CONVENTIONS,
+                **{f"input {name}": text for name, text in texts.items()},
+            },
+        )
+        sobol: tuple[SobolIndex, ...] = ()
+        if outcome == "whole":
+            if file.cases.kind == "sobol":
+                sobol = tuple(row for number, values in _numbers_of(table) for row in sobol_of(number, values, varied))
+            write_study(out, table, sobol)
+    return table, sobol, outcome, before, damaged
+
+
+_DETECTION = ("p_detection", "auc")
+
+
+def _wanted(file: StudyFile, predictors: Sequence[ScenePredictor], tolerance: float | None) -> Wanted:
+    """Return the numbers to compute; quantities are sought in the prediction of each scene as its file has it."""
+    known: dict[tuple[str, str], None] = {}
+    for predictor in predictors:
+        if file.roc is not None:
+            parse_roc(file.roc, tuple(region.name for region in predictor.scene.regions))
+        for region in predictor.predictions().values():
+            known |= {(name, one): None for name, statistics in region.quantities.items() for one in statistics}
+    columns: dict[tuple[str, str], None] = {}
+    problems = []
+    for quantity in file.quantities:
+        name, _, statistic = quantity.partition(".")
+        fitting = [one for one in known if one[0] == name and statistic in ("", one[1])]
+        if not fitting and quantity not in _DETECTION:
+            problems.append(quantity)
+        columns |= dict.fromkeys(fitting)
+    if problems:
+        names = sorted({name for name, _ in known} | set(_DETECTION))
+        raise ConfigError(f"quantities: no scene gives {', '.join(problems)}; there are {', '.join(names)}")
+    detection = any(quantity in _DETECTION for quantity in file.quantities)
+    return Wanted(columns=tuple(columns), detection=detection, roc=file.roc, tolerance=tolerance)
 
 
 def study_scene(path: Path) -> StudyScene:
@@ -130,7 +229,13 @@ def code_version() -> str:
     return on_dask.code_version(PACKAGES)
 
 
-FloatArray = NDArray[np.float64]
+def _case_hash(case: Case, scene: StudyScene, wanted: Wanted) -> str:
+    """Return the hash of a case's inputs, of the wanted numbers, and of the code."""
+    content = [scene.digest, sorted(case.values), wanted.columns, wanted.detection, wanted.roc, wanted.tolerance]
+    return hashlib.sha256(json.dumps([code_version(), *content]).encode()).hexdigest()
+
+
+# Cases.
 
 
 def cases_of(section: CasesSection, scenes: Sequence[Scene]) -> tuple[Case, ...]:
@@ -163,19 +268,19 @@ def unit_draws(kind: str, inputs: int, n: int, seed: int) -> FloatArray:
 
 
 def _parameters(section: CasesSection, scene: Scene) -> dict[str, Parameter]:
-    found, problems = {}, []
+    parameters, problems = {}, []
     for key, varied in section.parameters.items():
         try:
-            found[key] = get(scene, key)
+            parameters[key] = get(scene, key)
             for value in varied.range or varied.steps:
                 require_within(scene, {key: value}, option="cases.parameters")
-            if varied.std == "stated" and found[key].std == 0.0:
+            if varied.std == "stated" and parameters[key].std == 0.0:
                 raise ConfigError(f'cases.parameters: {key}: std = "stated", and the scene states none')
         except ConfigError as error:
             problems.append(str(error))
     if problems:
         raise ConfigError(f"scene {scene.name}: " + "; ".join(problems))
-    return found
+    return parameters
 
 
 def _key_values(section: CasesSection, scene: Scene, found: Mapping[str, Parameter]) -> Iterable[Sequence[float]]:
@@ -232,6 +337,8 @@ def _at(varied: VariedSection, parameter: Parameter, share: FloatArray) -> Float
     return np.asarray(np.clip(drawn, parameter.least, parameter.most))  # of the last digit alone
 
 
+# Batches of cases.
+
 Predictions = Mapping[str, RegionPrediction]
 
 # Enough for a worker to be busy some seconds, few enough that little is lost when it ends; and batches of each worker,
@@ -253,60 +360,94 @@ class Batch:
     code: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BatchResult:
-    """What came of a batch, n cases."""
-
-    numbers: tuple[int, ...]  #: The cases.
-    #: Regions of the scene in the order of its file, R of them, and its ordered pairs as ``TARGET on BACKGROUND``.
-    regions: tuple[str, ...]
-    pairs: tuple[str, ...]
-    values: FloatArray  #: Of the wanted columns; NaN where there is none.
-    p_detection: FloatArray  #: At the rates of a sweep; empty where it is not wanted, as are the next two.
-    auc: FloatArray  #: Areas under the curves.
-    roc: FloatArray  #: Probability of detection on Stokes parameters and on counts, at `ROC_RATES`.
-    seconds: FloatArray  #: Time of each case; of the first of a sky with that sky.
-    is_new_sky: NDArray[np.bool_]  #: Whether the case before was under another sky, or there was none.
-    reasons: tuple[str, ...]  #: Why a case failed; empty where it did not.
-
-
 def batches_of(cases: Sequence[Case], scenes: Sequence[StudyScene], wanted: Wanted, *, workers: int) -> Iterator[Batch]:
     """Yield batches; those of one sky come one after another, and are cut only where there are many."""
     largest, rounds = (_MOST_CASES, _ROUNDS) if wanted.tolerance is None else (_MOST_TO_TOLERANCE, _ROUNDS_TO_TOLERANCE)
     most = max(1, min(largest, math.ceil(len(cases) / (workers * rounds))))
-    ordered = sorted(cases, key=lambda case: (case.scene, sky_of(case), case.number))
-    skies = [list(group) for _, group in groupby(ordered, key=lambda case: (case.scene, sky_of(case)))]
+    ordered = sorted(cases, key=lambda case: (case.scene, _sky_of(case), case.number))
+    skies = [list(group) for _, group in groupby(ordered, key=lambda case: (case.scene, _sky_of(case)))]
     # With enough skies for all workers none is solved twice.
     piece = largest if len(skies) >= _SKIES_EACH * workers else most
+
+    def batch(cases: Sequence[Case]) -> Batch:
+        return Batch(scene=scenes[cases[0].scene], wanted=wanted, cases=tuple(cases), code=code_version())
+
     held: list[Case] = []
     for cut in (sky[k : k + piece] for sky in skies for k in range(0, len(sky), piece)):
         if held and (held[0].scene != cut[0].scene or len(held) + len(cut) > most):
-            yield _batch(held, scenes[held[0].scene], wanted)
+            yield batch(held)
             held = []
         held += cut
     if held:
-        yield _batch(held, scenes[held[0].scene], wanted)
+        yield batch(held)
 
 
-def sky_of(case: Case) -> tuple[float, ...]:
-    """Return the numbers of a case that its sky hangs on."""
+def _sky_of(case: Case) -> tuple[float, ...]:
+    """Return the numbers of a case on which its sky depends."""
     return tuple(value for key, value in case.values if key.startswith(SKY_KEYS))
 
 
-def _batch(cases: Sequence[Case], scene: StudyScene, wanted: Wanted) -> Batch:
-    return Batch(scene=scene, wanted=wanted, cases=tuple(cases), code=code_version())
-
-
-def compute(batch: Batch) -> BatchResult:
-    """Return what the model says of each case of a batch; a case that fails is told, and ends no other."""
+def compute(batch: Batch) -> Numbers:
+    """Return the prediction of each case of a batch; a case that fails has a reason, and ends no other."""
     if batch.code != code_version():
         raise ConfigError(f"a worker has rigctl {code_version()}, the study {batch.code}: install the same on both")
-    predictor = _predictor(batch.scene)
-    found = _computed(predictor, [dict(case.values) for case in batch.cases], batch.wanted.tolerance)
-    return _result(batch, predictor, found, [sky_of(case) for case in batch.cases])
+    predictor, wanted = _predictor(batch.scene), batch.wanted
+    results = _predicted_all(predictor, [dict(case.values) for case in batch.cases], wanted.tolerance)
+    reasons = tuple(one if isinstance(one, str) else "" for one, _ in results)
+    numbers = _no_numbers(predictor.scene.regions, wanted, reasons)
+    skies = [_sky_of(case) for case in batch.cases]
+    there, predictions = [], []
+    for k, (prediction, seconds) in enumerate(results):
+        numbers.seconds[k] = seconds
+        numbers.is_new_sky[k] = batch.scene.file.atmosphere is not None and (k == 0 or skies[k] != skies[k - 1])
+        if isinstance(prediction, str):
+            continue
+        there.append(k)
+        predictions.append(prediction)
+        numbers.values[k] = [
+            [prediction[name].quantities.get(quantity, {}).get(of, math.nan) for quantity, of in wanted.columns]
+            for name in numbers.regions
+        ]
+    if predictions and wanted.detection:
+        for k, detections in zip(there, detections_of_sweep(predictions, SWEPT_RATES), strict=True):
+            by_pair = {f"{one.target} on {one.background}": one for one in detections}
+            numbers.p_detection[k] = [by_pair[name].p_detection for name in numbers.pairs]
+            numbers.auc[k] = [by_pair[name].auc for name in numbers.pairs]
+    if predictions and wanted.roc is not None:
+        curves = roc_curves_of_sweep(predictions, parse_roc(wanted.roc, numbers.regions))
+        for place, kind in enumerate(ROC_KINDS):
+            numbers.roc[there, place] = [one.p_detection for one in curves[kind]]
+    return numbers
 
 
-def _computed(
+def _no_numbers(regions: Sequence[Any], wanted: Wanted, reasons: tuple[str, ...]) -> Numbers:
+    """Return the record of cases of a scene before any number is there."""
+    names = tuple(region.name for region in regions)
+    pairs = tuple(f"{target} on {background}" for target in names for background in names if target != background)
+    return _blank(names, pairs if wanted.detection else (), wanted, reasons)
+
+
+def _blank(regions: tuple[str, ...], pairs: tuple[str, ...], wanted: Wanted, reasons: tuple[str, ...]) -> Numbers:
+    cases = len(reasons)
+    return Numbers(
+        regions=regions,
+        pairs=pairs,
+        values=np.full((cases, len(regions), len(wanted.columns)), np.nan),
+        p_detection=np.full((cases, len(pairs), len(SWEPT_RATES)), np.nan),
+        auc=np.full((cases, len(pairs)), np.nan),
+        roc=np.full((cases, 0 if wanted.roc is None else len(ROC_KINDS), ROC_RATES.size), np.nan),
+        seconds=np.full(cases, np.nan),
+        is_new_sky=np.zeros(cases, dtype=bool),
+        reasons=reasons,
+    )
+
+
+def _failed(batch: Batch, reason: str) -> Numbers:
+    """Return the result of a batch that no worker could compute."""
+    return _no_numbers(batch.scene.file.regions, batch.wanted, (reason,) * len(batch.cases))
+
+
+def _predicted_all(
     predictor: ScenePredictor, changes: Sequence[dict[str, float]], tolerance: float | None
 ) -> list[tuple[Predictions | str, float]]:
     """Return the prediction of each case, or the reason why it has none, and the time that it took [s].
@@ -314,7 +455,12 @@ def _computed(
     To a tolerance some are judged, and the others follow from those around them. Where one fails, halves are tried.
     """
     if tolerance is None or len(changes) == 1:
-        return [_timed(predictor, values, tolerance) for values in changes]
+        results = []
+        for values in changes:
+            start_s = time.perf_counter()
+            prediction = _predicted(predictor, values, tolerance)
+            results.append((prediction, time.perf_counter() - start_s))
+        return results
     try:
         for values in changes:
             require_within(predictor.scene, values, option="case")
@@ -323,16 +469,10 @@ def _computed(
         cases = predictor.series_to_tolerance(scenes, tolerance, points=points).cases
     except Exception:  # the case that fails says why when it is alone
         half = len(changes) // 2
-        return _computed(predictor, changes[:half], tolerance) + _computed(predictor, changes[half:], tolerance)
+        return _predicted_all(predictor, changes[:half], tolerance) + _predicted_all(
+            predictor, changes[half:], tolerance
+        )
     return [(one.result.predictions, sum((one.stage_s or one.result.stage_s).values())) for one in cases]
-
-
-def _timed(
-    predictor: ScenePredictor, values: dict[str, float], tolerance: float | None
-) -> tuple[Predictions | str, float]:
-    start_s = time.perf_counter()
-    found = _predicted(predictor, values, tolerance)
-    return found, time.perf_counter() - start_s
 
 
 @lru_cache(maxsize=_SCENES_KEPT)
@@ -354,276 +494,89 @@ def _predicted(predictor: ScenePredictor, values: dict[str, float], tolerance: f
         return predictor.series_to_tolerance((scene,), tolerance).cases[0].result.predictions
     except (ConfigError, DataError) as error:
         return str(error)
-    except Exception as error:  # whatever the model trips over in one case of a million is that case's reason
+    except Exception as error:  # any error of the model in one case of a million is the reason of that case
         return f"{type(error).__name__}: {error}"
 
 
-def _result(
-    batch: Batch,
-    predictor: ScenePredictor,
-    timed: Sequence[tuple[Predictions | str, float]],
-    skies: Sequence[tuple[float, ...]],
-) -> BatchResult:
-    found = [one for one, _ in timed]
-    regions = tuple(region.name for region in predictor.scene.regions)
-    there = [place for place, one in enumerate(found) if not isinstance(one, str)]
-    predictions = [one for one in found if not isinstance(one, str)]
-    pairs = tuple(f"{target} on {background}" for target in regions for background in regions if target != background)
-    p_detection, auc = _detection(batch.wanted, predictions, there, len(found), pairs)
-    return BatchResult(
-        numbers=tuple(case.number for case in batch.cases),
-        regions=regions,
-        pairs=pairs,
-        values=_values(batch.wanted.columns, regions, found),
-        p_detection=p_detection,
-        auc=auc,
-        roc=_rocs(batch.wanted, regions, predictions, there, len(found)),
-        seconds=np.array([seconds for _, seconds in timed]),
-        is_new_sky=np.array(
-            [batch.scene.file.atmosphere is not None and (k == 0 or sky != skies[k - 1]) for k, sky in enumerate(skies)]
-        ),
-        reasons=tuple(one if isinstance(one, str) else "" for one in found),
-    )
-
-
-def _values(
-    columns: Sequence[tuple[str, str]], regions: Sequence[str], found: Sequence[Predictions | str]
-) -> FloatArray:
-    values = np.full((len(found), len(regions), len(columns)), np.nan)
-    for k, one in enumerate(found):
-        if not isinstance(one, str):
-            values[k] = [
-                [one[name].quantities.get(quantity, {}).get(statistic, math.nan) for quantity, statistic in columns]
-                for name in regions
-            ]
-    return values
-
-
-def _detection(
-    wanted: Wanted, predictions: Sequence[Predictions], there: Sequence[int], cases: int, pairs: Sequence[str]
-) -> tuple[FloatArray, FloatArray]:
-    if not wanted.detection:
-        return np.empty((cases, 0, 0)), np.empty((cases, 0))
-    p_detection, auc = np.full((cases, len(pairs), len(SWEPT_RATES)), np.nan), np.full((cases, len(pairs)), np.nan)
-    if predictions:
-        for k, of_case in zip(there, detections_of_sweep(predictions, SWEPT_RATES), strict=True):
-            by_name: dict[str, PairDetection] = {f"{one.target} on {one.background}": one for one in of_case}
-            p_detection[k] = [by_name[name].p_detection for name in pairs]
-            auc[k] = [by_name[name].auc for name in pairs]
-    return p_detection, auc
-
-
-def _rocs(
-    wanted: Wanted, regions: tuple[str, ...], predictions: Sequence[Predictions], there: Sequence[int], cases: int
-) -> FloatArray:
-    if wanted.roc is None:
-        return np.empty((cases, 0, 0))
-    roc = np.full((cases, len(ROC_KINDS), ROC_RATES.size), np.nan)
-    if predictions:
-        curves = roc_curves_of_sweep(predictions, parse_roc(wanted.roc, regions))
-        for kind, of_kind in enumerate(ROC_KINDS):
-            roc[there, kind] = [one.p_detection for one in curves[of_kind]]
-    return roc
-
-
-def parts_of(batch: Batch) -> tuple[Batch, ...]:
-    """Return a batch as batches of one case each."""
-    return tuple(replace(batch, cases=(case,)) for case in batch.cases)
-
-
-def failed(batch: Batch, reason: str) -> BatchResult:
-    """Return the result of a batch that no worker could compute."""
-    cases = len(batch.cases)
-    regions = tuple(region.name for region in batch.scene.file.regions)
-    return BatchResult(
-        numbers=tuple(case.number for case in batch.cases),
-        regions=regions,
-        pairs=(),
-        values=np.full((cases, len(regions), len(batch.wanted.columns)), np.nan),
-        p_detection=np.empty((cases, 0, 0)),
-        auc=np.empty((cases, 0)),
-        roc=np.empty((cases, 0, 0)),
-        seconds=np.full(cases, np.nan),
-        is_new_sky=np.zeros(cases, dtype=bool),
-        reasons=(reason,) * cases,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DoneCases:
-    """Cases that are done: each hash with the part and the row where its numbers stand."""
-
-    parts: tuple[BatchResult, ...]
-    places: dict[str, tuple[int, int]]
-    damaged: tuple[str, ...]
-
-
-def write_part(out: Path, result: BatchResult, hashes: Sequence[str]) -> None:
-    """Return once a batch is on the disk, under the hash of its first case."""
-    data = io.BytesIO()
-    np.savez(
-        data,
-        hashes=np.array(hashes),
-        numbers=np.array(result.numbers),
-        regions=np.array(result.regions),
-        pairs=np.array(result.pairs, dtype=str),
-        values=result.values,
-        p_detection=result.p_detection,
-        auc=result.auc,
-        roc=result.roc,
-        seconds=result.seconds,
-        is_new_sky=result.is_new_sky,
-        reasons=np.array(result.reasons, dtype=str),
-    )
-    write_durably(out / PARTS_FOLDER / f"{hashes[0]}.npz", data.getvalue())
-
-
-def read_parts(out: Path) -> DoneCases:
-    """Return what is done; a part that is damaged is named, and its cases are not done."""
-    parts: list[BatchResult] = []
-    places: dict[str, tuple[int, int]] = {}
-    damaged = []
-    for file in sorted((out / PARTS_FOLDER).glob("*.npz")):
-        try:
-            hashes, result = _part(file)
-        except DataError as error:
-            damaged.append(str(error))
-            continue
-        places |= {one: (len(parts), row) for row, one in enumerate(hashes)}
-        parts.append(result)
-    return DoneCases(parts=tuple(parts), places=places, damaged=tuple(damaged))
-
-
-def _part(file: Path) -> tuple[list[str], BatchResult]:
-    arrays = read_arrays(file)
-    try:
-        hashes, texts = (
-            arrays["hashes"].tolist(),
-            {name: arrays[name].tolist() for name in ("regions", "pairs", "reasons")},
-        )
-        return hashes, BatchResult(
-            numbers=tuple(arrays["numbers"].tolist()),
-            regions=tuple(texts["regions"]),
-            pairs=tuple(texts["pairs"]),
-            reasons=tuple(texts["reasons"]),
-            **{name: arrays[name] for name in ("values", "p_detection", "auc", "roc", "seconds", "is_new_sky")},
-        )
-    except KeyError as error:
-        raise DataError(f"{file}: is no part of a study: {error} is missing") from error
-
+# Parts: what is done so far.
 
 UNDONE = "not computed yet"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StudyArrays:
-    """Numbers of N cases."""
-
-    #: Those of all scenes, each once, in the order of the scenes; a case whose scene has none of them holds NaN there.
-    regions: tuple[str, ...]
-    pairs: tuple[str, ...]
-    values: FloatArray  #: Of the wanted columns.
-    p_detection: FloatArray  #: At the rates of a sweep; without pairs where it is not wanted, as is the next.
-    auc: FloatArray  #: Areas under the curves.
-    roc: FloatArray | None  #: Probability of detection on Stokes parameters and on counts, where it is wanted.
-    seconds: FloatArray  #: Time of each case; NaN where it is not done.
-    is_new_sky: NDArray[np.bool_]  #: Whether that time holds a sky.
-    reasons: tuple[str, ...]  #: Why a case has no numbers; empty where it has.
+def write_part(out: Path, numbers: Numbers, hashes: Sequence[str]) -> None:
+    """Return once a batch is on the disk, under the hash of its first case."""
+    data = io.BytesIO()
+    arrays: dict[str, Any] = {name: np.array(value) for name, value in vars(numbers).items()}
+    np.savez(data, hashes=np.array(hashes), **arrays)
+    write_durably(out / PARTS_FOLDER / f"{hashes[0]}.npz", data.getvalue())
 
 
-def arrays_of(
-    cases: Sequence[Case], hashes: Sequence[str], done: DoneCases, wanted: Wanted, *, rates: int, curve: int
-) -> StudyArrays:
-    """Return the numbers of all cases; those that are not done hold NaN."""
-    used = {done.places[one][0] for one in hashes if one in done.places}
-    parts = [done.parts[k] for k in sorted(used)]
+def read_parts(out: Path) -> tuple[dict[str, tuple[Numbers, int]], list[str]]:
+    """Return the hash of each case that is done with its numbers and its row in them, and which parts are damaged."""
+    done: dict[str, tuple[Numbers, int]] = {}
+    damaged = []
+    for file in sorted((out / PARTS_FOLDER).glob("*.npz")):
+        try:
+            arrays: dict[str, Any] = read_arrays(file)
+            hashes = arrays.pop("hashes").tolist()
+            texts = {name: tuple(arrays[name].tolist()) for name in ("regions", "pairs", "reasons")}
+            numbers = Numbers(**{**arrays, **texts})
+        except DataError as error:
+            damaged.append(str(error))
+        except (KeyError, TypeError) as error:
+            damaged.append(f"{file}: is no part of a study: {error}")
+        else:
+            done |= {one: (numbers, row) for row, one in enumerate(hashes)}
+    return done, damaged
+
+
+def _joined(hashes: Sequence[str], done: Mapping[str, tuple[Numbers, int]], wanted: Wanted) -> Numbers:
+    """Return the numbers of all cases; a case whose scene has no such region, or that is not done, holds NaN."""
+    parts = dict.fromkeys(done[one][0] for one in hashes if one in done)
     regions = tuple(dict.fromkeys(name for part in parts for name in part.regions))
-    pairs = tuple(dict.fromkeys(name for part in parts for name in part.pairs)) if wanted.detection else ()
-    shape = len(cases)
-    found = StudyArrays(
-        regions=regions,
-        pairs=pairs,
-        values=np.full((shape, len(regions), len(wanted.columns)), np.nan),
-        p_detection=np.full((shape, len(pairs), rates), np.nan),
-        auc=np.full((shape, len(pairs)), np.nan),
-        roc=None if wanted.roc is None else np.full((shape, 2, curve), np.nan),
-        seconds=np.full(shape, np.nan),
-        is_new_sky=np.zeros(shape, dtype=bool),
-        reasons=tuple(_reason(done, one) for one in hashes),
-    )
-    places = [{name: k for k, name in enumerate(names)} for names in (regions, pairs)]
-    for row, one in enumerate(hashes):
-        if one in done.places:
-            part, line = done.places[one]
-            _fill(found, row, done.parts[part], line, *places)
-    return found
+    pairs = tuple(dict.fromkeys(name for part in parts for name in part.pairs))
+    reasons = [done[one][0].reasons[done[one][1]] if one in done else UNDONE for one in hashes]
+    whole = _blank(regions, pairs, wanted, tuple(reasons))
+    for k, one in enumerate(hashes):
+        if one not in done:
+            continue
+        part, row = done[one]
+        whole.values[k, [regions.index(name) for name in part.regions]] = part.values[row]
+        there = [pairs.index(name) for name in part.pairs]
+        whole.p_detection[k, there], whole.auc[k, there] = part.p_detection[row], part.auc[row]
+        whole.roc[k], whole.seconds[k], whole.is_new_sky[k] = part.roc[row], part.seconds[row], part.is_new_sky[row]
+    return whole
 
 
-def _reason(done: DoneCases, case: str) -> str:
-    if case not in done.places:
-        return UNDONE
-    part, line = done.places[case]
-    return done.parts[part].reasons[line]
-
-
-def _fill(
-    found: StudyArrays, row: int, part: BatchResult, line: int, regions: Mapping[str, int], pairs: Mapping[str, int]
-) -> None:
-    found.values[row, [regions[name] for name in part.regions]] = part.values[line]
-    found.seconds[row], found.is_new_sky[row] = part.seconds[line], part.is_new_sky[line]
-    if found.pairs and part.auc.size:
-        there = [pairs[name] for name in part.pairs]
-        found.p_detection[row, there], found.auc[row, there] = part.p_detection[line], part.auc[line]
-    if found.roc is not None and part.roc.size:
-        found.roc[row] = part.roc[line]
-
+# Files for others.
 
 ZARR, REGIONS_TABLE, DETECTION_TABLE = "study.zarr", "study.parquet", "detection.parquet"
 _STOKES = ("s0", "s1", "s2")
-# How signs are meant, in words for whoever opens the store.
-CONVENTIONS = (
+# How signs are meant, in words for readers of the store.
+_CONVENTIONS = (
     "S1 = horizontal - vertical, S2 = (+45) - (-45), angles counter-clockwise from horizontal as the camera sees the "
     "scene, AoLP in [0, 180) deg; azimuths clockwise from north; counts and Stokes parameters in DN"
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Axis:
-    """A number that is varied: its key, unit and meaning; on a grid its values too."""
-
-    key: str
-    unit: str
-    meaning: str
-    values: tuple[float, ...] = ()
+def write_study(out: Path, table: StudyTable, sobol: Sequence[SobolIndex]) -> tuple[str, ...]:
+    """Write the store, the tables and the sensitivities into a folder; return the names of the files."""
+    _write_zarr(out, table)
+    _write_parquet(out, table)
+    sensitivity = _write_sensitivity(sobol, out, created_by=table.said["created_by"]) if sobol else ()
+    return (REGIONS_TABLE, DETECTION_TABLE, *sensitivity)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StudyTable:
-    """A study as its files hold it."""
-
-    scenes: tuple[str, ...]  #: Names.
-    axes: tuple[Axis, ...]  #: What is varied; each with its values where all combinations are there, else with none.
-    columns: tuple[tuple[str, str], ...]  #: Quantity and statistic.
-    cases: tuple[Case, ...]  #: N of them.
-    arrays: StudyArrays  #: Their numbers.
-    said: Mapping[str, str]  #: Attributes of the store: version, inputs, conventions.
-
-    @property
-    def is_grid(self) -> bool:
-        """Whether every combination of the axes is there."""
-        return all(axis.values for axis in self.axes)
-
-
-def column_name(column: tuple[str, str]) -> str:
+def _column_name(column: tuple[str, str]) -> str:
     """Return the name of a number in stores and tables, "dolp_mean"."""
     return "_".join(column)
 
 
-def write_zarr(out: Path, table: StudyTable) -> None:
+def _write_zarr(out: Path, table: StudyTable) -> None:
     """Write the store; one that is there is replaced once the new one is whole."""
     part, store = out / f"{ZARR}.part", out / ZARR
     shutil.rmtree(part, ignore_errors=True)
-    dataset(table).to_zarr(part, mode="w", zarr_format=2, consolidated=True)
+    _dataset(table).to_zarr(part, mode="w", zarr_format=2, consolidated=True)
     if store.exists():
         store.rename(out / f"{ZARR}.old")
     part.rename(store)
@@ -631,30 +584,30 @@ def write_zarr(out: Path, table: StudyTable) -> None:
     flush_folder(out)
 
 
-def dataset(table: StudyTable) -> Any:
+def _dataset(table: StudyTable) -> Any:
     """Return the numbers as an `xarray.Dataset`: over scene and axes of a grid, else over cases."""
     import xarray as xr
 
-    arrays = table.arrays
+    numbers = table.numbers
     dims, lengths, coords = _dimensions(table)
-    coords |= {"region": ("region", _texts(arrays.regions))}
+    coords |= {"region": ("region", _texts(numbers.regions))}
 
     def shaped(values: Any, *inner: str) -> tuple[tuple[str, ...], Any]:
         return (*dims, *inner), values.reshape(*lengths, *values.shape[1:])
 
     variables: dict[str, Any] = {
-        column_name(column): (*shaped(arrays.values[..., k], "region"), {"units": _unit(column[0])})
+        _column_name(column): (*shaped(numbers.values[..., k], "region"), {"units": _unit(column[0])})
         for k, column in enumerate(table.columns)
     }
-    variables["seconds"] = (*shaped(arrays.seconds), {"units": "s", "long_name": "time of computation"})
-    variables["reason"] = (*shaped(_texts(arrays.reasons)), {"long_name": "why a case has no numbers"})
-    if arrays.pairs:
-        coords |= {"pair": ("pair", _texts(arrays.pairs)), "p_false_alarm": ("p_false_alarm", list(SWEPT_RATES))}
-        variables["p_detection"] = (*shaped(arrays.p_detection, "pair", "p_false_alarm"), {"units": "1"})
-        variables["auc"] = (*shaped(arrays.auc, "pair"), {"units": "1"})
-    if arrays.roc is not None:
+    variables["seconds"] = (*shaped(numbers.seconds), {"units": "s", "long_name": "time of computation"})
+    variables["reason"] = (*shaped(_texts(numbers.reasons)), {"long_name": "why a case has no numbers"})
+    if numbers.pairs:
+        coords |= {"pair": ("pair", _texts(numbers.pairs)), "p_false_alarm": ("p_false_alarm", list(SWEPT_RATES))}
+        variables["p_detection"] = (*shaped(numbers.p_detection, "pair", "p_false_alarm"), {"units": "1"})
+        variables["auc"] = (*shaped(numbers.auc, "pair"), {"units": "1"})
+    if numbers.roc.size:
         coords |= {"kind": ("kind", _texts(ROC_KINDS)), "roc_p_false_alarm": ("roc_p_false_alarm", ROC_RATES)}
-        variables["roc_p_detection"] = (*shaped(arrays.roc, "kind", "roc_p_false_alarm"), {"units": "1"})
+        variables["roc_p_detection"] = (*shaped(numbers.roc, "kind", "roc_p_false_alarm"), {"units": "1"})
     return xr.Dataset(variables, coords=coords, attrs=dict(table.said))
 
 
@@ -662,9 +615,12 @@ def _dimensions(table: StudyTable) -> tuple[tuple[str, ...], tuple[int, ...], di
     """Dimensions of the cases, their lengths, and the coordinates that say what each case is."""
     scenes = _texts(table.scenes)
     facts = {axis.key: {"units": axis.unit or "1", "long_name": axis.meaning} for axis in table.axes}
-    if table.is_grid:
-        coords: dict[str, Any] = {axis.key: (axis.key, list(axis.values), facts[axis.key]) for axis in table.axes}
-        lengths = (len(scenes), *(len(axis.values) for axis in table.axes))
+    if table.grid:
+        coords: dict[str, Any] = {
+            axis.key: (axis.key, list(values), facts[axis.key])
+            for axis, values in zip(table.axes, table.grid, strict=True)
+        }
+        lengths = (len(scenes), *map(len, table.grid))
         return ("scene", *(axis.key for axis in table.axes)), lengths, {"scene": ("scene", scenes)} | coords
     columns = np.array([[value for _, value in case.values] for case in table.cases])
     coords = {axis.key: ("case", columns[:, k], facts[axis.key]) for k, axis in enumerate(table.axes)}
@@ -683,12 +639,12 @@ def _texts(words: Sequence[str]) -> Any:
     return np.array(words, dtype=f"U{max(map(len, words), default=1) or 1}")
 
 
-def write_parquet(out: Path, table: StudyTable) -> None:
+def _write_parquet(out: Path, table: StudyTable) -> None:
     """Write a row for each case and region and, where it is wanted, one for each case, pair and rate."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    arrays, n = table.arrays, len(table.cases)
+    numbers, n = table.numbers, len(table.cases)
     said = {key: value.encode() for key, value in table.said.items()}
     of_case = {"case": np.arange(n), "scene": np.array(table.scenes)[[case.scene for case in table.cases]]}
     of_case |= {axis.key: np.array([case.values[k][1] for case in table.cases]) for k, axis in enumerate(table.axes)}
@@ -701,135 +657,106 @@ def write_parquet(out: Path, table: StudyTable) -> None:
         parquet.write_table(made.replace_schema_metadata(said), part)
         part.replace(out / name)
 
-    per_region = len(arrays.regions)
-    numbers = {column_name(column): arrays.values[..., k] for k, column in enumerate(table.columns)}
-    numbers |= {
-        "seconds": np.repeat(arrays.seconds, per_region),
-        "reason": np.repeat(_texts(arrays.reasons), per_region),
+    per_region = len(numbers.regions)
+    values = {_column_name(column): numbers.values[..., k] for k, column in enumerate(table.columns)}
+    values |= {
+        "seconds": np.repeat(numbers.seconds, per_region),
+        "reason": np.repeat(_texts(numbers.reasons), per_region),
     }
-    write(REGIONS_TABLE, {"region": _texts(arrays.regions)}, numbers, per_region)
-    if arrays.pairs:
+    write(REGIONS_TABLE, {"region": _texts(numbers.regions)}, values, per_region)
+    if numbers.pairs:
         rates = len(SWEPT_RATES)
         inner = {
-            "pair": np.repeat(_texts(arrays.pairs), rates),
-            "p_false_alarm": np.tile(SWEPT_RATES, len(arrays.pairs)),
+            "pair": np.repeat(_texts(numbers.pairs), rates),
+            "p_false_alarm": np.tile(SWEPT_RATES, len(numbers.pairs)),
         }
-        auc = np.repeat(arrays.auc, rates, axis=-1)
-        write(DETECTION_TABLE, inner, {"p_detection": arrays.p_detection, "auc": auc}, len(arrays.pairs) * rates)
+        auc = np.repeat(numbers.auc, rates, axis=-1)
+        write(DETECTION_TABLE, inner, {"p_detection": numbers.p_detection, "auc": auc}, len(numbers.pairs) * rates)
 
+
+# Sensitivity.
 
 _LEVEL, _RESAMPLES = 0.95, 200
 _VARIES = 1e-12
 
 
-@dataclass(frozen=True, kw_only=True)
-class Number:
-    """A number of a study: QUANTITY_STATISTIC of a region of a scene."""
+class SobolIndex(NamedTuple):
+    """Shares of a number's variance that one input makes."""
 
     scene: str
     region: str
-    quantity: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class SobolIndex:
-    """Shares of a number's variance that one input makes."""
-
-    number: Number  #: The number.
-    input: str  #: Key of the input.
-    first: float  #: By this input alone, and with all that it makes together with others; NaN where `reason` says why.
-    first_low: float  #: 95 % limits by bootstrap.
+    quantity: str  #: QUANTITY_STATISTIC
+    input: str  #: key of the input
+    first: float  #: by this input alone; NaN where `reason` says why
+    first_low: float  #: 95 % limits by bootstrap
     first_high: float
-    total: float
+    total: float  #: with all that it makes together with others
     total_low: float
     total_high: float
-    reason: str  #: Why there is none; empty where there is.
+    reason: str  #: why there is none; empty where there is
 
 
-def numbers_of(
-    arrays: StudyArrays, scenes: Sequence[str], columns: Sequence[str]
-) -> Iterator[tuple[Number, FloatArray]]:
-    """Yield every number of every scene with its values over that scene's cases."""
-    of_scene = len(arrays.values) // len(scenes)
-    for k, scene in enumerate(scenes):
-        values = arrays.values[k * of_scene : (k + 1) * of_scene]
-        for r, region in enumerate(arrays.regions):
-            for q, quantity in enumerate(columns):
+def _numbers_of(table: StudyTable) -> Iterator[tuple[tuple[str, str, str], FloatArray]]:
+    """Yield scene, region and quantity of every number with its values over the cases of that scene."""
+    cases = len(table.cases) // len(table.scenes)
+    for k, scene in enumerate(table.scenes):
+        values = table.numbers.values[k * cases : (k + 1) * cases]
+        for r, region in enumerate(table.numbers.regions):
+            for q, column in enumerate(table.columns):
                 if not np.all(np.isnan(values[:, r, q])):
-                    yield Number(scene=scene, region=region, quantity=quantity), values[:, r, q]
+                    yield (scene, region, _column_name(column)), values[:, r, q]
 
 
-def sobol_of(number: Number, values: FloatArray, inputs: Sequence[str]) -> tuple[SobolIndex, ...]:
-    """Return the indices of a number to each input.
+def sobol_of(number: tuple[str, str, str], values: FloatArray, inputs: Iterable[str]) -> tuple[SobolIndex, ...]:
+    """Return the indices of a number, given by scene, region and quantity, to each input.
 
     Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, doi:10.1016/j.cpc.2009.09.018, as scipy has it.
     """
-    reason = _why_none(values)
+    keys, reason = tuple(inputs), ""
+    missing = int(np.count_nonzero(np.isnan(values)))
+    if missing:
+        reason = f"{missing} of {values.size} cases have no such number"
+    elif np.ptp(values) <= _VARIES * np.max(np.abs(values)):
+        reason = "no input changes it"
     if reason:
-        gone = dict.fromkeys(("first", "first_low", "first_high", "total", "total_low", "total_high"), math.nan)
-        return tuple(SobolIndex(number=number, input=key, reason=reason, **gone) for key in inputs)
-    blocks = values.reshape(len(inputs) + 2, 1, -1)
+        return tuple(_sobol_index(number, key, [math.nan] * 6, reason) for key in keys)
+    blocks = values.reshape(len(keys) + 2, 1, -1)
     # Of an input that changes nothing the indices are 0, without limits that could be found by drawing.
-    acting = [k for k in range(len(inputs)) if np.any(blocks[2 + k] != blocks[0])]
+    acting = [k for k in range(len(keys)) if np.any(blocks[2 + k] != blocks[0])]
     found = sobol_indices(
         func={"f_A": blocks[0], "f_B": blocks[1], "f_AB": blocks[2:][acting]},
         n=blocks.shape[-1],
         rng=np.random.default_rng(1),
     )
     spread = found.bootstrap(confidence_level=_LEVEL, n_resamples=_RESAMPLES)
-    indices = np.zeros((len(inputs), 2, 3))
-    for j, (one, limits) in enumerate(
-        (
-            (found.first_order, spread.first_order.confidence_interval),
-            (found.total_order, spread.total_order.confidence_interval),
-        )
-    ):
-        indices[acting, j] = np.stack([np.ravel(one), np.ravel(limits.low), np.ravel(limits.high)], axis=1)
-    return tuple(_sobol_index(number, key, *indices[k].ravel().tolist()) for k, key in enumerate(inputs))
-
-
-def _sobol_index(number: Number, key: str, *found: float) -> SobolIndex:
-    first, first_low, first_high, total, total_low, total_high = found
-    return SobolIndex(
-        number=number,
-        input=key,
-        first=first,
-        first_low=first_low,
-        first_high=first_high,
-        total=total,
-        total_low=total_low,
-        total_high=total_high,
-        reason="",
+    first, total = spread.first_order.confidence_interval, spread.total_order.confidence_interval
+    indices = np.zeros((len(keys), 6))
+    indices[acting] = np.stack(
+        [np.ravel(one) for one in (found.first_order, first.low, first.high, found.total_order, total.low, total.high)],
+        axis=1,
     )
+    return tuple(_sobol_index(number, key, indices[k].tolist(), "") for k, key in enumerate(keys))
 
 
-def _why_none(values: FloatArray) -> str:
-    missing = int(np.count_nonzero(np.isnan(values)))
-    if missing:
-        return f"{missing} of {values.size} cases have no such number"
-    if np.ptp(values) <= _VARIES * np.max(np.abs(values)):
-        return "no input changes it"
-    return ""
-
-
-_OF_NUMBER = (
-    Column[Any](title="scene", key="scene", value=lambda row: row.number.scene, left=True),
-    Column[Any](title="region", key="region", value=lambda row: row.number.region, left=True),
-    Column[Any](title="number", key="quantity", value=lambda row: row.number.quantity, left=True),
-    Column[Any](title="input", key="input", left=True),
-)
+def _sobol_index(number: tuple[str, str, str], key: str, indices: Sequence[float], reason: str) -> SobolIndex:
+    first, first_low, first_high, total, total_low, total_high = indices
+    return SobolIndex(*number, key, first, first_low, first_high, total, total_low, total_high, reason)
 
 
 def sobol_table(rows: Sequence[SobolIndex]) -> Table[SobolIndex]:
     """Return the shares of variance; of each number the input that makes most stands first."""
+    numbers = list(dict.fromkeys(row[:3] for row in rows))
     return Table(
         columns=(
-            *_OF_NUMBER,
+            Column(title="scene", key="scene", left=True),
+            Column(title="region", key="region", left=True),
+            Column(title="number", key="quantity", left=True),
+            Column(title="input", key="input", left=True),
             *_shares("first", "alone"),
             *_shares("total", "with others"),
             Column(title="why none", key="reason", left=True),
         ),
-        rows=_ranked(rows, lambda row: row.total),
+        rows=tuple(sorted(rows, key=lambda row: (numbers.index(row[:3]), 0.0 if row.reason else -row.total))),
         title="share of the variance that each input makes, with 95 % limits",
     )
 
@@ -848,11 +775,6 @@ def _shares(key: str, title: str) -> tuple[Column[SobolIndex], ...]:
     )
 
 
-def _ranked(rows: Sequence[Any], by: Callable[[Any], float]) -> tuple[Any, ...]:
-    numbers = list(dict.fromkeys(row.number for row in rows))
-    return tuple(sorted(rows, key=lambda row: (numbers.index(row.number), -by(row) if not row.reason else 0.0)))
-
-
 # More panels than this no one reads; the tables have all.
 _MOST_PANELS = 12
 _COLUMNS = 3
@@ -860,56 +782,29 @@ _INCHES_A_BAR = 0.32
 
 
 def sobol_figure(rows: Sequence[SobolIndex]) -> bytes:
-    """Return bars of first and total index for each number, a panel each, at most twelve."""
-
-    def draw(ax: Axes, found: Sequence[SobolIndex]) -> None:
-        for shift, color, label, key in ((-0.2, PREDICTED, "alone", "first"), (0.2, MEASURED, "with others", "total")):
-            ends = [_to_limits(row, key) for row in found]
-            _bars(ax, found, key, shift=shift, color=color, label=label, ends=ends)
-        ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
-        ax.set_xlabel("share of the variance")
-
-    return _panels(rows, draw, by="total")
-
-
-def _to_limits(row: SobolIndex, key: str) -> tuple[float, float]:
-    """From an index down to its lower limit and up to its upper one."""
-    value = getattr(row, key)
-    return max(value - getattr(row, f"{key}_low"), 0.0), max(getattr(row, f"{key}_high") - value, 0.0)
-
-
-def _bars(
-    ax: Axes,
-    found: Sequence[Any],
-    key: str,
-    *,
-    shift: float,
-    color: str,
-    label: str,
-    ends: Sequence[tuple[float, float]] = (),
-) -> None:
-    places, values = [k + shift for k in range(len(found))], [getattr(row, key) for row in found]
-    ax.barh(places, values, 0.38, color=color, label=label)
-    if ends:
-        ax.errorbar(values, places, xerr=list(zip(*ends, strict=True)), fmt="none", ecolor="black", capsize=2)
-
-
-def _panels(rows: Sequence[Any], draw: Callable[[Axes, Sequence[Any]], None], *, by: str) -> bytes:
-    """Return a figure with a panel for each number, the input that matters most on top."""
+    """Return bars of first and total index for each number, a panel each, the input that matters most on top."""
     known = [row for row in rows if not row.reason]
-    numbers = list(dict.fromkeys(row.number for row in known))[:_MOST_PANELS]
-    inputs = max((sum(row.number == number for row in known) for number in numbers), default=1)
+    numbers = list(dict.fromkeys(row[:3] for row in known))[:_MOST_PANELS]
+    inputs = max((sum(row[:3] == number for row in known) for number in numbers), default=1)
     columns = max(min(_COLUMNS, len(numbers)), 1)
     lines = max(-(-len(numbers) // columns), 1)
     figure, axes = subplots(lines, columns, size=(1.0 + 4.2 * columns, lines * (1.3 + _INCHES_A_BAR * inputs)))
-    several = len({number.scene for number in numbers}) > 1
+    several = len({scene for scene, _, _ in numbers}) > 1
     for ax, number in zip(axes, numbers, strict=False):
-        found = sorted((row for row in known if row.number == number), key=lambda row: -getattr(row, by))
-        draw(ax, found)
-        ax.set_yticks(range(len(found)), [row.input for row in found], fontsize=8)
+        shown = sorted((row for row in known if row[:3] == number), key=lambda row: -row.total)
+        for shift, color, label, key in ((-0.2, PREDICTED, "alone", "first"), (0.2, MEASURED, "with others", "total")):
+            values, low, high = (
+                np.array([getattr(row, name) for row in shown]) for name in (key, f"{key}_low", f"{key}_high")
+            )
+            places, to_limits = np.arange(len(shown)) + shift, np.maximum([values - low, high - values], 0.0)
+            ax.barh(places, values, 0.38, color=color, label=label)
+            ax.errorbar(values, places, xerr=to_limits, fmt="none", ecolor="black", capsize=2)
+        ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.0, ax.get_xlim()[1]))
+        ax.set_xlabel("share of the variance")
+        ax.set_yticks(range(len(shown)), [row.input for row in shown], fontsize=8)
         ax.invert_yaxis()
-        scene = f"{number.scene}\n" if several else ""
-        ax.set_title(f"{scene}{number.region}: {number.quantity}", fontsize=9)
+        scene, region, quantity = number
+        ax.set_title(f"{scene}\n{region}: {quantity}" if several else f"{region}: {quantity}", fontsize=9)
     if numbers:
         axes[0].legend(fontsize=8)
     for ax in axes[len(numbers) :]:
@@ -917,14 +812,11 @@ def _panels(rows: Sequence[Any], draw: Callable[[Axes, Sequence[Any]], None], *,
     return png(figure)
 
 
-SCHEMA_VERSION = 1
-
-
-def write_sensitivity(sobol: Sequence[SobolIndex], out: Path, *, created_by: str) -> tuple[str, ...]:
+def _write_sensitivity(sobol: Sequence[SobolIndex], out: Path, *, created_by: str) -> tuple[str, ...]:
     """Write sensitivity.csv, sensitivity.json and sensitivity.png into a folder; return their names."""
     table = sobol_table(sobol)
     content: dict[str, Json] = {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": 1,
         "created_by": created_by,
         "method": "sobol",
         "rows": list(json_rows(table)),

@@ -178,8 +178,8 @@ def with_kills(cases: int, kills: int, *, seed: int) -> bool:
         lost = _on_scheduler(study, out, folder)
         done = subprocess.run(words(study, out, "--workers", str(WORKERS)), capture_output=True, check=False)
         said = json.loads(done.stdout)
-        kept = read_parts(out)
-        twice = sum(len(part.numbers) for part in kept.parts) - len(kept.places)
+        kept, _ = read_parts(out)
+        twice = sum(len(part.reasons) for part in {part for part, _ in kept.values()}) - len(kept)
         print(
             f"scheduler killed at {lost}; resumed: exit {done.returncode}, {said['done_before']} done before, "
             f"{said['failed']} failed, {twice} kept twice"
@@ -195,7 +195,7 @@ def _is_worker(process: psutil.Process) -> bool:
 
 
 def _done(out: Path) -> int:
-    return len(read_parts(out).places) if out.exists() else 0
+    return len(read_parts(out)[0]) if out.exists() else 0
 
 
 def _on_scheduler(study: Path, out: Path, folder: Path) -> int:

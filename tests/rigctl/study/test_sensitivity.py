@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rigctl.study import Number, sobol_of, unit_draws
+from rigctl.study import sobol_of, unit_draws
 
-NUMBER = Number(scene="scene", region="region", quantity="dolp_mean")
+NUMBER = ("scene", "region", "dolp_mean")
 KEYS = ("a", "b", "c")
 
 

@@ -107,7 +107,7 @@ def test_a_damaged_part_is_computed_again(tmp_path, scheduler):
     after = computed(path, scheduler)
     assert len(after.damaged) == 1
     assert 0 < after.done_before < 10
-    np.testing.assert_array_equal(after.table.arrays.values, before.table.arrays.values)
+    np.testing.assert_array_equal(after.table.numbers.values, before.table.numbers.values)
 
 
 def test_a_case_that_fails_is_a_row_with_its_reason(tmp_path, scheduler):
@@ -132,7 +132,7 @@ kind = "list"
 "regions.left.stokes_radiance.0" = {{ values = [10.0, 2.0, 11.0, 12.0] }}
 "{EXPOSURE}" = {{ values = [0.01, 0.01, 0.02, 0.03] }}
 """
-    found = study(study_file(tmp_path, cases), out=tmp_path / "out", workers=1, tolerance=0.01).table.arrays
+    found = study(study_file(tmp_path, cases), out=tmp_path / "out", workers=1, tolerance=0.01).table.numbers
     alone = ScenePredictor(load_scene(tmp_path / "small.toml"), None)
     assert [bool(reason) for reason in found.reasons] == [False, True, False, False]
     for place, s0, exposure in ((0, 10.0, 0.01), (2, 11.0, 0.02), (3, 12.0, 0.03)):
@@ -144,7 +144,7 @@ def test_sobol_ranks_what_matters(tmp_path, scheduler):
     cases = f'\nkind = "sobol"\nn = 32\n[cases.parameters]\n"{EXPOSURE}" = {{ range = [0.02, 0.03] }}\n'
     cases += f'"{EFFICIENCY}" = {{ std = 0.001 }}\n'
     found = computed(study_file(tmp_path, cases, quantities='["s0.mean"]'), scheduler)
-    by_input = {row.input: row for row in found.sobol if row.number.region == "right"}
+    by_input = {row.input: row for row in found.sobol if row.region == "right"}
     assert by_input[EXPOSURE].total > 0.9
     assert by_input[EFFICIENCY].total < 0.1
     written = json.loads((tmp_path / "out" / "sensitivity.json").read_text())
