@@ -335,27 +335,13 @@ def lit_fields(
     scene: LitScene, settings: Settings, lights: LightStore, rules: Mapping[str, Rules] = _NO_RULES
 ) -> dict[str, FieldLight]:
     """Return the light of the regions that are given by a material."""
-    air, view, azimuth = scene.air, scene.view, scene.sun_azimuth_rad
-    if air is None or view is None:
-        return {}
-    found = {
-        one.name: lights.region(
-            one,
-            settings,
-            air=air,
-            view=view,
-            sun_azimuth_rad=azimuth,
-            parts=scene.parts,
-            rules=rules.get(one.name),
-        )
-        for one in _materials(scene)
-    }
+    found = {request.region.name: lights.light(request) for request in light_requests(scene, settings, rules)}
     around = scene.imperfections.surround_albedo
-    if around is None or not found:
+    illumination = None if around is None else sun_and_sky(scene, settings, lights)
+    if around is None or illumination is None or scene.air is None:
         return found
-    illumination = lights.illumination(air, settings, sun_azimuth_rad=azimuth, parts=scene.parts)
     return {
-        name: with_surroundings(light, illumination, surround_albedo=around, ground_albedo=air.ground_albedo)
+        name: with_surroundings(light, illumination, surround_albedo=around, ground_albedo=scene.air.ground_albedo)
         for name, light in found.items()
     }
 
@@ -471,31 +457,12 @@ class LightStore:
             sky_error=lit.sky_error,
         )
 
-    def region(
-        self,
-        region: LitRegion,
-        settings: Settings,
-        *,
-        air: Air,
-        view: View,
-        sun_azimuth_rad: float,
-        parts: LightParts = ALL_LIGHT,
-        rules: Rules | None = None,
-    ) -> FieldLight:
-        """Return the light of a region that is given by its material, by known rules of the integral if there are."""
-        request = LightRequest(
-            region=region,
-            settings=settings,
-            air=air,
-            view=view,
-            sun_azimuth_rad=sun_azimuth_rad,
-            parts=parts,
-            rules=rules,
-        )
+    def light(self, request: LightRequest) -> FieldLight:
+        """Return the light of a region that is given by its material."""
         if (whole := self._whole(request)) is not None:
-            # What is left out of light that is known needs no computing.
-            return whole.with_parts(skylight=parts.skylight, path=parts.path_radiance)
-        return _kept(self._lights, request.key(parts), _LIGHTS, lambda: self._made((request,))[0])
+            # Leaving out parts of light that is known needs no computing.
+            return whole.with_parts(skylight=request.parts.skylight, path=request.parts.path_radiance)
+        return _kept(self._lights, request.key(request.parts), _LIGHTS, lambda: self._made((request,))[0])
 
     def _whole(self, request: LightRequest) -> FieldLight | None:
         """Return light of which only some parts are asked for, where it is kept with all of them."""

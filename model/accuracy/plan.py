@@ -1,8 +1,7 @@
 """Plans: levels of the numerical settings, forecasts of their errors and times, and the choice of levels.
 
-The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core): where to begin
-(`model.accuracy.plan`). What a result states is estimated on its own scene
-(`model.accuracy.errors`).
+The errors and times of the levels are those of one scene (23 km visibility, sun at 50 deg, one core), which tells a
+plan where to begin. The errors that a result states are estimated on its own scene (`model.accuracy.errors`).
 """
 
 from __future__ import annotations
@@ -59,10 +58,7 @@ class Level:
 class NumericalSetting:
     """One thing that costs time and buys accuracy."""
 
-    name: str
-    stage: str
-    convergence: str
-    estimate: str
+    estimate: str  #: how its error is estimated, in words
     levels: tuple[Level, ...]
 
 
@@ -164,73 +160,56 @@ def streams(level: int) -> int:
 
 NUMERICAL_SETTINGS: Mapping[str, NumericalSetting] = MappingProxyType(
     {
-        setting.name: setting
-        for setting in (
-            NumericalSetting(
-                name=STREAMS,
-                stage="sky",
-                convergence="geometric above the length of the phase function's expansion",
-                estimate="the shortest wavelength, coarse layers, beside the next level",
-                levels=_levels(
-                    tuple(f"{n} a hemisphere" for n in _STREAMS),
-                    (5e-3, 1.5e-3, 5e-4, 6e-5, 4e-6, 3e-7, 1e-7),
-                    (0.7, 1.0, 1.3, 2.2, 3.5, 6.0, 9.0),
-                ),
+        # Convergence: geometric above the length of the phase function's expansion.
+        STREAMS: NumericalSetting(
+            estimate="the shortest wavelength, coarse layers, beside the next level",
+            levels=_levels(
+                tuple(f"{n} a hemisphere" for n in _STREAMS),
+                (5e-3, 1.5e-3, 5e-4, 6e-5, 4e-6, 3e-7, 1e-7),
+                (0.7, 1.0, 1.3, 2.2, 3.5, 6.0, 9.0),
             ),
-            NumericalSetting(
-                name=LAYERS,
-                stage="sky",
-                convergence="square of the thickness; its fourth power where two are extrapolated to none",
-                estimate="the shortest wavelength, few streams, beside the next level",
-                levels=_levels(
-                    tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
-                    (1.5e-3, 4e-4, 1e-5, 5e-7, 6e-8, 6e-9),
-                    (1.0, 1.3, 2.3, 3.3, 5.5, 10.0),
-                ),
+        ),
+        # Convergence: square of the thickness; its fourth power where two are extrapolated to none.
+        LAYERS: NumericalSetting(
+            estimate="the shortest wavelength, few streams, beside the next level",
+            levels=_levels(
+                tuple(f"{15 * n} and {30 * n}" if both else f"{15 * n}" for n, both in _LAYERS),
+                (1.5e-3, 4e-4, 1e-5, 5e-7, 6e-8, 6e-9),
+                (1.0, 1.3, 2.3, 3.3, 5.5, 10.0),
             ),
-            NumericalSetting(
-                name=WAVELENGTHS,
-                stage="sky",
-                convergence="geometric; below 1e-4 only between the entries of the aerosol's tables",
-                estimate="the same rule for functions of depth, albedo and asymmetry",
-                levels=_levels(
-                    tuple(f"{n} split" if split else str(n) for n, split in _WAVELENGTHS),
-                    (5e-2, 2e-3, 2e-4, 1e-4, 1e-5, 1e-6, 2e-7, 5e-8, 1e-8),
-                    (1.0, 2.0, 3.0, 5.0, 6.0, 8.0, 10.0, 14.0, 18.0),
-                ),
+        ),
+        # Convergence: geometric; below 1e-4 only between the entries of the aerosol's tables.
+        WAVELENGTHS: NumericalSetting(
+            estimate="the same rule for functions of depth, albedo and asymmetry",
+            levels=_levels(
+                tuple(f"{n} split" if split else str(n) for n, split in _WAVELENGTHS),
+                (5e-2, 2e-3, 2e-4, 1e-4, 1e-5, 1e-6, 2e-7, 5e-8, 1e-8),
+                (1.0, 2.0, 3.0, 5.0, 6.0, 8.0, 10.0, 14.0, 18.0),
             ),
-            NumericalSetting(
-                name=SKY_GRID,
-                stage="sky",
-                convergence="geometric, as fast as the aureole lets it",
-                estimate="both ends of the band, as the panel reflects them, beside a finer grid",
-                levels=_levels(
-                    tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)
-                ),
+        ),
+        # Convergence: geometric, as fast as the aureole lets it.
+        SKY_GRID: NumericalSetting(
+            estimate="both ends of the band, as the panel reflects them, beside a finer grid",
+            levels=_levels(tuple(f"{z} x {a}" for z, a in _GRIDS), (4e-4, 1.6e-4, 3e-5, 6e-6), (1.0, 2.2, 5.0, 9.4)),
+        ),
+        # Convergence: geometric; of the square root of the nodes where a horizon lies in the lobe.
+        HEMISPHERE: NumericalSetting(
+            estimate="finer rules in corners and middle",
+            levels=_levels(
+                tuple(f"{t:g}" for t in _TOLERANCES),
+                (1.5e-2, 5e-3, 1.5e-3, 5e-4, 1.5e-4, 5e-5, 5e-6, 5e-7, 2e-7),
+                (1.0, 1.1, 1.3, 1.6, 1.9, 2.3, 3.3, 6.4, 32.0),
             ),
-            NumericalSetting(
-                name=HEMISPHERE,
-                stage="light",
-                convergence="geometric; of the square root of the nodes where a horizon lies in the lobe",
-                estimate="finer rules in corners and middle",
-                levels=_levels(
-                    tuple(f"{t:g}" for t in _TOLERANCES),
-                    (1.5e-2, 5e-3, 1.5e-3, 5e-4, 1.5e-4, 5e-5, 5e-6, 5e-7, 2e-7),
-                    (1.0, 1.1, 1.3, 1.6, 1.9, 2.3, 3.3, 6.4, 32.0),
-                ),
+        ),
+        # Convergence: geometric over a smooth field; slower where the shadowing has its kink in it.
+        TILES: NumericalSetting(
+            estimate="one more tile along each side",
+            levels=_levels(
+                tuple(f"{n} x {n}" for n in _TILES),
+                (1.5e-2, 1.5e-3, 1e-4, 2e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),
+                tuple(float(n**2 + (n + 1) ** 2 + 5) for n in _TILES),
             ),
-            NumericalSetting(
-                name=TILES,
-                stage="light",
-                convergence="geometric over a smooth field; slower where the shadowing has its kink in it",
-                estimate="one more tile along each side",
-                levels=_levels(
-                    tuple(f"{n} x {n}" for n in _TILES),
-                    (1.5e-2, 1.5e-3, 1e-4, 2e-5, 1e-5, 3e-6, 1e-6, 4e-7, 1e-7, 5e-8),
-                    tuple(float(n**2 + (n + 1) ** 2 + 5) for n in _TILES),
-                ),
-            ),
-        )
+        ),
     }
 )
 
@@ -677,10 +656,6 @@ def _henyey_greenstein(asymmetry: FloatArray, cosine: float) -> FloatArray:
     return np.asarray((1.0 - asymmetry**2) / (1.0 + asymmetry**2 - 2.0 * asymmetry * cosine) ** 1.5)
 
 
-# Both have a tolerance of their own and estimate their error themselves.
-STATISTICS: Mapping[str, str] = MappingProxyType(
-    {
-        DOLP: "first order 1/SNR^2, second order 1/SNR^4, then quadrature (1e-13)",
-        ROC: "geometric in the nodes of the contour",
-    }
-)
+# Both have a tolerance of their own and estimate their error themselves. DoLP goes by first order (1/SNR^2), second
+# order (1/SNR^4), then quadrature (1e-13); the ROC converges geometrically in the nodes of the contour.
+STATISTICS = (DOLP, ROC)

@@ -591,15 +591,18 @@ class SceneLight:
 
     def region(self, scene: "Scene", region: "SceneRegionRecord", settings: "Settings | None" = None) -> "FieldLight":
         """Return the light of a region that is given by its material."""
+        from model.accuracy.chain import LightRequest
+
         with as_config_error(f"scene {scene.name}"):
-            return self.lights.region(
-                lit_region(scene, region),
-                settings_of(scene) if settings is None else settings,
+            request = LightRequest(
+                region=lit_region(scene, region),
+                settings=settings_of(scene) if settings is None else settings,
                 air=air_of(scene),
                 view=camera_view(scene),
                 sun_azimuth_rad=sun_azimuth_rad(scene),
                 parts=_parts(scene),
             )
+            return self.lights.light(request)
 
     def remarks(self, scene: "Scene") -> tuple[str, ...]:
         """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
