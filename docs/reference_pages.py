@@ -6,15 +6,12 @@ materials, the statements of the paper.
 """
 
 import ast
-import inspect
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
-from itertools import pairwise
 from pathlib import Path
-from textwrap import dedent
 from types import MappingProxyType, NoneType
 from typing import Any, Literal, cast, get_args, get_origin
 
@@ -35,7 +32,7 @@ from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile
 from rigctl.files.session_file import InterlockSection, SessionFile
 from rigctl.files.study_file import StudyFile
-from rigctl.files.toml import Allowed, Uncertain
+from rigctl.files.toml import Uncertain, key_texts, unit_of
 from rigctl.paper.statements import IN_WORDS, Judged, descriptions, statements
 from rigctl.runs.fits import _KEYWORDS
 from rigctl.runs.records import FrameRecord
@@ -51,34 +48,6 @@ _FILES: tuple[tuple[str, type[BaseModel]], ...] = (
     ("Material file", MaterialFile),
     ("Study file", StudyFile),
 )
-# Units by the ends of names, the longer before the shorter.
-_UNITS = {
-    "_dn_per_e": "DN/e",
-    "_e_per_s": "e/s",
-    "_per_frame": "1/frame",
-    "_per_s": "1/s",
-    "_std_deg": "deg",
-    "_deg": "deg",
-    "_ms": "ms",
-    "_us": "us",
-    "_s": "s",
-    "_min": "min",
-    "_h": "h",
-    "_um": "um",
-    "_mm": "mm",
-    "_nm": "nm",
-    "_km": "km",
-    "_m": "m",
-    "_px": "pixels",
-    "_db": "dB",
-    "_e": "e",
-    "_dn": "DN",
-    "_mb": "MB",
-    "_c": "deg C",
-    "_du": "DU",
-    "_hpa": "hPa",
-    "radiance": "W m-2 sr-1",
-}
 _KEYS_HEAD = """# Keys of files
 
 All files that you write are TOML. A number marked "uncertain" can be written as `1.2`, as `{ value = 1.2, std = 0.1
@@ -86,7 +55,6 @@ All files that you write are TOML. A number marked "uncertain" can be written as
 key is refused, with the nearest known one. [Parameters](parameters.md) lists the numbers of a scene under the names
 that they have in sweeps and reports.
 """
-_EXAMPLE = re.compile(r"(.*?)(?: Example: `(.*)`\.)?", re.DOTALL)
 
 
 def write_pages(folder: Path) -> None:
@@ -113,7 +81,7 @@ class Key:
         uncertain = ", uncertain" if not self.is_table and Uncertain in _models(self.field.annotation) else ""
         many = "tables" if self.shown.startswith("[[") else "table"
         kind = many if self.is_table else _kind(self.field.annotation) + uncertain
-        unit = next((unit for end, unit in _UNITS.items() if self.shown.endswith(end)), "")
+        unit = unit_of(self.shown)
         example = f"`{self.example}`" if self.example else ""
         return (f"`{self.shown}`", self.meaning, example, kind, unit, _limits(self.field), _default(self.field))
 
@@ -135,7 +103,7 @@ def file_keys() -> Iterator[tuple[str, tuple[Key, ...]]]:
 
 
 def _keys(model: type[BaseModel], place: str) -> Iterator[Key]:
-    texts = _field_texts(model)
+    texts = key_texts(model)
     for name, field in model.model_fields.items():
         key = place + (field.alias or name)
         meaning, example = texts.get(name, ("", ""))
@@ -147,21 +115,6 @@ def _keys(model: type[BaseModel], place: str) -> Iterator[Key]:
         yield Key(shown=shown, field=field, is_table=True, meaning=meaning, example=example)
         for one in dict.fromkeys(inner):
             yield from _keys(one, f"{key}.")
-
-
-def _field_texts(model: type[BaseModel]) -> dict[str, tuple[str, str]]:
-    """Return meaning and example of each key of a model, from the text under its field."""
-    found: dict[str, tuple[str, str]] = {}
-    for one in reversed(model.__mro__):
-        if not issubclass(one, BaseModel) or one is BaseModel:
-            continue
-        body = ast.parse(dedent(inspect.getsource(one))).body[0]
-        for field, text in pairwise(body.body if isinstance(body, ast.ClassDef) else []):
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
-                match = _EXAMPLE.fullmatch(str(text.value.value))
-                if match is not None:
-                    found[ast.unparse(field.target)] = match[1].removesuffix("."), match[2] or ""
-    return found
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -197,8 +150,6 @@ def _limits(field: FieldInfo) -> str:
     signs = {"ge": "from", "gt": "above", "le": "to", "lt": "below", "min_length": "at least"}
     words: list[str] = []
     for one in (*field.metadata, *_annotations(field.annotation)):
-        if isinstance(one, Allowed):
-            words.append(one.words)
         found = [(sign, getattr(one, name, None)) for name, sign in signs.items()]
         words += [f"{sign} {limit:.12g}" for sign, limit in found if isinstance(limit, int | float)]
     return ", ".join(dict.fromkeys(words))

@@ -3,13 +3,12 @@
 import json
 import math
 import tomllib
-from collections.abc import Callable
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from model.surface.diffuse import ASYMMETRY_MOST, DiffuseKind
 from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties, tabulated
@@ -17,7 +16,7 @@ from model.surface.table import MeasuredTable
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
 from rigctl.files.brdf_table import read_brdf_table
-from rigctl.files.toml import Allowed, Section, load
+from rigctl.files.toml import Section, Within, load
 
 # Dividing by a whole number rounds once, so that 550 becomes 550e-9 to the last digit.
 NM_PER_M = 1e9
@@ -64,26 +63,10 @@ class PropertySection(Section):
         return self
 
 
-def _within(words: str, fits: Callable[[float], bool]) -> AfterValidator:
-    def check(given: PropertySection) -> PropertySection:
-        outside = [value for value in given.value if not fits(value)]
-        if outside:
-            raise ValueError(f"is {outside[0]:g}, must {words}")
-        return given
-
-    return AfterValidator(check)
-
-
-Above0 = Annotated[PropertySection, _within("be above 0", lambda value: value > 0), Allowed("above 0")]
-NotBelow0 = Annotated[PropertySection, _within("not be below 0", lambda value: value >= 0), Allowed("from 0")]
-From0To1 = Annotated[PropertySection, _within("lie in [0, 1]", lambda value: 0 <= value <= 1), Allowed("from 0, to 1")]
-
-
-Cosine = Annotated[
-    PropertySection,
-    _within(f"lie in [-{ASYMMETRY_MOST:g}, {ASYMMETRY_MOST:g}]", lambda value: abs(value) <= ASYMMETRY_MOST),
-    Allowed(f"from -{ASYMMETRY_MOST:g}, to {ASYMMETRY_MOST:g}"),
-]
+Above0 = Annotated[PropertySection, Within(gt=0)]
+NotBelow0 = Annotated[PropertySection, Within(ge=0)]
+From0To1 = Annotated[PropertySection, Within(ge=0, le=1)]
+Cosine = Annotated[PropertySection, Within(ge=-ASYMMETRY_MOST, le=ASYMMETRY_MOST)]
 
 
 class MaterialFile(Section):

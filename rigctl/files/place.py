@@ -5,9 +5,9 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from rigctl.files.toml import Allowed, NotNegative, Section, Uncertain, with_std_apart
+from rigctl.files.toml import NotNegative, Section, Uncertain, Within, with_std_apart
 
 NotBelow0 = Annotated[float, Field(ge=0)]
 
@@ -17,12 +17,6 @@ FloatArray = NDArray[np.float64]
 _SAME, _SINGULAR = 1e-9, 1e-9
 # A parameter with less of the singular direction is not named.
 _TAKES_PART = 0.1
-
-
-def _zenith(number: Uncertain) -> Uncertain:
-    if not 0.0 <= number.value < 90.0:
-        raise ValueError(f"is {number.value:g}, must lie in [0, 90)")
-    return number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +77,7 @@ class GeometrySection(Section):
     the camera looks toward the sun's side. Roll is counter-clockwise as the camera sees the scene.
     """
 
-    camera_zenith_deg: Annotated[Uncertain, AfterValidator(_zenith), Allowed("from 0, below 90")]
+    camera_zenith_deg: Annotated[Uncertain, Within(ge=0, lt=90)]
     """Angle of the camera from the target's zenith, below 90. Example: `45.0`."""
     camera_azimuth_deg: Uncertain | None = None
     """Azimuth of the camera as seen from the target, clockwise from north. Example: `180.0`."""

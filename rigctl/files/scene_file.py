@@ -8,7 +8,6 @@ its comments.
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from math import inf, log
 from pathlib import Path
 from typing import Annotated, Literal
@@ -40,7 +39,7 @@ from rigctl.files.materials import TABLE_SUFFIXES, find_material
 from rigctl.files.place import GeometrySection, PointingSection, SiteSection
 from rigctl.files.regions import Region, require_distinct
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
-from rigctl.files.toml import Allowed, Fraction, NotNegative, Positive, Section, Uncertain, load, with_std_apart
+from rigctl.files.toml import Fraction, NotNegative, Positive, Section, Share, Uncertain, Within, load, with_std_apart
 
 NM_PER_M = 1e9
 UM_PER_M = 1e6
@@ -189,27 +188,8 @@ def _metres(micrometres: float | None) -> float | None:
 HUMIDITY_MOST, FIELD_MOST_DEG = 0.8, 170.0
 
 
-def _share(number: Uncertain) -> Uncertain:
-    if not 0.0 <= number.value <= 1.0:
-        raise ValueError(f"is {number.value:g}, must lie in [0, 1]")
-    return number
-
-
-def _humidity(number: Uncertain) -> Uncertain:
-    if not 0.0 <= number.value <= HUMIDITY_MOST:
-        raise ValueError(f"is {number.value:g}, must lie in [0, {HUMIDITY_MOST:g}]")
-    return number
-
-
-def _field_angle(number: Uncertain) -> Uncertain:
-    if not 0.0 < number.value < FIELD_MOST_DEG:
-        raise ValueError(f"is {number.value:g}, must lie in (0, {FIELD_MOST_DEG:g})")
-    return number
-
-
-Share = Annotated[Uncertain, AfterValidator(_share), Allowed("from 0, to 1")]
-Humidity = Annotated[Uncertain, AfterValidator(_humidity), Allowed(f"from 0, to {HUMIDITY_MOST:g}")]
-FieldAngle = Annotated[Uncertain, AfterValidator(_field_angle), Allowed(f"above 0, below {FIELD_MOST_DEG:g}")]
+Humidity = Annotated[Uncertain, Within(ge=0, le=HUMIDITY_MOST)]
+FieldAngle = Annotated[Uncertain, Within(gt=0, lt=FIELD_MOST_DEG)]
 
 
 class ResponseSection(Section):
@@ -235,14 +215,14 @@ class SunSection(Section):
     `distance_factor` is the irradiance outside the atmosphere over that at the mean distance; a day says it too.
     """
 
+    distance_factor: Positive | None = None
+    """Irradiance outside the atmosphere over that at the mean distance. Example: `0.97`."""
     zenith_deg: NotNegative | None = None
     """Angle of the sun from the zenith; in place of a time. Example: `40.0`."""
     azimuth_deg: Uncertain | None = None
     """Azimuth of the sun, clockwise from north. Example: `180.0`."""
     day_of_year: Annotated[float, Field(ge=1, lt=367)] | None = None
     """Day, which says the distance of the sun. Example: `172.0`."""
-    distance_factor: Positive | None = None
-    """Irradiance outside the atmosphere over that at the mean distance. Example: `0.97`."""
     time: AwareDatetime | None = None
     """Time with its zone, which says where the sun stands at the site. Example: `2026-06-21T12:00:00+02:00`."""
 
@@ -263,7 +243,7 @@ class MeasuredDepthSection(Section):
     wavelength_nm: Annotated[Number, Field(gt=0)]
     """Wavelength of the sun photometer. Example: `500.0`."""
     optical_depth: Positive
-    """Optical depth of the aerosol there. Example: `0.12`."""
+    """Optical depth of the aerosol at that wavelength. Example: `0.12`."""
 
 
 class AlternativeSection(Section):
@@ -459,35 +439,6 @@ def _known(name: str) -> str:
     return name
 
 
-def _between(least: float, most: float) -> AfterValidator:
-    def check(number: Uncertain) -> Uncertain:
-        if not least <= number.value <= most:
-            raise ValueError(f"is {number.value:g}, must lie in [{least:g}, {most:g}]")
-        return number
-
-    return AfterValidator(check)
-
-
-def _positive_up_to(most: float) -> AfterValidator:
-    def check(number: Uncertain) -> Uncertain:
-        if not 0.0 < number.value <= most:
-            raise ValueError(f"is {number.value:g}, must be above 0 and at most {most:g}")
-        return number
-
-    return AfterValidator(check)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ErrorNumber:
-    """What a number of [errors] is to the rest of the program: written beside its key, and nowhere else."""
-
-    field: str  #: Of `model.sensor.Imperfections`, which takes the number; an angle in radians.
-    unit: str  #: Of the file; empty for a pure number.
-    meaning: str  #: One line.
-    most: float = inf  #: Up to where it may be varied; it begins at 0.
-
-
-Drift = Annotated[Uncertain, _between(-1, 1), Allowed("from -1, to 1")]
 EffectName = Annotated[str, AfterValidator(_known)]
 
 
@@ -502,58 +453,18 @@ class ErrorsSection(Section):
     frames are divided by a flat field. Each number may have a standard uncertainty.
     """
 
-    polarizer_angle_std_deg: Annotated[
-        Uncertain,
-        _between(0, 20),
-        Allowed("from 0, to 20"),
-        ErrorNumber(
-            field="polarizer_angle_std_rad",
-            unit="deg",
-            meaning="scatter of the polarizer's angle from frame to frame",
-        ),
-    ] = Uncertain(value=0.0)
+    polarizer_angle_std_deg: Annotated[Uncertain, Within(ge=0, le=20)] = Uncertain(value=0.0)
     """Scatter of the polarizer's angle from frame to frame. Example: `0.1`."""
-    misregistration_px: Annotated[
-        Uncertain,
-        _between(0, 1e4),
-        Allowed("from 0, to 10000"),
-        ErrorNumber(
-            field="misregistration_pixels",
-            unit="pixels",
-            meaning="shift of the picture from frame to frame, along each axis",
-        ),
-    ] = Uncertain(value=0.0)
+    misregistration_px: Annotated[Uncertain, Within(ge=0, le=1e4)] = Uncertain(value=0.0)
     """Shift of the picture from frame to frame, along each axis. Example: `0.2`."""
-    texture_correlation_px: Annotated[
-        Uncertain,
-        _positive_up_to(1e4),
-        Allowed("above 0, to 10000"),
-        ErrorNumber(
-            field="texture_correlation_pixels",
-            unit="pixels",
-            meaning="distance at which the texture's correlation is 0.61",
-        ),
-    ] = Uncertain(value=1.0)
+    texture_correlation_px: Annotated[Uncertain, Within(gt=0, le=1e4)] = Uncertain(value=1.0)
     """Distance at which the texture's correlation is 0.61. Example: `3.0`."""
-    illumination_drift: Drift = Uncertain(value=0.0)
-    """Change of the light from the first frame of a cycle to the last, over its mean. Example: `0.01`."""
-    surround_albedo: Annotated[
-        Annotated[Uncertain, _between(0, 1), Allowed("from 0, to 1")] | None,
-        ErrorNumber(field="surround_albedo", unit="", meaning="albedo of the near surroundings", most=1.0),
-    ] = None
+    surround_albedo: Share | None = None
     """Albedo of the near surroundings, where it is not `atmosphere.ground_albedo`. Example: `0.2`."""
+    illumination_drift: Annotated[Uncertain, Within(ge=-1, le=1)] = Uncertain(value=0.0)
+    """Change of the light from the first frame of a cycle to the last, over its mean. Example: `0.01`."""
     off_axis_falloff: bool = True
     """Light falls as cos^4 over a region's extent; false for frames divided by a flat field. Example: `false`."""
-
-
-def error_numbers() -> dict[str, ErrorNumber]:
-    """Return the numbers of [errors] that are parameters of a scene, by their keys."""
-    return {
-        key: one
-        for key, field in ErrorsSection.model_fields.items()
-        for one in field.metadata
-        if isinstance(one, ErrorNumber)
-    }
 
 
 class EffectsSection(Section):
@@ -611,19 +522,13 @@ class SensorSection(Section):
     """Bits of a count. Example: `12`."""
     polarizer_transmittance: Fraction
     """Transmittance of the polarizer along its axis. Example: `0.8`."""
-    extinction_ratio: Positive
-    """Transmittance of the polarizer along its axis over that across, above 1. Example: `5000.0`."""
+    extinction_ratio: Annotated[Uncertain, Within(gt=1)]
+    """Transmittance of the polarizer along its axis over that across. Example: `5000.0`."""
 
     @property
     def has_band(self) -> bool:
         """True if it is known which wavelengths the sensor sees."""
         return self.response is not None or self.band_nm is not None
-
-    @model_validator(mode="after")
-    def _polarizes(self) -> "SensorSection":
-        if self.extinction_ratio.value <= 1:
-            raise ValueError(f"extinction_ratio is {self.extinction_ratio.value:g}, must be above 1")
-        return self
 
     @model_validator(mode="after")
     def _one_band(self) -> "SensorSection":

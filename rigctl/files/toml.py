@@ -1,5 +1,7 @@
 """Files that people write: TOML in, checked records out, every problem named at once with what was meant."""
 
+import ast
+import inspect
 import re
 import tomllib
 from collections import defaultdict
@@ -7,10 +9,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from difflib import get_close_matches
+from functools import cache
+from itertools import pairwise
+from math import inf
 from pathlib import Path
+from textwrap import dedent
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, model_validator
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_after_validator_function
 
 from model.moments import rectangular_std
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
@@ -225,11 +233,95 @@ def _of_range(limits: object) -> dict[str, float]:
     return {"value": 0.5 * (low + high), "std": rectangular_std(low, high)}
 
 
-@dataclass(frozen=True)
-class Allowed:
-    """The range that a check of a number allows, in words: for the reference of keys."""
+@dataclass(frozen=True, kw_only=True)
+class Within:
+    """Annotation of a number with an uncertainty: the range of its value, with the names that pydantic has."""
 
-    words: str
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_after_validator_function(self._check, handler(source))
+
+    @property
+    def least(self) -> float:
+        """Lower end of the range."""
+        return max(-inf if end is None else end for end in (self.gt, self.ge))
+
+    @property
+    def most(self) -> float:
+        """Upper end of the range."""
+        return min(inf if end is None else end for end in (self.lt, self.le))
+
+    def _check(self, given: Any) -> Any:
+        values = given.value if isinstance(given.value, list) else [given.value]
+        for value in values:
+            if not self._has(value):
+                raise ValueError(f"is {value:g}, must {self._words()}")
+        return given
+
+    def _has(self, value: float) -> bool:
+        is_above = value > self.least or (value == self.least and self.gt is None)
+        return is_above and (value < self.most or (value == self.most and self.lt is None))
+
+    def _words(self) -> str:
+        if self.most < inf:
+            first, last = "[" if self.gt is None else "(", "]" if self.lt is None else ")"
+            return f"lie in {first}{self.least:g}, {self.most:g}{last}"
+        return f"{'not be below' if self.gt is None else 'be above'} {self.least:g}"
+
+
+# Units by the ends of keys, the longer before the shorter.
+_UNITS = {
+    "_dn_per_e": "DN/e",
+    "_e_per_s": "e/s",
+    "_per_frame": "1/frame",
+    "_per_s": "1/s",
+    "_deg": "deg",
+    "_ms": "ms",
+    "_us": "us",
+    "_s": "s",
+    "_min": "min",
+    "_h": "h",
+    "_um": "um",
+    "_mm": "mm",
+    "_nm": "nm",
+    "_km": "km",
+    "_m": "m",
+    "_px": "pixels",
+    "_db": "dB",
+    "_e": "e",
+    "_dn": "DN",
+    "_mb": "MB",
+    "_c": "deg C",
+    "_du": "DU",
+    "_hpa": "hPa",
+    "radiance": "W m-2 sr-1",
+}
+_EXAMPLE = re.compile(r"(.*?)(?: Example: `(.*)`\.)?", re.DOTALL)
+
+
+def unit_of(key: str) -> str:
+    """Return the unit of a number by the end of its key; empty for a pure number."""
+    return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
+
+
+@cache
+def key_texts(section: type[BaseModel]) -> dict[str, tuple[str, str]]:
+    """Return the meaning of each key of a table and an example of its value, from the text below the field."""
+    found: dict[str, tuple[str, str]] = {}
+    for model in reversed(section.__mro__):
+        if not issubclass(model, BaseModel) or model is BaseModel:
+            continue
+        (definition,) = ast.parse(dedent(inspect.getsource(model))).body
+        for field, text in pairwise(definition.body if isinstance(definition, ast.ClassDef) else []):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+                match = _EXAMPLE.fullmatch(str(text.value.value))
+                if match is not None:
+                    found[ast.unparse(field.target)] = match[1].removesuffix("."), match[2] or ""
+    return found
 
 
 def with_std_apart(given: object, *names: str) -> object:
@@ -248,27 +340,10 @@ def with_std_apart(given: object, *names: str) -> object:
     return apart
 
 
-def _positive(number: Uncertain) -> Uncertain:
-    if number.value <= 0:
-        raise ValueError(f"is {number.value:g}, must be above 0")
-    return number
-
-
-def _not_negative(number: Uncertain) -> Uncertain:
-    if number.value < 0:
-        raise ValueError(f"is {number.value:g}, must not be below 0")
-    return number
-
-
-def _fraction(number: Uncertain) -> Uncertain:
-    if not 0 < number.value <= 1:
-        raise ValueError(f"is {number.value:g}, must lie in (0, 1]")
-    return number
-
-
-Positive = Annotated[Uncertain, AfterValidator(_positive), Allowed("above 0")]
-NotNegative = Annotated[Uncertain, AfterValidator(_not_negative), Allowed("from 0")]
-Fraction = Annotated[Uncertain, AfterValidator(_fraction), Allowed("above 0, to 1")]
+Positive = Annotated[Uncertain, Within(gt=0)]
+NotNegative = Annotated[Uncertain, Within(ge=0)]
+Fraction = Annotated[Uncertain, Within(gt=0, le=1)]
+Share = Annotated[Uncertain, Within(ge=0, le=1)]
 
 FileModel = TypeVar("FileModel", bound=BaseModel)
 

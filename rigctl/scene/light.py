@@ -42,7 +42,7 @@ from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 from rigctl.base.numbers import wrapped
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import Engine
-from rigctl.files.scene_file import COVARIANCE_PAIRS, NoiseSection, SceneRegion, error_numbers
+from rigctl.files.scene_file import COVARIANCE_PAIRS, NoiseSection, SceneRegion
 from rigctl.files.toml import Uncertain
 from rigctl.scene.scene import Scene, acting_effects
 from rigctl.scene.sun import band_points, response_band
@@ -736,16 +736,14 @@ def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
     errors = scene.errors
     angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)
     in_time = tuple(np.argsort(angles_deg, kind="stable").tolist()) if scene.rig is None else scene.rig.frame_order
-    given = {one.field: (getattr(errors, key), one) for key, one in error_numbers().items()}
     return Imperfections(
         drift=errors.illumination_drift.value,
         drift_order=in_time if len(in_time) == frames else (),
         off_axis_falloff=errors.off_axis_falloff,
-        **{
-            field: radians(number) if one.unit == "deg" else number.value
-            for field, (number, one) in given.items()
-            if number is not None
-        },
+        polarizer_angle_std_rad=radians(errors.polarizer_angle_std_deg),
+        misregistration_pixels=errors.misregistration_px.value,
+        texture_correlation_pixels=errors.texture_correlation_px.value,
+        surround_albedo=None if errors.surround_albedo is None else errors.surround_albedo.value,
     )
 
 

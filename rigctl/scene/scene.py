@@ -3,9 +3,10 @@
 `rigctl.scene.reading` makes a `Scene` of a scene file and a noise calibration. A run, a sweep or an option makes a
 changed copy of it; nothing goes back to the file.
 
-One table says which numbers a scene has: key, unit, range, meaning, and the place in the record. `parameters`, `get`
-and `with_values` read and set them by their keys, as files and `--sweep` have them. A new number is a row here, a key
-of its section in `rigctl.files.scene_file`, and its use in the model; numbers of [errors] state their row there.
+Every number of the scene file that may be uncertain is a parameter: its table there says key, range and meaning.
+`parameters`, `get` and `with_values` read and set parameters by their keys, as files and `--sweep` have them. A new
+number is a key of its table in `rigctl.files.scene_file` and its use in the model. Rows here add the numbers of
+regions and materials, which stand elsewhere in the record than in the file.
 
 `gather` returns the numbers that a prediction rests on as `Inputs`: values, ranges and covariance.
 """
@@ -17,11 +18,12 @@ from datetime import datetime
 from difflib import get_close_matches
 from functools import cached_property
 from math import cos, hypot, inf, radians, sqrt
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from model.effects.names import ALL, Effect
 from model.prediction import RigErrors
@@ -33,22 +35,23 @@ from rigctl.errors import ConfigError
 from rigctl.files.place import GeometrySection, PointingSection
 from rigctl.files.scene_file import (
     COVARIANCE_PAIRS,
-    FIELD_MOST_DEG,
-    HUMIDITY_MOST,
     AcquisitionSection,
+    AlternativeSection,
     AtmosphereSection,
     EffectsSection,
     ErrorsSection,
     FieldSection,
+    MeasuredDepthSection,
     NoiseSection,
+    RigSection,
     SceneRegion,
     SensorSection,
+    SunSection,
     effect_names,
     effect_of,
-    error_numbers,
     pointing_angles,
 )
-from rigctl.files.toml import Uncertain
+from rigctl.files.toml import Section, Uncertain, Within, key_texts, unit_of
 
 FloatArray = NDArray[np.float64]
 
@@ -176,7 +179,8 @@ class Parameter:
 
     key: str  #: As in files, in --sweep and in reports; in the table, of a region, within that region.
     unit: str  #: Of the file; empty for a pure number.
-    meaning: str  #: One line.
+    words: str = ""  #: Its meaning in one line, where no table of the scene file has its key.
+    section: type[Section] | None = None  #: The table of the scene file that has its key.
     least: float = 0.0  #: Between which numbers it has to stay; infinite where there is no limit.
     most: float = inf
     place: str = ""  #: Where it stands in the record, where that is not its key.
@@ -188,49 +192,52 @@ class Parameter:
         """Steps from the record to the parameter: attributes, and places in a tuple."""
         return tuple(int(step) if step.isdigit() else step for step in (self.place or self.key).split("."))
 
+    @property
+    def meaning(self) -> str:
+        """Its meaning in one line."""
+        return self.words if self.section is None else key_texts(self.section)[self.key.rpartition(".")[2]][0]
 
-def _row(key: str, unit: str, meaning: str, least: float = 0.0, most: float = inf, place: str = "") -> Parameter:
-    return Parameter(key=key, unit=unit, meaning=meaning, least=least, most=most, place=place)
+
+def _row(key: str, unit: str, words: str, least: float = 0.0, most: float = inf, place: str = "") -> Parameter:
+    return Parameter(key=key, unit=unit, words=words, least=least, most=most, place=place)
 
 
-SCENE_ROWS = (
-    _row("sensor.pixel_pitch_um", "um", "distance of the pixels' centres"),
-    _row("sensor.f_number", "", "focal length over the diameter of the entrance pupil"),
-    _row(TRANSMITTANCE, "", "transmittance of the optics", most=1.0),
-    _row(EFFICIENCY, "", "electrons per photon at the effective wavelength", most=1.0),
-    _row("sensor.wavelength_nm", "nm", "effective wavelength of the sensor's band"),
-    _row("sensor.polarizer_transmittance", "", "transmittance of the polarizer along its axis", most=1.0),
-    _row("sensor.extinction_ratio", "", "transmittance of the polarizer along its axis over that across", least=1.0),
-    _row(GAIN, "DN/e", "counts per electron"),
-    _row("noise.read_noise_e", "e", "deviation of the read noise"),
-    _row("noise.dark_current_e_per_s", "e/s", "dark current"),
-    _row("noise.black_level_dn", "DN", "counts without light at no exposure"),
-    _row("noise.prnu", "", "photo response non-uniformity, relative deviation of the pixels"),
-    _row("noise.dsnu_e", "e", "dark signal non-uniformity, deviation of the pixels"),
-    _row(NOISE_FACTOR, "", "factor on the deviation of all temporal noise, Kn of [MK14] eq. (32)"),
-    _row("sun.distance_factor", "", "sun's irradiance outside the atmosphere over that at the mean distance"),
-    _row(SUN_ZENITH, "deg", "angle of the sun from the zenith", most=_LOWEST_DEG),
-    _row(SUN_AZIMUTH, "deg", "azimuth of the sun, clockwise from north", least=-inf),
-    _row("geometry.camera_zenith_deg", "deg", "angle of the camera from the target's zenith", most=_LOWEST_DEG),
-    _row("geometry.camera_azimuth_deg", "deg", "azimuth of the camera as seen from the target", least=-inf),
-    _row("geometry.phi_deg", "deg", "azimuth of the sun minus that of the camera", least=-inf),
-    _row("geometry.camera_roll_deg", "deg", "roll of the camera, counter-clockwise as it sees the scene", least=-inf),
-    _row("geometry.camera_height_m", "m", "height of the camera over the ground"),
-    _row("atmosphere.visibility_km", "km", "visibility, which says how much aerosol there is"),
-    _row("atmosphere.aerosol_optical_depth", "", "optical depth of the aerosol at 550 nm"),
-    _row("atmosphere.angstrom_exponent", "", "Angstrom's exponent of the aerosol's optical depth", least=-inf),
-    _row("atmosphere.relative_humidity", "", "relative humidity of the air with the aerosol", most=HUMIDITY_MOST),
-    _row("atmosphere.ozone_du", "DU", "column of ozone"),
-    _row("atmosphere.surface_pressure_hpa", "hPa", "pressure at the ground"),
-    _row("atmosphere.ground_albedo", "", "albedo of the ground around", most=1.0),
-    _row("atmosphere.dolp_max", "", "largest DoLP of the sky, of tier analytic", most=1.0),
-    _row("atmosphere.measured_depths.0.optical_depth", "", "optical depth of the aerosol at the first wavelength"),
-    _row("atmosphere.measured_depths.1.optical_depth", "", "optical depth of the aerosol at the second wavelength"),
-    _row("atmosphere.alternative.share", "", "share of the light that is as of the other aerosol", most=1.0),
-    _row("field_of_view.width_deg", "deg", "width of the field of view", most=FIELD_MOST_DEG),
-    _row("field_of_view.height_deg", "deg", "height of the field of view", most=FIELD_MOST_DEG),
-    _row("field_of_view.focal_length_mm", "mm", "focal length of the lens"),
-    *(_row(f"errors.{key}", one.unit, one.meaning, most=one.most) for key, one in error_numbers().items()),
+def _rows_of(table: str, section: type[Section]) -> Iterator[Parameter]:
+    """Yield a row for each key of a table of the scene file that is a number with an uncertainty."""
+    for name, field in section.model_fields.items():
+        range_ = _range_of(field)
+        if range_ is not None:
+            key = f"{table}.{name}"
+            most = _LOWEST_DEG if name in _ZENITHS else range_.most
+            yield Parameter(key=key, unit=unit_of(key), section=section, least=range_.least, most=most)
+
+
+def _range_of(field: FieldInfo) -> Within | None:
+    """Return the range of a number with an uncertainty; None for a key of another kind."""
+    kinds = [field.annotation, *get_args(field.annotation)]
+    inner = [annotated for kind in kinds for annotated in (kind, *get_args(kind))]
+    if Uncertain not in inner or any(get_origin(kind) is tuple for kind in kinds):
+        return None
+    return next((one for one in (*field.metadata, *inner) if isinstance(one, Within)), Within())
+
+
+_ZENITHS = ("zenith_deg", "camera_zenith_deg")
+SCENE_ROWS = tuple(
+    row
+    for table, section in (
+        ("sensor", SensorSection),
+        ("noise", NoiseSection),
+        ("sun", SunSection),
+        ("geometry", GeometrySection),
+        ("atmosphere", AtmosphereSection),
+        ("atmosphere.measured_depths.0", MeasuredDepthSection),
+        ("atmosphere.measured_depths.1", MeasuredDepthSection),
+        ("atmosphere.alternative", AlternativeSection),
+        ("field_of_view", FieldSection),
+        ("errors", ErrorsSection),
+    )
+    for row in _rows_of(table, section)
+    if row.key != DRIFT
 )
 
 # Within "regions.NAME.".
@@ -245,12 +252,12 @@ REGION_ROWS = (
         )
         for k in range(3)
     ),
-    _row("texture_rms", "", "relative deviation of the pixels' whole Stokes vector", place="given.texture_rms"),
+    _row("texture_rms", "", "Relative deviation of the pixels' whole Stokes vector", place="given.texture_rms"),
     *(
         _row(
             f"texture_covariance.{i}.{j}",
             _RADIANCE_2,
-            f"further covariance of the pixels' S{i} and S{j}",
+            f"Further covariance of the pixels' S{i} and S{j}",
             0.0 if i == j else -inf,
             place=f"given.texture_covariance.{i}.{j}",
         )
@@ -261,46 +268,42 @@ REGION_ROWS = (
 # Of a region that is given by its material.
 MATERIAL_ROWS = (
     *(
-        _row(f"texture_diagonal.{k}", "", f"deviation of the pixels' S{k} over S0", place=f"given.texture_diagonal.{k}")
+        _row(f"texture_diagonal.{k}", "", f"Deviation of the pixels' S{k} over S0", place=f"given.texture_diagonal.{k}")
         for k in range(3)
     ),
-    _row("tilt_deg", "deg", "tilt of the surface from level", place="given.tilt_deg"),
-    _row("tilt_azimuth_deg", "deg", "azimuth to which it is tilted", -inf, place="given.tilt_azimuth_deg"),
-    _row("n", "", "index of refraction, real part", _LEAST_INDEX, place="material.n"),
-    _row("k", "", "index of refraction, imaginary part", place="material.k"),
-    _row("slope_rms", "", "deviation of the facets' slopes, per axis", SLOPE_RMS_MIN, place="material.slope_rms"),
-    _row("dhr", "", "directional-hemispherical reflectance", most=1.0, place="material.dhr"),
-    _row("specular_weight", "", "weight of the specular lobe", most=1.0, place="material.specular_weight"),
+    _row("tilt_deg", "deg", "Tilt of the surface from level", place="given.tilt_deg"),
+    _row("tilt_azimuth_deg", "deg", "Azimuth to which it is tilted", -inf, place="given.tilt_azimuth_deg"),
+    _row("n", "", "Index of refraction, real part", _LEAST_INDEX, place="material.n"),
+    _row("k", "", "Index of refraction, imaginary part", place="material.k"),
+    _row("slope_rms", "", "Deviation of the facets' slopes, per axis", SLOPE_RMS_MIN, place="material.slope_rms"),
+    _row("dhr", "", "Directional-hemispherical reflectance", most=1.0, place="material.dhr"),
+    _row("specular_weight", "", "Weight of the specular lobe", most=1.0, place="material.specular_weight"),
     *(
         _row(key, "", meaning, least, most, place=f"material.{key}")
         for key, meaning, least, most in (
-            ("single_scattering", "weight of light that one particle of the body scatters", 0.0, 1.0),
-            ("asymmetry", "mean cosine of the angle by which a particle scatters", -ASYMMETRY_MOST, ASYMMETRY_MOST),
+            ("single_scattering", "Weight of light that one particle of the body scatters", 0.0, 1.0),
+            ("asymmetry", "Mean cosine of the angle by which a particle scatters", -ASYMMETRY_MOST, ASYMMETRY_MOST),
             ("single_dolp", "DoLP of light that one particle scatters by 90 deg", 0.0, 1.0),
-            ("depolarization", "share of polarized light that a particle depolarizes", 0.0, 1.0),
+            ("depolarization", "Share of polarized light that a particle depolarizes", 0.0, 1.0),
         )
     ),
     *(
         _row(
             f"table_{key}",
             "",
-            f"error of a tabulated material's {meaning}, in standard errors",
+            f"Error of a tabulated material's {meaning}, in standard errors",
             -inf,
             place=f"material.table_{key}",
         )
         for key, meaning in (("f00", "reflectance"), ("s1", "S1/S0"), ("s2", "S2/S0"))
     ),
-    _row("dhr_angle_deg", "deg", "zenith angle at which the dhr was measured", place="material.dhr_angle_rad"),
+    _row("dhr_angle_deg", "deg", "Zenith angle at which the dhr was measured", place="material.dhr_angle_rad"),
 )
 
-RIG_ROWS = (
-    _row(OFFSET, "deg", "what would have to be added to every recorded angle of the polarizer", -inf),
-    _row(EXPOSURE_RATIO, "", "true exposure over the recorded one"),
-    _row(DRIFT, "", "change of the light through a cycle over its mean", least=-1.0, most=1.0),
-)
-_ANGLE_ROW = _row(ANGLE, "deg", "what one angle of the polarizer is off on its own", -inf)
+RIG_ROWS = (*_rows_of("rig", RigSection), *(row for row in _rows_of("errors", ErrorsSection) if row.key == DRIFT))
+_ANGLE_ROW = _row(ANGLE, "deg", "What one angle of the polarizer is off on its own", -inf)
 # Its uncertainty is that of rig.exposure_ratio.
-_EXPOSURE_ROW = _row(EXPOSURE, "ms", "exposure of a frame")
+_EXPOSURE_ROW = _row(EXPOSURE, "ms", "Exposure of a frame")
 
 
 def describe() -> tuple[Parameter, ...]:
