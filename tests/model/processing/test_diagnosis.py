@@ -11,7 +11,6 @@ from model.processing.fault_fit import (
     known_causes,
     parameter_count,
     place,
-    rounded_parts,
     rounding_offsets,
 )
 from model.processing.reconstruction import design
@@ -370,16 +369,3 @@ def test_rounding_moves_a_level_by_a_step_over_the_root_of_twelve_and_noise_make
     np.testing.assert_allclose(rounding_offsets(np.full((4, 64, 64), 7.0), whole, step=2.0), 2.0 / 12.0**0.5, rtol=0.02)
     noisy = np.rint(np.random.default_rng(5).normal(50.0, 1.0, (4, 64, 64)))
     assert np.all(rounding_offsets(noisy, whole, step=1.0) < 1e-3)
-
-
-def test_pixels_of_the_same_counts_in_all_frames_are_one_part_and_noise_leaves_none() -> None:
-    rows, columns = np.mgrid[:64, :96]
-    squares = np.where((rows // 2 + columns // 2) % 2, 80.0, 30.0)
-    frames = np.array([squares, squares, squares + 1.0, squares])
-    null_basis = 0.5 * np.array([[1.0], [-1.0], [1.0], [-1.0]])
-    parts = rounded_parts(frames, np.ones((64, 96), dtype=bool), null_basis=null_basis, step=1.0)
-    assert parts is not None
-    np.testing.assert_array_equal(parts.numbers, squares == 80.0)
-    np.testing.assert_allclose(parts.errors, 12.0**-0.5, rtol=0.02)
-    noisy = np.rint(np.random.default_rng(7).normal(90.0, 0.6, (4, 64, 96)))
-    assert rounded_parts(noisy, np.ones((64, 96), dtype=bool), null_basis=null_basis, step=1.0) is None
