@@ -1,7 +1,7 @@
 """Diagnosis of a run from its own redundancy: each fault with its size, its error and its consequences.
 
-`diagnose` puts the fit of `fault_fit` into terms, `consequence` says how far a fault moves the DoLP and the AoLP of a
-region, and `region_residual` gives the error of a region's mean counts from the part that no light explains.
+`diagnose` turns the fit of `fault_fit` into terms, `consequence` gives the change of the DoLP and the AoLP of a region
+by a fault, and `region_residual` the error of a region's mean counts from the part that no light explains.
 """
 
 from collections.abc import Sequence
@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.moments import Moments
 from model.processing.fault_fit import (
     LEAST_SHARE_LEFT,
     PER_FRAME,
     SHARED,
-    Cause,
-    FrameFaults,
     JointFit,
     can_be_undone,
     corrected_pictures,
@@ -33,29 +32,21 @@ from model.stokes import aolp_rad, dolp
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Consequence:
-    """What a fault does to the polarization of a region."""
-
-    dolp_shift: float | None
-    aolp_shift_rad: float | None
-
-
-# Below this degree an angle of polarization has no meaning, and none of its changes.
+# Below this degree an angle of polarization has no meaning, and neither has its change.
 _LEAST_DOLP = 1e-6
 
 
 def consequence(
     system: ArrayLike, means: ArrayLike, parameters: FloatArray, *, light: float, slopes: ArrayLike | None = None
-) -> Consequence:
-    """Return what faults of a known size do to the polarization of a region.
+) -> tuple[float | None, float | None]:
+    """Return the change of the DoLP and of the AoLP [rad] of a region by faults of a known size; None where unknown.
 
     Parameters
     ----------
     system
-        Rows of the frames as they are said to be, shape (N, 3).
+        Rows of the frames as stated, shape (N, 3).
     means
-        Mean counts of the region behind each angle, dark level taken off, shape (N,) [DN].
+        Mean counts of the region behind each angle, dark level subtracted, shape (N,) [DN].
     parameters
         Of single frames and the response, shape (P,).
     light
@@ -65,120 +56,93 @@ def consequence(
         are left out without.
     """
     rows, counts = np.asarray(system, dtype=np.float64), np.asarray(means, dtype=np.float64)
+    frames, still = len(counts), counts
+    if slopes is not None:
+        first = PER_FRAME.index("shift x") * frames
+        shifts = parameters[first : first + 2 * frames].reshape(2, frames).T
+        still = counts + np.sum(shifts * np.asarray(slopes, dtype=np.float64), axis=1)
     with_fault = np.linalg.pinv(rows) @ counts
-    still = (
-        counts
-        if slopes is None
-        else counts + np.sum(_shifts(parameters, len(counts)) * np.asarray(slopes, dtype=np.float64), axis=1)
-    )
-    without = stokes_without(rows, still, parameters, light=light)
-    is_known = can_be_undone(parameters) and with_fault[0] > 0.0 and without[0] > 0.0
-    if not is_known:
-        return Consequence(dolp_shift=None, aolp_shift_rad=None)
+    faults = frame_faults(parameters, frames)
+    design, _ = corrected_system(rows, faults)
+    # Shifts leave an even picture as it is.
+    even = np.repeat(still[:, None, None], 4, axis=2)
+    without = design.inverse @ corrected_pictures(even, faults, light=light)[:, 0, 0]
+    if not (can_be_undone(parameters) and with_fault[0] > 0.0 and without[0] > 0.0):
+        return None, None
     degrees = float(dolp(with_fault)), float(dolp(without))
     turned = float(aolp_rad(with_fault) - aolp_rad(without))
-    return Consequence(
-        dolp_shift=degrees[0] - degrees[1],
-        aolp_shift_rad=(turned + np.pi / 2) % np.pi - np.pi / 2 if min(degrees) > _LEAST_DOLP else None,
-    )
+    is_turned = min(degrees) > _LEAST_DOLP
+    return degrees[0] - degrees[1], (turned + np.pi / 2) % np.pi - np.pi / 2 if is_turned else None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RegionResidual:
-    """The mean counts of a region, and the covariance of what in them is no light."""
-
-    means: FloatArray
-    cov: FloatArray
-
-
-# Blocks of a region, the largest first: neighbours share blur, mosaics and shading.
+# Sides of the blocks of a region [pixel], the largest first: neighbours share blur, mosaics and shading.
 _SIDES_PIXELS = (32, 16, 8, 4, 2, 1)
 _LEAST_BLOCKS = 12
 
 
-def region_residual(plan: Design, pictures: FloatArray, inside: NDArray[np.bool_]) -> RegionResidual:
-    """Return the mean of a region and the covariance of its residual, from blocks of the residual.
+def region_residual(plan: Design, pictures: FloatArray, inside: NDArray[np.bool_]) -> Moments:
+    """Return the mean counts of a region, and the covariance of the part that no light explains.
 
     Parameters
     ----------
     plan
         Of the frames.
     pictures
-        Shape (N, H, W), dark level taken off.
+        Shape (N, H, W), dark level subtracted.
     inside
-        Usable pixels of the region, shape (H, W); one at least.
+        Usable pixels of the region, shape (H, W); at least one.
 
     Notes
     -----
-    Texture cancels in the residual, so that its blocks and not those of the channels tell the error.
+    Texture cancels in the residual. Its blocks give the error, and those of the channels do not.
     """
     rows, columns = np.nonzero(inside)
-    if not rows.size:
-        raise ValueError("inside holds no pixel; at least one is needed")
     counts = pictures[:, rows, columns]
-    onto = plan.null_basis @ plan.null_basis.T
-    residual = onto @ counts
-    scattered = [_scatter_of_mean(residual, rows // side, columns // side) for side in _SIDES_PIXELS]
-    found = [cov for cov in scattered if cov is not None]
-    widest = max(found, key=lambda cov: float(np.trace(cov)), default=np.zeros((len(counts),) * 2))
-    return RegionResidual(means=np.asarray(counts.mean(axis=1)), cov=widest)
+    residual = plan.null_basis @ plan.null_basis.T @ counts
+    left = residual - residual.mean(axis=1, keepdims=True)
+    widest = np.zeros((len(counts),) * 2)
+    for side in _SIDES_PIXELS:
+        _, block = np.unique(rows // side * (int(columns.max()) // side + 1) + columns // side, return_inverse=True)
+        blocks = int(block.max()) + 1
+        if blocks >= _LEAST_BLOCKS:
+            sums = np.array([np.bincount(block, weights=one, minlength=blocks) for one in left])
+            cov = np.asarray(sums @ sums.T * (blocks / (blocks - 1.0)) / residual.shape[1] ** 2)
+            widest = max(widest, cov, key=np.trace)
+    return Moments(mean=np.asarray(counts.mean(axis=1)), cov=widest)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Term:
-    """What a run says of one fault.
-
-    Attributes
-    ----------
-    name, frame, unit
-        Which fault, of which frame (None: of several), and the unit of its size.
-    value, std_error
-        Its size beside the causes named; of a shift, its length. None where it is not testable.
-    is_testable, reason
-        Whether the run determines it, and if not why.
-    is_named
-        Whether it is one of the causes that explain the run best.
-    confused_with
-        Names and frames of faults that would do the same to this run.
-    parameters : (P,) array
-        What it adds to the parameters of single frames.
-    """
+    """One fault of a run."""
 
     name: str
-    frame: int | None
+    frame: int | None  #: None where it is of several
     unit: str
-    value: float | None
+    value: float | None  #: its size next to the named causes; the length of a shift; None where it is not testable
     std_error: float | None
-    is_testable: bool
-    reason: str
-    is_named: bool
-    confused_with: tuple[tuple[str, int | None], ...]
-    parameters: FloatArray
+    reason: str  #: why it is not testable; empty otherwise
+    is_named: bool  #: whether it is one of the causes that explain the run best
+    confused_with: tuple[tuple[str, int | None], ...]  #: names and frames of faults with the same effect on this run
+    parameters: FloatArray  #: what it adds to the parameters of single frames, shape (P,)
+
+    @property
+    def is_testable(self) -> bool:
+        """Return whether the run determines it."""
+        return not self.reason
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What a run says of itself.
+    """Faults of a run."""
 
-    Attributes
-    ----------
-    terms
-        Faults, those named first, the strongest of them at the front.
-    first
-        Of them, or None where nothing was found.
-    reason
-        Why nothing is testable; empty otherwise.
-    faults
-        Of single frames, as the named terms make them.
-    light
-        Mean counts, to which a curved response refers [DN].
-    """
+    terms: tuple[Term, ...]  #: the named ones first, the strongest of them at the front
+    reason: str  #: why nothing is testable; empty otherwise
+    light: float  #: mean counts, to which a curved response refers [DN]
 
-    terms: tuple[Term, ...]
-    first: Term | None
-    reason: str
-    faults: FrameFaults | None
-    light: float
+    @property
+    def first(self) -> Term | None:
+        """The strongest of the named terms."""
+        return self.terms[0] if self.terms and self.terms[0].is_named else None
 
 
 def diagnose(
@@ -190,14 +154,14 @@ def diagnose(
     times: Sequence[float],
     step: float = 0.0,
 ) -> Diagnosis:
-    """Return what a set of pictures says of its faults.
+    """Return the faults that a set of pictures shows.
 
     Parameters
     ----------
     plan
         System matrix of the frames.
     pictures
-        Counts, dark level taken off, shape (N, H, W).
+        Counts, dark level subtracted, shape (N, H, W).
     usable
         Pixels that are neither missing nor clipped in any frame, shape (H, W).
     angles_rad
@@ -209,7 +173,7 @@ def diagnose(
 
     Notes
     -----
-    A dark level, a gain or a turn that is common to all frames is light that could have been, and cannot be seen.
+    A dark level, a gain or a turn that all frames have in common acts like light, and cannot be seen.
     """
     images, good = np.asarray(pictures, dtype=np.float64), np.asarray(usable, dtype=np.bool_)
     light = float(images[:, good].mean()) if good.any() else 0.0
@@ -225,47 +189,25 @@ def diagnose(
     terms = tuple(_term(fit, index) for index in (*fit.named, *others))
     return Diagnosis(
         terms=terms,
-        first=terms[0] if fit.named else None,
         reason="",
-        faults=frame_faults(fit.parameters, len(images)),
         light=light,
     )
 
 
-def _shifts(parameters: FloatArray, frames: int) -> FloatArray:
-    first = PER_FRAME.index("shift x") * frames
-    return parameters[first : first + 2 * frames].reshape(2, frames).T
-
-
-def stokes_without(system: FloatArray, means: FloatArray, parameters: FloatArray, *, light: float) -> FloatArray:
-    """Return the Stokes parameters of mean counts with faults taken out, shape (3,); shifts are left."""
-    faults = frame_faults(parameters, len(means))
-    design, _ = corrected_system(system, faults)
-    flat = np.repeat(means[:, None, None], 4, axis=2)
-    return np.asarray(design.inverse @ corrected_pictures(flat, faults, light=light)[:, 0, 0])
-
-
-def _scatter_of_mean(residual: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> FloatArray | None:
-    """Return the covariance of the mean as blocks show it; None where there are too few of them."""
-    _, block = np.unique(rows * (int(columns.max()) + 1) + columns, return_inverse=True)
-    blocks = int(block.max()) + 1
-    if blocks < _LEAST_BLOCKS:
-        return None
-    left = residual - residual.mean(axis=1, keepdims=True)
-    sums = np.array([np.bincount(block, weights=one, minlength=blocks) for one in left])
-    return np.asarray(sums @ sums.T * (blocks / (blocks - 1.0)) / residual.shape[1] ** 2)
-
-
 def _untestable(reason: str, light: float) -> Diagnosis:
-    return Diagnosis(terms=(), first=None, reason=reason, faults=None, light=light)
+    return Diagnosis(terms=(), reason=reason, light=light)
 
+
+# Correlation of the effects of two causes from which they are the same to a run.
+_SAME = 0.99
 
 # Standard error, as a share of its size, of a fault too large to be undone and fitted about itself, and of others then.
 _HARDLY_KNOWN = 0.5
 
 
 def _term(fit: JointFit, index: int) -> Term:
-    cause, is_named = fit.evidence.causes[index], index in fit.named
+    causes, is_named = fit.evidence.causes, index in fit.named
+    cause = causes[index]
     together = fit.named if is_named else (*fit.named, index)
     fitted = estimates(fit.evidence, together)
     if not fitted.is_determined:
@@ -277,16 +219,20 @@ def _term(fit: JointFit, index: int) -> Term:
     made = cause.directions @ fitted.values[part]
     if not reason and not (can_be_undone(made) and can_be_undone(fit.parameters)):
         error = max(error, _HARDLY_KNOWN * abs(size))
+    if is_named:
+        confused = fit.stand_ins[index]
+    else:
+        others = (other for other in range(len(causes)) if other != index)
+        confused = {other for other in others if fit.weigher.correlation(index, other) > _SAME}
     return Term(
         name=cause.name,
         frame=cause.frame,
         unit=cause.unit,
         value=None if reason else size,
         std_error=None if reason else error,
-        is_testable=not reason,
         reason=reason,
         is_named=is_named,
-        confused_with=tuple((other.name, other.frame) for other in _confused(fit, index)),
+        confused_with=tuple((causes[other].name, causes[other].frame) for other in sorted(confused)),
         parameters=made,
     )
 
@@ -300,6 +246,7 @@ def _in_its_place(fit: JointFit, index: int) -> tuple[int, ...]:
 
 
 def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> str:
+    """Return why a cause is not testable; empty where it is."""
     cause = fit.evidence.causes[index]
     if cause.name in SHARED:
         left = share_left(fit.evidence, index)
@@ -315,18 +262,3 @@ def _why_not(fit: JointFit, index: int, is_determined: bool, error: float) -> st
     if not is_useful(cause, error):
         return "these pictures hardly determine it"
     return ""
-
-
-# Correlation of what two causes do to a run, from which they are the same to it.
-_SAME = 0.99
-
-
-def _confused(fit: JointFit, index: int) -> list[Cause]:
-    causes = fit.evidence.causes
-    if index in fit.named:
-        same = fit.stand_ins[index]
-    else:
-        same = {
-            other for other in range(len(causes)) if other != index and fit.weigher.correlation(index, other) > _SAME
-        }
-    return [causes[other] for other in sorted(same)]

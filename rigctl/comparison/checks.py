@@ -117,7 +117,7 @@ def _pair_sums(measurement: Measurement) -> Iterable[Check]:
         if not region.channels_mean.mean.mean() > 0.0:
             continue
         found = region_residual(measurement.plan, measurement.channels, region.inside)
-        moments = Moments(mean=found.means, cov=found.cov + rounding)
+        moments = replace(found, cov=found.cov + rounding)
         excess, error = pair_sum_excess(measurement.plan, moments.mean, moments.cov)
         verdict: Verdict = "sound"
         if excess > max(_PAIRS_FLAGGED, _SIGMAS * error):

@@ -223,7 +223,7 @@ def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosi
 
 def undiagnosed(reason: str) -> RunDiagnosis:
     """Return that nothing can be said of a run, and why."""
-    nothing = Diagnosis(terms=(), first=None, reason=reason, faults=None, light=0.0)
+    nothing = Diagnosis(terms=(), reason=reason, light=0.0)
     return RunDiagnosis(terms=(), reason=reason, angles_deg=(), found=nothing)
 
 
@@ -304,9 +304,8 @@ def _moved(
     is_unknown = term.name in _OF_EDGES and slopes is None
     if is_unknown or not means.mean() > 0.0 or not np.all(np.isfinite(term.parameters)):
         return None, None
-    moved = consequence(plan.system, means, term.parameters, light=found.light, slopes=slopes)
-    aolp = moved.aolp_shift_rad
-    return moved.dolp_shift, None if aolp is None else aolp * _DEG_PER_RAD
+    degree, angle_rad = consequence(plan.system, means, term.parameters, light=found.light, slopes=slopes)
+    return degree, None if angle_rad is None else angle_rad * _DEG_PER_RAD
 
 
 def _largest(shifts: Iterable[float | None]) -> float | None:
