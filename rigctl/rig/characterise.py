@@ -1,4 +1,4 @@
-"""Measures a stage with its own encoder: readback error, backlash, settling time; and the file that keeps them."""
+"""Measures a stage with its own encoder: readback error, backlash, settling time; and the file of these results."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -110,7 +110,7 @@ def characterise(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Characterisation:
-    """Return what a stage's own readings say of it, after homing it and visiting each angle from both sides.
+    """Measure a stage by its own readings: home it, then visit each angle from both sides.
 
     Play between the encoder and what it turns does not show in readings; a camera sees it.
     """
@@ -208,19 +208,12 @@ def _watch(
     return readings
 
 
-class _Stage(BaseModel):
-    model_config = ConfigDict(extra="ignore")
-
-    model: str
-    serial_number: str
-
-
 class _Content(BaseModel):
-    # Keys that are not known are for those who put them there.
+    # Further keys are notes of people.
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
     schema_version: Literal[1]
     kind: Literal["stage characterisation"]
-    stage: _Stage
+    stage: DeviceIdentity
     settle_s: Annotated[float, Field(ge=0, le=60)]
     is_settled: bool

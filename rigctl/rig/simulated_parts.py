@@ -1,6 +1,14 @@
-"""Parts of a simulated rig as its rig file states them: stage, scene, polarizer, camera, lens, clock, random numbers.
+"""Parts of a simulated rig as its rig file states them: clock, camera address, lens, noise, stage, world, camera.
 
-Random numbers hang on a frame's place in the session, so a session goes on as if it had not been interrupted.
+The address of a simulated camera carries options after a question mark: the log of what is true of its frames
+(``truth=FILE``), polarizers on its pixels, and faults of a camera on the network::
+
+    sim:gc780?truth=/tmp/truth.jsonl
+    sim:gige?lost=0.001&hang=20
+    sim:mosaic?cell=90,45,135,0&crosstalk=0.02&angle_error_deg=0.5
+
+The noise of a frame depends on the place of the frame in its session, so that a resumed session gives the same frames
+as one without an interruption.
 """
 
 import hashlib
@@ -8,7 +16,7 @@ import re
 import threading
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, assert_never
@@ -62,9 +70,77 @@ from sim_devices.stages.stage import SimulatedStage
 from sim_devices.truth_log import TruthLog
 from sim_devices.world import Polarizer, Surface, World, paint_scene
 
+# A camera at this address is on the network, at the address of this machine.
+ON_NETWORK = "sim:gige"
+THIS_MACHINE = "127.0.0.1"
+# A camera with polarizers on its pixels.
+MOSAIC = "sim:mosaic"
+# The camera that `rigctl sim camera` serves to other programs; no rig file names it.
+SERVED = "sim:served"
+_PLAIN = "sim:gc780"
+_SIMULATED = (_PLAIN, ON_NETWORK, MOSAIC)
+# Option of an address: field, how its text is read, the allowed values, and these in words.
+_Key = tuple[str, Callable[[str], Any], Callable[[Any], bool], str]
+
+
+def _any(_: object) -> bool:
+    return True
+
+
+def _angles(text: str) -> tuple[float, ...]:
+    return tuple(map(float, text.split(",")))
+
+
+def _picture(field: str) -> _Key:
+    text = "whole number from 2 on: the driver takes the first picture when it opens the camera"
+    return (field, int, lambda number: number >= 2, text)
+
+
+def _seconds(field: str) -> _Key:
+    return (field, float, lambda seconds: 0.0 <= seconds <= 3600.0, "number of seconds, 0 to 3600")
+
+
+_TRUTH: dict[str, _Key] = {"truth": ("truth", Path, lambda file: bool(file.name), "file, such as truth=/tmp/t.jsonl")}
+_POLARIZERS: dict[str, _Key] = {
+    "cell": ("cell_deg", _angles, _any, "list of angles, such as cell=90,45,135,0"),
+    "angle_error_deg": ("place_error_deg", float, _any, "number"),
+    "pixel_error_deg": ("pixel_error_deg", float, _any, "number"),
+    "crosstalk": ("crosstalk", float, _any, "number"),
+}
+_FAULTS: dict[str, _Key] = {
+    "lost": ("lost_share", float, lambda share: 0.0 <= share < 1.0, "number from 0 to below 1"),
+    "resend": ("resends", {"0": False, "1": True}.__getitem__, _any, "of 0 and 1"),
+    "die": _picture("die"),
+    "restart": _picture("restart"),
+    "off_s": _seconds("off_s"),
+    "hang": _picture("hang"),
+    "hang_s": _seconds("hang_s"),
+    "forget": _picture("forget"),
+    "clock_ppm": ("drift_ppm", float, lambda ppm: abs(ppm) <= 1000.0, "number from -1000 to 1000"),
+    "ptp_offset_ns": (
+        "ptp_offset_ns",
+        int,
+        lambda number: abs(number) <= 10**9,
+        "whole number of nanoseconds, a second at most",
+    ),
+}
+# The table of the camera in a rig file, and its line of the defocus.
+_TABLE = re.compile(r"^\[simulation\.camera\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
+_LINE = re.compile(r"^(defocus_mm\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
+_UM_PER_MM, _MM_PER_M = 1e3, 1e3
+# Events with which a session begins again.
+_BEGINNINGS = ("resumed", "devices opened again")
+# More pictures than are taken between two beginnings, damaged ones and those of a free-running camera included.
+_NUMBERS_EACH = 10_000_000
+# Effects that move or blur light before it meets polarizers on the pixels.
+_BEFORE_POLARIZERS = ("point-spread", "beam-wander")
+# Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
+TEXTURE_STREAM = 1
+FloatArray = NDArray[np.float64]
+
 
 class SimulatedClock:
-    """A clock that is moved on, never waited for."""
+    """A clock that is moved on instead of waited for."""
 
     def __init__(self, start_ns: int) -> None:
         self._now_ns = start_ns
@@ -76,7 +152,7 @@ class SimulatedClock:
             return self._now_ns
 
     def monotonic_ns(self) -> int:
-        """Return the same: nobody sets this clock [ns]."""
+        """Return the time since 1970 UTC: nobody sets this clock [ns]."""
         return self.utc_ns()
 
     def sleep(self, duration_s: float) -> None:
@@ -90,36 +166,8 @@ class SimulatedClock:
             self._now_ns = max(self._now_ns, time_ns)
 
 
-# A camera at this address is on the network, at that of this machine: ``sim:gige?lost=0.001&hang=20``.
-ON_NETWORK = "sim:gige"
-THIS_MACHINE = "127.0.0.1"
-# A camera with polarizers on its pixels: ``sim:mosaic?cell=90,45,135,0&crosstalk=0.02&angle_error_deg=0.5``.
-MOSAIC = "sim:mosaic"
-# The camera behind one that is served to other programs; nobody writes it into a rig file.
-SERVED = "sim:served"
-_SIMULATED = ("sim:gc780", ON_NETWORK, MOSAIC)
-_TRUTH = "truth="
-
-
-def split_truth(address: str) -> tuple[str, TruthLog | None]:
-    """Return an address without its truth option, and the log that the option asks for."""
-    scheme, _, tail = address.partition("?")
-    options = [option for option in tail.split("&") if option]
-    files = [option.removeprefix(_TRUTH) for option in options if option.startswith(_TRUTH)]
-    rest = "&".join(option for option in options if not option.startswith(_TRUTH))
-    plain = f"{scheme}?{rest}" if rest else scheme
-    if not files:
-        return plain, None
-    if len(files) > 1 or not files[0]:
-        raise ConfigError(f"camera.address: truth={','.join(files)}: must be one file, such as truth=/tmp/truth.jsonl")
-    try:
-        return plain, TruthLog(Path(files[0]))
-    except OSError as error:
-        raise ConfigError(f"camera.address: truth={files[0]}: cannot be written: {error.strerror}") from error
-
-
 def require_known_camera(address: str, *, is_mosaic: bool = False) -> None:
-    """Raise ConfigError for the address of a simulated camera that there is not, or that is no mosaic as it should."""
+    """Raise ConfigError for an unknown simulated camera, or one that does not match mosaic_deg of the rig file."""
     name, _, options = address.partition("?")
     if is_mosaic and name.startswith("sim:") and name not in (MOSAIC, ON_NETWORK, SERVED):
         raise ConfigError(f"camera.address: {name} has no polarizers on its pixels; {MOSAIC} and {ON_NETWORK} may have")
@@ -127,129 +175,71 @@ def require_known_camera(address: str, *, is_mosaic: bool = False) -> None:
         raise ConfigError(f"camera.address: {name} has polarizers on its pixels: state mosaic_deg = [90, 45, 135, 0]")
     if name.startswith("sim:") and name not in (*_SIMULATED, SERVED):
         raise ConfigError(f"camera.address: there is no simulated camera {name!r}; there are {', '.join(_SIMULATED)}")
-    unknown = [option for option in options.split("&") if option and not option.startswith(_TRUTH)]
-    if name == _SIMULATED[0] and unknown:
-        raise ConfigError(f"camera.address: {unknown[0]!r} is no key of {name}: allowed is {_TRUTH}FILE")
-    if name == MOSAIC:
-        _, rest = split_polarizers("&".join(unknown))
-        if rest:
-            raise ConfigError(
-                f"camera.address: {rest!r}: of {name} allowed are {_TRUTH}FILE, {', '.join(sorted(_POLARIZERS))}"
-            )
+    if name in (_PLAIN, MOSAIC):
+        allowed = _TRUTH if name == _PLAIN else _TRUTH | _POLARIZERS
+        unknown = [option for option in options.split("&") if option and option.partition("=")[0] not in allowed]
+        if unknown:
+            keys = ", ".join(sorted(allowed)).replace("truth", "truth=FILE")
+            raise ConfigError(f"camera.address: {unknown[0]!r} is no key of {name}: allowed is {keys}")
+
+
+def split_truth(address: str) -> tuple[str, TruthLog | None]:
+    """Return an address without its truth option, and the log that this option asks for."""
+    name, _, options = address.partition("?")
+    found, rest = _split(options, _TRUTH)
+    plain = f"{name}?{rest}" if rest else name
+    if not found:
+        return plain, None
+    try:
+        return plain, TruthLog(found["truth"])
+    except OSError as error:
+        raise ConfigError(f"camera.address: truth={found['truth']}: cannot be written: {error.strerror}") from error
 
 
 def split_polarizers(options: str) -> tuple[MicroPolarizers, str]:
-    """Return the polarizers on the pixels that options of an address ask for, and the options that are none."""
-    values: dict[str, Any] = {}
-    rest = []
-    for option in filter(None, options.split("&")):
-        key, _, text = option.partition("=")
-        if key not in _POLARIZERS:
-            rest.append(option)
-            continue
-        field, read = _POLARIZERS[key]
-        try:
-            values[field] = read(text)
-        except ValueError as error:
-            raise ConfigError(f"camera.address: {option}: is no number") from error
+    """Return the polarizers on the pixels that options of an address describe, and the other options."""
+    found, rest = _split(options, _POLARIZERS)
     try:
-        return MicroPolarizers(**values), "&".join(rest)
+        return MicroPolarizers(**found), rest
     except ValueError as error:
         raise ConfigError(f"camera.address: {error}") from error
 
 
 def split_faults(options: str) -> tuple[GigeFaults, str]:
-    """Return the faults that options of an address ask for, and the options that are none."""
+    """Return the faults that options of an address ask for, and the other options."""
+    found, rest = _split(options, _FAULTS)
+    clock = {name: found.pop(name) for name in ("drift_ppm", "ptp_offset_ns") if name in found}
+    if clock:
+        found["clock"] = ClockTruth(**clock, has_ptp="ptp_offset_ns" in clock)
+    return GigeFaults(**found), rest
+
+
+def _split(options: str, keys: Mapping[str, _Key]) -> tuple[dict[str, Any], str]:
+    """Return the values of known options by the names of their fields, and the options that are not known."""
     values: dict[str, Any] = {}
     rest, problems = [], []
     for option in filter(None, options.split("&")):
         key, _, text = option.partition("=")
-        if key not in _FAULTS:
+        if key not in keys:
             rest.append(option)
             continue
-        field, read, allowed = _FAULTS[key]
-        value = _read_or_none(text, read)
-        if value is None or field in values:
+        field, read, is_allowed, allowed = keys[key]
+        try:
+            value = read(text)
+            is_good = is_allowed(value) and field not in values
+        except (ValueError, LookupError):
+            is_good = False
+        if is_good:
+            values[field] = value
+        else:
             problems.append(f"{option}: must be one {allowed}")
-        values[field] = value
     if problems:
         raise ConfigError(f"camera.address: {'; '.join(problems)}")
-    clock = {name: values.pop(name) for name in ("drift_ppm", "ptp_offset_ns") if name in values}
-    if clock:
-        values["clock"] = ClockTruth(**clock, has_ptp="ptp_offset_ns" in clock)
-    return GigeFaults(**values), "&".join(rest)
-
-
-def _share(text: str) -> float | None:
-    share = float(text)
-    return share if 0.0 <= share < 1.0 else None
-
-
-def _picture(text: str) -> int | None:
-    number = int(text)
-    return number if number >= 2 else None
-
-
-def _seconds(text: str) -> float | None:
-    seconds = float(text)
-    return seconds if 0.0 <= seconds <= 3600.0 else None
-
-
-def _ppm(text: str) -> float | None:
-    ppm = float(text)
-    return ppm if abs(ppm) <= 1000.0 else None
-
-
-def _nanoseconds(text: str) -> int | None:
-    number = int(text)
-    return number if abs(number) <= 10**9 else None
-
-
-def _switch(text: str) -> bool | None:
-    return {"0": False, "1": True}.get(text)
-
-
-def _angles(text: str) -> tuple[float, ...]:
-    return tuple(map(float, text.split(",")))
-
-
-_POLARIZERS: dict[str, tuple[str, Callable[[str], float | tuple[float, ...]]]] = {
-    "cell": ("cell_deg", _angles),
-    "angle_error_deg": ("place_error_deg", float),
-    "pixel_error_deg": ("pixel_error_deg", float),
-    "crosstalk": ("crosstalk", float),
-}
-_Reader = Callable[[str], float | int | None]
-_PICTURE = "whole number from 2 on: the driver takes the first picture when it opens the camera"
-_FAULTS: dict[str, tuple[str, _Reader, str]] = {
-    "lost": ("lost_share", _share, "number from 0 to below 1"),
-    "resend": ("resends", _switch, "of 0 and 1"),
-    "die": ("die", _picture, _PICTURE),
-    "restart": ("restart", _picture, _PICTURE),
-    "off_s": ("off_s", _seconds, "number of seconds, 0 to 3600"),
-    "hang": ("hang", _picture, _PICTURE),
-    "hang_s": ("hang_s", _seconds, "number of seconds, 0 to 3600"),
-    "forget": ("forget", _picture, _PICTURE),
-    "clock_ppm": ("drift_ppm", _ppm, "number from -1000 to 1000"),
-    "ptp_offset_ns": ("ptp_offset_ns", _nanoseconds, "whole number of nanoseconds, a second at most"),
-}
-
-
-def _read_or_none(text: str, read: _Reader) -> float | int | None:
-    try:
-        return read(text)
-    except ValueError:
-        return None
-
-
-_TABLE = re.compile(r"^\[simulation\.camera\][^\n]*\n(?:(?!\[)[^\n]*(?:\n|\Z))*", re.MULTILINE)
-_LINE = re.compile(r"^(defocus_mm\s*=\s*)[^#\r\n]*?([ \t]*#[^\r\n]*)?(\r?)$", re.MULTILINE)
-_UM_PER_MM = 1e3
-_MM_PER_M = 1e3
+    return values, "&".join(rest)
 
 
 class LensPosition:
-    """Where a lens is turned to now."""
+    """The focus of a simulated lens, as its rig file states it now."""
 
     def __init__(self, simulation: SimulationSection) -> None:
         self._file = simulation.file
@@ -257,7 +247,7 @@ class LensPosition:
         self._seen = self._state()
 
     def defocus_m(self) -> float:
-        """Return how far the detector is behind the focus [m]; of a file that cannot be read, what it said before."""
+        """Return the distance of the detector behind the focus [m]; the one before if the file cannot be read."""
         state = self._state()
         if state != self._seen and self._file is not None:
             self._seen = state
@@ -265,7 +255,7 @@ class LensPosition:
         return self._defocus_mm / _MM_PER_M
 
     def _state(self) -> tuple[int, int] | None:
-        """Return by what a file that was written anew is told from what it was."""
+        """Return what changes when the file is written."""
         try:
             found = None if self._file is None else self._file.stat()
         except OSError:
@@ -283,15 +273,18 @@ def _stated_mm(file: Path, before_mm: float) -> float:
 
 
 def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
-    """Turn the lens of a simulated camera, also while it runs: the key in its rig file changes, the rest stays.
+    """Turn the lens of a simulated camera, also while it runs, by one key of its rig file; the rest of the file stays.
 
-    Return the defocus before [mm], and the diameter of the disk that a point becomes now [pixels].
+    Return the defocus before [mm], and the diameter of the disk that a point is blurred to now [pixels].
     """
     if not abs(defocus_mm) <= MOST_DEFOCUS_MM:
         raise ConfigError(
             f"--defocus-mm: is {defocus_mm:g}; must be from {-MOST_DEFOCUS_MM:g} to {MOST_DEFOCUS_MM:g} mm"
         )
-    camera = _simulated_camera(rig)
+    simulation = load_rig(rig).simulation
+    if simulation is None:
+        raise ConfigError(f"{rig}: has no [simulation]: the lens of a real camera is turned by hand")
+    camera = simulation.camera
     # As bytes: the ends of lines stay what they are.
     text = read_bounded(rig, MOST_TEXT_BYTES).decode("utf-8")
     table = _TABLE.search(text)
@@ -302,14 +295,8 @@ def turn_lens(rig: Path, *, defocus_mm: float) -> tuple[float, float]:
         write_durably(rig, (text[: table.start()] + inside + text[table.end() :]).encode("utf-8"))
     except OSError as error:
         raise ConfigError(f"{rig}: cannot be written: {error.strerror}") from error
-    return camera.defocus_mm, _blur_px(camera, defocus_mm)
-
-
-def _simulated_camera(rig: Path) -> SimulatedCamera:
-    simulation = load_rig(rig).simulation
-    if simulation is None:
-        raise ConfigError(f"{rig}: has no [simulation]: the lens of a real camera is turned by hand")
-    return simulation.camera
+    cone = camera.aperture_diameter_mm / camera.focal_length_mm
+    return camera.defocus_mm, cone * abs(defocus_mm) * _UM_PER_MM / camera.pixel_pitch_um
 
 
 def _with_line(table: str, number: str) -> str:
@@ -320,18 +307,8 @@ def _with_line(table: str, number: str) -> str:
     return f"{table[: was.start()]}{was[1]}{number}{was[2] or ''}{was[3]}{table[was.end() :]}"
 
 
-def _blur_px(camera: SimulatedCamera, defocus_mm: float) -> float:
-    cone = camera.aperture_diameter_mm / camera.focal_length_mm
-    return cone * abs(defocus_mm) * _UM_PER_MM / camera.pixel_pitch_um
-
-
-_BEGINNINGS = ("resumed", "devices opened again")
-# More pictures than are taken between two beginnings, damaged ones and those of a camera that runs by itself included.
-_NUMBERS_EACH = 10_000_000
-
-
 class NoiseNumbers:
-    """Gives the frame of each step the number that it had, were the session taken without an interruption."""
+    """Gives each frame the number that it has in a session without an interruption."""
 
     def __init__(self, camera: SimCamera, run: Path | None) -> None:
         self._camera, self._run = camera, run
@@ -357,9 +334,9 @@ class NoiseNumbers:
 
 
 class FreshNoise:
-    """Draws the noise anew wherever a session is gone on with, for a camera that is simulated on the network.
+    """Draws new noise after each interruption, for a camera that is simulated on the network.
 
-    Over the network pictures are lost and taken again, so that noise cannot go on where it was.
+    Over the network pictures are lost and taken again, so that the noise cannot continue where it was.
     """
 
     def __init__(self, camera: SimCamera, run: Path | None) -> None:
@@ -377,7 +354,7 @@ class FreshNoise:
 
 
 def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequence: int) -> int:
-    """Return which number the camera gave or would have given to a step, had the session not been interrupted."""
+    """Return the number that a step has in a session without an interruption."""
     used = max((one.next_camera_frame or 0 for one in metered_exposures(events)), default=0)
     before = [frame for frame in frames if _place(frame) < sequence and frame.camera_frame is not None]
     if not before:
@@ -391,22 +368,14 @@ def _place(frame: FrameRecord) -> int:
     return frame.sequence if frame.exposure_id is None else frame.exposure_id // EXPOSURE_PARTS
 
 
-FloatArray = NDArray[np.float64]
-
-# Effects that move or blur light before it meets polarizers on the pixels.
-_BEFORE_POLARIZERS = ("point-spread", "beam-wander")
-# Second number of a seed sequence, so that no two uses of a rig's seed share a stream.
-TEXTURE_STREAM = 1
-
-
 def stage_options(port: str, seed: int) -> StageOptions:
-    """Return what an address says of a simulated stage; its errors hang on the rig's seed where it states none."""
+    """Return the options of a simulated stage; an address without a seed gets the seed of the rig."""
     options = parse_stage_address(port)
     return options if "seed=" in port else replace(options, seed=seed)
 
 
 def on_sensor(regions: Sequence[Region], rig: RigFile, camera: SimulatedCamera) -> dict[str, NDArray[np.bool_]]:
-    """Return where regions lie on the sensor: they are drawn on frames, whose pixels may be whole cells of it."""
+    """Return the pixels of the sensor in each region: regions are drawn on frames, whose pixels may be whole cells."""
     width, height = frame_size(rig, camera)
     inside = masks(list(regions), width=width, height=height)
     if (width, height) == (camera.width, camera.height):
@@ -452,7 +421,7 @@ def stated_world(
     stage: SimulatedStage | None,
     polarizers: MicroPolarizers | None = None,
 ) -> World:
-    """Return what stands before the camera: a scene behind the polarizer that a stage turns, or those on its pixels."""
+    """Return the scene behind the polarizer that a stage turns, or behind the polarizers on the pixels."""
     pixel_axes_deg = None
     if polarizers is not None:
         height, width = radiance.shape[1:]
@@ -461,14 +430,10 @@ def stated_world(
     return World(
         radiance=radiance,
         polarizer=stated_polarizer(simulation.polarizer),
-        stage_angle_deg=_nothing_turns if stage is None else stage.true_angle_deg,
+        stage_angle_deg=(lambda: 0.0) if stage is None else stage.true_angle_deg,
         flat_radiance=simulation.flat_radiance,
         pixel_axes_deg=pixel_axes_deg,
     )
-
-
-def _nothing_turns() -> float:
-    return 0.0
 
 
 def stated_polarizer(truth: SimulatedPolarizer) -> Polarizer:
@@ -481,10 +446,6 @@ def stated_polarizer(truth: SimulatedPolarizer) -> Polarizer:
     )
 
 
-def _as_it_is(effect: RenderingEffect) -> RenderingEffect:
-    return effect
-
-
 def stated_camera(
     simulation: SimulationSection,
     world: World,
@@ -492,12 +453,12 @@ def stated_camera(
     log: TruthLog | None,
     clock: SimulatedClock | None,
     *,
-    wrapped: Callable[[RenderingEffect], RenderingEffect] = _as_it_is,
+    wrapped: Callable[[RenderingEffect], RenderingEffect] = lambda effect: effect,
     polarizers: MicroPolarizers | None = None,
 ) -> SimCamera:
-    """Return the camera before a world; `log` notes what is true of its frames, `clock` None is the host's.
+    """Return the camera before a world. `log` notes what is true of its frames; without `clock` the host's is used.
 
-    `wrapped` makes another of each effect of its pictures, such as one that is timed.
+    `wrapped` replaces each effect of its pictures, for instance by one that is timed.
     """
     lens, detector = _lens(simulation.camera), _detector(simulation.camera)
     # A lens blurs light before it meets polarizers on the pixels, which is not simulated.
@@ -560,7 +521,7 @@ def _noise_seed(seed: int, session_name: str) -> int:
 def rendering_effect(
     section: RenderingSection, *, lens: Lens, detector: Detector, pattern_seed: int
 ) -> RenderingEffect:
-    """Return the effect that a table of a rig file names."""
+    """Return the effect of a table of the rig file."""
     match section:
         case PointSpreadSection():
             return point_spread(sigma_px=section.sigma_px)

@@ -1,13 +1,13 @@
-"""A simulated rig, made of a rig file: one world, seen by the stage through bytes and by the camera through light.
+"""A simulated rig, made from a rig file: the stage answers bytes on a port, the camera sees one world.
 
-A session can be rehearsed before it is taken, and the time of each effect on a picture measured.
+`rehearse` checks a session before it is taken; `rendering_costs` measures the time of each effect on a picture.
 """
 
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,8 @@ from rigctl.base.numbers import NS_PER_S
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
 from rigctl.files.regions import Region, masks
-from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulationSection
-from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.files.rig_file import RigFile, SimulationSection
+from rigctl.files.scene_file import load_scene
 from rigctl.rig.simulated_parts import (
     ON_NETWORK,
     TEXTURE_STREAM,
@@ -55,48 +55,20 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-Clock = Callable[[], float]
+BeginStep = Callable[[int], bool]
+# Of the background's radiance, where a session's clock begins at night: hardly a photon.
+_NIGHT_SHARE = 1e-6
+# Time from one frame to the next, for turning and storing, as in the plan of a session [s].
+STEP_S = 0.42
+# Frames of which the median time is taken.
+_TIMED_FRAMES = 9
 
 
-@dataclass(frozen=True, kw_only=True)
-class RenderingCost:
-    """What an effect that a rig file names costs a frame."""
+def rendering_costs(simulation: SimulationSection) -> tuple[tuple[tuple[str, Place, float], ...], float, int]:
+    """Return the time that each effect of a rig file takes per frame.
 
-    effect: str  #: Its name, and where in the chain it acts.
-    place: Place
-    cost_s: float  #: Median over the frames [s].
-
-
-@dataclass(frozen=True, kw_only=True)
-class RenderingCosts:
-    """Costs of all effects that a rig file names, in its order, and of a whole frame beside them [s]."""
-
-    costs: tuple[RenderingCost, ...]
-    frame_s: float
-    frames: int
-
-
-@dataclass(kw_only=True)
-class _Timed:
-    """An effect that notes how long each of its calls took."""
-
-    effect: RenderingEffect
-    clock: Clock
-    taken_s: list[float] = field(default_factory=list)
-
-    def act(self, picture: FloatArray, shot: Shot) -> FloatArray:
-        begin = self.clock()
-        found = self.effect.act(picture, shot)
-        self.taken_s.append(self.clock() - begin)
-        return found
-
-
-def rendering_costs(
-    simulation: SimulationSection, *, frames: int = 9, clock: Clock = time.perf_counter
-) -> RenderingCosts:
-    """Return what each effect that a rig file names costs a frame.
-
-    The picture is even: no effect takes more or less time for what is in it. An effect that is not named is not called.
+    Name, place in the chain and median time [s] of each effect in the order of the file, the median time of a whole
+    frame [s], and the number of frames. The picture is even: no effect takes more or less time for its content.
     """
     truth = simulation.camera
     radiance = np.zeros((3, truth.height, truth.width))
@@ -107,32 +79,26 @@ def rendering_costs(
         stage_angle_deg=lambda: 30.0,
         flat_radiance=simulation.flat_radiance,
     )
-    timed: list[_Timed] = []
+    times_s: dict[tuple[str, Place], list[float]] = {}
 
-    def noting(effect: RenderingEffect) -> RenderingEffect:
-        timed.append(_Timed(effect=effect, clock=clock))
-        return replace(effect, act=timed[-1].act)
+    def timed(effect: RenderingEffect) -> RenderingEffect:
+        def act(picture: FloatArray, shot: Shot) -> FloatArray:
+            begin_s = time.perf_counter()
+            result = effect.act(picture, shot)
+            times_s.setdefault((effect.name, effect.place), []).append(time.perf_counter() - begin_s)
+            return result
 
-    camera = stated_camera(simulation, world, "costs", None, None, wrapped=noting)
+        return replace(effect, act=act)
+
+    camera = stated_camera(simulation, world, "costs", None, None, wrapped=timed)
     camera.configure(exposure_s=1e-4, gain_db=0.0)
     whole_s = []
-    for _ in range(frames + 1):
-        begin = clock()
+    for _ in range(_TIMED_FRAMES + 1):  # the first is not counted
+        begin_s = time.perf_counter()
         camera.take_frame(timeout_s=10.0)
-        whole_s.append(clock() - begin)
-    costs = (
-        RenderingCost(effect=one.effect.name, place=one.effect.place, cost_s=statistics.median(one.taken_s[1:]))
-        for one in timed
-    )
-    return RenderingCosts(costs=tuple(costs), frame_s=statistics.median(whole_s[1:]), frames=frames)
-
-
-# Of the background's radiance, where a session's clock begins at night: hardly a photon.
-_NIGHT_SHARE = 1e-6
-# From one frame to the next, turning and storing, as a plan of a session has it [s].
-STEP_S = 0.42
-
-BeginStep = Callable[[int], bool]
+        whole_s.append(time.perf_counter() - begin_s)
+    costs = tuple((name, place, statistics.median(taken_s[1:])) for (name, place), taken_s in times_s.items())
+    return costs, statistics.median(whole_s[1:]), _TIMED_FRAMES
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,10 +111,10 @@ class Simulation:
     stage_port: str | None
     #: Address of the camera for its driver, where it is served as a GigE Vision camera; None where it is not.
     network_address: str | None
-    #: To be told, by its sequence number, of each step before its first frame: the noise of frames hangs on it. Says
-    #: whether the numbers of the camera's frames jump there. Simulated time passes there, and the light moves.
-    begin_step: Callable[[int], bool]
-    #: What lights a scene of materials; None where the scene file states every radiance.
+    #: Called with the sequence number of each step before its first frame: it sets the noise of the frames, lets
+    #: simulated time pass and moves the light. Returns True if the numbers of the camera's frames jump there.
+    begin_step: BeginStep
+    #: Light of a scene of materials; None if the scene file states every radiance.
     light: SimulatedLight | None = None
 
 
@@ -192,23 +158,35 @@ def simulate(
     require_known_camera(rig.camera.address, is_mosaic=rig.camera.mosaic_deg is not None)
     try:
         stage, stage_clock = _made_stage(rig, rig.simulation)
-        seen = seen_scene(rig, utc_ns=time.time_ns if clock is None else clock.utc_ns)
+        utc_ns = time.time_ns if clock is None else clock.utc_ns
+        radiance, lit = _scene(rig, utc_ns=utc_ns)
         address, log = split_truth(rig.camera.address)
         polarizers, address = _polarizers(rig, address)
-        world = stated_world(rig.simulation, seen.radiance, stage, polarizers)
+        world = stated_world(rig.simulation, radiance, stage, polarizers)
         camera = stated_camera(rig.simulation, world, session_name, log, clock, polarizers=polarizers)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
     served = nullcontext(None) if stage is None else serve_on_pty(stage, clock=stage_clock)
     with served as port, camera, _serve_if_gige(address, camera) as network_address:
         noise = NoiseNumbers(camera, run) if network_address is None else FreshNoise(camera, run)
+
+        def begin_step(sequence: int) -> bool:
+            if clock is not None:
+                clock.reach(camera.busy_until_monotonic_ns)
+                clock.sleep(STEP_S)
+            if lit is not None:
+                roof, scene = lit
+                now_ns = utc_ns()
+                world.show(scene.painted(roof.at(now_ns), background_share=roof.dimmed(now_ns)))
+            return noise.begin_step(sequence)
+
         yield Simulation(
             world=world,
             camera=camera,
             stage_port=port,
             network_address=network_address,
-            begin_step=_begin_step(noise.begin_step, world, camera, seen, clock),
-            light=None if seen.roof is None else seen.roof.record,
+            begin_step=begin_step,
+            light=None if lit is None else lit[0].record,
         )
 
 
@@ -230,39 +208,6 @@ def _polarizers(rig: RigFile, address: str) -> tuple[MicroPolarizers | None, str
     return polarizers, f"{name}?{rest}" if rest else name
 
 
-def _begin_step(
-    begin_step: BeginStep, world: World, camera: SimCamera, seen: "SeenScene", clock: SimulatedClock | None
-) -> BeginStep:
-    if seen.roof is not None and seen.textured is not None:
-        utc_ns = time.time_ns if clock is None else clock.utc_ns
-        begin_step = _with_light(begin_step, world, roof=seen.roof, scene=seen.textured, utc_ns=utc_ns)
-    return begin_step if clock is None else _with_time(begin_step, camera, clock)
-
-
-def _with_time(begin_step: BeginStep, camera: SimCamera, clock: SimulatedClock) -> BeginStep:
-    """Return a begin of a step that lets as much time pass as a step takes."""
-
-    def begin(sequence: int) -> bool:
-        clock.reach(camera.busy_until_monotonic_ns)
-        clock.sleep(STEP_S)
-        return begin_step(sequence)
-
-    return begin
-
-
-def _with_light(
-    begin_step: BeginStep, world: World, *, roof: "LitRoof", scene: TexturedScene, utc_ns: Callable[[], int]
-) -> BeginStep:
-    """Return a begin of a step that lights the world as it is at that moment."""
-
-    def begin(sequence: int) -> bool:
-        now_ns = utc_ns()
-        world.show(scene.painted(roof.at(now_ns), background_share=roof.dimmed(now_ns)))
-        return begin_step(sequence)
-
-    return begin
-
-
 @contextmanager
 def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
     """Give where a camera is served as a GigE Vision camera, until the context is left; None for another address."""
@@ -280,25 +225,18 @@ def _serve_if_gige(address: str, camera: SimCamera) -> Iterator[str | None]:
         yield f"gige:{THIS_MACHINE}?{rest}"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SeenScene:
-    """What the camera looks at."""
+def _scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> tuple[FloatArray, tuple["LitRoof", TexturedScene] | None]:
+    """Return the radiance before the camera at the beginning [W m-2 sr-1], and the light of a scene of materials.
 
-    radiance: FloatArray  #: At the beginning [W m-2 sr-1].
-    #: What computes and what paints the light of a scene of materials; None where its radiances are stated.
-    roof: "LitRoof | None" = None
-    textured: TexturedScene | None = None
-
-
-def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
-    """Return what the camera of a simulated rig looks at."""
+    The second is None if the scene file states every radiance. At night the scene is dark until the first step by day.
+    """
     if rig.simulation is None:
         raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
     scene, camera = load_scene(rig.simulation.scene), rig.simulation.camera
     if not scene.has_materials:
         if rig.simulation.perturb is not None:
             raise ConfigError("--perturb: is for a simulated roof, a scene whose regions have a material")
-        return SeenScene(radiance=stated_radiance(scene, rig, camera, rig.simulation.seed))
+        return stated_radiance(scene, rig, camera, rig.simulation.seed), None
     from rigctl.rig.roof import LitRoof
 
     roof = LitRoof(scene, rig)
@@ -309,47 +247,39 @@ def seen_scene(rig: RigFile, *, utc_ns: Callable[[], int]) -> SeenScene:
         shape=(camera.height, camera.width),
         generator=np.random.default_rng([rig.simulation.seed, TEXTURE_STREAM]),
     )
-    radiance = textured.painted(roof.at(utc_ns())) if roof.is_day(utc_ns()) else _night(scene, camera)
-    return SeenScene(radiance=radiance, roof=roof, textured=textured)
-
-
-def _night(scene: SceneFile, camera: SimulatedCamera) -> FloatArray:
-    """Return a dark world, until the first step is taken by day."""
-    radiance = np.zeros((3, camera.height, camera.width))
-    radiance[0] = _NIGHT_SHARE * scene.background_radiance
-    return radiance
-
-
-def made_camera(rig: RigFile, seen: SeenScene, *, session_name: str) -> SimCamera:
-    """Return the camera of a simulated rig before its scene, without anything that turns."""
-    if rig.simulation is None:
-        raise ConfigError(f"rig {rig.name}: there is no [simulation] table")
-    stage, _ = _made_stage(rig, rig.simulation)
-    polarizers, _ = _polarizers(rig, rig.camera.address)
-    world = stated_world(rig.simulation, seen.radiance, stage, polarizers)
-    return stated_camera(rig.simulation, world, session_name, None, None, polarizers=polarizers)
+    if roof.is_day(utc_ns()):
+        return textured.painted(roof.at(utc_ns())), (roof, textured)
+    dark = np.zeros((3, camera.height, camera.width))
+    dark[0] = _NIGHT_SHARE * scene.background_radiance
+    return dark, (roof, textured)
 
 
 def rehearse(
     rig: RigFile, *, times_ns: Sequence[int], exposures_s: Sequence[float], regions: Sequence[Region]
 ) -> tuple[str, ...]:
-    """Return in words under which sun each round of a simulated roof is seen, and where it is not that of its scene."""
+    """Check that a session on a simulated rig can be taken; return the sun of a simulated roof in words.
+
+    Remarks say where sun, place and camera are not those of the scene file.
+    """
     if rig.simulation is None:
         return ()
     try:
-        seen = seen_scene(rig, utc_ns=lambda: times_ns[0])
-        camera = made_camera(rig, seen, session_name="rehearsal")
+        radiance, lit = _scene(rig, utc_ns=lambda: times_ns[0])
+        stage, _ = _made_stage(rig, rig.simulation)
+        polarizers, _ = _polarizers(rig, rig.camera.address)
+        world = stated_world(rig.simulation, radiance, stage, polarizers)
+        camera = stated_camera(rig.simulation, world, "rehearsal", None, None, polarizers=polarizers)
     except ValueError as error:
         raise ConfigError(f"rig {rig.name}: the simulation cannot be made: {error}") from error
     for exposure_s in exposures_s:
         camera.configure(exposure_s=exposure_s, gain_db=rig.camera.gain_db)
     width, height = frame_size(rig, rig.simulation.camera)
     masks(list(regions), width=width, height=height)
-    roof = seen.roof
-    if roof is None:
+    if lit is None:
         return ()
+    roof, _ = lit
     for time_ns in times_ns:
         roof.require_day(time_ns)
-    said = [] if roof.record.perturbed is None else [f"the roof is changed on purpose: {roof.record.perturbed}"]
+    changed = [] if roof.record.perturbed is None else [f"the roof is changed on purpose: {roof.record.perturbed}"]
     suns = dict.fromkeys(roof.sun_text(time_ns) for time_ns in (times_ns[0], times_ns[-1]))
-    return (*roof.record.remarks, *said, *(f"sun: {text}" for text in suns))
+    return (*roof.record.remarks, *changed, *(f"sun: {text}" for text in suns))

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
     from model.effects.names import Bound, Decision, EffectPlan
     from rigctl.report.table import Table
-    from rigctl.rig.simulation import RenderingCost, RenderingCosts
     from rigctl.scene.effects import Verification
 
     Row = tuple[Decision, CheckedEffect | None]
@@ -267,31 +266,32 @@ class EffectsResult(Result):
 class RenderingResult(Result):
     """Effects of a simulated camera's pictures, with the time of each."""
 
-    costs: "RenderingCosts"
+    #: Name of each effect, place in the chain, and median time per frame [s].
+    costs: "tuple[tuple[str, str, float], ...]"
+    frame_s: float  #: of a whole frame
+    frames: int
 
     def content(self) -> Iterable[Part]:
         """Return how many effects act and their time, and the table."""
         from rigctl.report.table import Column, Table
 
-        total_s = sum(one.cost_s for one in self.costs.costs)
-        columns: tuple[Column[RenderingCost], ...] = (
-            Column(title="effect", text=lambda row: row.effect, left=True),
-            Column(title="acts on", text=lambda row: row.place, left=True),
-            Column(title="ms a frame", text=lambda row: f"{1e3 * row.cost_s:.2f}"),
+        total_s = sum(cost_s for _, _, cost_s in self.costs)
+        columns: tuple[Column[tuple[str, str, float]], ...] = (
+            Column(title="effect", text=lambda row: row[0], left=True),
+            Column(title="acts on", text=lambda row: row[1], left=True),
+            Column(title="ms a frame", text=lambda row: f"{1e3 * row[2]:.2f}"),
         )
         yield (
-            f"{len(self.costs.costs)} effects act on the simulated pictures and take {1e3 * total_s:.1f} of "
-            f"{1e3 * self.costs.frame_s:.1f} ms a frame (medians of {self.costs.frames} frames)."
+            f"{len(self.costs)} effects act on the simulated pictures and take {1e3 * total_s:.1f} of "
+            f"{1e3 * self.frame_s:.1f} ms a frame (medians of {self.frames} frames)."
         )
-        yield Table(columns=columns, rows=self.costs.costs)
+        yield Table(columns=columns, rows=self.costs)
         yield "Effects that the rig file does not name are not computed."
 
     def as_json(self) -> dict[str, Json]:
         """Return the same for programs."""
-        effects: list[Json] = [
-            {"effect": one.effect, "place": one.place, "cost_s": one.cost_s} for one in self.costs.costs
-        ]
-        return {"rendering": effects, "frame_s": self.costs.frame_s, "frames": self.costs.frames}
+        effects: list[Json] = [{"effect": name, "place": place, "cost_s": cost_s} for name, place, cost_s in self.costs]
+        return {"rendering": effects, "frame_s": self.frame_s, "frames": self.frames}
 
 
 def _rendering(path: Path) -> RenderingResult:
@@ -301,7 +301,8 @@ def _rendering(path: Path) -> RenderingResult:
     simulation = load_rig(path).simulation
     if simulation is None:
         raise ConfigError(f"{path}: has no [simulation]: a real camera's pictures go through no effects of ours")
-    return RenderingResult(costs=rendering_costs(simulation))
+    costs, frame_s, frames = rendering_costs(simulation)
+    return RenderingResult(costs=costs, frame_s=frame_s, frames=frames)
 
 
 def _largest_kind(found: "Bound") -> str:
