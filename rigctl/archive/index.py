@@ -22,7 +22,7 @@ from rigctl.base.numbers import shown
 from rigctl.errors import ConfigError, DataError
 from rigctl.runs.check import wholeness
 from rigctl.runs.folder import ANNOTATIONS_FILE, MANIFEST_FILE, read_annotation_lines, read_contents, sound_annotations
-from rigctl.runs.records import EVENTS_FILE, SESSION_FILE, DeviceAsTaken, FrameRecord, SessionRecord, excluded_frames
+from rigctl.runs.records import EVENTS_FILE, SESSION_FILE, FrameRecord, SessionRecord, excluded_frames
 
 Kind = Literal["text", "number"]
 Level = Literal["run", "comparison", "region"]
@@ -256,8 +256,8 @@ def _of_session(session: SessionRecord) -> dict[str, Fact]:
     }
 
 
-def _device(device: DeviceAsTaken) -> str:
-    return " ".join(text for text in (device.model, device.serial_number) if text)
+def _device(device: Mapping[str, object]) -> str:
+    return " ".join(str(device[key]) for key in ("model", "serial_number") if device.get(key))
 
 
 # Verdicts as people say them.

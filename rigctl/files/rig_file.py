@@ -1,6 +1,6 @@
-"""The rig file: which stage, which camera, how the polarizer sits, what is read beside, and who is told.
+"""The rig file: stage, camera, polarizer, monitors, and notices.
 
-A simulated rig has a table [simulation]: its true polarizer and camera, and the effects that its pictures go through.
+A simulated rig has a table [simulation]: its true polarizer and camera, and the effects on its pictures.
 """
 
 from collections.abc import Sequence
@@ -153,13 +153,13 @@ class SimulatedCamera(Section):
     full_well_e: PositiveNumber
     """Electrons that a pixel holds. Example: `16000.0`."""
     defocus_mm: Annotated[float, Field(ge=-MOST_DEFOCUS_MM, le=MOST_DEFOCUS_MM)] = 0.0
-    """How far the detector is behind the focus; `rigctl sim lens` changes it while the camera runs. Example: `0.1`."""
+    """Distance of the detector behind the focus; `rigctl sim lens` changes it while the camera runs. Example: `0.1`."""
 
 
 class SimulationSection(Section):
-    """The simulated rig: what it looks at, what it is made of, and which effects its pictures go through beside.
+    """The simulated rig: its scene, its true devices, and the effects on its pictures.
 
-    An effect that `effects` does not name is not called. `clock` is when its clock begins; without, it is the host's.
+    Effects that `effects` does not name are not computed. `clock` is when its clock begins; without, it is the host's.
     `perturb` changes the light of a scene of materials against what its file says.
     """
 
@@ -168,7 +168,7 @@ class SimulationSection(Section):
     clock: AwareDatetime | None = None
     """When its clock begins; the host's clock without. Example: `2026-06-21T10:00:00+02:00`."""
     perturb: RoofChange | None = None
-    """What of a scene of materials differs from what its file says. Example: `"visibility"`."""
+    """Change of a scene of materials against its file. Example: `"visibility"`."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of all its noise. Example: `1`."""
     flat_radiance: PositiveNumber
@@ -219,7 +219,7 @@ class StageSection(Section):
     """
 
     driver: str
-    """What speaks to the stage, as `rigctl devices` names it. Example: `"ellx"`."""
+    """Driver of the stage, as `rigctl devices` prints it. Example: `"ellx"`."""
     port: str
     """Serial port of the stage, or sim: for a simulated one. Example: `"/dev/ttyUSB0"`."""
     address: str | None = None
@@ -227,9 +227,9 @@ class StageSection(Section):
     serial_number: str | None = None
     """Refuse any other stage than this. Example: `"11400123"`."""
     tolerance_deg: Annotated[float, Field(gt=0, le=5)] = 0.02
-    """How far a readback may lie from its target. Example: `0.02`."""
+    """Largest difference of readback and target. Example: `0.02`."""
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
-    """What the driver takes beside. Example: `{ steps_per_turn = 24000 }`."""
+    """Further options of the driver. Example: `{ steps_per_turn = 24000 }`."""
     characterisation: Path | None = None
     """File of `rigctl calibrate stage`; each move then waits until the stage rests. Example: `"stage.json"`."""
 
@@ -243,7 +243,7 @@ class PolarizerSection(Section):
     """
 
     sense: Literal[1, -1]
-    """Whether the polarizer's angle grows (1) or falls (-1) with that of the stage. Example: `1`."""
+    """1 if the polarizer's angle grows with that of the stage, -1 if it falls. Example: `1`."""
     offset_deg: float
     """Angle of the transmission axis at stage angle 0, from horizontal. Example: `12.3`."""
     offset_std_deg: Annotated[float, Field(ge=0)] = 0.0
@@ -269,7 +269,7 @@ class CameraSection(Section):
     gain_db: float = 0.0
     """Gain setting of the camera. Example: `0.0`."""
     timeout_s: PositiveNumber = 5.0
-    """How long to wait for a frame beyond its exposure. Example: `5.0`."""
+    """Longest wait for a frame beyond its exposure. Example: `5.0`."""
     mosaic_deg: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
     """Polarizers on its pixels: angles of a cell of 2 x 2, row by row. Example: `[90, 45, 135, 0]`."""
     interpolation: Interpolation = "none"
@@ -291,26 +291,26 @@ class CameraSection(Section):
 class MonitorSection(Section):
     """A sensor that is read once an exposure: temperature, humidity, irradiance. It delays no frame and loses none.
 
-    `options` are what its driver takes: see docs/plug-ins.md. A reading that `follows_light`, such as an irradiance,
-    is what the drift of the light is held against.
+    `options` are those of its driver: see docs/plug-ins.md. The drift of the light is compared with a reading that
+    `follows_light`, such as an irradiance.
     """
 
     name: Name
     """Its name in the run. Example: `"air"`."""
     driver: str
-    """What reads it: file, command, serial, or a plug-in's. Example: `"file"`."""
+    """Its driver: file, command, serial, or a plug-in's. Example: `"file"`."""
     deadline_s: Annotated[float, Field(gt=0, le=60)] = 1.0
-    """A reading that takes longer is none. Example: `1.0`."""
+    """A reading that takes longer is given up. Example: `1.0`."""
     follows_light: bool = False
     """It grows with the light that the rig sees, as an irradiance does. Example: `true`."""
     options: dict[str, bool | int | float | str | list[str]] = Field(default_factory=dict)
-    """What the driver takes. Example: `{ path = "/run/air.txt", unit = "deg C" }`."""
+    """Options of the driver. Example: `{ path = "/run/air.txt", unit = "deg C" }`."""
 
 
 class NotifySection(Section):
-    """Address that gets a notice as JSON by HTTP POST, command that gets it on its standard input, or both.
+    """Receivers of notices: an address that gets each as JSON by HTTP POST, a command that reads it, or both.
 
-    `events` says of what. A notice that cannot be delivered within `timeout_s` is dropped: no session waits for one.
+    `events` selects the events. A notice that is not delivered within `timeout_s` is dropped: no session waits.
     """
 
     webhook: Annotated[str, Field(pattern=r"^https?://[^\s]+$", max_length=2000)] | None = None
@@ -318,14 +318,14 @@ class NotifySection(Section):
     command: Annotated[list[str], Field(min_length=1, max_length=100)] | None = None
     """Program, with its arguments, that gets each notice on its standard input. Example: `["notify-send", "rig"]`."""
     events: list[NoticeKind] = Field(default_factory=lambda: list(NOTICE_KINDS))
-    """Which events are told; all without. Example: `["finished", "failed"]`."""
+    """Events that are reported; all unless given. Example: `["finished", "failed"]`."""
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 5.0
     """After which a notice is dropped. Example: `5.0`."""
 
     @model_validator(mode="after")
-    def _somebody_is_told(self) -> "NotifySection":
+    def _a_receiver_is_given(self) -> "NotifySection":
         if self.webhook is None and self.command is None:
-            raise ValueError('names nobody: give webhook = "https://..." or command = ["program", "argument"]')
+            raise ValueError('names no receiver: give webhook = "https://..." or command = ["program", "argument"]')
         return self
 
 
@@ -345,13 +345,13 @@ class RigFile(Section):
     site: SiteSection | None = None
     """Where the rig stands."""
     geometry: GeometrySection | None = None
-    """How its camera points."""
+    """Direction of its camera."""
     simulation: SimulationSection | None = None
-    """What a simulated rig is made of."""
+    """Truth of a simulated rig."""
     monitors: list[MonitorSection] = Field(default_factory=list)
     """Sensors that are read beside the frames."""
     notify: NotifySection | None = None
-    """Whom a session tells of its end and of trouble."""
+    """Receivers of notices about the end of a session and about trouble."""
 
     @property
     def is_simulated(self) -> bool:
@@ -420,12 +420,12 @@ def polarizer_axes_deg(
 
 
 def placeholder_doubt(rig: RigFile) -> str | None:
-    """Return in words that sense and offset of a rig file are placeholders; None where they are not."""
+    """Return a warning if sense and offset of a rig file are placeholders; None if they are calibrated."""
     return f"rig {rig.name}: {PLACEHOLDER}" if rig.polarizer.placeholder else None
 
 
 def unset_polarizer(run: Path, *, placeholder: bool) -> tuple[str, ...]:
-    """Return in words that sense and offset of a run were placeholders as it was taken; nothing where they were not."""
+    """Return a warning if sense and offset were placeholders when a run was taken."""
     return (f"{run}: {PLACEHOLDER}",) if placeholder else ()
 
 

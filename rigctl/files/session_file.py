@@ -36,7 +36,7 @@ class InterlockSection(Section):
     black: Action = "retry"
     """A picture has one value everywhere. Example: `"retry"`."""
     exposure: Watched = "hold"
-    """The first scene frame is far too bright; at a terminal hold warns and goes on. Example: `"hold"`."""
+    """The first scene frame is far too bright; at a terminal hold only warns. Example: `"hold"`."""
     saturated: Action = "note"
     """More than `saturated_fraction` of a scene frame is saturated. Example: `"note"`."""
     low_signal: Action = "note"
@@ -59,7 +59,7 @@ class InterlockSection(Section):
     """A device is silent or unplugged. Example: `"retry"`."""
 
     retries: Annotated[int, Field(ge=1, le=100)] = 2
-    """How often a frame is taken again before the session stops. Example: `2`."""
+    """Number of times that a frame is taken again before the session stops. Example: `2`."""
     exposure_fraction: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Share of saturated pixels of the first scene frame that trips exposure. Example: `0.5`."""
     saturated_fraction: Annotated[float, Field(ge=0, le=1)] = 0.01
@@ -81,7 +81,7 @@ class InterlockSection(Section):
     clock_jump_s: Annotated[float, Field(gt=0)] = 1.0
     """Step of the host's clock that trips clock. Example: `1.0`."""
     reconnect_s: Annotated[float, Field(gt=0)] = 60.0
-    """How long a device that is gone is opened again. Example: `60.0`."""
+    """Time for which a lost device is opened again. Example: `60.0`."""
 
     @model_validator(mode="after")
     def _temperatures_in_order(self) -> "InterlockSection":
@@ -109,13 +109,13 @@ class Take(Section):
     """One group of frames. `cycles` goes through all angles, then through all angles again."""
 
     kind: Literal["scene", "dark", "flat"]
-    """What the camera looks at. Example: `"scene"`."""
+    """Object before the camera. Example: `"scene"`."""
     exposure_ms: ExposureMs | Literal["auto"] | Annotated[list[ExposureMs], Field(min_length=1)]
     """One exposure, several, or "auto" to meter it. Example: `2.5`."""
     angles_deg: Annotated[list[float], Field(min_length=1)] | None = None
     """Polarizer angles of a cycle; 0, 90, 45, 135 of a scene, as it stands of others. Example: `[0, 90, 45, 135]`."""
     cycles: Annotated[int, Field(ge=1, le=100_000)] = 1
-    """How often all angles are gone through. Example: `10`."""
+    """Number of times that all angles are taken. Example: `10`."""
     order: Order = "cycles"
     """cycles: again and again; palindrome: every second backwards; grouped: angle by angle. Example: `"palindrome"`."""
     closing_repeat: bool = False
@@ -216,7 +216,7 @@ class ScheduleSection(Section):
     end: AwareDatetime | None = None
     """After which there is no round. Example: `2026-06-21T18:00:00+02:00`."""
     duration_h: Annotated[float, Field(gt=0, le=24 * 366)] = 24.0
-    """How long the schedule lasts where no end is given. Example: `24.0`."""
+    """Length of the schedule if no end is given. Example: `24.0`."""
     while_zenith_below_deg: ZenithDeg | None = None
     """Leave out rounds with the sun at or beyond this zenith angle. Example: `75.0`."""
     while_zenith_above_deg: ZenithDeg | None = None
@@ -262,11 +262,11 @@ class SessionFile(Section):
     darks: DarkSection | None = None
     """Dark frames among the scene frames."""
     metering: MeteringSection = MeteringSection()
-    """How an exposure of "auto" is found."""
+    """Metering of an exposure of "auto"."""
     schedule: ScheduleSection | None = None
     """When the takes are gone through."""
     interlocks: InterlockSection = InterlockSection()
-    """What is watched, and what is done about it."""
+    """Checks of the session, and the reaction to each."""
     regions: list[Region] = Field(default_factory=list)
     """Regions watched while the session runs."""
     reference_region: Name | None = None

@@ -140,7 +140,7 @@ def cycle_figure(history: CycleHistory) -> bytes:
 
 
 def monitor_figure(traces: Sequence[MonitorTrace]) -> bytes:
-    """Return what sensors beside the frames said, against time, one panel each."""
+    """Return the readings of sensors against time, one panel each."""
     first_s = min(trace.times_s[0] for trace in traces)
     unit_s, unit = unit_of_time(max(trace.times_s[-1] for trace in traces) - first_s)
     figure, axes = subplots(len(traces), 1, size=(8.8, 0.4 + 2.0 * len(traces)))
@@ -153,7 +153,7 @@ def monitor_figure(traces: Sequence[MonitorTrace]) -> bytes:
 
 
 def drift_line(history: CycleHistory) -> str:
-    """Return in words how the light drifted from cycle to cycle."""
+    """Return the drift of the light from cycle to cycle in words."""
     drifts = [look.drift for look in history.looks if look.drift is not None]
     if not drifts:
         return "Drift within rounds: not known, since no angle was taken twice in a round."
@@ -216,8 +216,8 @@ def run_report(session: SessionHistory, diagnosis: RunDiagnosis) -> Report:
     times = Table(
         columns=text_columns("event", "times", left=(0, 1)), rows=tuple((name, str(count)) for name, count in counts)
     )
-    told = [event for event in session.events if event.event != READINGS_EVENT]
-    events = Section(title="Events", blocks=(times, _event_table(told[-_SHOWN_EVENTS:])))
+    shown = [event for event in session.events if event.event != READINGS_EVENT]
+    events = Section(title="Events", blocks=(times, _event_table(shown[-_SHOWN_EVENTS:])))
     noted = annotation_sections(session.run.annotations)
     faults, beside = _faults(session.run.session, diagnosis), _monitors(session)
     way = (*_way(session.events), *_times_of_run(session))
@@ -236,7 +236,7 @@ def _simulation(session: SessionRecord) -> Iterable[Section]:
 
 
 def _faults(session: SessionRecord, found: RunDiagnosis) -> Section:
-    """Return what the frames say of their own faults."""
+    """Return the faults that the frames show."""
     unset = (f"{PLACEHOLDER[0].upper()}{PLACEHOLDER[1:]}.",) if session.polarizer.placeholder else ()
     said = Bullets(items=(*unset, *found.lines))
     table = (fault_table(found.terms),) if found.terms else ()

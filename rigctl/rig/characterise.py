@@ -46,7 +46,7 @@ class Characterisation:
     """Measured properties of a stage."""
 
     identity: DeviceIdentity  #: Which stage.
-    band_deg: float  #: How near to its rest it counts as resting [deg], and how long each visit was watched [s].
+    band_deg: float  #: Readings within this band count as rest [deg]; time for which each visit was watched [s].
     watch_s: float
     visits: tuple[Visit, ...]  #: In the order in which they were made.
 
@@ -94,7 +94,7 @@ class Characterisation:
         return np.array(chosen)
 
     def backlash_at_deg(self, angle_deg: float) -> float:
-        """Return how much further the stage ends at one angle when it comes from larger ones."""
+        """Return the backlash at one angle: readback after a move from larger angles less that from smaller ones."""
         backward, forward = (self.errors_deg(angle_deg, side).mean() for side in ("backward", "forward"))
         return float(backward - forward)
 

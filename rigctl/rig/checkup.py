@@ -42,12 +42,12 @@ _USUAL_LOSS = 1e-4  # of packets; a cable and a switch that are well lose none
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One line of a check-up: what was looked at, what was found, and what to change."""
+    """One line of a check-up."""
 
-    what: str  #: What was looked at.
-    found: str  #: What was found, with its unit.
-    advice: str | None = None  #: What to change; None where all is well.
-    hint: str | None = None  #: What may be changed, or left as it is.
+    what: str  #: The checked item.
+    found: str  #: The result with its unit.
+    advice: str | None = None  #: A necessary change; None if all is well.
+    hint: str | None = None  #: A possible improvement.
 
 
 def receive_buffer(*, frame_bytes: int, largest_bytes: int | None = None) -> Finding:
@@ -106,7 +106,7 @@ def clock() -> Finding:
 
 
 def utc_error_s() -> float | None:
-    """Return how far the system's clock may be off UTC, as its time service says [s]; None: nothing synchronises it."""
+    """Return the largest error of the system's clock by its time service [s]; None if nothing synchronises it."""
     content = ctypes.create_string_buffer(_TIMEX_BYTES)
     ctypes.CDLL(None).ntp_adjtime(content)
     status = int.from_bytes(content.raw[_STATUS_PLACE : _STATUS_PLACE + 4], "little")
@@ -115,7 +115,7 @@ def utc_error_s() -> float | None:
 
 
 class RigCheckup:
-    """Opens a rig and looks at it."""
+    """Opens a rig and checks its devices."""
 
     def __init__(self, rig: RigFile, *, frames: int) -> None:
         self._rig, self._frames = rig, frames
@@ -123,7 +123,7 @@ class RigCheckup:
         self.camera_s: float | None = None
 
     def findings(self) -> Iterator[Finding]:
-        """Give what is found, line by line."""
+        """Yield the findings, line by line."""
         yield from self._ways()
         with open_rig(self._rig, session_name="doctor") as rig:
             if rig.stage is not None and rig.stage_identity is not None:
@@ -142,7 +142,7 @@ class RigCheckup:
                 yield cell_finding(rig.camera, self._rig, timeout_s=timeout_s)
 
     def _ways(self) -> Iterator[Finding]:
-        """Give what there is to say of the ways to the devices."""
+        """Yield the findings about serial adapter and network."""
         stage = self._rig.stage
         if stage is not None and not stage.port.startswith(SIMULATED):
             adapter = adapter_wait(resolve_port(stage.port, warn=warn))
@@ -154,18 +154,18 @@ class RigCheckup:
 
 
 def cell_finding(camera: Camera, rig: RigFile, *, timeout_s: float) -> Finding:
-    """Return what is known of the cell of a camera with polarizers on its pixels: by itself, and by the light."""
+    """Return the cell of a camera with polarizers on its pixels, and whether the light contradicts it."""
     stated = tuple(rig.camera.mosaic_deg or ())
     frame = _unsaturated(camera, gain_db=rig.camera.gain_db, timeout_s=timeout_s)
     text = ", ".join(f"{angle:g}" for angle in stated)
-    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
-    source = "as the camera says" if told is not None else "as the rig file says; the camera does not tell"
+    own = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    source = "as the camera says" if own is not None else "as the rig file says; the camera does not tell"
     advice = cell_problem(frame.counts, stated, bit_depth=frame.settings.bit_depth)
     return Finding(what="cell", found=f"{text} deg row by row, {source}", advice=advice)
 
 
 def stage_latency(stage: RotationStage) -> Finding:
-    """Return how long the stage takes to tell its position."""
+    """Return the time that the stage takes to answer its position."""
     times_s = [_timed(stage.position) for _ in range(_READINGS)]
     typical_s, longest_s = statistics.median(times_s), max(times_s)
     advice = None
@@ -176,7 +176,7 @@ def stage_latency(stage: RotationStage) -> Finding:
 
 
 def adapter_wait(port: str, *, devices: Path = _SERIAL_DEVICES) -> Finding | None:
-    """Return how long a USB adapter waits before it passes bytes on; None for a port whose adapter does not tell."""
+    """Return the time that a USB adapter waits before it passes bytes on; None if the system does not know it."""
     file = devices / Path(port).resolve().name / "latency_timer"
     try:
         wait_ms = int(read_bounded(file, _MOST_SETTING_BYTES))
@@ -199,7 +199,7 @@ def timed_frames(camera: Camera, *, frames: int, timeout_s: float) -> tuple[list
 
 
 def camera_frames(camera: Camera, times_s: Sequence[float], last: Frame) -> Iterator[Finding]:
-    """Return how fast pictures came, when, and what was lost of them, where the camera counts that."""
+    """Yield the speed of the pictures, their time stamps, and their losses if the camera counts them."""
     found = (
         f"{len(times_s)} frames, {statistics.median(times_s) * 1e3:.0f} ms each, longest {max(times_s) * 1e3:.0f} ms"
     )
@@ -229,7 +229,7 @@ def camera_frames(camera: Camera, times_s: Sequence[float], last: Frame) -> Iter
 
 
 def interface_mtu(address: str) -> Finding:
-    """Return how large packets may be on the way to a camera."""
+    """Return the largest packet size on the way to a camera."""
     mtu = path_mtu(address)
     advice = hint = None
     if mtu < _ETHERNET_MTU:
@@ -267,9 +267,9 @@ def _time_stamps(frame: Frame) -> Iterator[Finding]:
     """Give how well the start of an exposure is known, where the camera tells."""
     source = frame.start_source
     if source is not None:
-        told = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
+        text = f"{START_SOURCES.get(source, source)}, {start_error_text(frame.start_uncertainty_s)}"
         hint = "docs/cameras.md has what makes it known better" if source in ("trigger", "arrival") else None
-        yield Finding(what="time stamps", found=f"start of an exposure {told}", hint=hint)
+        yield Finding(what="time stamps", found=f"start of an exposure {text}", hint=hint)
 
 
 def _timed(ask: Callable[[], object]) -> float:

@@ -72,7 +72,7 @@ def _do_nothing(_sequence: int) -> bool:
 
 
 def _ask_nobody(_kind: FrameKind) -> None:
-    """Return: nobody's hands are needed."""
+    """Return: no person is needed."""
 
 
 def _write_nothing(_text: str) -> None:
@@ -81,19 +81,19 @@ def _write_nothing(_text: str) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """Devices that are open, and what they say they are."""
+    """The open devices of a rig."""
 
     stage: RotationStage | None  #: The devices; no stage where the camera has polarizers on its pixels.
     camera: Camera
-    stage_identity: DeviceIdentity | None  #: What they are.
+    stage_identity: DeviceIdentity | None  #: Model and serial number.
     camera_identity: DeviceIdentity
     #: Puts scene, dark or flat before the camera where the world is simulated; else does nothing.
     present: Callable[[FrameKind], None]
     #: Asks the operator of a real rig to do that, at the terminal; where the world is simulated, nobody.
     ask: Callable[[FrameKind], None] = _ask_nobody
     origin: Literal["simulated", "device"]  #: Where the frames come from.
-    #: To be told of each step, by its sequence number, before its first frame; says whether the numbers of the camera's
-    #: frames jump there. Of a simulated camera, whose noise hangs on it; others do nothing.
+    #: Called with the sequence number of each step before its first frame; returns True if the numbers of the camera's
+    #: frames jump there. Only a simulated camera needs it, for its noise.
     begin_step: Callable[[int], bool] = _do_nothing
     light: SimulatedLight | None = None  #: What lights a simulated roof.
     trace: Callable[[str], None] = _write_nothing  #: Takes what the camera was set to and gave, for a trace.
@@ -157,26 +157,24 @@ def find_driver(group: str, name: str, *, key: str) -> EntryPoint:
 
 
 def require_cell(rig: RigFile, camera: Camera) -> None:
-    """Refuse a mosaic that is not the one of the rig file, as far as the camera tells."""
-    told = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
+    """Refuse a mosaic that differs from that of the rig file, if the camera states it."""
+    own = camera.facts().mosaic_deg if isinstance(camera, CameraWithFacts) else None
     stated = rig.camera.mosaic_deg
-    if told is None:
+    if own is None:
         return
-    cell = ", ".join(f"{angle:g}" for angle in told)
+    cell = ", ".join(f"{angle:g}" for angle in own)
     if stated is None:
         raise ConfigError(
             "camera.mosaic_deg: the camera says that it has polarizers on its pixels: state "
             f"mosaic_deg = [{cell}], and leave [stage] out"
         )
-    if any(
-        abs(wrapped(one - other, turn=180.0)) > _CELL_TOLERANCE_DEG for one, other in zip(stated, told, strict=True)
-    ):
+    if any(abs(wrapped(one - other, turn=180.0)) > _CELL_TOLERANCE_DEG for one, other in zip(stated, own, strict=True)):
         found = ", ".join(f"{angle:g}" for angle in stated)
         raise ConfigError(f"camera.mosaic_deg: is [{found}], and the camera says that its cell is [{cell}]")
 
 
 def cell_problem(counts: NDArray[np.uint16], mosaic_deg: Sequence[float], *, bit_depth: int) -> str | None:
-    """Return in words that the light contradicts a cell, or None: it agrees, or tells nothing."""
+    """Return a message if the light contradicts a cell; None if it agrees or cannot decide."""
     found = pair_by_light(counts, tuple(mosaic_deg), saturation_dn=float(2**bit_depth - 1))
     if found is None:
         return None
@@ -301,7 +299,7 @@ def _is_place(name: str) -> bool:
 
 
 def _driver_meant(name: str, installed: Collection[str]) -> str:
-    """Return which driver a name of a model leads to, in words."""
+    """Return a suggestion of the driver that a wrong name stands for."""
     word = name.strip().lower()
     by_model = next((driver for models, driver in _DRIVERS_OF_MODELS if word.startswith(models)), None)
     known = by_model is not None and by_model in installed
@@ -324,7 +322,7 @@ class _SettlingStage:
         self.close()
 
     def identify(self) -> DeviceIdentity:
-        """Return what the device says of itself."""
+        """Return the identity of the device."""
         return self._stage.identify()
 
     def home(self) -> StagePosition:

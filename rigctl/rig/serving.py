@@ -23,7 +23,7 @@ _SMALLEST_CHANGE_DEG = 1e-6
 
 
 class StageServer:
-    """A stage that is served for as long as somebody looks after it."""
+    """A served stage, whose true angle is logged."""
 
     def __init__(self, stage: SimulatedStage, clock: SimClock, log: TextIO | None) -> None:
         self._stage = stage

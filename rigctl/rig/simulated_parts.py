@@ -355,7 +355,7 @@ class FreshNoise:
 
 def number_after(frames: Iterable[FrameRecord], events: Iterable[RunEvent], sequence: int) -> int:
     """Return the number that a step has in a session without an interruption."""
-    used = max((one.next_camera_frame or 0 for one in metered_exposures(events)), default=0)
+    used = max((following for _, _, following in metered_exposures(events)), default=0)
     before = [frame for frame in frames if _place(frame) < sequence and frame.camera_frame is not None]
     if not before:
         return used

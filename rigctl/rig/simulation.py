@@ -138,7 +138,7 @@ def with_simulation(rig: RigFile, *, clock_ns: int | None, perturb: RoofChange |
 
 
 def _not_within_program(rig: RigFile) -> tuple[str, ...]:
-    """Return which devices are real, on the network, or those of a record."""
+    """Return the devices that are real or on the network."""
     camera = rig.camera.address
     found = []
     if rig.stage is not None and not rig.stage.port.startswith("sim:"):
@@ -200,7 +200,7 @@ def _made_stage(rig: RigFile, simulation: SimulationSection) -> tuple[SimulatedS
 
 
 def _polarizers(rig: RigFile, address: str) -> tuple[MicroPolarizers | None, str]:
-    """Return the polarizers on the pixels of a simulated camera, and its address without what is said of them."""
+    """Return the polarizers on the pixels of a simulated camera, and its address without these options."""
     if rig.camera.mosaic_deg is None:
         return None, address
     name, _, options = address.partition("?")

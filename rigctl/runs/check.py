@@ -1,6 +1,7 @@
-"""A run is whole, unfinished or damaged: by its own notes, by every checksum, and made whole again after a kill.
+"""Checks whether a run is whole, unfinished or damaged, and repairs it after a kill.
 
-Repair adopts whole frames and sets damaged ones aside; it deletes nothing.
+`wholeness` reads session file, manifest, events and inputs; `verify_run` also reads every frame and its checksum.
+`repair_run` adopts whole frames and sets damaged ones aside; it deletes nothing.
 """
 
 import hashlib
@@ -64,10 +65,10 @@ Watch = Callable[[Sequence[FrameRecord]], Iterable[FrameRecord]]
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """Something about one file of a run folder."""
+    """A finding about one file of a run folder."""
 
     file: str  #: Path relative to the run folder.
-    problem: str  #: What there is to say of it.
+    problem: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,14 +78,14 @@ class Verification:
     ok: bool  #: Nothing is bad.
     frames: int  #: How many frames the manifest names.
     bad: tuple[Finding, ...]  #: Damaged, missing, or contradicting files.
-    leftovers: tuple[Finding, ...]  #: What a killed writer leaves: never acknowledged, so no data are lost by it.
+    leftovers: tuple[Finding, ...]  #: Files of a killed writer: they were never acknowledged.
     state: State = "whole"  #: Whole: nothing is bad, and the session has noted its end over these very frames.
     gaps: tuple[str, ...] = ()  #: Steps of the session's plan that have no frame.
-    unchecked: tuple[str, ...] = ()  #: What this program cannot check.
+    unchecked: tuple[str, ...] = ()  #: Parts that this program cannot check.
 
 
 def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
-    """Return what is wrong with a run folder; what its session planned is not looked at."""
+    """Check a run folder with all its frames; the plan of its session is not compared."""
     contents = read_contents(path)
     state, problems = wholeness(path, contents)
     bad = [Finding(file=file, problem=problem) for file, problem in problems]
@@ -107,7 +108,7 @@ def verify_run(path: Path, *, watch: Watch = iter) -> Verification:
 
 
 def frame_problems(path: Path, record: FrameRecord) -> list[str]:
-    """Return what is wrong with the file of one frame that the manifest names."""
+    """Return the problems of the file of one frame in the manifest."""
     if not (path / record.file).is_file():
         return ["missing"]
     try:
@@ -127,10 +128,10 @@ class Repair:
 
 
 def repair_run(path: Path) -> Repair:
-    """Return what had to be done until each frame of the manifest is whole, and each whole frame is in the manifest.
+    """Repair a run, so that each frame of the manifest is whole and each whole frame is in the manifest.
 
     A sound folder is left as it is. The frames are the truth: a manifest with damaged lines is made again from them.
-    Nothing is deleted: what is damaged is moved, so that a person can look at it.
+    Nothing is deleted: damaged files are moved, so that a person can look at them.
     """
     contents = read_contents(path)
     if contents.description is None:
@@ -151,8 +152,7 @@ def repair_run(path: Path) -> Repair:
 def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
     """Return a run whose frames are to become numbers, without those that people have excluded.
 
-    What is not whole about it, and which frames are left out, is said in the log. `ignore_exclusions` keeps the
-    excluded frames.
+    Problems of the run and excluded frames are reported as warnings. `ignore_exclusions` keeps the excluded frames.
     """
     run = read_run(path)
     used = annotated(run, ignore_exclusions=ignore_exclusions)
@@ -163,10 +163,10 @@ def used_run(path: Path, *, ignore_exclusions: bool = False) -> Run:
 
 
 def wholeness_remark(run: Run) -> str | None:
-    """Return in words what is not whole about a run; None where nothing is. Its frames are not looked into."""
+    """Return a warning if a run is not whole; None if it is. The frames are not read."""
     state, problems = wholeness(run.path, read_contents(run.path))
     if state == "unfinished":
-        return f"{run.path} is unfinished: {len(run.frames)} frames so far; `rigctl resume` goes on"
+        return f"{run.path} is unfinished: {len(run.frames)} frames so far; `rigctl resume` continues"
     if state == "damaged":
         text = "; ".join(f"{file}: {problem}" for file, problem in problems)
         return f"{run.path} is damaged, and its numbers are not to be trusted: {text}; see `rigctl verify`"
@@ -177,9 +177,9 @@ def wholeness_remark(run: Run) -> str | None:
 
 
 def wholeness(path: Path, contents: Contents) -> tuple[State, list[tuple[str, str]]]:
-    """Return how whole a run is, its frames apart, and what is damaged: session file, manifest, events and inputs.
+    """Return the state of a run without reading its frames, and the problems of session file, manifest, events, inputs.
 
-    Whole is: every check holds, and the session has noted its end over these very frames.
+    A run is whole if every check holds and the session has closed it over these very frames.
     """
     problems = list(contents.problems)
     events: list[RunEvent] = []
@@ -199,14 +199,14 @@ def wholeness(path: Path, contents: Contents) -> tuple[State, list[tuple[str, st
     is_closed, contradictions = _closing(events, contents)
     problems += contradictions
     if is_closed and (contents.torn_manifest_line or is_torn):
-        problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "goes on after the session had finished"))
+        problems.append((EVENTS_FILE if is_torn else MANIFEST_FILE, "continues after the session had finished"))
     if problems:
         return "damaged", problems
     return "whole" if is_closed else "unfinished", []
 
 
 def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tuple[str, str]]]:
-    """Return whether the last word of the events closes these very frames, and what contradicts that."""
+    """Return whether the last closing event closes these very frames, and contradictions."""
     closings = [(place, closed) for place, event in enumerate(events) if (closed := closed_with(event)) is not None]
     if not closings:
         return False, []
@@ -214,7 +214,7 @@ def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tup
     links = contents.links
     if links and links[-1] == link:
         return True, []
-    # A kill after the next frames were named, before they were closed, or while a session that had finished goes on.
+    # A kill after further frames were named and before the run was closed, or while a finished session is resumed.
     is_later = len(links) > frames and links[frames] == link
     if is_later or any(event.event == "resumed" for event in events[place + 1 :]):
         return False, []
@@ -223,14 +223,14 @@ def _closing(events: list[RunEvent], contents: Contents) -> tuple[bool, list[tup
 
 
 def _input_problems(path: Path, description: RunDescription, *, any_frames: bool) -> list[tuple[str, str]]:
-    """Return which of the files that the run was made from are not those that it was made from."""
+    """Return the input files that are missing or differ from those that the run was made from."""
     problems = []
     for what, stated in _stated_inputs(description).items():
         name = f"{INPUTS_FOLDER}/{what}.toml"
         try:
             found = hashlib.sha256(read_bounded(path / name, MOST_RECORD_BYTES)).hexdigest()
         except FileNotFoundError:
-            # Once they were written after the session file: a kill in between left a run without frames and them.
+            # A kill before they are written leaves a run without frames.
             if any_frames:
                 problems.append((name, "missing"))
             continue
@@ -252,7 +252,7 @@ def _stated_inputs(description: RunDescription) -> dict[str, str]:
 
 
 def _too_many(contents: Contents, state: State, whole: list[Finding]) -> list[Finding]:
-    """Return what a kill cannot have left: whole frames without a line beyond the one that was in hand."""
+    """Return a finding if more whole frames are without a line than a kill can leave."""
     description = contents.description
     if description is None or not whole:
         return []

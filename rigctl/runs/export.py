@@ -28,7 +28,7 @@ _UNITS = {
 
 
 def columns_of(run: Run) -> dict[str, Column]:
-    """Return what is known of the frames by field, one value a frame; None where nothing is known."""
+    """Return the known fields of the frames, one value a frame; None for an unknown value."""
     return {field.name: [getattr(record, field.name) for record in run.frames] for field in fields(FrameRecord)}
 
 
@@ -167,7 +167,7 @@ def export_zarr(run: Run, out: Path) -> None:
 
     xarray opens it lazily, with the coordinates `kind`, `polarizer_angle_deg`, `exposure_s` and, where every frame has
     one, `time` along `frame`. The group's attribute `frames` has every field of the frames' records by its name, one
-    value a frame; `session` what the run says of itself.
+    value a frame; `session` the content of the session file.
     """
     try:
         import zarr

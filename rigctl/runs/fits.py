@@ -346,7 +346,7 @@ _MOST_REMARKS = 99
 
 
 def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
-    """Return what the header of a frame is to say, by keyword: value and comment."""
+    """Return the header cards of a frame by keyword: value and comment."""
     if len(record.remarks) > _MOST_REMARKS:
         raise ValueError(f"remarks: {len(record.remarks)} given, at most {_MOST_REMARKS} fit a frame")
     for time in filter(None, (record.start_utc, record.end_utc)):

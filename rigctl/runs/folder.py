@@ -1,4 +1,4 @@
-"""A run folder as it is read, also while it grows, and what people note of it.
+"""Reads a run folder, also while it grows; annotations of people; journals and locks.
 
 ::
 
@@ -6,8 +6,8 @@
     RUN/inputs/*.toml     the files that it was made from
     RUN/frames/*.fits     one whole frame each, with all that is known of it in its header
     RUN/manifest.jsonl    one line a frame, appended once the frame is on the disk
-    RUN/events.jsonl      what happened, and when
-    RUN/annotations.jsonl what people note of it, and which frames they leave out
+    RUN/events.jsonl      events of the session with their times
+    RUN/annotations.jsonl notes of people, and frames that they exclude
 
 The frames are the truth; the manifest is their table of contents and can be made again from them. Journals only grow,
 each line on the disk before the next. A lock that ends with its process keeps a second writer away.
@@ -61,7 +61,6 @@ from rigctl.runs.records import (
     read_description,
     read_lines,
     sealed,
-    session_record,
 )
 
 MANIFEST_FILE = "manifest.jsonl"
@@ -81,13 +80,13 @@ class Run:
     """A run folder's table of contents."""
 
     path: Path  #: The folder.
-    session: SessionRecord  #: How it came about.
-    session_json: dict[str, JsonValue]  #: All that the writer was told of that: rig, session, versions, hashes.
+    session: SessionRecord  #: Its origin.
+    session_json: dict[str, JsonValue]  #: The whole description: rig, session, versions, hashes.
     frames: tuple[FrameRecord, ...]  #: In the order of their sequence numbers.
     created_by: str  #: Program and version that made the folder.
     created_utc: str  #: When it was made.
-    excluded: tuple[FrameRecord, ...] = ()  #: Frames that people have left out; they are not among `frames`.
-    annotations: tuple[Annotation, ...] = ()  #: What people have noted of it.
+    excluded: tuple[FrameRecord, ...] = ()  #: Excluded frames; they are not among `frames`.
+    annotations: tuple[Annotation, ...] = ()  #: Notes of people.
     #: Sequence numbers of frames whose polarizer angle was recalibrated to the angle that their files state [deg].
     written_angles_deg: Mapping[int, float | None] = field(default_factory=dict)
 
@@ -110,14 +109,7 @@ def read_run(path: Path) -> Run:
     description = contents.description
     if problems or description is None:
         raise RunFolderError(f"{path} cannot be used as a run folder:\n  " + "\n  ".join(problems))
-    return Run(
-        path=path,
-        session=description.record,
-        session_json=description.session,
-        frames=contents.frames,
-        created_by=description.created_by,
-        created_utc=description.created_utc,
-    )
+    return _run(path, description, contents.frames)
 
 
 def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
@@ -131,7 +123,7 @@ def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
 
 
 def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
-    """Return a run with what is noted of it, and without the frames that are excluded."""
+    """Return a run with its annotations and without the excluded frames."""
     if not (run.path / ANNOTATIONS_FILE).exists():
         return run
     journal = read_annotation_lines(run.path)
@@ -153,7 +145,7 @@ def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """Contents of a run folder, good or bad: the records that could be read, and what is wrong with the rest."""
+    """Contents of a run folder, sound or damaged: the readable records, and problems."""
 
     description: RunDescription | None  #: What the session file says; ``None`` where it cannot be read.
     frames: tuple[FrameRecord, ...]  #: Every record of the manifest that could be read, by sequence number.
@@ -164,7 +156,7 @@ class Contents:
 
 
 def read_contents(path: Path) -> Contents:
-    """Return what a run folder's session file and manifest say, whatever state they are in."""
+    """Read session file and manifest of a run folder, even if they are damaged."""
     if path.is_file():
         raise RunFolderError(f"{path}: is a file, a run folder is wanted")
     if not path.is_dir():
@@ -208,7 +200,7 @@ def file_checksum(data: bytes | memoryview) -> str:
 def files_of(run: Run) -> tuple[RigFile, SessionFile]:
     """Return rig and session file as a run holds them."""
     if not run.session.is_of_session:
-        raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: there is nothing to go on with")
+        raise RunFolderError(f"{run.path}: was not made by `rigctl acquire`: it cannot be resumed")
     try:
         rig_file = RigFile.model_validate(run.session_json["rig"])
         session = SessionFile.model_validate(run.session_json["session"])
@@ -223,9 +215,9 @@ def files_of(run: Run) -> tuple[RigFile, SessionFile]:
 
 
 def read_inputs(rig_file: RigFile, files: dict[str, Path]) -> dict[str, bytes]:
-    """Return the files that a person wrote, and the scene that a simulated rig looks at, by what they are.
+    """Return rig and session file, and the scene of a simulated rig, by their kind.
 
-    Of the rig file without [notify], which may hold secrets: a run folder is passed on to others.
+    [notify] of the rig file is left out: it may hold secrets, and a run folder is passed on to others.
     """
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     try:
@@ -259,7 +251,7 @@ class RunTail:
 
     @property
     def description(self) -> RunDescription | None:
-        """What the run says of itself; None until it is there and can be read."""
+        """The content of the session file; None until it can be read."""
         return self._description
 
     def read(self) -> tuple[FrameRecord, ...]:
@@ -279,16 +271,7 @@ class RunTail:
 
     def run(self, frames: tuple[FrameRecord, ...]) -> Run | None:
         """Return the run with some of its frames; None while it has not said what it is."""
-        if self._description is None:
-            return None
-        return Run(
-            path=self._path,
-            session=session_record(self._description.session),
-            session_json=self._description.session,
-            frames=frames,
-            created_by=self._description.created_by,
-            created_utc=self._description.created_utc,
-        )
+        return None if self._description is None else _run(self._path, self._description, frames)
 
     def _begin_again(self) -> None:
         self._end = 0
@@ -339,14 +322,14 @@ def annotate(path: Path, annotation: Annotation) -> None:
 
 
 def exclusion_remark(run: Run) -> str | None:
-    """Return which frames of an annotated run people have excluded, and whether they are left out; None where none."""
+    """Return a remark on the excluded frames of an annotated run; None without any."""
     stated = exclusions_text(excluded_frames(run.annotations))
     said = "are left out" if run.excluded else "are taken all the same"
     return f"{run.path}: excluded frames {said}: {stated}" if stated else None
 
 
 def read_annotations(path: Path) -> tuple[Annotation, ...]:
-    """Return what is noted of a run; empty where nothing is."""
+    """Return the annotations of a run."""
     journal = read_annotation_lines(path)
     problems = annotation_problems(journal)
     if problems:
@@ -360,7 +343,7 @@ def read_annotation_lines(path: Path) -> Lines:
 
 
 def annotation_problems(journal: Lines) -> list[str]:
-    """Return what is wrong with annotations, line by line."""
+    """Return the problems of annotations, line by line."""
     found = []
     for number, (content, problem) in enumerate(journal.lines, start=1):
         if problem:
@@ -371,7 +354,7 @@ def annotation_problems(journal: Lines) -> list[str]:
 
 
 def sound_annotations(journal: Lines) -> tuple[Annotation, ...]:
-    """Return what the sound lines say."""
+    """Return the annotations of the sound lines."""
     read = (_read_line(content) for content, _ in journal.lines if content)
     return tuple(one for one in read if isinstance(one, Annotation))
 
@@ -419,7 +402,7 @@ class Journal:
 
 
 class RunLock:
-    """The right to write into a run folder, held until it is released or its process is gone."""
+    """The right to write into a run folder, held until it is released or its process ends."""
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
@@ -471,7 +454,7 @@ def writing_process(path: Path) -> int | None:
     except OSError as error:
         raise RunFolderError(f"{path / LOCK_FILE}: cannot be read: {error.strerror}") from error
     try:
-        # A shared lock, so that two who ask do not take each other for the writer.
+        # A shared lock: two calls at the same time do not take each other for the writer.
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return _process_in(descriptor)
@@ -479,6 +462,17 @@ def writing_process(path: Path) -> int | None:
         return None
     finally:
         os.close(descriptor)
+
+
+def _run(path: Path, description: RunDescription, frames: tuple[FrameRecord, ...]) -> Run:
+    return Run(
+        path=path,
+        session=description.record,
+        session_json=description.session,
+        frames=frames,
+        created_by=description.created_by,
+        created_utc=description.created_utc,
+    )
 
 
 def _without_notices(rig_file: bytes) -> bytes:
@@ -506,7 +500,7 @@ def _checked(path: Path, record: FrameRecord) -> bytes | memoryview:
 
 
 def _largest_bytes(record: FrameRecord) -> int:
-    """Return what the file of a frame can have, by the size of the picture that its line in the manifest states."""
+    """Return the largest size of a frame's file, by the picture size in the manifest."""
     return min(_SAMPLE_BYTES * record.height * record.width + _MOST_HEADER_BYTES, MOST_OWN_FRAME_BYTES)
 
 
@@ -542,7 +536,7 @@ def _duplicates(frames: list[FrameRecord]) -> list[str]:
 
 
 def _take(descriptor: int) -> None:
-    """Take the lock; whoever only asks for the writer holds it for a moment, which is waited for."""
+    """Take the lock; wait for a moment, since `writing_process` holds it briefly."""
     for _ in range(_LOOKS):
         with suppress(BlockingIOError):
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -557,7 +551,7 @@ def _process_in(descriptor: int) -> int:
 
 
 def _read_line(content: bytes) -> Annotation | str:
-    """Return what a line says, or what is wrong with it."""
+    """Return the annotation of a line, or its problem."""
     try:
         return _ANNOTATION.validate_json(content)
     except ValidationError as error:
@@ -565,7 +559,7 @@ def _read_line(content: bytes) -> Annotation | str:
 
 
 def _link(path: Path) -> str:
-    """Return what the chain of a run's annotations begins with."""
+    """Return the first link of the chain of a run's annotations."""
     try:
         return first_link(read_description(path / SESSION_FILE))
     except DataError:

@@ -41,7 +41,7 @@ TALLY_EVENT = "camera tally"
 """Counts of a camera's pictures, at the end of each part of a session."""
 MONITOR_EVENT = "monitor"
 READINGS_EVENT = "monitor readings"
-# How people are told what a start was found by.
+# Sources of the start of an exposure in words.
 START_SOURCES = {
     "ptp": "by the camera's clock, which follows a PTP master",
     "camera clock": "by the camera's clock, held against this machine's",
@@ -69,9 +69,9 @@ _Number = Annotated[float, Field(allow_inf_nan=False)]
 @with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
 class FrameRecord:
-    """All that is known of one frame. ``None`` is "not known" or "does not apply", never a default."""
+    """Everything that is known about one frame. ``None`` means "not known" or "does not apply", never a default."""
 
-    kind: FrameKind  #: What the camera looked at.
+    kind: FrameKind
     sequence: int  #: Place in the order in which the frames of this run were taken, from 0; unique in the run.
     bit_depth: int  #: Bits per sample, right-justified.
     saturation_dn: float  #: A pixel at or above this many counts is saturated [DN].
@@ -80,7 +80,7 @@ class FrameRecord:
     polarizer_angle_target_deg: float | None = None
     #: Transmission axis by the stage's readback [deg], same sense. This one is for processing.
     polarizer_angle_deg: float | None = None
-    stage_angle_target_deg: float | None = None  #: What the stage was told, and what its encoder said [deg].
+    stage_angle_target_deg: float | None = None  #: Target and readback of the stage [deg].
     stage_angle_deg: float | None = None
     stage_counts: int | None = None  #: The encoder's own counts.
     exposure_s: float | None = None  #: Integration time, of one read [s].
@@ -88,7 +88,7 @@ class FrameRecord:
     reads: Annotated[int, Field(ge=2)] | None = None
     real_counts: bool | None = None  #: Counts are in single precision, with fractions or below 0.
     gain_db: float | None = None  #: The camera's gain setting [dB].
-    egain_e_per_dn: float | None = None  #: Electrons per DN, where somebody states it [e-/DN].
+    egain_e_per_dn: float | None = None  #: Electrons per DN, if stated [e-/DN].
     black_level_dn: float | None = None  #: Counts without light [DN], where known without dark frames.
     missing_dn: float | None = None  #: The value that marks pixels which were never received [DN].
     start_utc: str | None = None  #: Start and end of the exposure, as ``rigctl.base.numbers.utc_text`` writes them.
@@ -97,7 +97,7 @@ class FrameRecord:
     #: By how much `start_utc` may be off at most, the host's clock taken for right (that of the PTP master, where the
     #: source is "ptp") [s].
     start_uncertainty_s: float | None = None
-    #: What the start was found by: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
+    #: Source of the start: "ptp", "camera clock", "trigger", "arrival", "driver", "file" or "simulation"
     #: (`drivers.interfaces.StartSource`).
     start_source: str | None = None
     camera_model: str | None = None  #: Which devices these were.
@@ -110,7 +110,7 @@ class FrameRecord:
     #: Frames that bear the same number are parts of one exposure, of a camera with polarizers on its pixels: the
     #: sequence number of the first of them.
     exposure_id: int | None = None
-    #: What the camera said of its temperature, ten seconds before the exposure at most [deg C].
+    #: Temperature by the camera, at most ten seconds before the exposure [deg C].
     camera_temperature_c: float | None = None
     round: int | None = None  #: Which round of a schedule this frame belongs to, from 0.
     #: Where the sun stood at the start of the exposure [deg]: azimuth clockwise from north, elevation without
@@ -121,7 +121,7 @@ class FrameRecord:
     site_longitude_deg: float | None = None
     site_elevation_m: float | None = None  #: How high above the sea it stands [m].
     source_file: str | None = None  #: The file this frame was imported from.
-    remarks: tuple[str, ...] = ()  #: What else one has to know.
+    remarks: tuple[str, ...] = ()
     file: str = ""  #: Path relative to the run folder, with ``/``. Filled in by the writer, as all that follow.
     height: int = 0  #: Rows and columns.
     width: int = 0
@@ -133,7 +133,7 @@ FRAME_RECORD = TypeAdapter(FrameRecord)
 
 
 def start_time_texts(frames: Iterable[FrameRecord]) -> tuple[str, ...]:
-    """Return how well the starts of exposures are known, one text a source; nothing of frames that do not tell."""
+    """Return the uncertainty of the starts of exposures, one text for each source."""
     errors_s: dict[str, list[float | None]] = {}
     for frame in frames:
         if frame.start_source is not None:
@@ -145,7 +145,7 @@ def start_time_texts(frames: Iterable[FrameRecord]) -> tuple[str, ...]:
 
 
 def start_error_text(error_s: float | None) -> str:
-    """Return by how much a start may be off, for people."""
+    """Return the largest error of a start in words."""
     if error_s is None:
         return "by how much it may be off is not known"
     if error_s >= 1e-3:
@@ -169,7 +169,7 @@ class SimulatedLight:
 
     @property
     def caution(self) -> tuple[str, ...]:
-        """What a report of such a run has to say, in words."""
+        """Cautions for a report of such a run."""
         proves = PROVES.format(scene=self.scene)
         if self.perturbed is None:
             return (proves,)
@@ -217,14 +217,6 @@ class SessionAsTaken:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeviceAsTaken:
-    """A device by its own word."""
-
-    model: str | None = None
-    serial_number: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class SessionNoise:
     """The numbers of a noise calibration that a session was watched with, in the order in which a run holds them."""
 
@@ -241,8 +233,8 @@ class SessionRecord:
     origin: str | None = None  #: "simulated", "device" or "import"; None where the run does not say.
     rig: RigAsTaken | None = None  #: By its files; None of imported images.
     session: SessionAsTaken | None = None
-    stage: DeviceAsTaken = DeviceAsTaken()  #: Which devices these were.
-    camera: DeviceAsTaken = DeviceAsTaken()
+    stage: dict[str, JsonValue] = field(default_factory=dict)  #: Identity as the device stated it.
+    camera: dict[str, JsonValue] = field(default_factory=dict)  #: Identity, facts and features.
     noise: SessionNoise | None = None  #: What it was watched with.
     rounds_ns: tuple[int | None, ...] = (None,)  #: When each round was to begin [ns since 1970 UTC]; None is at once.
     until_ns: int | None = None  #: From when on no frame was to be taken [ns since 1970 UTC].
@@ -268,7 +260,7 @@ class SessionRecord:
 
     @property
     def interpolation(self) -> Interpolation:
-        """What its frames were made of a mosaic by; "none" too where there is no mosaic."""
+        """Interpolation of the mosaic; "none" also without a mosaic."""
         return "none" if self.rig is None or self.rig.camera is None else self.rig.camera.interpolation
 
     @property
@@ -292,15 +284,10 @@ class SessionRecord:
 _SESSION = TypeAdapter(SessionRecord)
 
 
-def session_record(content: Mapping[str, JsonValue]) -> SessionRecord:
-    """Return what a session file says under ``session``."""
-    return _SESSION.validate_python(content)
-
-
 @with_config(ConfigDict(extra="forbid", strict=True))
 @dataclass(frozen=True, kw_only=True)
 class RunDescription:
-    """A run folder by its own word."""
+    """Content of the session file of a run."""
 
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]  #: Which layout the folder has.
     created_by: str  #: Program and version that made it.
@@ -312,7 +299,7 @@ class RunDescription:
     @property
     def record(self) -> SessionRecord:
         """The session as far as the program asks."""
-        return session_record(self.session)
+        return _SESSION.validate_python(self.session)
 
 
 _DESCRIPTION = TypeAdapter(RunDescription)
@@ -325,12 +312,12 @@ def encode_description(description: RunDescription) -> bytes:
 
 
 def first_link(description: RunDescription) -> str:
-    """Return what the chains of a run begin with."""
+    """Return the first link of the chains of a run."""
     return description.checksum or _checksum(description)
 
 
 def read_description(file: Path) -> RunDescription:
-    """Return what a run folder says of itself."""
+    """Read the session file of a run."""
     try:
         text = read_bounded(file, MOST_RECORD_BYTES)
     except OSError as error:
@@ -351,13 +338,13 @@ def read_description(file: Path) -> RunDescription:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEvent:
-    """Something that happened."""
+    """An event of a session."""
 
     id: int | None = None  #: Its place in the file, from 0.
     utc: str = ""  #: When, as ``rigctl.base.numbers.utc_text`` writes it.
     monotonic_ns: int | None = None  #: The same by the host's monotonic clock [ns].
     event: str  #: Its name, a word or two.
-    facts: dict[str, JsonValue] = field(default_factory=dict)  #: What else was noted, as JSON can hold it.
+    facts: dict[str, JsonValue] = field(default_factory=dict)
 
 
 _EVENT = TypeAdapter(RunEvent)
@@ -379,34 +366,27 @@ def event_line(event: RunEvent) -> str:
 
 
 def event_facts(event: RunEvent) -> str:
-    """Return what is known of an event in words."""
-    told = {name: value for name, value in event.facts.items() if name not in (_FRAMES_FACT, _CHAIN_FACT)}
-    return "; ".join(f"{name.replace('_', ' ')}: {_said(value)}" for name, value in told.items())
+    """Return the facts of an event in words."""
+    shown = {name: value for name, value in event.facts.items() if name not in (_FRAMES_FACT, _CHAIN_FACT)}
+    return "; ".join(f"{name.replace('_', ' ')}: {_in_words(value)}" for name, value in shown.items())
 
 
-@dataclass(frozen=True, kw_only=True)
-class Metered:
-    """Facts of the event that notes a metered exposure."""
+def metered_exposures(events: Iterable[RunEvent]) -> tuple[tuple[int, float, int], ...]:
+    """Return the metered exposures of a session: round, exposure [s], and the camera's number of the next picture.
 
-    round: int  #: Of the schedule.
-    exposure_s: float  #: What was chosen for it [s].
-    #: Number that the camera gives to its next picture; None where it counts none.
-    next_camera_frame: int | None = None
-
-
-_METERED = TypeAdapter(Metered)
-
-
-def metered_exposures(events: Iterable[RunEvent]) -> tuple[Metered, ...]:
-    """Return the exposures that were metered in a session."""
-    try:
-        return tuple(_METERED.validate_python(event.facts) for event in events if event.event == METERED_EVENT)
-    except ValidationError as error:
-        raise RunFolderError(f"{EVENTS_FILE}: a metered exposure: {explain_invalid(error)}") from error
+    The number is 0 for a camera that does not count its pictures.
+    """
+    exposures = []
+    for facts in (event.facts for event in events if event.event == METERED_EVENT):
+        number, exposure_s, following = (facts.get(name) for name in ("round", "exposure_s", "next_camera_frame"))
+        if not (isinstance(number, int) and isinstance(exposure_s, float) and isinstance(following or 0, int)):
+            raise RunFolderError(f"{EVENTS_FILE}: a metered exposure lacks its round or exposure: {facts}")
+        exposures.append((number, exposure_s, following if isinstance(following, int) else 0))
+    return tuple(exposures)
 
 
 def host_clock_text(events: Iterable[RunEvent]) -> str | None:
-    """Return how well the machine's clock was synchronised when a session began; None where that was not noted."""
+    """Return the error of the machine's clock when a session began, in words; None if it was not noted."""
     found = next((event for event in events if event.event == HOST_CLOCK_EVENT), None)
     if found is None:
         return None
@@ -417,7 +397,7 @@ def host_clock_text(events: Iterable[RunEvent]) -> str | None:
 
 
 def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
-    """Return what became of pictures and their packets on the way from the camera; nothing where it counts none."""
+    """Return the losses of pictures and packets between camera and program; empty if the camera counts none."""
     sums: Counter[str] = Counter()
     for event in events:
         if event.event == TALLY_EVENT:
@@ -439,12 +419,12 @@ def pictures_lost(events: Iterable[RunEvent]) -> tuple[str, ...]:
 
 
 def closing_facts(*, frames: int, link: str | None) -> dict[str, JsonValue]:
-    """Return what the event that closes a run says of its manifest: number of frames and chain."""
+    """Return the facts of the closing event about the manifest: number of frames and chain."""
     return {} if link is None else {_FRAMES_FACT: frames, _CHAIN_FACT: link}
 
 
 def closed_with(event: RunEvent) -> tuple[int, str] | None:
-    """Return how many frames an event has closed a run with, and their chain; None where it is no such event."""
+    """Return number of frames and chain of a closing event; None for any other event."""
     frames, link = event.facts.get(_FRAMES_FACT), event.facts.get(_CHAIN_FACT)
     return (frames, link) if isinstance(frames, int) and isinstance(link, str) else None
 
@@ -540,14 +520,14 @@ def monitor_line(trace: MonitorTrace) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Annotation:
-    """Something that somebody says of a run."""
+    """A note of a person about a run, or an exclusion of frames."""
 
     utc: str  #: When it was, as `rigctl.base.numbers.utc_text` writes it; of an exclusion, when it was made.
-    by: str  #: Who says it.
+    by: str  #: Name of the person.
     #: An exclusion takes frames out of every number, an inclusion takes them in again.
     kind: Literal["note", "exclude", "include"]
     frames: tuple[Annotated[int, Field(ge=0)], ...] = ()  #: Their sequence numbers; a note may be of none.
-    text: str = ""  #: What there is to say.
+    text: str = ""
     written_utc: str | None = None  #: When the line was written.
 
     def __post_init__(self) -> None:
@@ -558,7 +538,7 @@ class Annotation:
 
     @property
     def facts(self) -> str:
-        """What it says, in words."""
+        """The annotation in words, without its time."""
         frames = f"frames {frames_text(self.frames)}" if self.frames else ""
         return f"{': '.join(filter(None, (frames, self.text)))} ({self.by})"
 
@@ -569,7 +549,7 @@ class Annotation:
 
 
 def left_out_texts(annotations: Sequence[Annotation], records: Iterable[FrameRecord]) -> tuple[str, ...]:
-    """Return which frames are excluded and why, each in words."""
+    """Return a line for each excluded frame with the reason."""
     excluded = excluded_frames(annotations)
     return tuple(
         f"frame {record.sequence}: excluded: {excluded[record.sequence].text} ({excluded[record.sequence].by})"
@@ -578,7 +558,7 @@ def left_out_texts(annotations: Sequence[Annotation], records: Iterable[FrameRec
 
 
 def excluded_frames(annotations: Iterable[Annotation]) -> dict[int, Annotation]:
-    """Return which frames are excluded in the end, by sequence number, and the line that says so."""
+    """Return the excluded frames by sequence number, with the annotation that excludes each."""
     found: dict[int, Annotation] = {}
     for one in annotations:
         for frame in one.frames:
@@ -590,7 +570,7 @@ def excluded_frames(annotations: Iterable[Annotation]) -> dict[int, Annotation]:
 
 
 def exclusions_text(excluded: Mapping[int, Annotation]) -> str:
-    """Return what is excluded in a line: frames by reason."""
+    """Return the excluded frames by reason, in one line."""
     groups: dict[tuple[str, str], list[int]] = {}
     for frame, one in excluded.items():
         groups.setdefault((one.text, one.by), []).append(frame)
@@ -672,7 +652,7 @@ def read_journal(path: Path) -> Lines:
 
 
 def journal_problems(journal: Lines) -> list[str]:
-    """Return what is wrong with the events of a run, line by line."""
+    """Return the problems of the events of a run, line by line."""
     problems = [f"line {number}: {text}" for number, (_, text) in enumerate(journal.lines, start=1) if text]
     for number, (content, _) in enumerate(journal.lines, start=1):
         try:
@@ -710,7 +690,7 @@ def _largest_text(errors_s: list[float | None]) -> str:
 
 
 def _other_layout(text: bytes) -> str | None:
-    """Return in words that a session file is of a layout that this program does not read; None if it is not."""
+    """Return a message if a session file has another schema version; None if it has ours."""
     try:
         return other_schema(json.loads(text), RunDescription)
     except (ValueError, RecursionError):
@@ -723,15 +703,15 @@ def _checksum(description: RunDescription) -> str:
     return "sha256:" + hashlib.sha256(json.dumps(content, allow_nan=False).encode("ascii")).hexdigest()
 
 
-def _said(value: object) -> str:
+def _in_words(value: object) -> str:
     if value is None:
         return "not known"
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_said(one)}" for name, one in value.items()) or "none"
+        return ", ".join(f"{name} {_in_words(one)}" for name, one in value.items()) or "none"
     if isinstance(value, list):
-        return ", ".join(map(_said, value)) or "none"
+        return ", ".join(map(_in_words, value)) or "none"
     return str(value)
 
 

@@ -1,6 +1,7 @@
-"""Takes a session: turn, expose, check, store; frames are stored while the next is taken.
+"""The loop of a session: turn, expose, check, store.
 
-A bounded queue leads to the thread that writes; it makes the session wait for a slow or full disk.
+A thread of its own stores a frame while the next is taken. The queue to this thread is bounded, so the session waits
+for a slow or full disk.
 """
 
 import errno
@@ -57,7 +58,7 @@ def acquire(
 ) -> bool:
     """Take the frames of a session, one after the other; return whether it went to its end.
 
-    False is returned where somebody asked to stop. All frames that were taken are on the disk when this returns
+    False means that a stop was requested. All frames that were taken are on the disk when this returns
     or raises, unless the disk failed.
     """
     context = SessionContext() if context is None else context
@@ -72,12 +73,12 @@ def acquire(
             session.pause.answer_rest()
             dropped = thread.flush_or_drop()
             not_stored = {"not_stored": list(dropped)} if dropped else {}
-            writer.event("stopped", reason="somebody asked for it", **not_stored)
+            writer.event("stopped", reason="requested", **not_stored)
             return False
         finally:
             if not (thread.is_stalled or writer.disk.is_hung):
                 _note_tally(rig.camera, writer)
-    # The last word of a run: whatever is noted later says that it goes on.
+    # The last event of a run: any event after it means that the run was continued.
     writer.closing_event("finished", frames=store.frames, rounds_missed=missed)
     return True
 
@@ -101,7 +102,7 @@ class WriterThread:
 
     def __enter__(self) -> "WriterThread":
         self._thread.start()
-        # A disk that hangs may hold the session itself at its next look into the run's folder: somebody has to say so.
+        # A hanging disk may block the session itself at its next look into the run's folder: this thread reports it.
         threading.Thread(target=self._watch, name="disk watch", daemon=True).start()
         return self
 
@@ -150,7 +151,7 @@ class WriterThread:
         self._raise_failure()
 
     def flush_or_drop(self) -> tuple[int, ...]:
-        """Return which frames were dropped when a stop was asked for on a full disk; the others are durable."""
+        """Wait for the disk; return the frames that a requested stop dropped on a full disk. The others are durable."""
         self._wait_for_all()
         if not isinstance(self._error, StopAskedError):
             self._raise_failure()
@@ -175,14 +176,14 @@ class WriterThread:
     def _raise_stall(self) -> None:
         if self.is_stalled:
             self._disk.give_up()
-            # What waits is dropped, should the disk come back: whoever resumes takes it again.
+            # Waiting frames are dropped even if the disk comes back: `rigctl resume` takes them again.
             self._error = RunFolderError(self._stall())
             raise self._error
 
     def _watch(self) -> None:
         while not self._is_over.wait(_LOOK_S):
             if self.is_stalled:
-                warn(f"{self._stall()}. Where it comes back meanwhile, the session goes on")
+                warn(f"{self._stall()}. If it comes back, the session continues")
                 return
 
     def _stall(self) -> str:
@@ -217,7 +218,7 @@ class WriterThread:
 
 
 class FrameStore:
-    """Writes frames, and tells of each."""
+    """Writes frames, and reports each that is stored."""
 
     def __init__(self, writer: RunWriter, context: SessionContext, stored: Callable[[FrameRecord], None]) -> None:
         self._writer, self._context, self._stored = writer, context, stored
@@ -225,7 +226,7 @@ class FrameStore:
         self._waited_s = 0.0
 
     def last_sign_s(self) -> float:
-        """Return when it said last that it waits for a full disk [s of the monotonic clock]."""
+        """Return the last time at which it waited for a full disk [s of the monotonic clock]."""
         return self._waited_s
 
     def store(self, frames: Frames) -> None:
@@ -255,7 +256,7 @@ class FrameStore:
             self._stored(record)
 
     def _note(self, name: str, **facts: str | int) -> None:
-        # The disk may be too full for a line, too: the frame goes first.
+        # The disk may be too full even for a line; the frame has priority.
         with suppress(RunFolderError):
             self._writer.event(name, **facts)
 
@@ -266,7 +267,7 @@ class FrameStore:
 
 
 class _Acquisition:
-    """Memory from one step to the next."""
+    """The state of the loop from one step to the next."""
 
     def __init__(
         self,
@@ -316,7 +317,7 @@ class _Acquisition:
         return self._timing.missed
 
     def _hold_for(self, kind: FrameKind) -> None:
-        """Hold until somebody has put something before the camera, and says to go on from wherever they are."""
+        """Hold until the requested object is before the camera and the session is continued."""
         self.pause.hold(REQUESTS[kind], cleared=lambda: False)
 
     def _take(self, exposure: tuple[Step, ...]) -> None:
@@ -356,7 +357,7 @@ class _Acquisition:
         )
 
     def _cycle_violations(self, step: Step, record: FrameRecord, captured: CapturedFrame) -> tuple[Violation, ...]:
-        """Tell whoever watches of a frame; return what is wrong with its cycle where it ends one."""
+        """Update the live numbers; return the violations of a cycle that ends with this frame."""
         seen = frame_summary(
             record,
             self._context.regions.of(captured.frame.counts, share=self._own_samples),
@@ -403,7 +404,7 @@ class _Acquisition:
         )
 
     def _is_attended(self) -> bool:
-        """Somebody is at the terminal; nobody has to be where time itself is simulated."""
+        """Return True if a person is at the terminal, or time is simulated, so that nobody is needed."""
         if self._context.clock.simulated is not None:
             return True
         return not self._context.asks_by_hold and sys.stdin is not None and sys.stdin.isatty()
@@ -422,7 +423,7 @@ class _Acquisition:
                 raise
             if locks.fault == "hold":
                 self.pause.hold(str(error), cleared=lambda: False)
-            # What it knew of its place may be wrong after a fault.
+            # After a fault the stage may have lost its position.
             self._locks.look_at_home(self._work.home)
         return None
 
@@ -436,7 +437,7 @@ class _Acquisition:
 
 
 def _note_tally(camera: Camera, writer: RunWriter) -> None:
-    """Note as an event what became of the pictures since the camera was opened, where it counts them."""
+    """Note the camera's own counts of its pictures since it was opened, if it counts them."""
     if isinstance(camera, ReportingCamera):
         writer.event(TALLY_EVENT, **asdict(camera.tally()))
 

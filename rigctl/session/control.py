@@ -1,7 +1,7 @@
-"""Requests to a running session, by signal or by command: hold, go on, stop. Always between frames.
+"""Requests to a running session, by signal or by command: hold, continue, stop. They are answered between two frames.
 
-By command they are files in the folder `requests` of the run, named by when they were made: requests of the same moment
-do not overwrite each other, and are answered one after the other, each with an event.
+A command writes a file into the folder `requests` of the run. The name of the file is the time of the request, so
+simultaneous requests do not overwrite each other. The session answers them in order, each with an event.
 """
 
 import os
@@ -29,10 +29,10 @@ _SIGNALS: dict[signal.Signals, Request] = {
 
 
 def ask(run: Path, request: Request) -> None:
-    """Ask something of the session that writes into a run folder; it answers between two frames.
+    """Send a request to the session that writes into a run folder; it is answered between two frames.
 
-    Nobody needs a request after a power cut, so that it is not waited for the disk. Its unfinished file does not look
-    like that of a frame, which a repair of the run would take away.
+    A request has no value after a power cut, so it is not flushed to the disk. The name of its unfinished file differs
+    from that of a frame, so a repair of the run does not move it.
     """
     folder = run / REQUESTS_FOLDER
     folder.mkdir(exist_ok=True)
@@ -47,20 +47,20 @@ def ask(run: Path, request: Request) -> None:
 
 
 def ask_process(run: Path, process: int, request: Request) -> None:
-    """Ask something of the process that writes into a run: by its folder, or by signal where that cannot be written."""
+    """Send a request to the process that writes into a run: by its folder, or by a signal if that cannot be written."""
     try:
         ask(run, request)
     except OSError:
         if process <= 0:
-            raise  # 0 is "not known", and to the system the whole group of this process
-        # The disk may be full or read-only, which is just when somebody wants to stop.
+            raise  # 0 means "not known" here, and the whole process group to the system
+        # The disk may be full or read-only, which is a reason to stop.
         number = next(number for number, wanted in _SIGNALS.items() if wanted == request)
         os.kill(process, number)
 
 
 @contextmanager
 def outliving_terminal() -> Iterator[None]:
-    """Go on where the terminal hangs up, from before the devices are opened until the context is left."""
+    """Keep running if the terminal hangs up, from before the devices are opened until the context is left."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -72,9 +72,9 @@ def outliving_terminal() -> Iterator[None]:
 
 
 class Control:
-    """Remembers what was asked for, until the session looks.
+    """Collects requests until the session polls them.
 
-    A terminal that hangs up asks for nothing: the session goes on without it.
+    A terminal that hangs up is no request: the session continues without it.
     """
 
     def __init__(self, run: Path | None = None) -> None:
@@ -86,14 +86,14 @@ class Control:
         self.is_terminal_lost = False
 
     def put(self, request: Request) -> None:
-        """Ask for something."""
+        """Add a request."""
         self._requests.append(request)
 
     def poll(self) -> Request | None:
         """Return the oldest request that was not returned before, or None."""
         for file in self._files():
             request = _WORDS.get(_text_of(file))
-            # One that cannot be taken away, as in a folder that is read-only by now, is answered once all the same.
+            # A file that cannot be removed, as in a folder that has become read-only, is answered only once.
             self._seen.add(file)
             with suppress(OSError):
                 file.unlink()
@@ -104,20 +104,20 @@ class Control:
         return request
 
     def forget(self) -> None:
-        """Drop what was asked of an earlier session that ended before it looked."""
+        """Drop requests to an earlier session that ended before it answered them."""
         for file in self._files():
             with suppress(OSError):
                 file.unlink()
         self._requests.clear()
 
     def is_stop_asked(self) -> bool:
-        """Return whether a stop was asked for, now or before; the request stays."""
+        """Return whether a stop was requested, now or before; the request stays."""
         return self._is_stop_seen or "stop" in self._requests or any(_text_of(file) == "stop" for file in self._files())
 
     def _files(self) -> list[Path]:
-        """Return the requests that wait, the oldest first."""
+        """Return the waiting requests, the oldest first."""
         try:
-            # A look at a folder that is not there costs nothing, even on a disk that hangs.
+            # A missing folder costs nothing, even on a hanging disk.
             if self._folder is None or not self._folder.exists():
                 return []
             found = [file for file in self._folder.iterdir() if not file.name.startswith(".")]
@@ -127,11 +127,10 @@ class Control:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Answer to signals until the context is left: USR1 hold, USR2 go on, TERM and INT stop; INT twice is at once.
+        """Take signals as requests until the context is left: USR1 hold, USR2 continue, TERM and INT stop.
 
-        HUP, of a terminal that is gone, is noted and the session goes on.
-
-        Signals reach the main thread of a program only; elsewhere this does nothing.
+        A second INT stops at once. HUP, of a terminal that is gone, is noted and the session continues. Signals reach
+        only the main thread of a program; in another thread this does nothing.
         """
         if threading.current_thread() is not threading.main_thread():
             yield

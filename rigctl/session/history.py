@@ -56,33 +56,33 @@ class SessionHistory:
     """History of a session."""
 
     run: Run  #: Its folder's content.
-    events: Sequence[RunEvent]  #: What happened, in its order.
+    events: Sequence[RunEvent]  #: In the order in which they happened.
     means: Means  #: Mean counts of picture and regions by sequence number.
     cycles: CycleHistory | None  #: None for a run that was imported.
     #: Frames spread over the run, 24 at most, thinned out to some 160 pixels a row.
     thumbnails: tuple[tuple[FrameRecord, NDArray[np.uint16]], ...]
-    monitors: tuple[MonitorTrace, ...] = ()  #: What sensors beside the frames said.
+    monitors: tuple[MonitorTrace, ...] = ()  #: Readings of sensors.
 
 
 def session_history(run: Run) -> SessionHistory:
-    """Return how a session went; every frame is read once, for its means."""
+    """Return the history of a session; every frame is read once, for its means."""
     events = read_events(run.path)
     means = region_means_of(run)
     return SessionHistory(
         run=run,
         events=events,
         means=means,
-        cycles=cycle_history(run, means) if is_session(run) else None,
+        cycles=cycle_history(run, means) if run.session.is_of_session else None,
         monitors=monitor_traces(events),
         thumbnails=tuple((record, _thinned(run.counts(record))) for record in _spread(run.frames)),
     )
 
 
 def cycle_history(run: Run, means: Means) -> CycleHistory:
-    """Return what the cycles of a session show.
+    """Return the numbers of each cycle of a session.
 
-    Frames of one round and cycle number belong together; takes that repeat a number at the same exposure are one. A
-    cycle that lacks an angle since a frame of it is excluded is left out, as measuring leaves it out.
+    Frames of one round and cycle number belong together; takes that repeat a number at the same exposure count
+    as one. A cycle that lacks an angle because a frame is excluded is left out, as in measurements.
     """
     rig_file, session = files_of(run)
     levels = LightLevels(run.session.noise)
@@ -101,17 +101,12 @@ def cycle_history(run: Run, means: Means) -> CycleHistory:
 
 def region_means_of(run: Run) -> Means:
     """Return the mean counts of the picture and of the session's regions in every frame, by sequence number."""
-    regions = RegionMeans(files_of(run)[1].regions if is_session(run) else ())
+    regions = RegionMeans(files_of(run)[1].regions if run.session.is_of_session else ())
     return {record.sequence: regions.of(run.counts(record)) for record in run.frames}
 
 
-def is_session(run: Run) -> bool:
-    """Return whether a run was taken by a session, and not imported."""
-    return run.session.is_of_session
-
-
 def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iterator[str]:
-    """Give in words how the light changed, and how much of that sensors that follow the light explain."""
+    """Yield the change of the light in words, and how much of it the sensors explain that follow the light."""
     for trace in monitors:
         found = []
         for look in history.looks if trace.facts.follows_light else ():
@@ -132,7 +127,7 @@ def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iter
 
 
 def _torn_by_exclusions(run: Run) -> set[tuple[int | None, int | None]]:
-    """Return the cycles that lack an angle, of those that the rest of the run has, since frames are excluded."""
+    """Return the cycles that lack an angle because frames are excluded."""
     excluded = {(one.round, one.cycle) for one in run.excluded if one.kind == "scene" and one.cycle is not None}
     if not excluded:
         return set()

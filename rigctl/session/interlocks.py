@@ -1,7 +1,8 @@
-"""Interlocks: what a session is held against, when, and what it does about it.
+"""Interlocks: the checks of a running session, when each is made, and the reaction.
 
-`TABLE` names each interlock once: when it is checked, the error that ends a session for it, and the check. What is done
-stands under the same name in the table [interlocks] of the session file. A new interlock is a key there and a row here.
+`TABLE` has one row for each interlock: when it is checked, the error that ends a session for it, and the check. The
+session file states the reaction (off, note, retry, hold or stop) under the same name in its table [interlocks]. A new
+interlock is a key there and a row here.
 """
 
 import math
@@ -27,7 +28,7 @@ from rigctl.session.rig_work import CapturedFrame
 from rigctl.session.status import RegionDrift
 from rigctl.session.timing import Pause, SessionClock, SteadyUtc
 
-# A camera that takes another exposure than it was told, by more than its own clock's step, is not to be trusted.
+# The camera's exposure may differ from the requested one by the step of its clock, not by more.
 _EXPOSURE_TOLERANCE = 0.01
 _BYTES_PER_MB = 1_000_000
 _MS_PER_S = 1000.0
@@ -35,7 +36,7 @@ _ANGLES_DEG = (0.0, 45.0, 90.0, 135.0)
 _SIGMAS = 5.0
 # A frame has room for some remarks only; the events have all of them.
 _MOST_REMARKS = 5
-# What a scene is like, frame after frame: an event once a round is enough, beside the remark in each frame.
+# Properties of the scene, the same in every frame: one event a round is enough, besides the remark in each frame.
 _LASTING = ("low_signal", "saturated")
 # As GenICam names them, that of the sensor itself first; a camera warms up within minutes, and each reading is a
 # question over the network.
@@ -70,10 +71,10 @@ Messages = Iterator[str]
 
 @runtime_checkable
 class TellsFeatures(Protocol):
-    """A camera that tells more of itself than every camera has to."""
+    """A camera that lists its settings and sensors."""
 
     def features(self) -> Mapping[str, str]:
-        """Return what it is set to and what it measures, under its own names."""
+        """Return settings and measured values under the camera's own names."""
 
 
 class Thermometer:
@@ -85,20 +86,20 @@ class Thermometer:
         self._temperature_c: float | None = None
 
     def temperature_c(self) -> float | None:
-        """Return the temperature by the last reading [deg C]; None if the camera tells none."""
+        """Return the temperature by the last reading [deg C]; None if the camera has no sensor."""
         now_ns = self._clock.monotonic_ns()
         if self._read_ns is None or now_ns - self._read_ns >= _TEMPERATURE_EACH_S * NS_PER_S:
-            told = self._camera.features() if isinstance(self._camera, TellsFeatures) else {}
+            features = self._camera.features() if isinstance(self._camera, TellsFeatures) else {}
             self._read_ns = now_ns
-            self._temperature_c = next((float(told[name]) for name in _TEMPERATURES if name in told), None)
+            self._temperature_c = next((float(features[name]) for name in _TEMPERATURES if name in features), None)
         return self._temperature_c
 
 
 class Interlocks:
-    """Holds a session against the table, and retries, holds, stops or notes as its file says.
+    """Checks a session by the table, and retries, holds, stops or notes as the session file says.
 
-    What `react` and the `look`s raise: DeviceError or DataError where an interlock stops the session, StopAskedError
-    where somebody asks to stop while one holds it.
+    `react` and the `look` functions raise DeviceError or DataError if an interlock stops the session, and
+    StopAskedError if a stop is requested while an interlock holds it.
     """
 
     def __init__(
@@ -120,14 +121,14 @@ class Interlocks:
         """For every frame from here on."""
 
     def found(self, name: Name, facts: object) -> tuple[Violation, ...]:
-        """Return what violates one interlock, unless it is switched off."""
+        """Return the violations of one interlock; none if it is off."""
         if self._action(name) == "off":
             return ()
         messages = TABLE[name].check(facts, self.section)
         return tuple((name, message) for message in messages)
 
     def of_frames(self, frames: tuple[CapturedFrame, ...]) -> tuple[Violation, ...]:
-        """Return what is wrong with an exposure; of the parts of a cell the first that violates an interlock."""
+        """Return the violations of an exposure; of the parts of a cell only the first of each interlock."""
         names = [row.name for row in TABLE.values() if row.when == "frame"]
         if len(frames) == 1:
             return tuple(violation for name in names for violation in self.found(name, frames[0]))
@@ -138,7 +139,7 @@ class Interlocks:
         return tuple(first.values())
 
     def of_cycle(self, seen: FrameSummary, drift: RegionDrift | None, *, ends_cycle: bool) -> tuple[Violation, ...]:
-        """Take in a frame; return what is wrong with its cycle where it ends one."""
+        """Take in a frame; return the violations of the cycle that it ends."""
         sums: tuple[Violation, ...] = ()
         if seen.kind == "scene" and seen.angle_deg is not None:
             mean = seen.means[PICTURE]
@@ -150,12 +151,12 @@ class Interlocks:
         return sums + self.found("drift", drift)
 
     def look_at_clock(self, clock: SessionClock) -> None:
-        """Look at what does not change in the middle of a session."""
+        """Check once that the host's clock is synchronised."""
         self._writer.event(HOST_CLOCK_EVENT, utc_error_s=clock.utc_error_s())
         self._react_while("synchronised", clock.problem)
 
     def look_at_home(self, home: Callable[[], StageStatus | None]) -> None:
-        """Home the stage, again where a hold asks for that."""
+        """Home the stage, and again after each hold."""
 
         def found() -> tuple[Violation, ...]:
             status = home()
@@ -165,7 +166,7 @@ class Interlocks:
             self.react(violation, cleared=lambda: not found())
 
     def look_at_cell(self, captured: CapturedFrame, cell_deg: Sequence[float] | None) -> None:
-        """Hold the cell of polarizers against the light of a picture of a scene."""
+        """Check the stated cell of polarizers with a picture of the scene."""
         if cell_deg is not None:
             problem = cell_problem(captured.frame.counts, cell_deg, bit_depth=captured.settings.bit_depth)
             self.react_all(self.found("cell", problem))
@@ -173,9 +174,9 @@ class Interlocks:
     def is_held_for_exposure(
         self, captured: CapturedFrame, metered_s: Callable[[], float | None], *, is_attended: bool
     ) -> bool:
-        """Look at the first frame of an exposure; return whether the session was held: the frame is to be taken again.
+        """Check the first frame of an exposure; return True if the session was held, so that the frame is taken again.
 
-        Where somebody attends to it, a session that is to hold is not held: the warning is read, and Ctrl-C is near.
+        With a person at the terminal (`is_attended`) a warning takes the place of the hold.
         """
         is_held = False
         for violation in self.found("exposure", (captured, metered_s)):
@@ -189,7 +190,7 @@ class Interlocks:
         return is_held
 
     def look_ahead(self, frames: int, *, frame_bytes: int) -> None:
-        """Tell of a disk that will be full before so many frames are on it; they are taken as long as there is room."""
+        """Warn if the disk has no room for all frames; the session starts all the same."""
         run = self._writer.path
         room = int((_free_bytes(run) - self.section.disk_free_mb * _BYTES_PER_MB) // frame_bytes)
         if room < frames:
@@ -201,7 +202,7 @@ class Interlocks:
             self._writer.event("disk is short", found=short)
 
     def look_around(self) -> None:
-        """Look at clock, disk and temperature between two frames."""
+        """Check clock, disk and temperature between two frames."""
         for violation in self.found("clock", self._utc.jump_s()):
             self.remarks = (*self.remarks, violation[1])[-_MOST_REMARKS:]
             self.react(violation)
@@ -213,12 +214,12 @@ class Interlocks:
             self._react_while("temperature", temperature_c)
 
     def note(self, violation: Violation, **facts: int) -> None:
-        """Write down a violation and what is done about it."""
+        """Note a violation and the reaction as an event."""
         action = self._action(violation[0])
         self._writer.event("interlock", interlock=violation[0], action=action, message=violation[1], **facts)
 
     def react(self, violation: Violation, *, cleared: Callable[[], bool] = lambda: False) -> None:
-        """Note a violation, and hold until it is cleared, or stop, where that is asked for."""
+        """Note a violation; then hold until it is cleared, or stop, if the session file says so."""
         self.note(violation)
         if self._action(violation[0]) == "stop":
             raise _failure_of(violation)
@@ -231,7 +232,7 @@ class Interlocks:
             self.react(violation)
 
     def wants_again(self, violation: Violation, step: Step, *, tries_left: int) -> bool:
-        """Note a violation of a frame; return whether to take the frame again, or stop where that has not helped."""
+        """Note a violation of a frame; return whether to take the frame again. Stop after the last retry."""
         action = self._action(violation[0])
         if action != "note" or violation[0] not in _LASTING or (violation[0], step.round) not in self._told_in:
             self.note(violation, sequence=step.sequence)
@@ -324,7 +325,7 @@ def _exposure(first: tuple[CapturedFrame, Callable[[], float | None]], section: 
         text = f"{100 * share:.0f} % of the pixels of the first frame are saturated at {exposure_ms:g} ms"
         proposed_s = metered_s()
         advice = "stop down" if proposed_s is None else f"exposure_ms = {proposed_s * _MS_PER_S:.3g} fills the range"
-        yield f"{text}; {advice}. `rigctl stop` ends the session, `rigctl resume` goes on all the same"
+        yield f"{text}; {advice}. `rigctl stop` ends the session, `rigctl resume` continues it as it is"
 
 
 def _saturated(captured: CapturedFrame, section: InterlockSection) -> Messages:
@@ -395,8 +396,8 @@ def _drift(drift: RegionDrift | None, section: InterlockSection) -> Messages:
     yield f"{text}, {allowed}: polarization of this cycle is doubtful"
 
 
-def _told(problem: str | None, _: InterlockSection) -> Messages:
-    """Found where it happens: a driver's error, a full queue, a cell that contradicts the light."""
+def _found_elsewhere(problem: str | None, _: InterlockSection) -> Messages:
+    """Yield a problem found elsewhere: a driver's error, a full queue, a cell that contradicts the light."""
     if problem is not None:
         yield problem
 
@@ -420,10 +421,10 @@ TABLE: Mapping[str, Interlock] = {
         Interlock("low_signal", "frame", DataError, _low_signal),
         Interlock("sum_rule", "cycle", DataError, _sum_rule),
         Interlock("drift", "cycle", DataError, _drift),
-        Interlock("cell", "as it happens", DataError, _told),
-        Interlock("queue", "as it happens", LimitError, _told),
-        Interlock("gone", "as it happens", LimitError, _told),
-        Interlock("fault", "as it happens", LimitError, _told),
+        Interlock("cell", "as it happens", DataError, _found_elsewhere),
+        Interlock("queue", "as it happens", LimitError, _found_elsewhere),
+        Interlock("gone", "as it happens", LimitError, _found_elsewhere),
+        Interlock("fault", "as it happens", LimitError, _found_elsewhere),
     )
 }
 
@@ -431,7 +432,7 @@ TABLE: Mapping[str, Interlock] = {
 def _failure_of(violation: Violation) -> DeviceError | DataError:
     error = TABLE[violation[0]].error
     if error is DataError:
-        return DataError(f"{violation[1]} (interlock {violation[0]!r}); `rigctl resume` goes on")
+        return DataError(f"{violation[1]} (interlock {violation[0]!r}); `rigctl resume` continues")
     return error(violation[1])
 
 

@@ -1,4 +1,4 @@
-"""Sensors beside the frames: each read once an exposure in a thread of its own, which no frame waits for."""
+"""Monitors: sensors that are read once an exposure, each in a thread of its own. No frame waits for them."""
 
 import math
 import queue
@@ -26,7 +26,7 @@ Note = Callable[..., None]
 
 @dataclass(kw_only=True)
 class _Look:
-    """Readings asked for beside one exposure, as they come in."""
+    """Readings for one exposure, as they come in."""
 
     sequence: int
     utc: str
@@ -37,7 +37,7 @@ class _Look:
 
 
 class _Reader:
-    """One sensor in its thread. What goes wrong there becomes words; it is opened again for the next reading."""
+    """One sensor in its thread. After an error, which is noted, it is opened again for the next reading."""
 
     def __init__(self, section: MonitorSection, answer: Callable[[_Look, str, float | str], None]) -> None:
         self.section, self._answer = section, answer
@@ -97,7 +97,7 @@ class _Reader:
 
 
 def opened_monitor(factory: Callable[[MonitorOptions], Monitor], options: MonitorOptions) -> Monitor:
-    """Return what a plug-in's factory makes of the options of a rig file."""
+    """Open the monitor of a plug-in with the options of the rig file."""
     return factory(dict(options))
 
 

@@ -1,7 +1,7 @@
-"""Notices to people while a session runs, by a webhook and a command; a slow receiver delays nobody.
+"""Notices to people while a session runs, by a webhook, a command or both. A slow receiver does not delay the session.
 
-A notice says the run's folder, the event (as in the run's events; "failed" where the session ended with an error), what
-is known of it in words, and when it was by this machine's clock.
+A notice contains the name of the run folder, the event (as in the run's events, or "failed" if the session ended with
+an error), its facts in words, and its time by this machine's clock.
 """
 
 import json
@@ -25,7 +25,7 @@ _MOST_WAITING = 100
 
 @contextmanager
 def notices(section: NotifySection | None, run: Path) -> Iterator["Notifier | None"]:
-    """Give what is to be told of events, or None where nobody wants any; an error that ends the block is told too."""
+    """Yield a notifier, or None without a section [notify]; an error that ends the block is reported too."""
     if section is None:
         yield None
         return
@@ -40,18 +40,18 @@ def notices(section: NotifySection | None, run: Path) -> Iterator["Notifier | No
 
 
 class Notifier:
-    """Takes events as they come and sends those that are wanted; a full queue drops, a slow receiver delays nobody."""
+    """Sends notices of the wanted events from a queue; a full queue drops further notices."""
 
     def __init__(self, section: NotifySection, run: str) -> None:
         self._section, self._run = section, run
-        #: Where a notice that could not be sent is noted, while there is a run to note it in.
+        #: Notes a notice that could not be sent in the run.
         self.note: Callable[..., None] | None = None
         self._waiting: queue.Queue[Mapping[str, str] | None] = queue.Queue(maxsize=_MOST_WAITING)
         self._thread = threading.Thread(target=self._work, name="notices", daemon=True)
         self._thread.start()
 
     def tell(self, event: str, facts: Mapping[str, JsonValue]) -> None:
-        """Have somebody told of an event, if they want to be; returns at once."""
+        """Queue a notice of an event if the section asks for it; returns at once."""
         if event not in self._section.events or event == NOTICE_EVENT:
             return
         text = event_facts(RunEvent(event=event, facts=dict(facts)))
@@ -59,7 +59,7 @@ class Notifier:
             self._waiting.put_nowait(notice_of(self._run, event, text))
 
     def close(self) -> None:
-        """Wait for what is still to be sent, as long as one notice may take."""
+        """Wait for queued notices, no longer than two notices may take."""
         with suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(timeout=2.0 * self._section.timeout_s)
@@ -83,7 +83,7 @@ def notice_of(run: str, event: str, text: str) -> dict[str, str]:
 
 
 def send(section: NotifySection, notice: Mapping[str, str]) -> tuple[str, ...]:
-    """Send one notice each way that there is; return what went wrong, nothing where all went well."""
+    """Send one notice by webhook and command; return the errors."""
     content = json.dumps(notice).encode("ascii")
     problems = []
     if section.webhook is not None:

@@ -1,6 +1,6 @@
-"""Numbers of frames as they come, for people who watch: means, level of light, sum rule, drift, DoLP with deviations.
+"""Live numbers of a session: means, level of light, sum rule, drift and DoLP with standard deviations.
 
-They are fast enough to be computed of every frame; results for processing come from `rigctl.measure`.
+They are fast enough to be computed for every frame. Results for processing come from `rigctl.measure`.
 """
 
 import math
@@ -40,7 +40,7 @@ _LEAST_ANGLES = 3
 _MOST_SATURATED = 0.01
 # Squares that a whole cycle is diagnosed from while the session runs.
 _COARSE_PIXELS = 20_000
-# A deviation for somebody who watches: three digits are plenty.
+# Of live deviations, of which three digits are enough.
 _TOLERANCE = 1e-3
 _S_PER_MIN, _MS_PER_S = 60.0, 1000.0
 
@@ -67,7 +67,7 @@ class FrameSummary:
     angle_deg: float | None  #: The polarizer angle that was asked for, in [0, 180).
     measured_deg: float | None  #: The same by the stage's readback.
     exposure_s: float  #: Integration time.
-    time_s: float  #: When its exposure began, by one clock for all that are set against each other.
+    time_s: float  #: Start of the exposure, by one clock for all frames that are compared.
     saturated_fraction: float  #: Share of saturated pixels.
     means: Mapping[str, PixelMean]  #: Mean counts of the picture and of its regions, by name.
     #: Mean counts of some 20000 squares of pixels, NaN where one is saturated or missing, and the side of a square.
@@ -75,7 +75,7 @@ class FrameSummary:
 
 
 class LiveNumbers:
-    """Remembers the last frame of each angle, and the last whole cycle. Filled in one thread, read in another."""
+    """The last frame of each angle, and the last whole cycle. Filled in one thread, read in another."""
 
     def __init__(
         self, *, noise: SessionNoise | None = None, extinction_ratio: float | None = None, reference: str = PICTURE
@@ -91,7 +91,7 @@ class LiveNumbers:
         self._diagnosed: tuple[tuple[FrameSummary, ...], LiveDiagnosis | None] = ((), None)
 
     def add(self, frame: FrameSummary, *, ends_cycle: bool) -> RegionDrift | None:
-        """Take in a frame; return the drift of the light at the end of a cycle, where it can be told."""
+        """Take in a frame; return the drift of the light at the end of a cycle, if it is known."""
         with self._lock:
             if frame.kind == "dark":
                 self._levels.add_dark(frame)
@@ -137,7 +137,7 @@ class LiveNumbers:
 
 
 class RegionMeans:
-    """Knows where regions lie in pictures of one size."""
+    """Means over the regions of a picture; the pixels of each region are found once per picture size."""
 
     def __init__(self, regions: Sequence[Region] = ()) -> None:
         self._regions = list(regions)
@@ -172,7 +172,7 @@ def frame_summary(
     saturated_fraction: float,
     coarse: tuple[NDArray[np.float32], int] | None = None,
 ) -> FrameSummary:
-    """Return what a frame shows, by its record and the means of its counts."""
+    """Return the summary of a frame, from its record and the means of its counts."""
     target_deg = record.polarizer_angle_target_deg
     return FrameSummary(
         kind=record.kind,
@@ -218,7 +218,7 @@ def of_one_exposure(frames: Sequence[FrameSummary]) -> tuple[FrameSummary, ...]:
 
 
 class LightLevels:
-    """Remembers the last dark frame of each exposure; `noise` is that of a calibration."""
+    """The last dark frame of each exposure; `noise` is that of a calibration."""
 
     def __init__(self, noise: SessionNoise | None = None) -> None:
         self._noise = noise
@@ -259,7 +259,7 @@ class LightLevels:
 def drift_of(
     frames: Sequence[FrameSummary], before: Sequence[FrameSummary], *, region: str, levels: LightLevels
 ) -> RegionDrift | None:
-    """Return how the light has changed: within a cycle that repeats an angle, or else since the cycle before.
+    """Return the drift of the light: within a cycle that repeats an angle, or else since the cycle before.
 
     The sum of the changes of all angles over the sum of their means; polarization cancels, since each angle is
     compared with itself.
@@ -315,7 +315,7 @@ def polarization(
 ) -> RegionPolarization | None:
     """Return the polarization of a region's mean light in a cycle; None with fewer than three angles, or no light.
 
-    The deviation is what noise does to one cycle. It knows nothing of drift, of fixed pattern, or of an error of the
+    The standard deviation is that of the noise of one cycle. It does not include drift, fixed pattern or errors of the
     angles.
     """
     seen = [frame for frame in frames if frame.measured_deg is not None]
@@ -340,7 +340,7 @@ def polarization(
 def cycle_diagnosis(
     frames: Sequence[FrameSummary], *, levels: LightLevels, extinction_ratio: float | None
 ) -> LiveDiagnosis | None:
-    """Return what a whole cycle says of its faults, from its coarse pictures; None where there are none."""
+    """Return the faults that the coarse pictures of a whole cycle show; None without such pictures."""
     seen = [frame for frame in frames if frame.measured_deg is not None]
     coarse = [frame.coarse for frame in seen if frame.coarse is not None]
     if not coarse or len(coarse) < len(seen) or len({frame.angle_deg for frame in seen}) < _LEAST_ANGLES:

@@ -1,7 +1,7 @@
-"""A session laid out in time: its steps in order, when rounds begin, where the sun is, what it needs of time and disk.
+"""The plan of a session: its steps in order, the times of its rounds, the sun, and the time and disk that it needs.
 
-It also says what an order of angles costs: unpolarized light that changes looks polarized, and too few axes measure
-nothing.
+It also warns of a costly order of angles, in which unpolarized light that changes looks polarized, and of too few axes
+for a DoLP.
 """
 
 import math
@@ -55,9 +55,9 @@ class Step:
     """One frame that is to be taken."""
 
     sequence: int = 0  #: Its place in the session, from 0.
-    kind: FrameKind  #: What stands before the camera.
+    kind: FrameKind
     cycle: int  #: Which time its take goes through the angles, from 0; counted on through the rounds of a schedule.
-    polarizer_angle_deg: float | None  #: Where the polarizer's axis is to point; None leaves it where it is.
+    polarizer_angle_deg: float | None  #: Target of the polarizer's axis; None leaves it where it is.
     exposure_s: float | None  #: Integration time [s]; None takes what was metered in this round.
     exposure_factor: float = 1.0  #: What a metered exposure is multiplied by.
     round: int = 0  #: Which round of the schedule, from 0.
@@ -137,7 +137,7 @@ class SessionPlan:
     sun: SunTrack | None  #: The sun above the site, where the rig file has one.
     camera_azimuth_deg: float | None  #: Where the camera stands as seen from the target.
     disk_bytes: int | None  #: What the frames take; None where their size is not known.
-    remarks: tuple[str, ...]  #: What one should know before climbing the roof.
+    remarks: tuple[str, ...]  #: Doubts about the plan.
 
     def rounds(self) -> dict[int, int]:
         """Return when the first step of each round is taken [ns since 1970 UTC]."""
@@ -281,9 +281,9 @@ def nominal_deg(axis_deg: float) -> float:
 
 
 def estimate(steps: tuple[Step, ...], rig: RigFile, *, pixels: int | None = None) -> tuple[float, int | None]:
-    """Return what steps need of time [s] and of the disk [bytes]; None where the size of a frame is not known.
+    """Return the time [s] and the disk space [bytes] of steps; None if the size of a frame is not known.
 
-    Time is that of exposures, moves and storing, without what a person at the rig takes.
+    The time is that of exposures, moves and storing, without the work of a person at the rig.
     """
     moves = sum(
         1
@@ -327,7 +327,7 @@ def step_times_ns(steps: Sequence[Step], *, start_ns: int) -> tuple[int, ...]:
 def demand_of(
     rig: RigFile, session: SessionFile, *, pixels: int, now_ns: int, camera_s: float | None = None
 ) -> tuple[int, float, int]:
-    """Return what a session asks of the disk if it begins now.
+    """Return the disk speed and space that a session needs if it begins now.
 
     Bytes of one frame, mean time from frame to frame in the fastest stretch of eight frames [s], and bytes of all.
     """
@@ -356,7 +356,7 @@ def false_dolp(steps: Sequence[Step]) -> float | None:
 
 
 def grouping_cost(session: SessionFile) -> str | None:
-    """Return in words what drift costs where frames are grouped by angle, or None where they are not."""
+    """Return a warning of false DoLP by drift if frames are grouped by angle; None if they are not."""
     grouped = [take for take in session.take if take.order == "grouped"]
     if not grouped:
         return None
@@ -367,13 +367,12 @@ def grouping_cost(session: SessionFile) -> str | None:
     text = "order 'grouped': all frames of an angle come together, so that drift looks like polarization"
     if cost is None or instead is None:
         return text
-    return (
-        f"{text}: light that drifts by 1 % a minute shows a false DoLP of {cost:.2g}; in cycles it were {instead:.2g}"
-    )
+    drift = "light that drifts by 1 % a minute shows a false DoLP"
+    return f"{text}: {drift} of {cost:.2g}; in cycles it would be {instead:.2g}"
 
 
 def missing_axes(steps: Sequence[Step]) -> str | None:
-    """Return in words that a session cannot give a DoLP, or None where it can or takes no scene."""
+    """Return a warning if a session has too few axes for a DoLP; None if it has enough or takes no scene."""
     targets = [step.polarizer_angle_deg for step in steps if step.kind == "scene"]
     axes = {round(target % 180.0, _AXIS_DECIMALS) % 180.0 for target in targets if target is not None}
     if not axes or len(axes) >= _LEAST_ANGLES:

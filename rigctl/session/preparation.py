@@ -1,4 +1,4 @@
-"""A session before any device is opened: files read, calibrations picked, cycles chosen, and all that refuses it."""
+"""A session before any device is opened: files read, calibrations picked, cycles chosen, and every refusal."""
 
 import json
 from collections.abc import Iterator
@@ -108,7 +108,7 @@ def with_target(
         return session, ()
     # The model of the scene is imported where it is asked for: a session without a target starts at once.
     from rigctl.files.scene_file import load_scene
-    from rigctl.session.target_cycles import with_cycles_for
+    from rigctl.session.forecast import with_cycles_for
 
     return with_cycles_for(session, load_scene(scene), noise, target_dolp_sigma=target_dolp_sigma)
 
@@ -121,7 +121,7 @@ def require_takeable(
     until_ns: int | None = None,
     asks_by_hold: bool = False,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Raise what would end a session, as far as no device is needed to know."""
+    """Raise every error that can be known before a device is opened; return doubts, and the sun of a simulated roof."""
     rig_file, session = prepared.rig_file, prepared.session_file
     require_new_folder(out)
     now_ns = clock_of(rig_file).utc_ns() if at_ns is None else at_ns
@@ -189,7 +189,7 @@ def _open_calibrated_rig(prepared: PreparedSession, run: Path, *, clock: Session
 
 
 def _calibration_doubts(prepared: PreparedSession, used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful of the calibrations; raise DataError where one is not of these devices."""
+    """Return doubts about the calibrations; raise DataError if one belongs to other devices."""
     try:
         doubts = () if prepared.noise is None else prepared.noise.doubts(used)
         if prepared.polarizer is not None:

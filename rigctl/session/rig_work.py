@@ -1,4 +1,4 @@
-"""One rig at work, a frame at a time: what stands before the camera, its settings, the polarizer's angle, metering."""
+"""Takes one frame at a time: the object before the camera, settings, the polarizer's angle, metering, the record."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,13 +35,13 @@ Probe = Callable[[float], Shares]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CapturedFrame:
-    """A frame, and how it came about."""
+    """A frame with the settings and the move that it was taken with."""
 
-    frame: Frame  #: What the camera gave.
-    settings: CameraSettings  #: What the camera said that it was set to.
+    frame: Frame
+    settings: CameraSettings  #: Read back when it was set.
     move: Move | None  #: The last move of the stage.
     is_new_move: bool  #: It was made for this frame.
-    asked: tuple[float, float]  #: Exposure [s] and gain [dB] that it was told.
+    asked: tuple[float, float]  #: Requested exposure [s] and gain [dB].
     kind: FrameKind  #: What stands before the camera.
     tolerance_deg: float  #: How far the readback of the stage may be off.
     number_before: int | None = None  #: The camera's number of the frame before, where it is known.
@@ -96,7 +96,7 @@ class CapturedFrame:
 
 
 class RigWork:
-    """Remembers how the rig is set, so that nothing is set twice."""
+    """A rig and its present settings: nothing is set twice."""
 
     def __init__(self, rig: Rig, rig_file: RigFile, writer: RunWriter, ask: Callable[[FrameKind], None]) -> None:
         self._rig, self._rig_file, self._writer, self._ask = rig, rig_file, writer, ask
@@ -125,7 +125,7 @@ class RigWork:
             self._number = None
 
     def present(self, kind: FrameKind) -> None:
-        """Put something before the camera, unless it is there."""
+        """Have the object of this kind before the camera, unless it is there."""
         if kind == self._presented:
             return
         self._ask(kind)
@@ -134,7 +134,7 @@ class RigWork:
         self._writer.event("presented", kind=kind)
 
     def distrust(self) -> None:
-        """Set camera and stage before the next frame, even if they were told so already."""
+        """Set camera and stage again before the next frame, even if nothing has changed."""
         self._angle_asked_deg = None
         self._settings = None
 
@@ -266,7 +266,7 @@ class RoundExposures:
 def meter(probe: Probe, section: MeteringSection) -> tuple[float, Shares, str | None]:
     """Return the exposure that serves all angles [s], what it gives, and what one exposure cannot do here.
 
-    The brightest angle decides. Counts need not be proportional to the exposure (black level): it goes on until the
+    The brightest angle decides. Counts need not be proportional to the exposure (black level): it repeats until the
     share is within a tenth of its target, or the exposure is at a limit.
     """
     exposure_s = section.first_exposure_ms / _MS_PER_S
@@ -330,7 +330,7 @@ def record_of(
 
 
 def bright_share(counts: NDArray[np.uint16], *, quantile: float, full_dn: float) -> float:
-    """Return which share of the largest count a quantile of the pixels reaches."""
+    """Return a quantile of the pixels as a share of the largest count."""
     return float(np.quantile(counts, quantile, method="lower")) / full_dn
 
 

@@ -1,4 +1,4 @@
-"""A session from open devices to its run folder, through devices that go away, and on after an interruption."""
+"""Takes a session into its run folder, and resumes it. Devices that are lost meanwhile are opened again."""
 
 import hashlib
 import sys
@@ -57,8 +57,8 @@ class Outcome:
 
     frames: int  #: How many frames the run has now, and how many the session asks for.
     planned: int
-    is_finished: bool  #: It went to its end; False where somebody asked it to stop.
-    repair: Repair | None = None  #: What was done to the run before it was gone on with.
+    is_finished: bool  #: False if a stop was requested.
+    repair: Repair | None = None  #: Of the run before it was resumed.
     was_finished: bool = False  #: There was nothing left to take.
 
 
@@ -76,7 +76,7 @@ def take_session(
     asks_by_hold: bool = False,
     calibrations: Mapping[str, JsonValue] | None = None,
 ) -> Outcome:
-    """Take a session into a new run folder; return how it went."""
+    """Take a session into a new run folder; return how it ended."""
     clock = clock_of(rig_file) if clock is None else clock
     now_ns = clock.utc_ns() if at_ns is None else at_ns
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
@@ -114,7 +114,7 @@ def take_session(
 def resume_session(
     path: Path, *, clock: SessionClock | None = None, opener: Opener | None = None, asks_by_hold: bool = False
 ) -> Outcome:
-    """Go on with a session that was interrupted; return how it went.
+    """Resume an interrupted session; return how it ended.
 
     Whole frames that were not acknowledged are adopted, damaged ones are set aside and taken again.
     """
@@ -153,7 +153,7 @@ def resume_session(
 
 
 def require_hands(steps: Sequence[Step], *, are_asked: bool) -> None:
-    """Refuse a session that needs hands at the rig where there are none, before it has begun."""
+    """Refuse a session that needs a person at the rig if there is no terminal to ask at."""
     kinds = sorted({step.kind for step in steps})
     if not are_asked and len(kinds) > 1 and not sys.stdin.isatty():
         raise ConfigError(
@@ -163,7 +163,7 @@ def require_hands(steps: Sequence[Step], *, are_asked: bool) -> None:
 
 
 class Watch:
-    """Told of each stored step. A context manager: the bar is there meanwhile."""
+    """Progress bar and status.json of a session. A context manager: the bar is shown meanwhile."""
 
     def __init__(
         self,
@@ -216,7 +216,7 @@ class Watch:
             self._status = replace(self._status, frames=frames)
 
     def _numbers(self) -> LiveContent | None:
-        """Return what the frames show; None where that cannot be computed: a fault here costs no frame."""
+        """Return the live numbers; None if they cannot be computed: an error here costs no frame."""
         try:
             return self._live.content()
         except Exception as error:
@@ -231,7 +231,7 @@ class Watch:
         return Group(self._bar, Text(visible(lines)))
 
     def _progress(self, step: Step) -> StepProgress:
-        """Return how long it still takes: what the plan has between this step and the last, or until its time."""
+        """Return the remaining time: that of the plan from this step to the last one."""
         now_ns = self._clock.utc_ns()
         end_ns = now_ns + self._planned_ns[-1] - self._planned_ns[step.sequence]
         if self._steps[-1].due_ns is not None:
@@ -250,13 +250,13 @@ class Watch:
     def _tell(self, **changes: Any) -> None:
         with self._lock:
             status = self._status = replace(self._status, **changes, written_utc=utc_text(self._clock.utc_ns()))
-            # Who watches gets nothing on a full disk, or one that hangs; the frames say so loudly enough.
+            # No status on a full or hanging disk: the frames report it.
             with suppress(OSError, RunFolderError):
                 self._disk.call(lambda: write_status(self._run, status))
 
 
 class _ReconnectLoop:
-    """Takes what is left of a session, and opens the devices again where one goes away meanwhile."""
+    """Takes the remaining steps of a session, and opens the devices again if one is lost."""
 
     def __init__(
         self, rig_file: RigFile, steps: tuple[Step, ...], writer: RunWriter, context: SessionContext, opener: Opener
@@ -267,7 +267,7 @@ class _ReconnectLoop:
         self._frames = 0
 
     def take(self, rig: Rig, devices: ExitStack, *, title: str) -> Outcome:
-        """Take what is left; return how it went."""
+        """Take the remaining steps; return how the session ended."""
         opened: Rig | None = rig
         context = self._context
         show = Watch(
@@ -295,7 +295,7 @@ class _ReconnectLoop:
         left = _left_of(run, self._steps)
         watch.begin(left=len(left))
         metered = metered_exposures(read_events(run.path))
-        context = replace(self._context, metered_s={one.round: one.exposure_s for one in metered})
+        context = replace(self._context, metered_s={number: exposure_s for number, exposure_s, _ in metered})
         return acquire(rig, self._rig_file, left, self._writer, progress=watch.stored, context=context)
 
     def _opened_again(self, devices: ExitStack) -> Rig:
@@ -305,7 +305,7 @@ class _ReconnectLoop:
         return rig
 
     def _wait_or_give_up(self, error: Exception) -> None:
-        """Note that a device is gone; raise the error where it stays so for too long."""
+        """Note that a device is lost; raise the error if it is not back in time."""
         clock, locks = self._context.clock, self._context.interlocks
         now_s = clock.monotonic_ns() / NS_PER_S
         frames = len(read_run(self._writer.path).frames)
@@ -325,7 +325,7 @@ class _ReconnectLoop:
 def _description(
     rig: Rig, rig_file: RigFile, session: SessionFile, files: dict[str, Path], inputs: dict[str, bytes]
 ) -> dict[str, JsonValue]:
-    """Return all that a reader of the run must know of how it came about, as JSON can hold it."""
+    """Return everything that explains the origin of the run, as JSON."""
     scene = {} if rig_file.simulation is None else {"scene": rig_file.simulation.scene}
     names = {what: path.name for what, path in (files | scene).items()}
     stage = {} if rig.stage_identity is None else {"stage": vars(rig.stage_identity)}
@@ -351,7 +351,7 @@ def _description(
 
 
 def _facts_of(camera: Camera) -> dict[str, JsonValue] | None:
-    """Return how a camera's counts come about, and its features by its own names; None for one that does not tell."""
+    """Return the facts of a camera and its features under its own names, if it states them."""
     if not isinstance(camera, ReportingCamera):
         return None
     facts = camera.facts()
@@ -390,7 +390,7 @@ def _is_same_angle(record: FrameRecord, step: Step) -> bool:
 
 
 def _notices_of(run: Run) -> NotifySection | None:
-    """Return who is told of a run that is resumed: what its rig file says now, since a run keeps no secrets."""
+    """Return [notify] of the rig file as it is now: a run folder keeps no addresses."""
     stated: Any = run.session_json
     if not stated.get("has_notices"):
         return None
@@ -415,10 +415,10 @@ def _require_same_devices(rig: Rig, run: Run) -> None:
         if identity is None:
             continue
         before = run.session.stage if what == "stage" else run.session.camera
-        if before.serial_number != identity.serial_number:
+        if before.get("serial_number") != identity.serial_number:
             raise NotConnectedError(
                 f"the {what} is {identity.model} with serial number {identity.serial_number}, and this run began with "
-                f"{before.model}, {before.serial_number}: connect that one"
+                f"{before.get('model')}, {before.get('serial_number')}: connect that one"
             )
 
 

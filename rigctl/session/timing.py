@@ -1,4 +1,4 @@
-"""Clocks and waits of a session, and the context that it runs in; tests hand in other clocks."""
+"""Clocks and waits of a session, and the context that it runs in. Tests pass other clocks."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -32,18 +32,18 @@ def _clock_problem() -> str | None:
 class SessionClock:
     """The host's clocks, and a pause."""
 
-    #: Time since 1970 (UTC), which somebody may set; time that only goes on [ns].
+    #: Time since 1970 (UTC), which a person may set; time that never jumps [ns].
     utc_ns: Callable[[], int] = time.time_ns
     monotonic_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], None] = time.sleep  #: Pauses for so many seconds.
-    #: What is wrong with the first of them, such as "not synchronised"; None if nothing is.
+    #: Problem of the first clock, such as "not synchronised"; None without a problem.
     problem: Callable[[], str | None] = _clock_problem
     #: How far the first of them may be off, as the system says [s]; None where nothing synchronises it.
     utc_error_s: Callable[[], float | None] = host_checkup.utc_error_s
-    #: Pauses for so many seconds while somebody is waited for, where `sleep` is no true pause.
+    #: Pauses while a person is waited for, if `sleep` only moves a simulated clock.
     rest: Callable[[float], None] | None = None
     poll_s: float = 0.5  #: How often a wait looks for requests [s].
-    simulated: SimulatedClock | None = None  #: What makes the time of a simulated rig with a clock of its own.
+    simulated: SimulatedClock | None = None  #: The clock of a simulated rig that has its own.
 
 
 def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
@@ -67,7 +67,7 @@ def clock_of(rig_file: RigFile, *, after_ns: int | None = None) -> SessionClock:
 class SteadyUtc:
     """UTC as it was when the session began, carried on by the monotonic clock.
 
-    A host's clock that is set in the middle of a session would else stall its schedule or rush through it.
+    Otherwise a host's clock that is set during a session would stall its schedule or rush through it.
     """
 
     def __init__(self, clock: SessionClock) -> None:
@@ -80,11 +80,11 @@ class SteadyUtc:
         return self.at_ns(self._clock.monotonic_ns())
 
     def at_ns(self, monotonic_ns: int) -> int:
-        """Return what `now_ns` was or will be at a time of the monotonic clock [ns]."""
+        """Return the steady UTC at a time of the monotonic clock [ns]."""
         return monotonic_ns + self._offset_ns
 
     def jump_s(self) -> float:
-        """Return how far the host's clock was set since the last call [s]; slow drift counts too."""
+        """Return the jump of the host's clock since the last call [s]; slow drift counts too."""
         offset_ns = self._clock.utc_ns() - self._clock.monotonic_ns()
         jump_ns, self._seen_offset_ns = offset_ns - self._seen_offset_ns, offset_ns
         return jump_ns / NS_PER_S
@@ -101,13 +101,13 @@ class SessionContext:
     sun: SunTrack | None = None  #: The sun above the site, where the site is known.
     clock: SessionClock = field(default_factory=SessionClock)  #: The host's clocks.
     utc: SteadyUtc | None = None  #: The time by which the session began; None begins now.
-    control: Control = field(default_factory=Control)  #: What somebody asks for.
+    control: Control = field(default_factory=Control)  #: Requests.
     noise: SessionNoise | None = None  #: From a calibration.
     regions: RegionMeans = field(default_factory=RegionMeans)  #: What is looked at in each frame.
-    live: LiveNumbers = field(default_factory=LiveNumbers)  #: Told of each frame, for whoever watches.
+    live: LiveNumbers = field(default_factory=LiveNumbers)  #: Live numbers.
     #: Exposures that earlier parts of this session have metered, by round [s].
     metered_s: Mapping[int, float] = field(default_factory=dict)
-    #: Where hands are needed the session holds until it is asked to continue; else it asks at the terminal.
+    #: Where a person is needed the session holds until it is continued; else it asks at the terminal.
     asks_by_hold: bool = False
 
 
@@ -121,7 +121,7 @@ def session_context(
     noise: SessionNoise | None,
     asks_by_hold: bool = False,
 ) -> SessionContext:
-    """Return how a session file wants its session to be conducted, on a rig."""
+    """Return the context of a session, from its session file and the rig."""
     late_min = 5.0 if session.schedule is None else session.schedule.late_min
     return SessionContext(
         interlocks=session.interlocks,
@@ -144,7 +144,7 @@ def session_context(
 
 
 class StopAskedError(Exception):
-    """Somebody asked the session to stop; it does so between two frames."""
+    """A stop was requested; the session stops between two frames."""
 
 
 class Pause:
@@ -155,12 +155,12 @@ class Pause:
         self._is_loss_noted = False
 
     def answer(self) -> None:
-        """Hold or stop if that was asked for; each request is answered by an event."""
+        """Hold or stop if that was requested; each request is answered by an event."""
         if self._polled() == "hold":
-            self.hold("somebody asked for it", cleared=lambda: False)
+            self.hold("requested", cleared=lambda: False)
 
     def hold(self, reason: str, *, cleared: Callable[[], bool]) -> None:
-        """Stand still until the reason is gone, or somebody says to go on."""
+        """Hold until the reason has gone, or the session is continued."""
         self._note("hold", reason=reason)
         warn(f"holding: {reason}")
         rest = self._clock.rest or self._clock.sleep
@@ -177,7 +177,7 @@ class Pause:
     def _polled(self) -> str | None:
         if self._control.is_terminal_lost and not self._is_loss_noted:
             self._is_loss_noted = True
-            self._note("terminal lost", action="the session goes on without it")
+            self._note("terminal lost", action="the session continues without it")
         request = self._control.poll()
         if request is not None:
             self._note(ASKED_EVENT, request=request)
@@ -186,13 +186,13 @@ class Pause:
         return request
 
     def answer_rest(self) -> None:
-        """Note the requests that come too late: the session stops."""
+        """Note requests that came after a stop."""
         while (request := self._control.poll()) is not None:
             self._note(ASKED_EVENT, request=request, answer="the session stops")
 
 
 class Timing:
-    """Remembers which round is under way."""
+    """The schedule at work: waits for rounds, and leaves out those that are missed."""
 
     def __init__(self, context: SessionContext, utc: SteadyUtc, pause: Pause, writer: RunWriter) -> None:
         self._context, self._utc, self._pause, self._writer = context, utc, pause, writer
@@ -206,7 +206,7 @@ class Timing:
         return len(self._missed)
 
     def is_time_for(self, step: Step) -> bool:
-        """Return True once it is time for a step, or False where that has gone by."""
+        """Wait for the time of a step and return True; return False if its round is missed or the session is over."""
         if self._after_end() or step.round in self._missed:
             return False
         if step.due_ns is None or step.round == self._round:

@@ -1,4 +1,4 @@
-"""`rigctl bundle`: a run packed for whoever is to find a fault: log, versions, check-up, a few frames, no secrets."""
+"""`rigctl bundle`: packs a run for a fault report: log, versions, check-up, a few frames, no secrets."""
 
 import json
 import platform

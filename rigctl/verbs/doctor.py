@@ -102,7 +102,7 @@ class CheckUp(Result):
         return EXIT_DEVICE if self.to_change else 0
 
     def content(self) -> Iterable[Part]:
-        """Return what to change, then every finding."""
+        """Return necessary changes, then every finding."""
         changes = self.to_change
         yield f"{len(changes)} to change, the most important first:" if changes else "Ready: nothing to change."
         yield from (f"  {number}. {one.what}: {one.advice}" for number, one in enumerate(changes, 1))

@@ -151,7 +151,7 @@ def _item(row: tuple[Any, ...], place: int) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedRun(Result):
-    """What an export wrote."""
+    """The files of an export."""
 
     run: Path
     out: Path
@@ -159,7 +159,7 @@ class ExportedRun(Result):
     frames: int
 
     def content(self) -> Iterable[Part]:
-        """Return how many frames were written, and where."""
+        """Return the number of frames and the file."""
         yield f"{self.frames} frames in {self.out}"
 
     def as_json(self) -> dict[str, Json]:

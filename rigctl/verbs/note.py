@@ -96,7 +96,7 @@ def note(
 
 @dataclass(frozen=True, kw_only=True)
 class Noted(Result):
-    """What was written into the annotations of a run."""
+    """The annotations that were written."""
 
     run: Path
     annotation: "Annotation | None"  #: the line; None if nothing changed
@@ -184,7 +184,7 @@ def _sequences(option: str, text: str, run: "RunRecord") -> tuple[int, ...]:
 
 
 def _consequences(run: "RunRecord", excluded: set[int], changed: set[int]) -> list[str]:
-    """Return what the run loses with the excluded frames."""
+    """Return the loss of the run by the excluded frames."""
     from rigctl.runs.records import frames_text
 
     scenes = [record for record in run.frames if record.kind == "scene"]

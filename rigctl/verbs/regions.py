@@ -186,7 +186,7 @@ class WrittenRegions(Result):
         return f"{self.path}: {len(self.file.regions)} regions, {markers} markers"
 
     def content(self) -> Iterable[Part]:
-        """Return how many regions and markers were written."""
+        """Return the number of regions and markers that were written."""
         yield str(self)
 
     def as_json(self) -> dict[str, Json]:

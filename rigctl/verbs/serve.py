@@ -98,7 +98,7 @@ def serve(
         source, path = source_at(Path(what)), Path(what)
         kept = (path if isinstance(source, RunsOfFolder) else path.resolve().parent) / _TOKENS_FILE
         server = PageServer(page_app(source), place, can_act=False, kept=kept, is_new=new_tokens)
-    note("whoever has an address may use it; Ctrl-C ends the page")
+    note("everybody who has an address may use it; Ctrl-C ends the page")
     if open_page:
         webbrowser.open(server.addresses.act_url or server.addresses.look_url)
     return ServedPage(server=server)
@@ -126,7 +126,7 @@ class ServedPage(Result):
         return asdict(self.addresses)
 
     def show_json(self) -> None:
-        """Print the addresses in one line, for a program that reads it while the page goes on."""
+        """Print the addresses in one line, for a program that reads it while the page is served."""
         from rigctl.console.json_text import json_text
 
         sys.stdout.write(json_text(self.as_json(), indent=None))

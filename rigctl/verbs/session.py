@@ -1,4 +1,4 @@
-"""Sessions: plan one, take it, go on with it, hold it, stop it."""
+"""`rigctl plan`, `acquire`, `resume`, `hold` and `stop`: sessions."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ Ask: TypeAlias = Literal["terminal", "hold"]
 # Without --all.
 _MOST_STEPS, _MOST_ROUNDS = 12, 12
 _DATE_DIGITS, _UTC_DIGITS = 11, 19
-# A false DoLP below this is one of rounding.
+# A false DoLP below this is a rounding error.
 _ROUNDING = 1e-9
 _TITLES = {
     "sequence": "step",
@@ -118,7 +118,7 @@ def plan(
         return PlannedSession(plan=planned, all_steps=all_steps)
     from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
-    from rigctl.session.predicted_rounds import predict_rounds
+    from rigctl.session.forecast import predict_rounds
 
     parameters = None if noise is None else read_noise_file(Path(noise))
     predictions = predict_rounds(load_scene(Path(scene)), parameters, planned, rig_file, session_file.metering)
@@ -248,10 +248,10 @@ def acquire(
 
 
 def resume(run: RunPath, /, *, ask: Ask = "terminal") -> "SessionResult":
-    """Go on with a session that holds, or that was interrupted: by a kill, a power cut, a full disk, a lost device.
+    """Continue a session that holds, or that was interrupted: by a kill, a power cut, a full disk, a lost device.
 
     A session that is running and holds is asked to continue. Otherwise the run is verified, whole frames that were not
-    acknowledged are adopted, damaged ones are set aside, and the session goes on at the first missing step.
+    acknowledged are adopted, damaged ones are set aside, and the session continues at the first missing step.
 
     Example: rigctl resume runs/2026-05-04
 
@@ -362,10 +362,10 @@ class Asked(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class SessionResult(Result):
-    """How a session went, or the process that was asked to continue it, or its plan."""
+    """The end of a session, or the process that was asked to continue it, or its plan."""
 
     path: Path  #: run folder
-    process: int | None = None  #: that goes on; None where the session has ended
+    process: int | None = None  #: that was asked to continue; None if the session has ended
     outcome: "Outcome | None" = None  #: frames taken and planned; None while the session runs
     planned: "PlannedSession | None" = None  #: of a dry run
 
@@ -384,7 +384,7 @@ class SessionResult(Result):
         return 0 if self.outcome is None or self.outcome.is_finished else EXIT_INCOMPLETE
 
     def content(self) -> Iterable[Part]:
-        """Return the number of frames, and how to go on."""
+        """Return the number of frames, and how to continue."""
         outcome = self.outcome
         if self.planned is not None:
             yield from self.planned.content()
@@ -395,10 +395,10 @@ class SessionResult(Result):
         elif outcome.is_finished:
             yield f"{outcome.frames} frames in {self.path}"
         else:
-            yield f"{outcome.frames} of {outcome.planned} frames in {self.path}; rigctl resume {self.path} goes on"
+            yield f"{outcome.frames} of {outcome.planned} frames in {self.path}; rigctl resume {self.path} continues"
 
     def as_json(self) -> dict[str, Json]:
-        """Return the process that goes on, or frames, and what was adopted and set aside before."""
+        """Return the process that continues, or the frames, and those adopted and set aside before."""
         if self.planned is not None:
             return self.planned.as_json()
         content: dict[str, Json] = {"run": str(self.path), "process": self.process}
@@ -465,7 +465,7 @@ def _duration(duration_s: float) -> str:
 
 
 def _kind_line(kind: Json, steps: Sequence[Mapping[str, Json]]) -> str:
-    """Return how many frames of a kind there are, at which angles and exposures."""
+    """Return the number of frames of a kind, and their angles and exposures."""
     angles = [f"{step['angle_deg']:g}" for step in steps if step["angle_deg"] is not None]
     exposures = dict.fromkeys(_cell(step, "exposure_ms") for step in steps)
     at = [f"{', '.join(dict.fromkeys(angles))} deg"] if angles else []

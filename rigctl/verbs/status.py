@@ -171,7 +171,7 @@ class FrameGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class RunContents(Result):
-    """What a run holds."""
+    """Contents of a run."""
 
     run: str
     origin: str  #: "simulated", "device", "import" or "not stated"
@@ -227,7 +227,7 @@ class RunContents(Result):
 
 
 def contents_of(run: "RunRecord") -> RunContents:
-    """Return what a run holds, without opening its frames."""
+    """Return the contents of a run without opening its frames."""
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.runs.records import host_clock_text, read_events, start_time_texts
 
@@ -333,7 +333,7 @@ def _span(values: tuple[float, float] | None, *, digits: int) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionLog(Result):
-    """What happened in a session, and what people noted of it."""
+    """Events of a session, and notes of people."""
 
     run: str
     entries: "Sequence[RunEvent | Annotation]"
@@ -387,7 +387,7 @@ def _line(entry: "RunEvent | Annotation") -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionPage(Result):
-    """How a session went, as its page shows it."""
+    """The page about a session."""
 
     run: str
     page: Path

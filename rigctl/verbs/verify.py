@@ -48,7 +48,7 @@ def verify(run: RunPath, /) -> "VerifiedRun":
 
 @dataclass(frozen=True)
 class VerifiedRun(Result):
-    """What is wrong with a run."""
+    """Problems of a run."""
 
     run: Path
     verification: "Verification"
@@ -88,7 +88,7 @@ def _with_progress(frames: "Sequence[FrameRecord]") -> "Iterable[FrameRecord]":
 
 
 def verification_of(path: Path, *, watch: "Watch" = iter) -> "Verification":
-    """Return what is wrong with a run folder, and which steps of its plan have no frame.
+    """Check a run folder, and list the steps of its plan without a frame.
 
     `watch` is handed the records of the frames and gives them back one by one, as each is checked.
     """

@@ -1,6 +1,6 @@
-"""The page: its routes and its socket, and what it may do with a rig, with sessions and with regions.
+"""The page: its routes, its socket, and its actions on a rig, on sessions and on regions.
 
-`rigctl.web.server.Guard` stands before it. Every name in a request is looked up among those that are known; none
+`rigctl.web.server.Guard` checks every request first. A name in a request is looked up among the known names; it never
 becomes a path.
 """
 
@@ -52,15 +52,15 @@ _DOCUMENT_POLICY = (
 )
 _LEAST_DOLP_TOP = 1e-3
 Question = Literal["hold", "resume", "stop"]
-# Does something to the run that a request names, as its body says; returns what was done.
+# An action on the run that a request names, with the body of the request; returns the answer.
 Act = Callable[[str, bytes], dict[str, str]]
 
 
 class View(Protocol):
-    """What a page draws: the devices' picture, or one that was there before."""
+    """The picture of a page: that of the devices, or a still picture."""
 
     def look(self) -> LiveLook:
-        """Return what is seen, in numbers."""
+        """Return the numbers of the newest picture."""
 
     def newest_sequence(self, name: str) -> int | None:
         """Return the number of the newest picture of a name; None where there is none."""
@@ -71,10 +71,10 @@ class View(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hands:
-    """What a page may do; it shows no more than belongs to its acts."""
+    """The actions of a page; it shows only what belongs to them."""
 
-    view: View  #: What it draws.
-    #: What it may do, by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
+    view: View
+    #: Actions by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
     acts: Mapping[str, Act]
     title: str = ""  #: Heading of the page; empty where it heads the list of runs.
     session_names: Callable[[], tuple[str, ...]] = tuple  #: Returns the names of the session files.
@@ -107,13 +107,13 @@ class Sessions(Protocol):
         """Return the names of the session files."""
 
     def plan(self, name: str) -> str:
-        """Return what a session file will take, in words."""
+        """Return the plan of a session file in words."""
 
     def start(self, name: str) -> str:
         """Start the session of a file in a process of its own; return the name of its run."""
 
     def ask(self, name: str, what: Question) -> None:
-        """Ask something of the session of a run, by the run's name."""
+        """Send a request to the session of a run, by the name of the run."""
 
 
 _TASK = TypeAdapter(Task)
@@ -127,7 +127,7 @@ _SESSION: TypeAdapter[dict[Literal["session"], str]] = TypeAdapter(
 
 
 def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
-    """Return what is done with a camera: begin a task."""
+    """Return the action on a camera: begin a task."""
 
     def begin(_: str, body: bytes) -> dict[str, str]:
         task = _TASK.validate_json(body)
@@ -138,7 +138,7 @@ def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
 
 
 def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
-    """Return what is done with a polarizer that turns, and for its maps: turn it, take the dark level."""
+    """Return the actions on a polarizer that turns: turn it, and take the dark level of its maps."""
 
     def turn(_: str, body: bytes) -> dict[str, str]:
         rig.turn(_TURN.validate_json(body)["angle_deg"])
@@ -152,7 +152,7 @@ def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
 
 
 def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
-    """Return what is done with sessions: ask them, show the plan of one, start one once the devices are closed."""
+    """Return the actions on sessions: hold, resume, stop, show a plan, and start after the devices are closed."""
 
     def asking(what: Question) -> Act:
         def ask(run: str, _: bytes) -> dict[str, str]:
@@ -173,12 +173,12 @@ def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
 
 
 def region_acts(write: Callable[[bytes], str]) -> Mapping[str, Act]:
-    """Return what is done with regions: `write` them, given as JSON, which returns the name of the file."""
+    """Return the action on regions: `write` gets them as JSON and returns the name of the file."""
     return {"regions": lambda _, body: {"file": write(body)}}
 
 
 def _answering(act: Act) -> Callable[[Request], Awaitable[Response]]:
-    """Return what does an act in a thread of its own and says what went wrong in words."""
+    """Return a route that runs an action in a thread of its own and answers errors in words."""
 
     async def answer(request: Request) -> Response:
         body = await request.body()
@@ -217,8 +217,8 @@ class _Page:
         content = await asyncio.to_thread(self._state, request.query_params)
         if content is None:
             return _not_found()
-        told = json_text(content | {"right": _right(request)}, indent=None)
-        return Response(told, media_type="application/json")
+        text = json_text(content | {"right": _right(request)}, indent=None)
+        return Response(text, media_type="application/json")
 
     async def frame(self, request: Request) -> Response:
         found = await asyncio.to_thread(self._picture, {**request.query_params, "name": request.path_params["name"]})
@@ -234,7 +234,7 @@ class _Page:
         return _not_found() if content is None else Response(content, media_type="text/html", headers=headers)
 
     async def socket(self, socket: WebSocket) -> None:
-        """Answer question by question: whoever is slow asks less often and holds up nobody."""
+        """Answer question by question: a slow browser asks less often, and delays no other."""
         await socket.accept()
         with suppress(WebSocketDisconnect, TimeoutError, RuntimeError):
             try:
@@ -324,7 +324,7 @@ class _Page:
 
 
 class Sockets:
-    """The open sockets of a page. One too many, and the one that has asked nothing for longest is closed."""
+    """The open sockets of a page. If there are too many, the one that has been silent longest is closed."""
 
     def __init__(self, most: int = MOST_SOCKETS) -> None:
         self._most = most

@@ -65,7 +65,7 @@ T = TypeVar("T")
 
 
 class Shelf(Generic[T]):
-    """What was made last, for all who look. May be asked from several threads; one makes at a time."""
+    """The results made last, shared by all pages. Thread-safe; one result is made at a time."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -73,7 +73,7 @@ class Shelf(Generic[T]):
         self._made: OrderedDict[tuple[object, ...], T] = OrderedDict()
 
     def kept(self, key: tuple[object, ...], make: Callable[[], T]) -> T:
-        """Return what was made under a key, or make it."""
+        """Return the result of a key; make it if it is not kept."""
         with self._making:
             if key not in self._made:
                 self._made[key] = make()
@@ -198,14 +198,14 @@ _LEAST_ANGLES = 3
 
 
 class RunPictures:
-    """The newest pictures of a run, drawn when the first asks and kept for the next."""
+    """The newest pictures of a run, drawn once and kept."""
 
     def __init__(self) -> None:
         self._drawn: Shelf[dict[str, Picture]] = Shelf(_KEPT)
         self._cycles: Shelf[CyclePictures] = Shelf(_KEPT_CYCLES)
 
     def newest_sequence(self, run: Run, name: str) -> int | None:
-        """Return by which number a picture is told from a later one of that name; None where there is none."""
+        """Return the number of the newest picture of that name; None if there is none."""
         if name in MAPS:
             cycle = last_cycle(run.frames)
             return cycle[-1].sequence if cycle else None

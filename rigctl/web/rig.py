@@ -128,12 +128,12 @@ class LiveRig:
         self._drawn: Shelf[dict[str, Picture]] = Shelf(_KEPT)
 
     def look(self) -> LiveLook:
-        """Return what the devices do and see now."""
+        """Return the state of the devices and the numbers of the newest picture."""
         with self._changed:
             return self._look
 
     def newer_look(self, sequence: int, *, timeout_s: float) -> LiveLook:
-        """Return what the devices see, once it is of another picture than the one that is known; or the time is over.
+        """Wait for another picture than the known one, or the timeout; return its numbers.
 
         A task that begins has no picture of its own yet: its `width` is 0.
         """
@@ -147,7 +147,7 @@ class LiveRig:
         return self._look.width > 0 and self._look.sequence != sequence
 
     def begin(self, task: Task) -> None:
-        """Let the devices do something else; "rest" returns once they are closed."""
+        """Begin another task; "rest" returns after the devices are closed."""
         with self._changed:
             self._task, self._failure = task, None
             last_exposure_s = self._look.exposure_ms / _MS_PER_S

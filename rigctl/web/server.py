@@ -102,7 +102,7 @@ def place_of(listen: str, certificate: Path | None = None, key: Path | None = No
 
 @dataclass(frozen=True, kw_only=True)
 class Addresses:
-    """What to type into a browser: the one may look, the other may act as well."""
+    """Addresses of a page: one only for looking, one for acting too."""
 
     look_url: str
     act_url: str | None
@@ -144,7 +144,7 @@ class PageServer:
             )
 
     def run(self) -> None:
-        """Answer until somebody presses Ctrl-C, at low priority."""
+        """Answer until Ctrl-C, at low priority."""
         os.nice(_NICENESS)
         with self._listening, suppress(KeyboardInterrupt):
             self._server.run(sockets=[self._listening])
@@ -163,15 +163,15 @@ class PageServer:
 @with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """The two keys of a page."""
+    """Tokens and port of a page, as they are kept."""
 
-    #: Tokens: the first opens the page, the second opens it with hands.
+    #: Tokens for looking and for acting.
     look: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
     act: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
     port: Annotated[int, Field(ge=0, le=_MOST_PORT)] = 0  #: Where the page was last: its cookie is of that port.
 
     def right_of(self, token: str) -> Right | None:
-        """Return what a token opens; None for one that is not ours."""
+        """Return the right of a token; None for an unknown one."""
         given = token.encode("utf-8", errors="replace")
         if secrets.compare_digest(given, self.act.encode("ascii")):
             return "act"
@@ -182,7 +182,7 @@ _ACCESS = TypeAdapter(Access)
 
 
 class Guard:
-    """Stands before the page and lets through what shows a token, asks for this host and comes from its own page."""
+    """Checks every request: it needs a token, a name of this host, and the origin of this page."""
 
     def __init__(self, app: ASGIApp, access: Access, *, hosts: Iterable[str], port: int, is_secure: bool) -> None:
         self._app, self._access = app, access
@@ -219,7 +219,7 @@ class Guard:
         origin = headers.get("origin")
         is_plain_look = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
         if origin is not None and not is_plain_look and origin.lower() != f"{self._scheme}://{host.lower()}":
-            return None, (403, "asked by the page of somebody else")
+            return None, (403, "asked by another page")
         if not is_plain_look and scope["type"] == "http" and right != "act":
             return None, (403, "this token may look, not act")
         if _body_bytes(headers) > MOST_BODY_BYTES:
@@ -379,12 +379,12 @@ class Handshake(asyncio.Protocol):
 
 
 def connection_class(*, most: int = MOST_CONNECTIONS, head_s: float = HEAD_S) -> type[Connection]:
-    """Return what one server answers its connections by."""
+    """Return the protocol of the connections of one server."""
     return type("OwnConnection", (Connection,), {"open_ones": [], "most": most, "head_s": head_s})
 
 
 def after_handshake(kind: type[Connection], context: ssl.SSLContext) -> Callable[..., Handshake]:
-    """Return what accepts the connections of one server, and secures them before they are answered."""
+    """Return the protocol that accepts the connections of one server and makes the TLS handshake."""
     return lambda **made_of: Handshake(context, kind, made_of)
 
 
@@ -488,7 +488,7 @@ def _listening(place: Place, usual_port: int = 0) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """Return how an address stands in a browser; one that means all of this machine's by the one that others see."""
+    """Return an address for a browser; for "all addresses" the one that other machines see."""
     if host in ("0.0.0.0", "::"):
         host = _seen_by_others()
     return f"[{host}]" if ":" in host else host
@@ -528,7 +528,7 @@ def _cookie(header: str, name: str) -> str:
 
 
 def _body_bytes(headers: Headers) -> int:
-    """Return how long a body says it is; one that does not say how long it is counts as too long."""
+    """Return the stated length of a body; a body without a length counts as too long."""
     if "chunked" in headers.get("transfer-encoding", "").lower():
         return MOST_BODY_BYTES + 1
     length = headers.get("content-length", "0")

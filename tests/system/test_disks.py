@@ -128,7 +128,7 @@ def test_a_session_that_waits_for_room_can_be_stopped_and_resumed(tmp_path, disk
     assert verify_run(run).ok
     # The camera's tally comes after it.
     stopped = next(event for event in reversed(read_events(run)) if event.event == "stopped")
-    assert stopped.facts["reason"] == "somebody asked for it"
+    assert stopped.facts["reason"] == "requested"
     assert stopped.facts["not_stored"]
     ballast.unlink()
     assert _rigctl("resume", run).returncode == 0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from benchmarks.trials.uncertain_panels import drawn_truth, scene_text, take_run
 from rigctl.comparison.predict_run import differences, run_predictor, scene_of_run
@@ -13,7 +14,7 @@ from rigctl.files.rig_file import PolarizerSection
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import frame_order, measure
 from rigctl.runs.folder import Run
-from rigctl.runs.records import FrameRecord, RigAsTaken, session_record
+from rigctl.runs.records import FrameRecord, RigAsTaken, SessionRecord
 from rigctl.runs.writer import RunWriter
 from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import OFFSET
@@ -39,7 +40,7 @@ def seen(scene, *frames, origin="device", **session):
     content = {"origin": origin} | session
     run = Run(
         path=Path("run"),
-        session=session_record(content),
+        session=TypeAdapter(SessionRecord).validate_python(content),
         session_json=content,
         frames=(),
         created_by="test",

@@ -14,7 +14,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.prediction.sessions import SceneSessions, TradeoffRequest, acquisition_tradeoff
 from rigctl.report.tradeoff import proposal, reached_table, tradeoff_csv, tradeoff_json, tradeoff_picture, ways_table
-from rigctl.session.target_cycles import with_cycles_for
+from rigctl.session.forecast import with_cycles_for
 from tests.rigctl.example_files import SMALL_SCENE
 
 TARGET = 0.004

@@ -242,7 +242,7 @@ def test_grouping_says_what_drift_costs_it(tmp_path):
     # Eight frames of an angle take eight times as long as one, and the angles are so much further apart; the moves
     # of the stage are fewer.
     assert cost > instead
-    assert f"a false DoLP of {cost:.2g}; in cycles it were {instead:.2g}" in grouping_cost(grouped)
+    assert f"a false DoLP of {cost:.2g}; in cycles it would be {instead:.2g}" in grouping_cost(grouped)
 
 
 def test_a_bracket_takes_each_exposure_at_each_angle(tmp_path):

@@ -13,8 +13,8 @@ from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import SessionNoise
+from rigctl.session.forecast import predict_rounds
 from rigctl.session.plan import plan_session
-from rigctl.session.predicted_rounds import predict_rounds
 from rigctl.session.take import take_session
 from rigctl.verbs.session import hold, resume
 from tests.rigctl.example_files import EXAMPLES, SHORT_SESSION, small_rig, small_rig_text
