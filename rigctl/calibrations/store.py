@@ -1,10 +1,9 @@
-"""A folder of calibrations, beside the rig file: what it holds, of which devices, and from when.
+"""The store of calibrations: the folder `calibrations` beside a rig file.
 
-History of a store of calibrations: how gain, read noise, dark current and axis of each device have moved.
-
-Picking the calibration of a store that fits frames: which one, why, and why not the others.
-
-Calibrations that the store has for a rig, before any device is opened: picks, and what expires or is missing.
+`read_store` lists its files with devices and times. `choose` picks the calibration of a kind that fits frames, with the
+reason, and the reasons against the others; `picked_for_rig` does so for a rig before any device is opened, and
+`store_doubts` names what is missing or expires soon. `histories_of` follows gain, read noise, dark current and axis of
+each device through time, with control limits.
 """
 
 import json
@@ -61,7 +60,7 @@ class StoredCalibration:
 
 @dataclass(frozen=True, kw_only=True)
 class UnreadFile:
-    """A file of a store that is no calibration that this program reads, and why; of another kind, or damaged."""
+    """A file of a store that is damaged, or not a calibration that this program reads."""
 
     file: Path
     problem: str
@@ -69,7 +68,7 @@ class UnreadFile:
 
     @property
     def line(self) -> str:
-        """It in a line that a person reads."""
+        """The problem in a line for people."""
         return f"calibration not read: {self.file}: {self.problem.partition(chr(10))[0]}"
 
 
@@ -85,10 +84,6 @@ class CalibrationStore:
     def damaged(self) -> tuple[UnreadFile, ...]:
         """Files that may be calibrations, and cannot be read."""
         return tuple(one for one in self.unread if one.is_damaged)
-
-    def of(self, kind: CalibrationKind) -> tuple[StoredCalibration, ...]:
-        """Return the calibrations of a kind, the oldest first."""
-        return tuple(one for one in self.calibrations if one.kind == kind)
 
 
 def store_beside(file: Path) -> Path | None:
@@ -186,14 +181,14 @@ _SECONDS_A_YEAR = 365.25 * 86400.0
 class HistoryPoint:
     """A number of one calibration."""
 
-    utc: str  #: When its frames were taken.
-    value: float  #: In the unit that the number's name ends in; an axis is followed over half turns.
+    utc: str  #: start of its last frame
+    value: float  #: in the unit that the number's name ends in; an axis is followed over half turns
     std_error: float
-    #: Control limits: where it would lie 997 times in 1000 if nothing moved, by its own stated error and that of the
-    #: mean of all of this device.
+    #: control limits: the number would lie within them 997 times in 1000 if nothing moved, by its own stated error and
+    #: that of the mean of this device
     limits: tuple[float, float]
-    is_inside: bool  #: It lies within them.
-    file: Path  #: The calibration.
+    is_inside: bool
+    file: Path  #: the calibration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +204,7 @@ class History:
 
     @property
     def line(self) -> str:
-        """It in a line that a person reads."""
+        """The history in a line for people."""
         first, last = self.points[0], self.points[-1]
         if len(self.points) == 1:
             return f"{self.quantity} of {self.device}: {first.value:.6g} +- {first.std_error:.2g}, calibrated once"
@@ -220,7 +215,7 @@ class History:
         return text + (f"; {outside} outside the control limits: IT MOVES" if outside else "; within control limits")
 
     def as_json(self) -> dict[str, Json]:
-        """Return it as JSON holds it."""
+        """Return the history as JSON."""
         return {
             "quantity": self.quantity,
             "device": self.device,
@@ -279,42 +274,31 @@ _SHOWN = 5
 class Pick:
     """A calibration that was picked."""
 
-    kind: CalibrationKind  #: Of `rigctl.calibrations.store.KINDS`.
-    file: Path  #: Where it stands.
-    sha256: str  #: Of its content.
-    why: str  #: Why this one.
-    age_days: float | None  #: Days between it and the frames, below 0 where it came after; None is not known.
+    file: Path
+    sha256: str  #: of its content
+    why: str  #: reason for this one
+    age_days: float | None = None  #: days between it and the frames, below 0 where it came after; None is not known
 
     def as_json(self) -> dict[str, Json]:
-        """Return it as results hold it."""
+        """Return the pick as results hold it."""
         age = None if self.age_days is None else round(self.age_days, 3)
         return {"file": str(self.file), "sha256": self.sha256, "why": self.why, "age_days": age}
 
 
 @dataclass(frozen=True, kw_only=True)
-class NotPicked:
-    """A calibration of the same kind that was not taken, and why; `is_unfit` unless another was merely nearer."""
-
-    kind: CalibrationKind
-    file: Path
-    reason: str
-    is_unfit: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
 class Choice:
-    """What was picked of a kind, None where nothing fits, and what was not."""
+    """The calibration of a kind that fits frames best."""
 
     kind: CalibrationKind
-    pick: Pick | None
-    others: tuple[NotPicked, ...]
+    pick: Pick | None  #: None where nothing fits
+    others: tuple[tuple[Path, str], ...] = ()  #: files of the same kind that were not picked, and why
 
     @property
     def line(self) -> str:
-        """It in a line that a person reads."""
+        """The choice in a line for people."""
         if self.pick is not None:
             return f"{self.kind} calibration: {self.pick.file}: {self.pick.why}"
-        reasons = "; ".join(f"{one.file.name}: {one.reason}" for one in self.others[-_SHOWN:])
+        reasons = "; ".join(f"{file.name}: {reason}" for file, reason in self.others[-_SHOWN:])
         return f"no {self.kind} calibration: of {len(self.others)} in the store none fits: {reasons}"
 
 
@@ -324,18 +308,12 @@ def choices_json(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> di
     return {
         "calibrations": {one.kind: one.pick.as_json() for one in choices if one.pick is not None},
         "calibrations_not_picked": [
-            {"kind": one.kind, "file": str(one.file), "reason": one.reason}
+            {"kind": choice.kind, "file": str(file), "reason": reason}
             for choice in choices
-            for one in choice.others
+            for file, reason in choice.others
         ],
         **({"calibrations_not_read": not_read} if not_read else {}),
     }
-
-
-def choice_lines(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> tuple[str, ...]:
-    """Return what was picked and why, a line for each kind of which the store has any, and what could not be read."""
-    told = (choice.line for choice in choices if choice.pick is not None or choice.others)
-    return (*told, *(one.line for one in damaged))
 
 
 def choose(
@@ -351,34 +329,25 @@ def choose(
     one that is not, one whose devices are stated before one that says nothing of them, one before the frames before
     one after them; then the nearest in time.
     """
-    unfit: list[NotPicked] = []
-    fitting: list[StoredCalibration] = []
-    for one in store.of(kind):
-        reason = _unfit(one, used)
-        if reason is None:
-            fitting.append(one)
-        else:
-            unfit.append(NotPicked(kind=kind, file=one.file, reason=reason))
-    fitting.reverse()  # of those that are alike the newest goes first
+    reasons = [(one, _unfit(one, used)) for one in store.calibrations if one.kind == kind]
+    unfit = [(one.file, reason) for one, reason in reasons if reason is not None]
+    # Of calibrations with the same rank the newest comes first.
+    fitting = [one for one, reason in reversed(reasons) if reason is None]
     ranked = sorted(fitting, key=lambda one: _rank(one, used))
     for place, one in enumerate(ranked):
         try:
             if require_usable is not None:
                 require_usable(one.file)
         except DataError as error:
-            unfit.append(NotPicked(kind=kind, file=one.file, reason=_short(one.file, error)))
+            unfit.append((one.file, str(error).removeprefix(f"{one.file}: ").partition("\n")[0]))
             continue
-        rest = tuple(
-            NotPicked(kind=kind, file=other.file, reason=_farther(other, used), is_unfit=False)
-            for other in ranked[place + 1 :]
-        )
-        why = _why(one, used, fitting=1 + len(rest), unfit=unfit, store=store)
-        same = [other.file.name for other in ranked[place + 1 :] if _rank(other, used) == _rank(one, used)]
+        rest = ranked[place + 1 :]
+        why = _why(one, used, fitting=1 + len(rest), refused=[reason for _, reason in unfit], store=store)
+        same = [other.file.name for other in rest if _rank(other, used) == _rank(one, used)]
         why += f"; taken at the same time: {', '.join(same)}; the last by name is used" if same else ""
-        pick = Pick(
-            kind=kind, file=one.file, sha256=sha256_of(one.file), why=why, age_days=age_days(one.made_for, used)
-        )
-        return Choice(kind=kind, pick=pick, others=(*unfit, *rest))
+        pick = Pick(file=one.file, sha256=sha256_of(one.file), why=why, age_days=age_days(one.made_for, used))
+        farther = [(other.file, _farther(other, used)) for other in rest]
+        return Choice(kind=kind, pick=pick, others=(*unfit, *farther))
     return Choice(kind=kind, pick=None, others=tuple(unfit))
 
 
@@ -409,10 +378,10 @@ def _rank(one: StoredCalibration, used: MadeFor) -> tuple[bool, bool, int, bool,
 
 
 def _why(
-    one: StoredCalibration, used: MadeFor, *, fitting: int, unfit: Sequence[NotPicked], store: CalibrationStore
+    one: StoredCalibration, used: MadeFor, *, fitting: int, refused: Sequence[str], store: CalibrationStore
 ) -> str:
     days, made = age_days(one.made_for, used), one.made_for
-    taken = "at a time that nobody knows" if made.taken_utc is None else made.taken_utc[:10]
+    taken = "at an unknown time" if made.taken_utc is None else made.taken_utc[:10]
     apart = "" if days is None else f", {abs(days):.1f} days {'before' if days >= 0.0 else 'AFTER'} the frames"
     which = (
         "the only one that fits"
@@ -424,12 +393,12 @@ def _why(
     if days is not None and days < 0.0:
         which = "the nearest, as none that fits came before the frames"
     text = f"{which}: taken {taken}{apart}, holds for {made.valid_days:g} days{_identity(one, used)}"
-    refused = Counter(one.reason.partition(":")[0] for one in unfit)
     if refused:
-        text += "; refused: " + ", ".join(f"{count} ({reason})" for reason, count in refused.items())
-    cameras = {other.made_for.camera_serial for other in store.of(one.kind)} - {None}
+        counts = Counter(reason.partition(":")[0] for reason in refused)
+        text += "; refused: " + ", ".join(f"{count} ({reason})" for reason, count in counts.items())
+    cameras = {other.made_for.camera_serial for other in store.calibrations if other.kind == one.kind} - {None}
     if used.camera_serial is None and len(cameras) > 1:
-        text += f"; which camera it will be is not said, and the store has {len(cameras)}"
+        text += f"; the camera to be used is not stated, and the store has {len(cameras)}"
     return text
 
 
@@ -450,10 +419,6 @@ def _farther(one: StoredCalibration, used: MadeFor) -> str:
     return f"{when}fits, and another is nearer"
 
 
-def _short(file: Path, error: DataError) -> str:
-    return str(error).removeprefix(f"{file}: ").partition("\n")[0]
-
-
 NONE = Path("none")
 # Without these nothing is compared; the others are warned of where the store has had them once.
 _NEEDED: tuple[CalibrationKind, ...] = ("noise", "polarizer")
@@ -464,11 +429,11 @@ _CLOCK_DAYS = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class RigPicks:
-    """What the store has for a rig: a choice for each kind, and files that cannot be read; None: there is no store."""
+    """Choices from a store for a rig or a run."""
 
-    store: Path | None = None
-    choices: tuple[Choice, ...] = ()
-    damaged: tuple[UnreadFile, ...] = ()
+    store: Path | None = None  #: None where there is no store, and nothing is picked
+    choices: tuple[Choice, ...] = ()  #: one for each kind
+    damaged: tuple[UnreadFile, ...] = ()  #: files that may be calibrations and cannot be read
 
     @property
     def files(self) -> dict[CalibrationKind, Path]:
@@ -477,8 +442,9 @@ class RigPicks:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What was picked and why, a line for each kind of which the store has any."""
-        return choice_lines(self.choices, self.damaged)
+        """Each choice of which the store has any calibration, and each damaged file, in a line."""
+        lines = (choice.line for choice in self.choices if choice.pick is not None or choice.others)
+        return (*lines, *(one.line for one in self.damaged))
 
     def report(self) -> None:
         """Report what was picked; warn where there are calibrations of a kind and none fits."""
@@ -491,7 +457,7 @@ class RigPicks:
             note(file.line)
 
     def as_json(self) -> dict[str, Json]:
-        """Return what results say of it; nothing where there is no store."""
+        """Return the choices as results hold them; nothing where there is no store."""
         return {} if self.store is None else choices_json(self.choices, self.damaged)
 
 
@@ -531,7 +497,7 @@ def _store(rig_path: Path, store: Path | None) -> CalibrationStore | None:
 
 
 def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Iterable[str]:
-    there = store.of(kind)
+    there = [one for one in store.calibrations if one.kind == kind]
     if not there:
         if kind in _NEEDED:
             yield f"{store.folder} has no {kind} calibration"

@@ -21,14 +21,10 @@ from rigctl.calibrations.store import (
     Choice,
     Pick,
     RigPicks,
-    UnreadFile,
-    choice_lines,
-    choices_json,
     choose,
     read_store,
 )
 from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region
 from rigctl.files.rig_file import PLACEHOLDER
@@ -176,29 +172,10 @@ _ABOVE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class PickedCalibrations:
-    """Calibrations of a run: those that were named, and those that were picked."""
+class PickedCalibrations(RigPicks):
+    """Calibrations of a run: those that were named, and those that were picked from the store."""
 
-    paths: CalibrationPaths  #: All of them.
-    store: Path | None = None  #: Where was looked; None where there is no store, and nothing is picked.
-    choices: tuple[Choice, ...] = ()  #: What was picked, kind by kind, and what was not.
-    damaged: tuple[UnreadFile, ...] = ()  #: Files of the store that may be calibrations, and cannot be read.
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """What was picked and why, a line for each kind of which the store has any."""
-        return choice_lines(self.choices, self.damaged)
-
-    def report(self) -> None:
-        """Report what was picked; warn where there are calibrations of a kind and none fits."""
-        for choice in self.choices:
-            (warn if choice.pick is None and choice.others else note)(choice.line)
-        for line in choice_lines((), self.damaged):
-            note(line)
-
-    def as_json(self) -> dict[str, Json]:
-        """Return what results say of it; nothing where there is no store."""
-        return {} if self.store is None else choices_json(self.choices, self.damaged)
+    paths: CalibrationPaths  #: all of them
 
 
 def calibration_paths(
@@ -216,16 +193,16 @@ def calibration_paths(
     return paths.with_files({kind: path for kind, path in named.items() if path is not None and path != NONE})
 
 
-def calibrations_json(picked: "PickedCalibrations | RigPicks | None") -> dict[str, Json]:
+def calibrations_json(picked: RigPicks | None) -> dict[str, Json]:
     """Return the calibrations that were used, by kind: file, sha256, why, age_days; empty where there is no store."""
-    picks = () if picked is None or picked.store is None else (one.pick for one in picked.choices)
-    return {one.kind: one.as_json() for one in picks if one is not None}
+    choices = () if picked is None or picked.store is None else picked.choices
+    return {one.kind: one.pick.as_json() for one in choices if one.pick is not None}
 
 
-def named_calibrations(picked: "PickedCalibrations | RigPicks | None") -> str:
+def named_calibrations(picked: RigPicks | None) -> str:
     """Return the calibrations that were used as the end of a sentence."""
-    picks = () if picked is None else (one.pick for one in picked.choices)
-    files = [f"{one.kind} {one.file.name}" for one in picks if one is not None]
+    choices = () if picked is None else picked.choices
+    files = [f"{one.kind} {one.pick.file.name}" for one in choices if one.pick is not None]
     return f", with {', '.join(files)}" if files else ""
 
 
@@ -267,8 +244,7 @@ def store_of_run(run: Run) -> Path | None:
 
 
 def _named(kind: CalibrationKind, path: Path) -> Choice:
-    pick = Pick(kind=kind, file=path, sha256=sha256_of(path), why="named on the command line", age_days=None)
-    return Choice(kind=kind, pick=pick, others=())
+    return Choice(kind=kind, pick=Pick(file=path, sha256=sha256_of(path), why="named on the command line"))
 
 
 def _usable(kind: CalibrationKind, run: Run, grid: FrameGrid) -> Callable[[Path], object]:

@@ -63,7 +63,7 @@ def list_store(
         warn(f"{unread.file}: {unread.problem}")
     return StoreResult(
         store=store,
-        rows=tuple(_row(one, now) for one in store.calibrations),
+        now=now,
         choices=None if used_by is None else _choices(Path(used_by), store.folder, now_ns),
     )
 
@@ -104,62 +104,60 @@ def history(folder: FilePath | None = None, /, *, out: Annotated[FilePath | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class StoredRow:
-    """A calibration with its age, and whether it still holds."""
-
-    calibration: "StoredCalibration"
-    sha256: str
-    age_days: float | None
-    holds: bool
-
-    def as_json(self) -> dict[str, Json]:
-        """Return it as JSON holds it."""
-        one = self.calibration
-        return {
-            "kind": one.kind,
-            "parts": list(one.parts),
-            "file": str(one.file),
-            "sha256": self.sha256,
-            "age_days": self.age_days,
-            "holds": self.holds,
-            "made_for": one.made_for.as_json(),
-            "numbers": {name: asdict(number) for name, number in one.numbers.items()},
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
 class StoreResult(Result):
-    """What a store holds, and what it has for a run or rig where that was asked."""
+    """Calibrations of a store, and the choices for a run or rig if one is given."""
 
     store: "CalibrationStore"
-    rows: tuple[StoredRow, ...]
+    now: "MadeFor"  #: the time that ages are taken at
     choices: "tuple[Choice, ...] | None" = None
 
     def content(self) -> Iterable[Part]:
-        """Return the calibrations as a table, and which are picked."""
+        """Return the calibrations as a table, and the choices."""
+        from rigctl.calibrations.made_for import age_days
         from rigctl.report.table import Column, Table
 
-        columns: tuple[Column[StoredRow], ...] = (
-            Column(title="kind", text=lambda row: "+".join(row.calibration.parts), left=True),
-            Column(title="taken", text=lambda row: (row.calibration.made_for.taken_utc or "not known")[:10], left=True),
-            Column(title="age [d]", text=lambda row: "" if row.age_days is None else f"{row.age_days:.0f}"),
-            Column(title="holds [d]", text=_holds),
-            Column(title="camera", text=lambda row: row.calibration.made_for.camera_serial or "not stated", left=True),
-            Column(title="stage", text=lambda row: row.calibration.made_for.stage_serial or "", left=True),
-            Column(title="gain [dB]", text=lambda row: _number(row.calibration.made_for.gain_db)),
-            Column(title="deg C", text=lambda row: _number(row.calibration.made_for.temperature_c)),
-            Column(title="file", text=lambda row: str(row.calibration.file.relative_to(self.store.folder)), left=True),
+        def age(one: "StoredCalibration") -> str:
+            days = age_days(one.made_for, self.now)
+            return "" if days is None else f"{days:.0f}"
+
+        columns: tuple[Column[StoredCalibration], ...] = (
+            Column(title="kind", text=lambda one: "+".join(one.parts), left=True),
+            Column(title="taken", text=lambda one: (one.made_for.taken_utc or "not known")[:10], left=True),
+            Column(title="age [d]", text=age),
+            Column(
+                title="holds [d]",
+                text=lambda one: f"{one.made_for.valid_days:g}{'' if _holds(one, self.now) else ' EXPIRED'}",
+            ),
+            Column(title="camera", text=lambda one: one.made_for.camera_serial or "not stated", left=True),
+            Column(title="stage", text=lambda one: one.made_for.stage_serial or "", left=True),
+            Column(title="gain [dB]", text=lambda one: _number(one.made_for.gain_db)),
+            Column(title="deg C", text=lambda one: _number(one.made_for.temperature_c)),
+            Column(title="file", text=lambda one: str(one.file.relative_to(self.store.folder)), left=True),
         )
-        yield Table(columns=columns, rows=self.rows)
+        yield Table(columns=columns, rows=self.store.calibrations)
         yield from (one.line for one in self.choices or () if one.pick is not None or one.others)
 
     def as_json(self) -> dict[str, Json]:
         """Return calibrations, files that cannot be read, history and choices."""
+        from rigctl.base.durable import sha256_of
+        from rigctl.calibrations.made_for import age_days
         from rigctl.calibrations.store import choices_json, histories_of
 
         content: dict[str, Json] = {
             "folder": str(self.store.folder),
-            "stored": [row.as_json() for row in self.rows],
+            "stored": [
+                {
+                    "kind": one.kind,
+                    "parts": list(one.parts),
+                    "file": str(one.file),
+                    "sha256": sha256_of(one.file),
+                    "age_days": age_days(one.made_for, self.now),
+                    "holds": _holds(one, self.now),
+                    "made_for": one.made_for.as_json(),
+                    "numbers": {name: asdict(number) for name, number in one.numbers.items()},
+                }
+                for one in self.store.calibrations
+            ],
             "not_read": [{"file": str(one.file), "problem": one.problem} for one in self.store.unread],
             "history": [one.as_json() for one in histories_of(self.store)],
         }
@@ -168,7 +166,7 @@ class StoreResult(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryResult(Result):
-    """How the numbers of a store have moved."""
+    """Histories of the numbers of a store."""
 
     folder: Path
     histories: "tuple[History, ...]"
@@ -197,13 +195,11 @@ def _folder(given: FilePath | None) -> Path:
     return path.parent / STORE_FOLDER if path.is_file() and path.suffix == ".toml" else path
 
 
-def _row(one: "StoredCalibration", now: "MadeFor") -> StoredRow:
-    from rigctl.base.durable import sha256_of
+def _holds(one: "StoredCalibration", now: "MadeFor") -> bool:
     from rigctl.calibrations.made_for import age_days
 
     age, valid = age_days(one.made_for, now), one.made_for.valid_days
-    holds = age is None or valid is None or age <= valid
-    return StoredRow(calibration=one, sha256=sha256_of(one.file), age_days=age, holds=holds)
+    return age is None or valid is None or age <= valid
 
 
 def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
@@ -217,10 +213,6 @@ def _choices(used_by: Path, folder: Path, now_ns: int) -> "tuple[Choice, ...]":
         return picked_for_run(CalibrationPaths(picks=True, store=folder), used_run(used_by), tuple(KINDS)).choices
     rig = load_rig(used_by)
     return picked_for_rig(rig, used_by, now_ns=now_ns, store=folder, named=dict.fromkeys(KINDS)).choices
-
-
-def _holds(row: StoredRow) -> str:
-    return f"{row.calibration.made_for.valid_days:g}{'' if row.holds else ' EXPIRED'}"
 
 
 def _number(value: float | None) -> str:

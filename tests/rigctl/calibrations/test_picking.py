@@ -50,7 +50,7 @@ def test_the_newest_before_the_frames_is_picked(folder):
     found = _picked(folder)
     assert (found.pick.file.name, found.pick.age_days) == ("2026-05-01.json", 45.0)
     assert "of 3 of these devices and settings" in found.pick.why
-    assert not any(one.is_unfit for one in found.others)
+    assert all("fits, and another is nearer" in reason for _, reason in found.others)
 
 
 def test_without_one_before_them_the_nearest_after_is_picked_and_that_is_said(folder):
@@ -74,7 +74,7 @@ def test_what_does_not_fit_is_refused_with_its_reason(folder, facts, said):
     write_noise(folder, "n.json", taken="2026-06-01", **facts)
     found = _picked(folder)
     assert found.pick is None
-    assert said in found.others[0].reason
+    assert said in found.others[0][1]
     assert said in found.line
 
 
@@ -104,7 +104,7 @@ def test_one_that_cannot_be_used_after_all_gives_way_to_the_next(folder):
             raise DataError(f"{path}: spoilt")
 
     found = _picked(folder, require_usable=require_usable)
-    assert (found.pick.file.name, found.others[0].reason) == ("a.json", "spoilt")
+    assert (found.pick.file.name, found.others[0][1]) == ("a.json", "spoilt")
 
 
 def test_frames_without_a_time_take_the_newest(folder):
