@@ -123,7 +123,8 @@ def require_positive_intensity(stokes: FloatArray) -> None:
 
 def direction(*, zenith_rad: ArrayLike, azimuth_rad: ArrayLike) -> FloatArray:
     """Return the unit vector of a direction given by its angles."""
-    zenith, azimuth = np.broadcast_arrays(_angle("zenith_rad", zenith_rad), _angle("azimuth_rad", azimuth_rad))
+    angles = finite_angle("zenith_rad", zenith_rad), finite_angle("azimuth_rad", azimuth_rad)
+    zenith, azimuth = np.broadcast_arrays(*angles)
     sine = np.sin(zenith)
     return np.stack([sine * np.sin(azimuth), sine * np.cos(azimuth), np.cos(zenith)], axis=-1)
 
@@ -143,7 +144,7 @@ def horizontal_axis(azimuth_rad: ArrayLike, *, travels_to_target: bool) -> Float
 
     Definition: unit(up x k).
     """
-    azimuth = _angle("azimuth_rad", azimuth_rad)
+    azimuth = finite_angle("azimuth_rad", azimuth_rad)
     sign = 1.0 if travels_to_target else -1.0
     return np.stack([sign * np.cos(azimuth), -sign * np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
 
@@ -163,7 +164,8 @@ def _require_transmittances(along: FloatArray, across: FloatArray) -> None:
         )
 
 
-def _angle(name: str, value: ArrayLike) -> FloatArray:
+def finite_angle(name: str, value: ArrayLike) -> FloatArray:
+    """Return angles as a float64 array; raise ValueError unless all are finite."""
     angle = np.asarray(value, dtype=np.float64)
     if not np.all(np.isfinite(angle)):
         raise ValueError(f"{name} = {angle[~np.isfinite(angle)].flat[0]} rad; allowed are finite angles")

@@ -15,7 +15,7 @@ from model import stokes as geometry
 from model.scene.sky_light import DiffuseRadiance, Illumination, Nodes, hemisphere_nodes, nodes_toward
 from model.stokes import rotate_frame
 from model.surface.facets import SLOPE_CUT, facet_nodes
-from model.surface.pbrdf import LocalGeometry, Surface, Tilt, evaluate, local_geometry
+from model.surface.pbrdf import LocalGeometry, Surface, Tilt, local_geometry, mueller
 
 # Position of a camera, as seen from its target
 
@@ -133,9 +133,9 @@ class PanelLight:
         table, lit = self._surface.table, local.theta_i_rad < 0.5 * np.pi
         if table is not None:
             table.require_covered(local.theta_i_rad[lit], local.theta_r_rad[lit])
-        mueller = self._mueller(local, specular=True) + self._mueller(local, specular=False)
+        matrix = self._mueller(local, specular=True) + self._mueller(local, specular=False)
         on_panel = irradiance * np.maximum(np.cos(local.theta_i_rad), 0.0)
-        return self._to_cameras(on_panel[:, np.newaxis] * mueller[:, :, 0])
+        return self._to_cameras(on_panel[:, np.newaxis] * matrix[:, :, 0])
 
     def lobe(self, light: DiffuseRadiance, order: int) -> FloatArray:
         """Return the diffuse radiance that the lobe reflects, shape (V, 3) [W m-2 sr-1].
@@ -156,7 +156,7 @@ class PanelLight:
         [MK14] eq. (3).
         """
         found = np.zeros((self._theta_r_rad.size, 3))
-        if self._surface.diffuse_term is None:
+        if not self._surface.has_diffuse:
             return found
         incident, start = light.on_nodes(self._tilt, order), 0
         for rule in self._rules(order, specular=False):
@@ -179,14 +179,14 @@ class PanelLight:
 
     def _lobe_rules(self, order: int) -> Iterator[_Rule]:
         slope_rms = self._surface.slope_rms
-        facets = facet_nodes(
+        row, *facets = facet_nodes(
             self._theta_r_rad,
             slope_rms=slope_rms,
             shadowing=self._surface.shadowing,
             order=order,
             cut=min(_LEAST_CUT + _CUT_BY_ORDER * order, SLOPE_CUT),
         )
-        parts = np.broadcast_arrays(facets.row[:, np.newaxis], facets.x, facets.y, facets.weight)
+        parts = np.broadcast_arrays(row[:, np.newaxis], *facets)
         camera, x, y, weight = (np.tile(part.ravel(), 2) for part in parts)
         y[y.size // 2 :] *= -1.0
         # The facets' weight holds the density of slopes, which is part of the pBRDF too: take it out.
@@ -221,13 +221,13 @@ class PanelLight:
 
     def _mueller(self, local: LocalGeometry, *, specular: bool) -> FloatArray:
         """Lobe or diffuse term of the pBRDF alone, in the panel's frames."""
-        return evaluate(
+        return mueller(
             local.theta_i_rad,
             local.theta_r_rad,
             local.phi_rad,
-            lobe=self._surface.lobe,
-            specular_weight=self._surface.specular_weight if specular else 0.0,
-            diffuse=None if specular else self._surface.diffuse_term,
+            surface=self._surface,
+            lobe=specular,
+            diffuse=not specular,
         )
 
     def _local(self, zenith_rad: FloatArray, azimuth_rad: FloatArray, camera: IntArray) -> LocalGeometry:

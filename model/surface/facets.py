@@ -1,19 +1,26 @@
-"""Facets of a rough surface: Fresnel mirrors with Gaussian slopes that hide one another.
+"""The specular lobe of a rough surface: Fresnel mirrors with Gaussian slopes that hide one another.
 
-Integrals over the lobe run over the slopes (x, y), x along the sun's azimuth. What sees the sun and mirrors it above
-the horizon, and where the V-cavity changes its branch, are bounded by curves y(x) known in closed form, so that the
-plane is cut into panels in which the integrand is smooth and Gauss-Legendre rules converge at their full rate.
+`half_vector_geometry` and `write_specular` give the Mueller matrix of the lobe between two directions,
+`lobe_reflectance` the share of the light that the lobe reflects into the hemisphere, and `reflectance_table` that share
+as a series, where it is needed at many angles.
+
+Integrals over the lobe run over the slopes (x, y) of the facets, x along the sun's azimuth. The facets that see the sun
+and mirror it above the horizon, and those where the V-cavity changes its branch, are bounded by curves y(x) known in
+closed form. They cut the plane into panels in which the integrand is smooth and Gauss-Legendre rules converge fast.
 """
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from model.numerics import erfc, gauss_legendre
+from model.stokes import finite_angle
 
 FloatArray = NDArray[np.float64]
 AmplitudeArray = NDArray[np.inexact]
@@ -22,6 +29,9 @@ _DoubleAngle = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
 
 Shadowing = Literal["none", "v-cavity", "smith", "smith-correlated"]
 SHADOWING: tuple[Shadowing, ...] = get_args(Shadowing)
+# The lobe's solid angle is about 4 pi slope_rms^2; below this slope it is much narrower than the sun's disc.
+SLOPE_RMS_MIN = 1e-3
+INDEX_MAX = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +59,18 @@ class Lobe:
     shadowing: Shadowing
 
     def __post_init__(self) -> None:
-        _require_index(n=self.n, k=self.k)
-        _require_slope_rms(self.slope_rms)
+        if not 0.0 < self.n <= INDEX_MAX:
+            raise ValueError(f"n = {self.n}; allowed is 0 < n <= {INDEX_MAX:g} (real part of the refractive index)")
+        if not 0.0 <= self.k <= INDEX_MAX:
+            raise ValueError(
+                f"k = {self.k}; allowed is 0 <= k <= {INDEX_MAX:g} (the index is n + ik, absorption is positive)"
+            )
+        if not (math.isfinite(self.slope_rms) and self.slope_rms >= SLOPE_RMS_MIN):
+            raise ValueError(
+                f"slope_rms = {self.slope_rms}; allowed is {SLOPE_RMS_MIN:g} and above (per axis). A smoother surface "
+                "is a mirror: its lobe is narrower than the sun's disc, so a reflectance per solid angle says nothing; "
+                "use a slope of the sun's half width (about 0.0023) or the mirror's Fresnel reflectance"
+            )
         if self.shadowing not in SHADOWING:
             raise ValueError(f"shadowing = {self.shadowing!r}; allowed are {', '.join(map(repr, SHADOWING))}")
 
@@ -62,11 +82,6 @@ class HemisphericalReflectance:
     s0: FloatArray
     s1: FloatArray
     error: FloatArray
-
-
-def checked_azimuth(name: str, angle_rad: ArrayLike) -> FloatArray:
-    """Return azimuths as a float64 array."""
-    return _finite(name, angle_rad)
 
 
 @lru_cache(maxsize=256)
@@ -124,7 +139,7 @@ def lobe_reflectance(theta_i_rad: ArrayLike, *, lobe: Lobe, tolerance: float = _
 
 def checked_zenith(name: str, angle_rad: ArrayLike) -> FloatArray:
     """Return zenith angles as a float64 array."""
-    angle = _finite(name, angle_rad)
+    angle = finite_angle(name, angle_rad)
     outside = (angle < 0.0) | (angle > np.pi)
     if np.any(outside):
         raise ValueError(
@@ -138,20 +153,10 @@ def checked_zenith(name: str, angle_rad: ArrayLike) -> FloatArray:
 SLOPE_CUT = 7.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class FacetNodes:
-    """Facets and their weights."""
-
-    row: NDArray[np.intp]
-    x: FloatArray
-    y: FloatArray
-    weight: FloatArray
-
-
 def facet_nodes(
     theta_i_rad: FloatArray, *, slope_rms: float, shadowing: Shadowing, order: int, cut: float = SLOPE_CUT
-) -> FacetNodes:
-    """Return nodes over the facets that mirror the sun into the upper hemisphere.
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray, FloatArray]:
+    """Return nodes over the facets that mirror the sun into the upper hemisphere: row of the sun, slopes, weights.
 
     Definition; reflected above the horizon is 1 + x^2 + y^2 < 2 (1 + x tan theta), and with the V-cavity the way
     out is the narrower one where 1 + x^2 + y^2 > 4 (1 + x tan theta) / (2 + min(1 + x tan theta, 2)).
@@ -166,38 +171,7 @@ def facet_nodes(
     strip_x = x[kept[:2]][:, None]
     y = breaks[..., :-1][kept][:, None] + widths[kept][:, None] * node
     density = np.exp((strip_x**2 + y**2) * (-0.5 / slope_rms**2)) / (np.pi * slope_rms**2)
-    return FacetNodes(row=kept[0], x=strip_x, y=y, weight=strip_weight[kept][:, None] * node_weight * density)
-
-
-# The lobe's solid angle is about 4 pi slope_rms^2; below this it is narrower than the sun's disc by far.
-SLOPE_RMS_MIN = 1e-3
-INDEX_MAX = 1e9
-
-
-def _require_index(*, n: float, k: float) -> None:
-    """Raise unless n + ik is a refractive index."""
-    if not 0.0 < n <= INDEX_MAX:
-        raise ValueError(f"n = {n}; allowed is 0 < n <= {INDEX_MAX:g} (real part of the refractive index)")
-    if not 0.0 <= k <= INDEX_MAX:
-        raise ValueError(f"k = {k}; allowed is 0 <= k <= {INDEX_MAX:g} (the index is n + ik, absorption is positive)")
-
-
-def _require_slope_rms(slope_rms: float) -> None:
-    """Raise ValueError if the slope is too small for a lobe of finite width."""
-    if not (math.isfinite(slope_rms) and slope_rms >= SLOPE_RMS_MIN):
-        raise ValueError(
-            f"slope_rms = {slope_rms}; allowed is {SLOPE_RMS_MIN:g} and above (per axis). A smoother surface is "
-            "a mirror: its lobe is narrower than the sun's disc, so a reflectance per solid angle says nothing; "
-            "use a slope of the sun's half width (about 0.0023) or the mirror's Fresnel reflectance"
-        )
-
-
-def _finite(name: str, angle_rad: ArrayLike) -> FloatArray:
-    angle = np.asarray(angle_rad, dtype=np.float64)
-    if not np.all(np.isfinite(angle)):
-        bad = angle[~np.isfinite(angle)].flat[0]
-        raise ValueError(f"{name} = {bad} rad; allowed are finite angles")
-    return angle
+    return kept[0], strip_x, y, strip_weight[kept][:, None] * node_weight * density
 
 
 def _refined(theta_rad: FloatArray, lobe: Lobe, tolerance: float) -> FloatArray:
@@ -218,13 +192,13 @@ def _refined(theta_rad: FloatArray, lobe: Lobe, tolerance: float) -> FloatArray:
 
 def _integrals(theta_rad: FloatArray, lobe: Lobe, order: int) -> FloatArray:
     """Reflectance for S0 and for S1, shape (2, T), by one rule."""
-    nodes = facet_nodes(theta_rad, slope_rms=lobe.slope_rms, shadowing=lobe.shadowing, order=order)
-    cos_i, sin_i = np.cos(theta_rad)[nodes.row, None], np.sin(theta_rad)[nodes.row, None]
-    seen = cos_i + nodes.x * sin_i
-    secant2 = 1.0 + nodes.x**2 + nodes.y**2
+    row, x, y, weight = facet_nodes(theta_rad, slope_rms=lobe.slope_rms, shadowing=lobe.shadowing, order=order)
+    cos_i, sin_i = np.cos(theta_rad)[row, None], np.sin(theta_rad)[row, None]
+    seen = cos_i + x * sin_i
+    secant2 = 1.0 + x**2 + y**2
     # Above the horizon by the choice of nodes; rounding at the rim may say otherwise.
     cos_r = np.maximum(2.0 * seen / secant2 - cos_i, 1e-40)
-    across, lean = nodes.y**2, (sin_i - nodes.x * cos_i) ** 2
+    across, lean = y**2, (sin_i - x * cos_i) ** 2
     cos2_psi = seen**2 / secant2
     prefactor = _shadowed_prefactor(
         cos_i=cos_i,
@@ -237,10 +211,10 @@ def _integrals(theta_rad: FloatArray, lobe: Lobe, order: int) -> FloatArray:
         shadowing=lobe.shadowing,
     )
     m00, m01, _ = mueller_elements(cos2_psi=cos2_psi, n=lobe.n, k=lobe.k)
-    visible = 4.0 * prefactor * cos_r * seen * nodes.weight
+    visible = 4.0 * prefactor * cos_r * seen * weight
     cos_2eta = np.divide(lean - across, lean + across, out=np.ones_like(m01), where=lean + across > 0.0)
     strips = (np.sum(visible * m00, axis=1), np.sum(visible * m01 * cos_2eta, axis=1))
-    return np.stack([np.bincount(nodes.row, strip, minlength=theta_rad.size) for strip in strips])
+    return np.stack([np.bincount(row, strip, minlength=theta_rad.size) for strip in strips])
 
 
 def _x_nodes(breaks: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
@@ -477,3 +451,144 @@ def _resolve_coincident_rays(eta_i: _DoubleAngle, eta_r: _DoubleAngle, phi_rad: 
         return
     eta_i[0][lost], eta_i[1][lost] = 1.0, 0.0
     eta_r[0][lost], eta_r[1][lost] = np.cos(2.0 * phi_rad[lost]), -np.sin(2.0 * phi_rad[lost])
+
+
+_SERIES_TOLERANCE = 1e-7
+_DEGREES = (12, 24, 48, 96, 192)
+_WORST_ERROR = 1e-4
+_MEAN_NODES = 48
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReflectanceTable:
+    """A piecewise Chebyshev series for the reflectance E(theta) of a lobe, theta in [0, pi/2)."""
+
+    edges: FloatArray
+    coefficients: tuple[FloatArray, ...]
+    stretch_rad: float
+    rise: float
+    error: float
+
+    def at(self, theta_rad: FloatArray) -> FloatArray:
+        """Return E of unpolarised light."""
+        u = np.arcsinh((0.5 * np.pi - theta_rad) / self.stretch_rad)
+        series = self._piece(0, u)
+        for index in range(1, len(self.coefficients)):
+            beyond = u > self.edges[index]
+            series[beyond] = self._piece(index, u[beyond])
+        if self.rise > 0.0:
+            series *= 1.0 + self.rise / np.cos(theta_rad)
+        return series
+
+    def _piece(self, index: int, u: FloatArray) -> FloatArray:
+        low, high = self.edges[index], self.edges[index + 1]
+        position = (2.0 * u - (low + high)) / (high - low)
+        return np.asarray(chebyshev.chebval(position, self.coefficients[index]))
+
+    def mean_nodes(self) -> tuple[FloatArray, FloatArray]:
+        """Return angles and weights for the cosine-weighted mean over the hemisphere.
+
+        Definition; Gauss-Legendre in the stretched angle, piece by piece.
+        """
+        node, weight = gauss_legendre(_MEAN_NODES)
+        widths = np.diff(self.edges)[:, None]
+        u = (self.edges[:-1, None] + widths * node).ravel()
+        theta = 0.5 * np.pi - self.stretch_rad * np.sinh(u)
+        return theta, (widths * weight).ravel() * self.stretch_rad * np.cosh(u) * np.sin(2.0 * theta)
+
+
+_Part = Literal["s0", "s1"]
+
+
+@lru_cache(maxsize=64)
+def reflectance_table(lobe: Lobe, part: _Part = "s0") -> ReflectanceTable:
+    """Return the series of a lobe; made once for each lobe and kept.
+
+    Parameters
+    ----------
+    lobe
+        Index, slopes and shadowing.
+    part
+        "s0" of unpolarised light, "s1" what horizontally polarised light adds to that.
+
+    Returns
+    -------
+    ReflectanceTable
+        Immutable, so that threads may share it.
+
+    Raises
+    ------
+    ValueError
+        If its error cannot be brought below 1e-4.
+    """
+    stretch = min(4.0 * lobe.slope_rms, 1.0)
+    rise = lobe.slope_rms if lobe.shadowing == "none" else 0.0
+    # The V-cavity's branches change their order at 45 deg, and E has a kink there in a higher derivative.
+    angles = [0.5 * np.pi, 0.25 * np.pi, 0.0] if lobe.shadowing == "v-cavity" else [0.5 * np.pi, 0.0]
+    edges = np.arcsinh((0.5 * np.pi - np.array(angles)) / stretch)
+    pieces = [_series(lobe, part, stretch, rise, low, high) for low, high in pairwise(edges)]
+    error = max(piece_error for _, piece_error in pieces)
+    if error > _WORST_ERROR:
+        raise ValueError(
+            f"the reflectance of the lobe n = {lobe.n:g}, k = {lobe.k:g}, slope_rms = {lobe.slope_rms:g} is known "
+            f"to {error:.1g} only; allowed is {_WORST_ERROR:g}. A real index below 1 has a critical angle at which "
+            "the quadrature is slow: give the absorption k, or leave out dhr"
+        )
+    return ReflectanceTable(
+        edges=edges,
+        coefficients=tuple(coefficients for coefficients, _ in pieces),
+        stretch_rad=stretch,
+        rise=rise,
+        error=error,
+    )
+
+
+def _series(lobe: Lobe, part: _Part, stretch: float, rise: float, low: float, high: float) -> tuple[FloatArray, float]:
+    """Return coefficients between two stretched angles, and their error in E."""
+
+    def samples_at(position: FloatArray) -> FloatArray:
+        """Rows of the tabulated function, its quadrature error, and the factor from E to it."""
+        u = low + 0.5 * (position + 1.0) * (high - low)
+        theta = np.clip(0.5 * np.pi - stretch * np.sinh(u), 0.0, 0.5 * np.pi)
+        factor = np.cos(theta) / (np.cos(theta) + rise)
+        reflectance = lobe_reflectance(theta, lobe=lobe)
+        value = reflectance.s0 if part == "s0" else reflectance.s1
+        return np.stack([value * factor, reflectance.error * factor, factor])
+
+    samples = samples_at(chebyshev_nodes(_DEGREES[0]))
+    for degree in _DEGREES[1:]:
+        added = chebyshev_nodes(degree)[1::2]
+        between = samples_at(added)
+        miss = float(np.max(np.abs(between[0] - chebyshev.chebval(added, chebyshev_series(samples[0])))))
+        # The nodes of half the degree are every other node of this one.
+        together = np.empty((len(samples), degree + 1))
+        together[:, ::2], together[:, 1::2] = samples, between
+        samples = together
+        if miss < _SERIES_TOLERANCE:
+            break
+    values, quadrature_error, factor = samples
+    coefficients = chebyshev_series(values)
+    # The tail of the series only costs time.
+    tail = np.cumsum(np.abs(coefficients[::-1]))[::-1]
+    count = max(int(np.sum(tail > 0.1 * _SERIES_TOLERANCE)), 1)
+    dropped, coefficients = float(np.sum(np.abs(coefficients[count:]))), coefficients[:count].copy()
+    coefficients.flags.writeable = False
+    # An error of the series is larger in E; what counts is E up to 1 (and what rounding adds to 1).
+    amplification = float(np.max(1.0 / factor, where=values <= 1.001 * factor, initial=1.0))
+    return coefficients, (miss + float(np.max(quadrature_error)) + dropped) * amplification
+
+
+def chebyshev_nodes(degree: int) -> FloatArray:
+    """Return the ends and extrema of a Chebyshev polynomial, from 1 to -1."""
+    return np.asarray(np.cos(np.pi * np.arange(degree + 1) / degree))
+
+
+def chebyshev_series(values: FloatArray) -> FloatArray:
+    """Return the coefficients of the series through values at `chebyshev_nodes`, by the discrete cosine sum."""
+    degree = values.size - 1
+    j = np.arange(degree + 1)
+    halved = values.copy()
+    halved[[0, -1]] *= 0.5
+    coefficients = np.cos(np.pi * np.outer(j, j) / degree) @ halved * (2.0 / degree)
+    coefficients[[0, -1]] *= 0.5
+    return np.asarray(coefficients)

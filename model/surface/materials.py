@@ -8,9 +8,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from model.surface.diffuse import DiffuseKind
 from model.surface.facets import Shadowing
-from model.surface.pbrdf import Surface
+from model.surface.pbrdf import DiffuseKind, Surface
 from model.surface.table import MeasuredTable, TabulatedBrdf
 
 # Materials of surfaces: each property with its uncertainty, its source and how far it can be trusted

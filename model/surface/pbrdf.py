@@ -1,42 +1,67 @@
-"""Polarized reflectance of rough surfaces: F = B f_specular + f_diffuse, on level and tilted panels.
+"""Polarized reflectance (pBRDF) of rough surfaces: a specular lobe and a diffuse term, on level and tilted panels.
 
-The specular lobe is made of facets (`model.surface.facets`); what the directional-hemispherical reflectance (DHR)
-leaves is scattered diffusely (`model.surface.diffuse`). `findings` says where a description reflects more than it
-receives.
+`mueller` gives the Mueller matrix F = B f_lobe + f_diffuse of a `Surface` between two directions. The lobe is made of
+facets (`model.surface.facets`). The diffuse term is light that enters the body below them and leaves it again; it is
+scaled such that the directional-hemispherical reflectance (DHR) is the one measured at an angle theta_m. A measured
+table (`model.surface.table`) stands for both. `findings` says where a surface reflects more than it receives.
+
+Diffuse terms, with E the reflectance of the lobe, B its weight and x = DHR - B E(theta_m):
+
+- "lambert": f00 = x / pi. Reciprocal; a bright glossy surface reflects more than it receives near grazing.
+- "balance": f00 = max(0, DHR - B E(theta_i)) / pi, so that the total is DHR at all angles of incidence up to the
+  one where the lobe alone exceeds it. Conserves energy; not reciprocal.
+- "coupled": f00 = rho (1 - B E(theta_i)) (1 - B E(theta_r)) / (pi mean(1 - B E)), rho = x / (1 - B E(theta_m)).
+  Reciprocal, total B E + rho (1 - B E) <= 1. Without shadowing E passes 1 near grazing; there 1 - B E counts as 0.
+- "polarised": f = rho t(theta_r) t(theta_i)^T / pi, t = ((T_s + T_p) / 2, (T_s - T_p) / 2, 0),
+  T = 1 - B |r|^2 of the mean plane: light enters, loses its polarization and leaves. Reciprocal; conserves
+  energy for every polarization of the light that comes in.
+- "volume": f = T(theta_r) f_1 T(theta_i) + x c(theta_r) c(theta_i)^T / (pi mean(c0)). T is the Fresnel
+  transmission of the mean plane, (1 - B |r|^2) as a Mueller matrix. f_1 = w P / (4 pi (cos theta_i +
+  cos theta_r)) is scattered once in a half-space: P00 is the phase function of Henyey and Greenstein, P01 that of
+  a dipole, single_dolp P00(90 deg) sin^2 / (1 + cos^2), P11 = (1 - depolarization) P00,
+  P22 = P11 2 cos / (1 + cos^2) of the scattering angle. c = (1, 0) - (what lobe and f_1 send up of S0 and S1) is
+  left to be scattered often, and loses its polarization except for the way in and out. x is the share of it that
+  gives the DHR. Reciprocal; the total of every polarization is at most 1.
+
+"balance": Hyde, Schmidt and Havrilla (2009), doi:10.1364/OE.17.022138, with the measured DHR in place of
+a perfect reflector's. "coupled": Kelemen and Szirmay-Kalos (2001), Eurographics short presentations. "polarised":
+Baek et al. (2018), doi:10.1145/3272127.3275018. "volume": first order of scattering in a half-space,
+Chandrasekhar, Radiative Transfer (1960); split into single and multiple scattering, Hapke (1981),
+doi:10.1029/JB086iB04p03039; under an interface, Germer (2003), Proc. SPIE 5158, 193; remainder as in "coupled".
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from model import stokes as geometry
-from model.stokes import rotation
-from model.surface.diffuse import (
-    DIFFUSE,
-    Diffuse,
-    DiffuseKind,
-    SingleScattering,
-    add_diffuse,
-    diffuse_error,
-    diffuse_row,
-    single_excess,
-)
+from model.numerics import gauss_legendre
 from model.surface.facets import (
     HemisphericalReflectance,
     Lobe,
     Shadowing,
-    checked_azimuth,
+    chebyshev_nodes,
+    chebyshev_series,
     checked_zenith,
     half_vector_geometry,
     lobe_reflectance,
+    mueller_elements,
     reflectance_at,
+    reflectance_table,
+    write_rotated,
     write_specular,
 )
 from model.surface.table import TabulatedBrdf
 
 FloatArray = NDArray[np.float64]
+DiffuseKind = Literal["lambert", "balance", "coupled", "polarised", "volume"]
+DIFFUSE: tuple[DiffuseKind, ...] = get_args(DiffuseKind)
+ASYMMETRY_MOST = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +82,7 @@ class Surface:
     shadowing
         "none", "v-cavity", "smith" or "smith-correlated".
     diffuse
-        "lambert", "balance", "coupled", "polarised" or "volume"; see `model.surface.diffuse.add_diffuse`.
+        "lambert", "balance", "coupled", "polarised" or "volume"; see the head of this module.
     specular_weight
         B, share of the surface that shows the lobe (dust and pores hide the rest), 0 to 1.
     single_scattering
@@ -99,67 +124,42 @@ class Surface:
     table_s2: float = 0.0
 
     def __post_init__(self) -> None:
-        lobe = self.lobe
-        if self.diffuse not in DIFFUSE:
-            raise ValueError(f"diffuse = {self.diffuse!r}; allowed are {', '.join(map(repr, DIFFUSE))}")
-        if not 0.0 <= self.specular_weight <= 1.0:
-            raise ValueError(f"specular_weight = {self.specular_weight}; allowed is 0 to 1")
-        if not 0.0 <= self.dhr_angle_rad < 0.5 * math.pi:
-            raise ValueError(f"dhr_angle_rad = {self.dhr_angle_rad} rad; allowed is 0 to below pi/2")
-        if self.table is not None and (self.dhr is not None or self.specular_weight != 0.0):
-            raise ValueError("a table is the whole surface: leave out dhr, and give specular_weight = 0")
+        _require_ranges(self)
         if self.dhr is not None:
-            _require_dhr(self.dhr, self.specular_weight, reflectance_at(lobe, self.dhr_angle_rad), self.dhr_angle_rad)
-        term = self.diffuse_term
-        if term is not None and term.kind == "volume" and (over := single_excess(term)) > _DHR_ROUNDING:
-            raise ValueError(
-                f"dhr = {self.dhr:g} is inconsistent: lobe and single scattering reflect {over:.3g} more. Lower "
-                "single_scattering or raise dhr"
-            )
+            _require_dhr(self, self.dhr)
 
-    @property
+    @cached_property
     def lobe(self) -> Lobe:
         """The specular lobe."""
         return Lobe(n=self.n, k=self.k, slope_rms=self.slope_rms, shadowing=self.shadowing)
 
     @property
-    def diffuse_term(self) -> Diffuse | None:
-        """The diffuse term; None without a DHR or a table."""
-        lobe = self.lobe
-        if self.table is not None:
-            return Diffuse(
-                kind="table",
-                lobe=lobe,
-                specular_weight=0.0,
-                excess=0.0,
-                dhr_angle_rad=self.dhr_angle_rad,
-                table=self.table,
-                table_errors=(self.table_f00, self.table_s1, self.table_s2),
-            )
-        if self.dhr is None:
-            return None
-        specular = self.specular_weight * reflectance_at(lobe, self.dhr_angle_rad)
-        return Diffuse(
-            kind=self.diffuse,
-            lobe=lobe,
-            specular_weight=self.specular_weight,
-            excess=max(self.dhr - specular, 0.0),
-            dhr_angle_rad=self.dhr_angle_rad,
-            single=self.single,
-        )
+    def has_diffuse(self) -> bool:
+        """True if anything but the lobe reflects light."""
+        return self.dhr is not None or self.table is not None
 
-    @property
-    def single(self) -> SingleScattering:
-        """Light that one particle of the body scatters, where the diffuse term counts it."""
-        return SingleScattering(
-            weight=self.single_scattering,
-            asymmetry=self.asymmetry,
-            dolp=self.single_dolp,
-            depolarization=self.depolarization,
-        )
+    @cached_property
+    def excess(self) -> float:
+        """Share of the light that the DHR leaves to the diffuse term, at the angle of the DHR."""
+        specular = self.specular_weight * reflectance_at(self.lobe, self.dhr_angle_rad)
+        return max((self.dhr or 0.0) - specular, 0.0)
 
 
-def mueller(theta_i_rad: ArrayLike, theta_r_rad: ArrayLike, phi_rad: ArrayLike, *, surface: Surface) -> FloatArray:
+# A DHR may miss the lobe's own share by this much and count as equal to it: the share's quadrature error.
+_DHR_ROUNDING = 1e-7
+# One block of geometries at a time keeps the intermediate arrays in the processor's cache.
+_BLOCK = 8192
+
+
+def mueller(
+    theta_i_rad: ArrayLike,
+    theta_r_rad: ArrayLike,
+    phi_rad: ArrayLike,
+    *,
+    surface: Surface,
+    lobe: bool = True,
+    diffuse: bool = True,
+) -> FloatArray:
     """Return the linear Mueller matrix of reflection per solid angle, the pBRDF F.
 
     Parameters
@@ -170,6 +170,8 @@ def mueller(theta_i_rad: ArrayLike, theta_r_rad: ArrayLike, phi_rad: ArrayLike, 
         Zenith angle of the sensor [rad], 0 to pi.
     phi_rad
         Azimuth(sun) - azimuth(sensor), azimuths clockwise from north [rad]; any finite value. pi is forward.
+    lobe, diffuse
+        False leaves out the specular lobe or the diffuse term.
 
     Returns
     -------
@@ -194,14 +196,26 @@ def mueller(theta_i_rad: ArrayLike, theta_r_rad: ArrayLike, phi_rad: ArrayLike, 
     Differs from [MK14]: half-vector form instead of the rotation angles' arccosines, shadowing, choice of the diffuse
     term, weight of the lobe; sign and frame of S1 and S2, which the paper leaves open, as said here.
     """
-    return evaluate(
-        theta_i_rad,
-        theta_r_rad,
-        phi_rad,
-        lobe=surface.lobe,
-        specular_weight=surface.specular_weight,
-        diffuse=surface.diffuse_term,
+    angles = np.broadcast_arrays(
+        checked_zenith("theta_i_rad", theta_i_rad),
+        checked_zenith("theta_r_rad", theta_r_rad),
+        geometry.finite_angle("phi_rad", phi_rad),
     )
+    flat = [np.ravel(angle) for angle in angles]
+    out = np.zeros((flat[0].size, 3, 3))
+    for start in range(0, flat[0].size, _BLOCK):
+        block = slice(start, start + _BLOCK)
+        theta_i, theta_r, phi = (angle[block] for angle in flat)
+        hidden = (theta_i >= 0.5 * np.pi) | (theta_r >= 0.5 * np.pi)
+        # At or below the horizon: computed as for the normal, then set to zero.
+        theta_i, theta_r = np.where(hidden, 0.0, theta_i), np.where(hidden, 0.0, theta_r)
+        if lobe and surface.specular_weight > 0.0:
+            facets = half_vector_geometry(theta_i, theta_r, phi)
+            write_specular(out[block], facets, lobe=surface.lobe, weight=surface.specular_weight)
+        if diffuse and surface.has_diffuse:
+            _add_diffuse(out[block], theta_i, theta_r, phi, surface)
+        out[block][hidden] = 0.0
+    return out.reshape(*angles[0].shape, 3, 3)
 
 
 _SCAN_RAD = np.radians(np.append(np.arange(0.0, 89.0, 1.0), [89.0, 89.5, 89.9]))
@@ -243,7 +257,14 @@ def findings(surface: Surface) -> tuple[str, ...]:
         for light, angle in excessive.items()
         if angle is not None
     ]
-    return (*found, *_spent_diffuse(surface))
+    if surface.diffuse == "balance" and surface.dhr is not None:
+        spent = _first_angle_deg(_diffuse_row(_SCAN_RAD, surface)[0] == 0.0)
+        if spent is not None:
+            found.append(
+                f"the specular lobe alone exceeds dhr = {surface.dhr:g} from {spent:g} deg on: no diffuse term is left "
+                'there; choose diffuse="coupled" or lower specular_weight'
+            )
+    return tuple(found)
 
 
 def hemispherical_reflectance(theta_i_rad: ArrayLike, *, surface: Surface) -> HemisphericalReflectance:
@@ -273,12 +294,252 @@ def hemispherical_reflectance(theta_i_rad: ArrayLike, *, surface: Surface) -> He
     if np.any(angles >= 0.5 * np.pi):
         raise ValueError(f"theta_i_rad = {np.max(angles):.6g} rad; allowed is 0 to below pi/2")
     lobe = lobe_reflectance(angles, lobe=surface.lobe)
-    weight, term = surface.specular_weight, surface.diffuse_term
+    weight = surface.specular_weight
     s0, s1, error = weight * lobe.s0, weight * lobe.s1, weight * lobe.error
-    if term is not None:
-        row = diffuse_row(angles.ravel(), diffuse=term).reshape(2, *angles.shape)
-        s0, s1, error = s0 + row[0], s1 + row[1], error + diffuse_error(term)
+    if surface.has_diffuse:
+        row = _diffuse_row(angles.ravel(), surface).reshape(2, *angles.shape)
+        s0, s1, error = s0 + row[0], s1 + row[1], error + _diffuse_error(surface)
     return HemisphericalReflectance(s0=s0, s1=s1, error=error)
+
+
+def _first_angle_deg(condition: NDArray[np.bool_]) -> float | None:
+    where = np.nonzero(condition)[0]
+    return float(np.degrees(_SCAN_RAD[where[0]])) if where.size else None
+
+
+def _require_ranges(surface: Surface) -> None:
+    surface.lobe  # noqa: B018  its record has ranges of its own
+    if surface.diffuse not in DIFFUSE:
+        raise ValueError(f"diffuse = {surface.diffuse!r}; allowed are {', '.join(map(repr, DIFFUSE))}")
+    for name in ("specular_weight", "single_scattering", "depolarization"):
+        if not 0.0 <= getattr(surface, name) <= 1.0:
+            raise ValueError(f"{name} = {getattr(surface, name)}; allowed is 0 to 1")
+    if not abs(surface.asymmetry) <= ASYMMETRY_MOST:
+        raise ValueError(f"asymmetry = {surface.asymmetry}; allowed is -{ASYMMETRY_MOST:g} to {ASYMMETRY_MOST:g}")
+    # With more, the directions into which little is scattered would be polarized by more than 1.
+    most = ((1.0 + surface.asymmetry**2) / (1.0 + abs(surface.asymmetry)) ** 2) ** 1.5
+    if not 0.0 <= surface.single_dolp <= most:
+        raise ValueError(
+            f"single_dolp = {surface.single_dolp}; allowed is 0 to {most:.4g} with asymmetry = {surface.asymmetry:g}"
+        )
+    if not 0.0 <= surface.dhr_angle_rad < 0.5 * math.pi:
+        raise ValueError(f"dhr_angle_rad = {surface.dhr_angle_rad} rad; allowed is 0 to below pi/2")
+    if surface.table is not None and (surface.dhr is not None or surface.specular_weight != 0.0):
+        raise ValueError("a table is the whole surface: leave out dhr, and give specular_weight = 0")
+
+
+def _require_dhr(surface: Surface, dhr: float) -> None:
+    if not 0.0 <= dhr <= 1.0:
+        raise ValueError(f"dhr = {dhr}; allowed is 0 to 1, or None for no diffuse term")
+    share = reflectance_at(surface.lobe, surface.dhr_angle_rad)
+    specular = surface.specular_weight * share
+    if specular > dhr + _DHR_ROUNDING:
+        raise ValueError(
+            f"dhr = {dhr:g} is inconsistent: at {math.degrees(surface.dhr_angle_rad):.3g} deg the specular lobe "
+            f"alone reflects {specular:.4f}. Lower specular_weight to at most {dhr / share:.3f} (dust or "
+            "pores hide part of the facets), take a smaller index, or raise dhr"
+        )
+    if surface.diffuse == "volume":
+        over = float(_sent_up_once(np.array([surface.dhr_angle_rad]), surface)[0, 0]) - surface.excess
+        if over > _DHR_ROUNDING:
+            raise ValueError(
+                f"dhr = {dhr:g} is inconsistent: lobe and single scattering reflect {over:.3g} more. Lower "
+                "single_scattering or raise dhr"
+            )
+
+
+# The diffuse term
+
+
+def _add_diffuse(
+    out: FloatArray, theta_i_rad: FloatArray, theta_r_rad: FloatArray, phi_rad: FloatArray, surface: Surface
+) -> None:
+    """Add the diffuse term to Mueller matrices."""
+    if surface.table is not None:
+        errors = (surface.table_f00, surface.table_s1, surface.table_s2)
+        out += surface.table.matrix(theta_i_rad, theta_r_rad, phi_rad, errors=errors)
+        return
+    if surface.diffuse == "volume":
+        out += _scattered_once(theta_i_rad, theta_r_rad, phi_rad, surface)
+    entering, leaving = _entering(theta_i_rad, surface), _way(theta_r_rad, surface)
+    out[:, :2, :2] += _scale(surface) / np.pi * (leaving.T[:, :, None] * entering.T[:, None, :])
+
+
+def _diffuse_row(theta_i_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return what the diffuse term adds to the directional-hemispherical reflectance of S0 and S1, shape (2, N)."""
+    if surface.table is not None:
+        return surface.table.hemispherical_row(theta_i_rad)
+    row = _scale(surface) * _mean_way(surface) * _entering(theta_i_rad, surface)
+    return row + _sent_up_once(theta_i_rad, surface) if surface.diffuse == "volume" else row
+
+
+def _diffuse_error(surface: Surface) -> float:
+    """Return the error of the diffuse part of the reflectance: three of its kinds rest on the series for E."""
+    if surface.table is not None:
+        return surface.table.reflectance_error
+    series = surface.diffuse in ("balance", "coupled", "volume")
+    error = surface.specular_weight * (reflectance_table(surface.lobe).error if series else 1e-8)
+    return error + _once_series(_without_dhr(surface))[1] if surface.diffuse == "volume" else error
+
+
+def _entering(theta_i_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return the share of S0, and of S1, that enters the body, shape (2, N)."""
+    if surface.diffuse != "balance":
+        return _way(theta_i_rad, surface)
+    dhr = surface.excess + surface.specular_weight * reflectance_at(surface.lobe, surface.dhr_angle_rad)
+    lobe = surface.specular_weight * reflectance_table(surface.lobe).at(theta_i_rad)
+    return np.stack([np.maximum(dhr - lobe, 0.0), np.zeros_like(theta_i_rad)])
+
+
+def _way(theta_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return the share of S0, and of S1, that is neither reflected nor scattered once, shape (2, N)."""
+    if surface.diffuse == "polarised":
+        return _transmitted(theta_rad, surface)
+    if surface.diffuse == "volume":
+        return _left_over(theta_rad, surface)
+    share = np.ones_like(theta_rad)
+    if surface.diffuse == "coupled":
+        lobe = surface.specular_weight * reflectance_table(surface.lobe).at(theta_rad)
+        share = np.maximum(1.0 - lobe, 0.0)
+    return np.stack([share, np.zeros_like(theta_rad)])
+
+
+# E is known to this; a perfect mirror leaves less than that, and 0 / 0 must not be asked.
+_NOTHING = 1e-8
+# A transmittance is known to 1e-16; below this too few of its digits are left to divide by.
+_OPAQUE = 1e-12
+
+
+@lru_cache(maxsize=64)
+def _scale(surface: Surface) -> float:
+    """Return the factor by which way in times way out has the DHR that was measured."""
+    if surface.diffuse == "balance":
+        return 1.0
+    if surface.excess < _NOTHING:
+        return 0.0
+    angle, excess = np.array([surface.dhr_angle_rad]), surface.excess
+    if surface.diffuse == "volume":
+        excess -= float(_sent_up_once(angle, surface)[0, 0])
+    there = float(_way(angle, surface)[0, 0])
+    if surface.diffuse == "coupled":
+        there = 1.0 - surface.specular_weight * reflectance_at(surface.lobe, surface.dhr_angle_rad)
+    if surface.diffuse == "polarised" and there < _OPAQUE:
+        raise ValueError(
+            f"diffuse = 'polarised': no light enters a surface of n = {surface.n:g}, k = {surface.k:g} "
+            f"(a share of {there:.1g}), so that none can leave; choose 'coupled', or leave out dhr"
+        )
+    return excess / (there * _mean_way(surface))
+
+
+def _mean_way(surface: Surface) -> float:
+    """Return the cosine-weighted mean over the hemisphere of the way of unpolarised light."""
+    if surface.diffuse in ("lambert", "balance"):
+        return 1.0
+    is_smooth = surface.diffuse == "polarised"
+    theta, weight = _mean_nodes(surface.n) if is_smooth else reflectance_table(surface.lobe).mean_nodes()
+    return float(weight @ _way(theta, surface)[0])
+
+
+_MEAN_NODES = 96
+
+
+def _mean_nodes(n: float) -> tuple[FloatArray, FloatArray]:
+    """Angles and weights for the cosine-weighted mean, with a panel end at the critical angle of n below 1."""
+    node, weight = gauss_legendre(_MEAN_NODES)
+    critical = float(np.arcsin(n)) if n < 1.0 else 0.5 * np.pi
+    spans = [(0.0, critical), (critical, 0.5 * np.pi)]
+    # Squeezed towards both ends of each panel: the root at the critical angle becomes smooth.
+    spaced, stretch = np.sin(0.5 * np.pi * node) ** 2, 0.5 * np.pi * np.sin(np.pi * node) * weight
+    theta = np.concatenate([low + (high - low) * spaced for low, high in spans])
+    lengths = np.concatenate([(high - low) * stretch for low, high in spans])
+    return theta, lengths * np.sin(2.0 * theta)
+
+
+def _transmitted(theta_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return transmittance for S0 and for S1 through the mean plane, 1 - B R and -B (Rs - Rp) / 2; shape (2, N)."""
+    mean, difference, _ = mueller_elements(cos2_psi=np.cos(theta_rad) ** 2, n=surface.n, k=surface.k)
+    return np.stack([1.0 - surface.specular_weight * mean, -surface.specular_weight * difference])
+
+
+def _left_over(theta_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return the share of S0, and of S1, that neither the lobe nor one particle sends up, shape (2, N)."""
+    lobe = [surface.specular_weight * reflectance_table(surface.lobe, part).at(theta_rad) for part in ("s0", "s1")]
+    s0, s1 = np.array([[1.0], [0.0]]) - np.stack(lobe) - _sent_up_once(theta_rad, surface)
+    s0 = np.maximum(s0, 0.0)
+    return np.stack([s0, np.clip(s1, -s0, s0)])
+
+
+def _scattered_once(
+    theta_i_rad: FloatArray, theta_r_rad: FloatArray, phi_rad: FloatArray, surface: Surface
+) -> FloatArray:
+    """Return T f_1 T of "volume", shape (N, 3, 3)."""
+    g = half_vector_geometry(theta_i_rad, theta_r_rad, phi_rad)
+    g2, cosine = surface.asymmetry**2, 1.0 - 2.0 * g.cos2_psi
+    at_right_angle = (1.0 - g2) / (1.0 + g2) ** 1.5
+    scale = surface.single_scattering / (4.0 * np.pi * (g.cos_i + g.cos_r))
+    m00 = scale * (1.0 - g2) / (1.0 + g2 - 2.0 * surface.asymmetry * cosine) ** 1.5
+    square = cosine * cosine
+    m11 = (1.0 - surface.depolarization) * m00
+    out = np.empty((theta_i_rad.size, 3, 3))
+    write_rotated(
+        out,
+        g,
+        m00=m00,
+        m01=scale * surface.single_dolp * at_right_angle * (1.0 - square) / (1.0 + square),
+        m11=m11,
+        m22=m11 * 2.0 * cosine / (1.0 + square),
+    )
+    return np.asarray(_interface(theta_r_rad, surface) @ out @ _interface(theta_i_rad, surface))
+
+
+def _interface(theta_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return the Mueller matrices of the way through the mean plane, shape (N, 3, 3)."""
+    mean, difference = _transmitted(theta_rad, surface)
+    matrix = np.zeros((theta_rad.size, 3, 3))
+    matrix[:, 0, 0] = matrix[:, 1, 1] = mean
+    matrix[:, 0, 1] = matrix[:, 1, 0] = difference
+    matrix[:, 2, 2] = np.sqrt((mean - difference) * (mean + difference))
+    return matrix
+
+
+# Of the series for what one particle sends up, in the root of the height over the horizon; and of its quadrature.
+_ONCE_DEGREE, _ONCE_ORDERS = 20, (24, 36)
+
+
+def _sent_up_once(theta_rad: FloatArray, surface: Surface) -> FloatArray:
+    """Return the share of S0, and of S1, that leaves after one particle, shape (2, N)."""
+    root = np.sqrt(np.maximum(1.0 - theta_rad * (2.0 / np.pi), 0.0))
+    return np.asarray(chebyshev.chebval(2.0 * root - 1.0, _once_series(_without_dhr(surface))[0].T))
+
+
+def _without_dhr(surface: Surface) -> Surface:
+    """Return the surface without the numbers that do not change single scattering, as a key of the cache."""
+    return replace(surface, dhr=None, dhr_angle_rad=0.0)
+
+
+@lru_cache(maxsize=64)
+def _once_series(surface: Surface) -> tuple[FloatArray, float]:
+    """Return the series of the S0 and S1 that one particle sends into the hemisphere, and its error."""
+    root = 0.5 * (chebyshev_nodes(_ONCE_DEGREE) + 1.0)
+    theta = 0.5 * np.pi * (1.0 - root * root)
+    coarse, fine = (_hemisphere_once(theta, surface, order) for order in _ONCE_ORDERS)
+    coefficients = np.stack([chebyshev_series(row) for row in fine])
+    coefficients.flags.writeable = False
+    left = float(np.sum(np.abs(coefficients[:, -2:])))
+    return coefficients, float(np.max(np.abs(fine - coarse))) + left
+
+
+def _hemisphere_once(theta_i_rad: FloatArray, surface: Surface, order: int) -> FloatArray:
+    """Return the first row of T f_1 T, times cosine, over the hemisphere, shape (2, T)."""
+    node, weight = gauss_legendre(order)
+    theta_r, phi = 0.5 * np.pi * (1.0 - node * node), np.pi * (np.arange(order) + 0.5) / order
+    solid = np.pi * np.pi * node * weight * np.sin(2.0 * theta_r)
+    i, r, around = (angle.ravel() for angle in np.meshgrid(theta_i_rad, theta_r, phi, indexing="ij"))
+    rows = _scattered_once(i, r, around, surface)[:, 0, :2].reshape(theta_i_rad.size, order, order, 2).mean(axis=2)
+    return np.asarray(np.einsum("trk,r->kt", rows, solid))
+
+
+# Tilted panels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,103 +572,6 @@ class Tilt:
     def normal(self) -> FloatArray:
         """Unit vector of the normal: east, north, up."""
         return geometry.direction(zenith_rad=self.tilt_rad, azimuth_rad=self.azimuth_rad)
-
-
-def tilted_mueller(
-    *,
-    sun_zenith_rad: ArrayLike,
-    sun_azimuth_rad: ArrayLike,
-    camera_zenith_rad: ArrayLike,
-    camera_azimuth_rad: ArrayLike,
-    camera_roll_rad: ArrayLike = 0.0,
-    tilt: Tilt,
-    surface: Surface,
-) -> FloatArray:
-    """Return the pBRDF of a tilted panel between the world's horizontal axes and the camera's.
-
-    Parameters
-    ----------
-    sun_zenith_rad, sun_azimuth_rad
-        Direction from the target to the sun or to a point of the sky [rad].
-    camera_zenith_rad, camera_azimuth_rad
-        Direction from the target to the camera [rad].
-    camera_roll_rad
-        Angle by which the camera's horizontal is turned counter-clockwise from the true horizontal, as the camera
-        sees the scene [rad].
-    tilt
-        How the panel stands.
-    surface
-        What it is made of.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., 3, 3) [sr^-1]. The irradiance that goes with it is that on the panel: cosine of the local
-        theta_i, not of the sun's zenith angle. Zero where the panel does not face sun and camera both.
-
-    Raises
-    ------
-    ValueError
-        If an angle is not finite.
-
-    Notes
-    -----
-    A level panel gives `mueller` itself. At the zenith or nadir the horizontal is that of the azimuth given.
-
-    References
-    ----------
-    Definition; [MK14] eq. (11) for the camera's frame.
-    """
-    local = local_geometry(
-        sun_zenith_rad=sun_zenith_rad,
-        sun_azimuth_rad=sun_azimuth_rad,
-        camera_zenith_rad=camera_zenith_rad,
-        camera_azimuth_rad=camera_azimuth_rad,
-        tilt=tilt,
-    )
-    own = mueller(local.theta_i_rad, local.theta_r_rad, local.phi_rad, surface=surface)
-    roll = np.asarray(camera_roll_rad, dtype=np.float64)
-    if not np.all(np.isfinite(roll)):
-        raise ValueError("camera_roll_rad is not finite; allowed are finite angles [rad]")
-    turned: FloatArray = rotation(local.reflected_rotation_rad + roll) @ own @ rotation(local.incident_rotation_rad)
-    return turned
-
-
-# One block of geometries at a time keeps the intermediate arrays in the processor's cache.
-_BLOCK = 8192
-
-
-def evaluate(
-    theta_i_rad: ArrayLike,
-    theta_r_rad: ArrayLike,
-    phi_rad: ArrayLike,
-    *,
-    lobe: Lobe,
-    specular_weight: float,
-    diffuse: Diffuse | None,
-) -> FloatArray:
-    """Return the pBRDF of a lobe and a diffuse term that need not form a possible surface.
-
-    As `mueller`.
-    """
-    angles = np.broadcast_arrays(
-        checked_zenith("theta_i_rad", theta_i_rad),
-        checked_zenith("theta_r_rad", theta_r_rad),
-        checked_azimuth("phi_rad", phi_rad),
-    )
-    flat = [np.ravel(angle) for angle in angles]
-    out = np.empty((flat[0].size, 3, 3))
-    for start in range(0, flat[0].size, _BLOCK):
-        block = slice(start, start + _BLOCK)
-        theta_i, theta_r, phi = (angle[block] for angle in flat)
-        hidden = (theta_i >= 0.5 * np.pi) | (theta_r >= 0.5 * np.pi)
-        # At or below the horizon: computed as for the normal, then set to zero.
-        theta_i, theta_r = np.where(hidden, 0.0, theta_i), np.where(hidden, 0.0, theta_r)
-        write_specular(out[block], half_vector_geometry(theta_i, theta_r, phi), lobe=lobe, weight=specular_weight)
-        if diffuse is not None:
-            add_diffuse(out[block], theta_i, theta_r, phi, diffuse=diffuse)
-        out[block][hidden] = 0.0
-    return out.reshape(*angles[0].shape, 3, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -467,38 +631,6 @@ def local_geometry(
         incident_rotation_rad=geometry.axis_rotation_rad(world_i, panel_i, travel=-sun),
         reflected_rotation_rad=geometry.axis_rotation_rad(panel_r, world_r, travel=camera),
     )
-
-
-# A DHR may miss the lobe's own share by this much and count as equal to it: the share's quadrature error.
-_DHR_ROUNDING = 1e-7
-
-
-def _require_dhr(dhr: float, weight: float, lobe_reflectance: float, angle_rad: float) -> None:
-    if not 0.0 <= dhr <= 1.0:
-        raise ValueError(f"dhr = {dhr}; allowed is 0 to 1, or None for no diffuse term")
-    specular = weight * lobe_reflectance
-    if specular > dhr + _DHR_ROUNDING:
-        raise ValueError(
-            f"dhr = {dhr:g} is inconsistent: at {math.degrees(angle_rad):.3g} deg the specular lobe alone reflects "
-            f"{specular:.4f}. Lower specular_weight to at most {dhr / lobe_reflectance:.3f} (dust or pores hide "
-            "part of the facets), take a smaller index, or raise dhr"
-        )
-
-
-def _first_angle_deg(condition: NDArray[np.bool_]) -> float | None:
-    where = np.nonzero(condition)[0]
-    return float(np.degrees(_SCAN_RAD[where[0]])) if where.size else None
-
-
-def _spent_diffuse(surface: Surface) -> list[str]:
-    term = surface.diffuse_term
-    if term is None or term.kind != "balance":
-        return []
-    spent = _first_angle_deg(diffuse_row(_SCAN_RAD, diffuse=term)[0] == 0.0)
-    if spent is None:
-        return []
-    angle = f"the specular lobe alone exceeds dhr = {surface.dhr:g} from {spent:g} deg on"
-    return [f'{angle}: no diffuse term is left there; choose diffuse="coupled" or lower specular_weight']
 
 
 # A ray closer than this to the panel's normal has no plane of its own on the panel; any one serves.

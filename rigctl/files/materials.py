@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from model.surface.diffuse import ASYMMETRY_MOST, DiffuseKind
 from model.surface.materials import MATERIALS, Confidence, Material, Property, material, properties, tabulated
+from model.surface.pbrdf import ASYMMETRY_MOST, DiffuseKind
 from model.surface.table import MeasuredTable
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError

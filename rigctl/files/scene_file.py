@@ -29,9 +29,9 @@ from model.atmosphere.mie import (
 from model.atmosphere.sky import Fidelity
 from model.effects.names import Effect
 from model.scene.field import TileRule
-from model.surface.diffuse import DiffuseKind
 from model.surface.facets import Shadowing
 from model.surface.materials import MATERIALS
+from model.surface.pbrdf import DiffuseKind
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded, write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.aeronet import Aeronet, read_aeronet

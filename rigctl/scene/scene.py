@@ -27,9 +27,9 @@ from pydantic.fields import FieldInfo
 
 from model.effects.names import ALL, Effect
 from model.prediction import RigErrors
-from model.surface.diffuse import ASYMMETRY_MOST
 from model.surface.facets import SLOPE_RMS_MIN
 from model.surface.materials import Material, Property, assumed_properties
+from model.surface.pbrdf import ASYMMETRY_MOST
 from rigctl.base.numbers import percent
 from rigctl.errors import ConfigError
 from rigctl.files.place import GeometrySection, PointingSection

@@ -13,9 +13,8 @@ from model.scene.panel import View
 from model.scene.scene import Air, LitRegion, LitScene, Readout
 from model.sensor import Imperfections, Sensor, SensorNoise
 from model.stokes import angle_between_rad, direction
-from model.surface.diffuse import DIFFUSE
 from model.surface.facets import SHADOWING
-from model.surface.pbrdf import Surface, Tilt
+from model.surface.pbrdf import DIFFUSE, Surface, Tilt
 from rigctl.scene.sun import response_band
 
 _LARGEST_FIELD_RAD = np.radians(30.0)

@@ -13,8 +13,7 @@ from scipy.special import erfc
 
 from model.stokes import aolp_rad, rotation
 from model.surface import facets as fresnel
-from model.surface.diffuse import reflectance_table
-from model.surface.facets import Lobe, facet_nodes, half_vector_geometry, lobe_reflectance
+from model.surface.facets import Lobe, facet_nodes, half_vector_geometry, lobe_reflectance, reflectance_table
 from model.surface.pbrdf import (
     Surface,
     Tilt,
@@ -22,7 +21,6 @@ from model.surface.pbrdf import (
     hemispherical_reflectance,
     local_geometry,
     mueller,
-    tilted_mueller,
 )
 from tests.model.surface.oracles import direction, facet_mueller, level_mueller
 
@@ -372,8 +370,8 @@ def test_smooth_furnace_loses_nothing(shadow: str) -> None:
 
 def test_facets_are_normalised() -> None:
     # At normal incidence a facet mirrors above the horizon if its slope is below 1: share 1 - exp(-1 / (2 slope^2)).
-    nodes = facet_nodes(np.zeros(1), slope_rms=0.5, shadowing="none", order=60)
-    assert float(np.sum(nodes.weight)) == pytest.approx(1.0 - np.exp(-2.0), abs=1e-9)
+    *_, weights = facet_nodes(np.zeros(1), slope_rms=0.5, shadowing="none", order=60)
+    assert float(np.sum(weights)) == pytest.approx(1.0 - np.exp(-2.0), abs=1e-9)
 
 
 def test_smith_facets_show_the_projected_area() -> None:
@@ -593,15 +591,11 @@ LEVEL = Tilt(tilt_rad=0.0)
 
 
 def seen(tilt: Tilt, *angles: float, roll: float = 0.0, surface: Surface = SURFACE) -> np.ndarray:
-    return tilted_mueller(
-        sun_zenith_rad=angles[0],
-        sun_azimuth_rad=angles[1],
-        camera_zenith_rad=angles[2],
-        camera_azimuth_rad=angles[3],
-        camera_roll_rad=roll,
-        tilt=tilt,
-        surface=surface,
-    )
+    """Return the pBRDF between the world's horizontal axes and the camera's."""
+    names = ("sun_zenith_rad", "sun_azimuth_rad", "camera_zenith_rad", "camera_azimuth_rad")
+    local = local_geometry(**dict(zip(names, angles, strict=True)), tilt=tilt)
+    own = mueller(local.theta_i_rad, local.theta_r_rad, local.phi_rad, surface=surface)
+    return rotation(local.reflected_rotation_rad + roll) @ own @ rotation(local.incident_rotation_rad)
 
 
 @given(
