@@ -6,7 +6,7 @@ Error against time for a scene: of the whole chain, of each numerical setting, a
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,62 +81,51 @@ def named_choices(
         yield replace(_evaluated(text, scene, settings, truth, clock), by_user=True)
 
 
+# Settings that a user may choose: the kind of number and its limits.
+_ALSO: Mapping[str, tuple[type[int] | type[float], float, float]] = {
+    "tiles_per_side": (int, 1, 50),
+    "wavelengths": (int, 1, 20),
+    "streams": (int, 4, 64),
+    "sky_zeniths": (int, 4, 200),
+    "sky_azimuths": (int, 4, 200),
+    "hemisphere_tolerance": (float, 1e-8, 0.1),
+    "dolp_tolerance": (float, 1e-13, 0.1),
+    "roc_tolerance": (float, 1e-12, 0.01),
+}
+_RULE, _RULES = "rule", get_args(TileRule)
+
+
 def settings_by(text: str, settings: Settings) -> Settings:
     """Return settings with some replaced, as "tiles_per_side=3,rule=midpoint" states them."""
     for part in text.split(","):
         key, _, value = (piece.strip() for piece in part.partition("="))
-        if key not in _READ or not value:
-            raise ConfigError(f"--also: is {text!r}, must be KEY=VALUE,... with keys {', '.join(_READ)}")
+        if key not in (*_ALSO, _RULE) or not value:
+            keys = ", ".join((*_ALSO, _RULE))
+            raise ConfigError(f"--also: is {text!r}, must be KEY=VALUE,... with keys {keys}")
         try:
-            settings = _READ[key](settings, value)
+            settings = _with_setting(settings, key, value)
         except ValueError as error:
             raise ConfigError(f"--also: {key} = {value!r}: {error}") from error
     return settings
 
 
-def _whole(least: int, most: int, put: Callable[[Settings, int], Settings]) -> Callable[[Settings, str], Settings]:
-    def read(settings: Settings, text: str) -> Settings:
-        if not text.removeprefix("-").isdecimal():
-            raise ValueError(f"must be a whole number, {least} to {most}")
-        number = int(text)
-        if not least <= number <= most:
-            raise ValueError(f"allowed is {least} to {most}")
-        return put(settings, number)
-
-    return read
-
-
-def _part(least: float, most: float, put: Callable[[Settings, float], Settings]) -> Callable[[Settings, str], Settings]:
-    def read(settings: Settings, text: str) -> Settings:
-        try:
-            number = float(text)
-        except ValueError as error:
-            raise ValueError(f"must be a number, {least:g} to {most:g}") from error
-        if not least <= number <= most:
-            raise ValueError(f"allowed is {least:g} to {most:g}")
-        return put(settings, number)
-
-    return read
-
-
-def _rule(settings: Settings, text: str) -> Settings:
-    for rule in get_args(TileRule):
-        if text == rule:
-            return replace(settings, tile_rule=rule)
-    raise ValueError(f"allowed are {', '.join(get_args(TileRule))}")
-
-
-_READ: Mapping[str, Callable[[Settings, str], Settings]] = {
-    "tiles_per_side": _whole(1, 50, lambda one, n: replace(one, tiles_per_side=n, negligible_spread=0.0)),
-    "rule": _rule,
-    "wavelengths": _whole(1, 20, lambda one, n: replace(one, wavelengths=n)),
-    "streams": _whole(4, 64, lambda one, n: replace(one, solver=replace(one.solver, nodes=n))),
-    "sky_zeniths": _whole(4, 200, lambda one, n: replace(one, sky_zeniths=n)),
-    "sky_azimuths": _whole(4, 200, lambda one, n: replace(one, sky_azimuths=n)),
-    "hemisphere_tolerance": _part(1e-8, 0.1, lambda one, x: replace(one, hemisphere_tolerance=x)),
-    "dolp_tolerance": _part(1e-13, 0.1, lambda one, x: replace(one, dolp_tolerance=x)),
-    "roc_tolerance": _part(1e-12, 0.01, lambda one, x: replace(one, roc_tolerance=x)),
-}
+def _with_setting(settings: Settings, key: str, text: str) -> Settings:
+    if key == _RULE:
+        if text not in _RULES:
+            raise ValueError(f"allowed are {', '.join(_RULES)}")
+        return replace(settings, tile_rule=cast("TileRule", text))
+    kind, least, most = _ALSO[key]
+    try:
+        number: Any = kind(text)
+    except ValueError as error:
+        raise ValueError(f"must be a {'whole ' if kind is int else ''}number, {least:g} to {most:g}") from error
+    if not least <= number <= most:
+        raise ValueError(f"allowed is {least:g} to {most:g}")
+    if key == "streams":
+        return replace(settings, solver=replace(settings.solver, nodes=number))
+    if key == "tiles_per_side":
+        return replace(settings, tiles_per_side=number, negligible_spread=0.0)
+    return replace(settings, **{key: number})
 
 
 def _evaluated(name: str, scene: LitScene, settings: Settings, truth: Truth, clock: Clock) -> NamedChoice:

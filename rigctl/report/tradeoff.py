@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from rigctl.prediction.sessions import SessionPoint
 from rigctl.prediction.tradeoff import WHOLE_CHAIN, estimates_share, faster_and_better
 from rigctl.report.data_files import csv_rows, json_rows
 from rigctl.report.drawing import COLOURS, few_log_labels, legend_below, legend_beside, placed_axes, png, subplots
-from rigctl.report.table import Column, Table
+from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from rigctl.console.json_text import Json
     from rigctl.prediction.sessions import AcquisitionTradeoff
     from rigctl.prediction.tradeoff import CurvePoint, Curves, DigitPoint, NamedChoice
-    from rigctl.prediction.tradeoff import CurvePoint as CostPoint
 
 
 _PERCENT = 100.0
@@ -40,47 +40,27 @@ _MOST_LISTED = 6
 _SHOWN_FLOORS = ("radiance", "s1n", "s2n", "dolp_pixels", "p_detection")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _ErrorOf:
-    name: str
-    setting: str
-    error: float
-    rule: str
-
-
-def accuracy_table(found: Predicted) -> Table[_ErrorOf]:
-    """Return each knob with its setting, the largest error that is left by it, and how that was estimated."""
-    columns: tuple[Column[_ErrorOf], ...] = (
-        Column(title="knob", text=lambda one: one.name, left=True),
-        Column(title="setting", text=lambda one: one.setting, left=True),
-        Column(title="largest error", text=lambda one: size(one.error), left=True),
-        Column(title="estimated by", text=lambda one: one.rule, left=True),
-    )
-    rows = (*_errors_of_knobs(found), *_errors_of_statistics(found))
-    return Table(title=f"numerical error, tolerance {found.tolerance:g}", columns=columns, rows=rows)
-
-
-def _errors_of_knobs(found: Predicted) -> Iterable[_ErrorOf]:
-    for name, knob in NUMERICAL_SETTINGS.items():
-        label = knob.levels[found.plan[name]].label
-        yield _ErrorOf(name=name, setting=label, error=found.budget.worst(name), rule=knob.estimate)
-
-
-def _errors_of_statistics(found: Predicted) -> Iterable[_ErrorOf]:
-    for name in STATISTICS:
-        yield _ErrorOf(name=name, setting="as the tolerance asks", error=found.budget.worst(name), rule="its own rule")
+def accuracy_table(found: Predicted) -> Table[tuple[str, ...]]:
+    """Return each numerical setting with its level, its largest error, and how that was estimated."""
+    rows = [
+        (name, one.levels[found.plan[name]].label, size(found.budget.worst(name)), one.estimate)
+        for name, one in NUMERICAL_SETTINGS.items()
+    ]
+    rows += [(name, "as the tolerance asks", size(found.budget.worst(name)), "its own rule") for name in STATISTICS]
+    columns = text_columns("knob", "setting", "largest error", "estimated by", left=(0, 1, 2, 3))
+    return Table(title=f"numerical error, tolerance {found.tolerance:g}", columns=columns, rows=tuple(rows))
 
 
 def accuracy_lines(found: Predicted) -> list[str]:
-    """Return the sum of the errors, the time of each stage, and what is not promised and why."""
-    promised = {key: error for key, error in found.budget.total.items() if key not in found.not_guaranteed}
+    """Return the sum of the errors, the time of each stage, and the numbers without a promise, with the reasons."""
+    promised = {key: error for key, error in found.errors.items() if key not in found.not_guaranteed}
     lines = []
     if promised:
         worst = max(promised, key=lambda key: promised[key])
         kind = (
             "numbers, of which errors are estimated and none is promised,"
             if found.estimated_only
-            else ("promised numbers")
+            else "promised numbers"
         )
         lines.append(
             f"all {len(promised)} {kind} keep {found.tolerance:g}; the largest estimated error is "
@@ -89,11 +69,12 @@ def accuracy_lines(found: Predicted) -> list[str]:
     total = sum(found.stage_s.values())
     parts = ", ".join(f"{stage} {_share(seconds, total)}" for stage, seconds in found.stage_s.items())
     lines.append(f"{total:.2g} s in {found.rounds} rounds: {parts}")
-    missed = [f"{', '.join(key)}: {reason}" for key, reason in found.not_guaranteed.items()]
-    lines += [f"not promised: {line}" for line in missed[:_MOST_LISTED]]
-    if len(missed) > _MOST_LISTED:
-        lines.append(f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all")
-    return lines
+    return lines + _not_promised([f"{', '.join(key)}: {reason}" for key, reason in found.not_guaranteed.items()])
+
+
+def _not_promised(missed: Sequence[str]) -> list[str]:
+    more = [f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all"]
+    return [f"not promised: {line}" for line in missed[:_MOST_LISTED]] + more * (len(missed) > _MOST_LISTED)
 
 
 def accuracy_json(found: Predicted) -> dict[str, Json]:
@@ -137,10 +118,7 @@ def series_lines(found: Predictions) -> list[str]:
         for place, case in enumerate(found.cases)
         for key, reason in case.not_guaranteed.items()
     ]
-    lines += [f"not promised: {line}" for line in missed[:_MOST_LISTED]]
-    if len(missed) > _MOST_LISTED:
-        lines.append(f"not promised: {len(missed) - _MOST_LISTED} more; --json lists all")
-    return lines
+    return lines + _not_promised(missed)
 
 
 def series_json(found: Predictions) -> dict[str, Json]:
@@ -179,67 +157,43 @@ def _number(error: float) -> float | None:
     return error if error < float("inf") else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Point:
-    point: CurvePoint
-    on_front: bool
-
-
-def _error(one: _Point, name: str) -> float:
-    found: float = getattr(one.point, name)
-    return found
-
-
-def _digits(one: _Point, name: str) -> str:
-    error = _error(one, name)
-    return "-" if math.isnan(error) else f"{error:.1e}"
-
-
-def _six_digits(one: _Point, name: str) -> str:
-    return f"{_error(one, name):.6g}"
-
-
-# CSV has six figures: times are measured, errors estimated.
-_COLUMNS: tuple[Column[_Point], ...] = (
-    Column(title="knob", key="knob", value=lambda one: one.point.varied, left=True),
-    Column(title="setting", key="setting", value=lambda one: one.point.level, left=True),
-    Column(
-        title="seconds",
-        key="seconds",
-        value=lambda one: one.point.seconds,
-        text=lambda one: f"{one.point.seconds:.3g}",
-        csv=lambda one: f"{one.point.seconds:.6g}",
-    ),
-    *(
-        Column(
-            title=title,
-            key=key,
-            value=partial(_error, name=name),
-            text=partial(_digits, name=name),
-            csv=partial(_six_digits, name=name),
-        )
-        for title, key, name in (
-            ("true error", "true_error", "true"),
-            ("estimated error", "estimated_error", "estimated"),
-            ("error of all", "error_of_all", "whole"),
-        )
-    ),
-    Column(
-        title="front",
-        key="on_front",
-        value=lambda one: one.on_front,
-        text=lambda one: "*" if one.on_front else "",
-        csv=lambda one: str(int(one.on_front)),
-        left=True,
-    ),
-)
-
-
-def curve_table(curves: Curves) -> Table[_Point]:
+def curve_table(curves: Curves) -> Table[CurvePoint]:
     """Return every point; a star marks the front."""
     front = set(curves.front)
-    rows = tuple(_Point(point=point, on_front=point in front) for point in curves.points)
-    return Table(title="error against time", columns=_COLUMNS, rows=rows)
+
+    def error(title: str, key: str, name: str) -> Column[CurvePoint]:
+        value: Callable[[CurvePoint], float] = attrgetter(name)
+        return Column(
+            title=title,
+            key=key,
+            value=value,
+            text=lambda point: "-" if math.isnan(value(point)) else f"{value(point):.1e}",
+            csv=lambda point: f"{value(point):.6g}",
+        )
+
+    # CSV has six figures: times are measured, errors estimated.
+    columns: tuple[Column[CurvePoint], ...] = (
+        Column(title="knob", key="knob", value=lambda point: point.varied, left=True),
+        Column(title="setting", key="setting", value=lambda point: point.level, left=True),
+        Column(
+            title="seconds",
+            key="seconds",
+            text=lambda point: f"{point.seconds:.3g}",
+            csv=lambda point: f"{point.seconds:.6g}",
+        ),
+        error("true error", "true_error", "true"),
+        error("estimated error", "estimated_error", "estimated"),
+        error("error of all", "error_of_all", "whole"),
+        Column(
+            title="front",
+            key="on_front",
+            value=lambda point: point in front,
+            text=lambda point: "*" if point in front else "",
+            csv=lambda point: str(int(point in front)),
+            left=True,
+        ),
+    )
+    return Table(title="error against time", columns=columns, rows=curves.points)
 
 
 def curve_json(curves: Curves) -> dict[str, Json]:
@@ -438,32 +392,20 @@ def proposal(found: AcquisitionTradeoff) -> str | None:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _RegionPoint:
-    point: SessionPoint
-    region: str
-
-    @property
-    def budget(self) -> DolpBudget:
-        return self.point.budgets[self.region]
-
-
 def tradeoff_csv(found: AcquisitionTradeoff) -> bytes:
     """Return every point of every curve as CSV, a row a region; empty where a number does not exist."""
-    columns: tuple[Column[_RegionPoint], ...] = (
-        *(column.of(lambda row: row.point.session) for column in _SESSION_COLUMNS),
-        Column(key="region"),
-        Column(key="dolp", value=lambda row: row.budget.dolp),
-        *(Column(key=error, value=partial(_error_cell, error=error)) for error in _ERRORS),
-        Column(key="p_detection", value=lambda row: row.point.p_detection),
+
+    def of_region(key: str) -> Column[tuple[SessionPoint, str]]:
+        return Column(key=key, value=lambda row: float(getattr(row[0].budgets[row[1]], key)))
+
+    columns: tuple[Column[tuple[SessionPoint, str]], ...] = (
+        *(column.of(lambda row: row[0].session) for column in _SESSION_COLUMNS),
+        Column(key="region", value=lambda row: row[1]),
+        *map(of_region, ("dolp", *_ERRORS)),
+        Column(key="p_detection", value=lambda row: row[0].p_detection),
     )
-    rows = tuple(_RegionPoint(point=point, region=name) for point in found.points for name in point.budgets)
+    rows = tuple((point, name) for point in found.points for name in point.budgets)
     return csv_rows(Table(columns=columns, rows=rows))
-
-
-def _error_cell(row: _RegionPoint, error: str) -> float:
-    found: float = getattr(row.budget, error)
-    return found
 
 
 def tradeoff_json(found: AcquisitionTradeoff) -> dict[str, Json]:
@@ -515,18 +457,18 @@ def _session_json(session: Session) -> dict[str, Json]:
 
 
 def _reached_json(way: Session, reached: Reached) -> dict[str, Json]:
-    named = {"angles_deg": [float(math.degrees(angle)) for angle in way.angles_rad], "order": way.pattern}
     if reached.session is None:
-        return named | {"why_not": reached.why_not}
+        angles_deg = [float(math.degrees(angle)) for angle in way.angles_rad]
+        return {"angles_deg": angles_deg, "order": way.pattern, "why_not": reached.why_not}
     return _session_json(reached.session) | _results_json(reached.budgets, reached.p_detection)
 
 
 def _results_json(budgets: dict[str, DolpBudget], p_detection: float | None) -> dict[str, Json]:
-    return {"errors": {name: _errors_json(budget) for name, budget in budgets.items()}, "p_detection": p_detection}
-
-
-def _errors_json(budget: DolpBudget) -> dict[str, float | None]:
-    return {name: _or_none(getattr(budget, name)) for name in ("dolp", *_ERRORS)}
+    errors: dict[str, Json] = {
+        name: {key: None if math.isnan(value := getattr(budget, key)) else value for key in ("dolp", *_ERRORS)}
+        for name, budget in budgets.items()
+    }
+    return {"errors": errors, "p_detection": p_detection}
 
 
 def _duration_s(reached: Reached) -> float:
@@ -535,10 +477,6 @@ def _duration_s(reached: Reached) -> float:
 
 def _error_text(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.2g}"
-
-
-def _or_none(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 # From a point to its name, and the sides, in the order in which they are tried [points].
@@ -748,7 +686,7 @@ def _name_times(axis: Axes, curves: Curves) -> None:
         )
 
 
-def _draw_chain(axis: Axes, chain: Sequence[CostPoint]) -> None:
+def _draw_chain(axis: Axes, chain: Sequence[CurvePoint]) -> None:
     """Draw the true errors of tolerances, and those that a prediction estimates for itself."""
     seconds, blue = [point.seconds for point in chain], _COLOURS[0]
     true, estimated = ([_shown(getattr(point, kind)) for point in chain] for kind in ("true", "estimated"))
@@ -766,7 +704,7 @@ def _draw_named(axis: Axes, named: Sequence[NamedChoice]) -> None:
             axis.plot(seconds, errors, linestyle="none", marker=marker, color="black", markersize=7, label=label)
 
 
-def _say_without_error(figure: Figure, named: Sequence[NamedChoice], chain: Sequence[CostPoint]) -> None:
+def _say_without_error(figure: Figure, named: Sequence[NamedChoice], chain: Sequence[CurvePoint]) -> None:
     """Write below all what has no error that a logarithm could show."""
     without = [*(one.level for one in chain if one.true == 0.0), *(one.name for one in named if not one.error > 0.0)]
     if without:
@@ -780,8 +718,7 @@ def _say_if_empty(axis: Axes) -> None:
 
 
 def _draw_floor(axis: Axes, curves: Curves) -> None:
-    floors = [floor for key, floor in curves.floor.items() if key.quantity == "dolp_pixels" and is_mean(key)]
-    least = min((floor for floor in floors if floor > 0.0), default=None)
+    least = dolp_floor(curves)
     if least is not None:
         label = "DoLP is known no better: uncertain inputs"
         axis.axhline(least, color="0.5", linestyle="--", linewidth=1.0, label=label)
@@ -825,9 +762,9 @@ def _finish_errors_of(axis: Axes, title: str) -> None:
     axis.grid(visible=True, which="major", alpha=0.3)
 
 
-def _tolerance_names(chain: Sequence[CostPoint]) -> list[PointName]:
+def _tolerance_names(chain: Sequence[CurvePoint]) -> list[PointName]:
     """Return each tolerance at its point, several that come to the same error at the last of them."""
-    by_error: dict[float, list[CostPoint]] = {}
+    by_error: dict[float, list[CurvePoint]] = {}
     for point in chain:
         if math.isfinite(_shown(point.true)):
             by_error.setdefault(float(f"{point.true:.2g}"), []).append(point)
