@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack, cast, get_type_hints
 
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import note, warn
@@ -218,16 +218,32 @@ class ManyRuns(EngineOptions, total=False):
 extend_help(ManyRuns, EngineOptions)
 
 
-class ManyMeasured(FrameOptions, ManyRuns, total=False):
+class ManyResults(ManyRuns, total=False):
+    """Which runs of an archive are worked on, and what is written of each.
+
+    Parameters
+    ----------
+    regions : path
+        Regions file.
+    full : bool
+        Also write to OUT/runs/RUN all files that the command for a single run writes.
+    """
+
+    regions: FilePath | None
+    full: bool
+
+
+class ManyMeasured(FrameOptions, ManyResults, total=False):
     """How the runs of an archive are measured."""
 
 
-class ManyCompared(CompareOptions, ManyRuns, total=False):
+class ManyCompared(CompareOptions, ManyResults, total=False):
     """How the runs of an archive are compared with the model."""
 
 
-extend_help(ManyMeasured, FrameOptions, ManyRuns)
-extend_help(ManyCompared, CompareOptions, ManyRuns)
+extend_help(ManyResults, ManyRuns)
+extend_help(ManyMeasured, FrameOptions, ManyResults)
+extend_help(ManyCompared, CompareOptions, ManyResults)
 
 
 def compare(
@@ -236,8 +252,6 @@ def compare(
     *,
     out: Out,
     scene: FilePath | None = None,
-    regions: FilePath | None = None,
-    full: bool = False,
     **options: Unpack[ManyCompared],
 ) -> Result:
     """Compare every selected run with the model, like `rigctl compare`; write one table and one page.
@@ -258,10 +272,6 @@ def compare(
         Folder for table, page and finished runs.
     scene : path
         Scene file.
-    regions : path
-        Regions file.
-    full : bool
-        Also write to OUT/runs/RUN all files that the command for a single run writes.
     **options
         As of a single run, and which runs, see `ManyCompared`.
 
@@ -277,14 +287,11 @@ def compare(
     """
     from rigctl.verbs.compare import require_possible
 
-    compared, many = _split(options)
-    require_possible(scene, regions, compared)
-    return _over_runs("compare", root, out, compared, many, scene=scene, regions=regions, full=full)
+    require_possible(scene, options.get("regions"), _of_single(options))
+    return _over_runs("compare", root, out, options, scene=scene)
 
 
-def stokes(
-    root: Root, /, *, out: Out, regions: FilePath | None = None, full: bool = False, **options: Unpack[ManyMeasured]
-) -> Result:
+def stokes(root: Root, /, *, out: Out, **options: Unpack[ManyMeasured]) -> Result:
     """Measure every selected run, like `rigctl stokes`: DoLP and AoLP of the regions, soundness.
 
     Images are written only with --full. A damaged run is a row with its reason. Ctrl-C stops (exit code 75), and the
@@ -300,10 +307,6 @@ def stokes(
         Folder with runs at any depth below it.
     out : path
         Folder for table, page and finished runs.
-    regions : path
-        Regions file.
-    full : bool
-        Also write to OUT/runs/RUN all files that the command for a single run writes.
     **options
         As of a single run, and which runs, see `ManyMeasured`.
 
@@ -317,8 +320,7 @@ def stokes(
     ConfigError, DataError
         A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
     """
-    measured, many = _split(options)
-    return _over_runs("stokes", root, out, measured, many, regions=regions, full=full)
+    return _over_runs("stokes", root, out, options)
 
 
 def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
@@ -350,19 +352,10 @@ def verify(root: Root, /, *, out: Out, **options: Unpack[ManyRuns]) -> Result:
     ConfigError, DataError
         dask or a scheduler is not there, or the folder is in use.
     """
-    return _over_runs("verify", root, out, {}, options)
+    return _over_runs("verify", root, out, options)
 
 
-def recalibrate(
-    root: Root,
-    /,
-    *,
-    out: Out,
-    regions: FilePath | None = None,
-    scene: FilePath | None = None,
-    full: bool = False,
-    **options: Unpack[ManyMeasured],
-) -> Result:
+def recalibrate(root: Root, /, *, out: Out, scene: FilePath | None = None, **options: Unpack[ManyMeasured]) -> Result:
     """Measure every selected run again, with other calibrations or those that the store has today.
 
     The table has each number twice: with the new calibrations, and without calibration and with the axis of the run's
@@ -379,12 +372,8 @@ def recalibrate(
         Folder with runs at any depth below it.
     out : path
         Folder for table, page and finished runs.
-    regions : path
-        Regions file.
     scene : path
         Scene file, for its regions.
-    full : bool
-        Also write to OUT/runs/RUN all files that the command for a single run writes.
     **options
         As of a single run, and which runs, see `ManyMeasured`.
 
@@ -398,46 +387,38 @@ def recalibrate(
     ConfigError, DataError
         A file that all runs need is wrong, dask or a scheduler is not there, or the folder is in use.
     """
-    if regions is None and scene is None:
+    if options.get("regions") is None and scene is None:
         raise ConfigError("give --regions FILE, or --scene FILE for its regions: numbers are of regions")
-    measured, many = _split(options)
-    return _over_runs("recalibrate", root, out, measured, many, scene=scene, regions=regions, full=full)
+    return _over_runs("recalibrate", root, out, options, scene=scene)
 
 
-def _split(options: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return the options of a single run, and those that choose runs and workers."""
-    many = {name: value for name, value in options.items() if name in ManyRuns.__annotations__}
-    return {name: value for name, value in options.items() if name not in many}, many
+def _of_single(options: Mapping[str, Any]) -> CompareOptions:
+    """Return the options that the verb of a single run has too."""
+    many = get_type_hints(ManyResults)
+    return cast("CompareOptions", {name: value for name, value in options.items() if name not in many})
 
 
 def _over_runs(
-    verb: "Verb",
-    root: FilePath,
-    out: FilePath,
-    options: CompareOptions,
-    many: ManyRuns,
-    *,
-    scene: FilePath | None = None,
-    regions: FilePath | None = None,
-    full: bool = False,
+    verb: "Verb", root: FilePath, out: FilePath, options: Mapping[str, Any], *, scene: FilePath | None = None
 ) -> Result:
     from rigctl.mapped import count_shown
     from rigctl.verbs.over_runs import ArchiveJob, run_over_archive
 
+    regions = options.get("regions")
     job = ArchiveJob(
         verb=verb,
         root=Path(root),
         out=Path(out),
-        engine=engine_of(many),
-        where=many.get("where"),
+        engine=engine_of(cast("EngineOptions", options)),
+        where=options.get("where"),
         scene=None if scene is None else Path(scene),
         regions=None if regions is None else Path(regions),
-        options=options,
-        full=full,
+        options=_of_single(options),
+        full=options.get("full", False),
     )
     with count_shown("runs") as tell:
         found = run_over_archive(job, tell=tell)
     for text in found.damaged:
         warn(f"{text}; its runs were done again")
-    note(f"table and page: {job.out / 'archive.csv'}, {job.out / 'archive.html'}", below=True)
+    note(f"table and page: {job.out / 'archive.csv'}, {job.out / 'archive.html'}")
     return found

@@ -1,11 +1,10 @@
 """`rigctl study`: thousands of predictions on dask, each done once and kept as it comes, as files that others read."""
 
-import os
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -13,8 +12,7 @@ from cyclopts.validators import Number
 from rigctl.console.failures import EXIT_INCOMPLETE
 from rigctl.console.json_text import Json
 from rigctl.console.terminal import warn
-from rigctl.errors import ConfigError
-from rigctl.verbs.options import FilePath, Writes
+from rigctl.verbs.options import EngineOptions, FilePath, Writes, engine_of
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
@@ -31,9 +29,8 @@ def study(
     /,
     *,
     out: Annotated[FilePath, Writes(kind="folder", names=_FILES)],
-    scheduler: str | None = None,
-    workers: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     tolerance: Annotated[float | None, Parameter(validator=Number(gte=1e-6, lte=0.1))] = None,
+    **options: Unpack[EngineOptions],
 ) -> "StudyResult":
     """Predict many cases of a scene: grids, lists or random draws of its numbers, with Sobol sensitivity indices.
 
@@ -52,12 +49,10 @@ def study(
         Study file.
     out : path
         Folder for study.zarr, tables, and the finished cases.
-    scheduler : str
-        Address of a dask scheduler, such as tcp://HOST:8786; default: this machine.
-    workers : int
-        Processes on this machine; default: one per core.
     tolerance : float
         Largest numerical error of each case, 1e-6 to 0.1; default: the settings of the scene file.
+    **options
+        Where the cases are computed, see `EngineOptions`.
 
     Returns
     -------
@@ -71,12 +66,10 @@ def study(
     DataError
         The folder is in use, or the scheduler went away; finished cases are kept.
     """
-    from rigctl.mapped import Engine, count_shown
+    from rigctl.mapped import count_shown
     from rigctl.study import run_study
 
-    if scheduler is not None and workers is not None:
-        raise ConfigError("--workers: is of this machine; a scheduler has its own")
-    engine = Engine(scheduler=scheduler, workers=workers or os.cpu_count() or 1)
+    engine = engine_of(options)
     with count_shown("cases") as tell:
         table, sobol, outcome, before, damaged = run_study(Path(file), Path(out), engine, tolerance, tell=tell)
     for text in damaged:
