@@ -8,7 +8,7 @@ gives each block of the picture its own throughput, diattenuation and axis (`pol
 import io
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -57,7 +57,7 @@ class _GeneratorFile(Section):
 
 
 def load_generator(path: Path) -> GeneratorAngle:
-    """Return what says a frame's generator angle [deg]."""
+    """Return the function that gives a frame's generator angle [deg], from a TOML or CSV file."""
     key, table = _read_csv(path) if path.suffix.lower() == ".csv" else ("cycle", _read_toml(path))
 
     def angle_deg(record: FrameRecord) -> float:
@@ -178,7 +178,7 @@ def _signals_dn(run: Run, records: Sequence[FrameRecord], region: Region | None)
     inside = _inside(records[0], region)
     inside &= ~_saturated(run, records, inside)
     means = np.array([float(run.counts(record)[inside].mean()) for record in records])
-    return means - _dark_dn(run, records[0], inside)
+    return means - float(_dark(run, records[0], lambda counts: np.asarray(counts[inside].mean())))
 
 
 def _saturated(run: Run, records: Sequence[FrameRecord], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -202,24 +202,20 @@ def _inside(record: FrameRecord, region: Region | None) -> NDArray[np.bool_]:
     return masks([region], width=record.width, height=record.height)[region.name]
 
 
-def dark_frames(run: Run, scene: FrameRecord) -> list[FrameRecord]:
-    """Return the dark frames of the exposure of a scene frame."""
-    return [record for record in run.frames if record.kind == "dark" and record.exposure_s == scene.exposure_s]
-
-
-def _dark_dn(run: Run, scene: FrameRecord, inside: NDArray[np.bool_]) -> float:
-    darks = dark_frames(run, scene)
+def _dark(run: Run, scene: FrameRecord, of: Callable[[NDArray[np.uint16]], FloatArray]) -> FloatArray:
+    """Return means of counts without light, at the exposure of a scene frame."""
+    darks = [record for record in run.frames if record.kind == "dark" and record.exposure_s == scene.exposure_s]
     if darks:
-        return float(np.mean([run.counts(record)[inside].mean() for record in darks]))
+        return np.asarray(np.mean([of(run.counts(record)) for record in darks], axis=0))
     if scene.black_level_dn is not None:
-        return scene.black_level_dn
+        return np.full_like(of(run.counts(scene)), scene.black_level_dn)
     raise DataError(
-        f"{run.path}: nothing says how many counts there are without light; a dark level that stays in lowers the "
-        f"extinction ratio: add dark frames at the exposure of the scan"
+        f"{run.path}: the counts without light are not known; a dark level that stays in lowers the extinction ratio: "
+        f"add dark frames at the exposure of the scan"
     )
 
 
-# What is not so many of its own errors above 0 is not there.
+# A number is significant if it is so many of its own errors above 0.
 _SEEN_SIGMAS = 5.0
 
 
@@ -265,18 +261,18 @@ class ScanCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PolarizerCalibration:
-    """A polarizer in its stage; None is what the scans cannot tell."""
+    """A polarizer in its stage; None where the scans cannot give a number."""
 
-    axis: AxisFit  #: Sense and offset.
-    extinction: Extinction | None  #: Extinction ratio.
-    diattenuation: float | None  #: Of the polarizer.
+    axis: AxisFit  #: sense and offset
+    extinction: Extinction | None  #: extinction ratio
+    diattenuation: float | None
     diattenuation_error: float | None
-    channels: AnalyzerChannels | None  #: Each analyzer angle by itself.
-    stage_rad: FloatArray | None  #: Stage angles of the channels [rad].
-    reduction: DataReduction | None  #: W, for intensities over twice their mean.
-    harmonics: tuple[Harmonic, ...]  #: What is left of Malus' law; of the scan that shows each best.
-    curves: tuple[ScanCurve, ...]  #: The scans.
-    frames: int  #: Frames it was made from.
+    channels: AnalyzerChannels | None = None  #: each analyzer angle by itself
+    stage_rad: FloatArray | None = None  #: stage angles of the channels [rad]
+    reduction: DataReduction | None = None  #: W, for intensities over twice their mean
+    harmonics: tuple[Harmonic, ...]  #: residuals of Malus' law, each of the scan that shows it best
+    curves: tuple[ScanCurve, ...]  #: the scans
+    frames: int  #: number of frames
 
     @property
     def offset_deg(self) -> Measured[float]:
@@ -304,68 +300,75 @@ def from_references(
         for scan, reference in zip(scans, references_rad, strict=True)
     )
     fits = [curve.fit for curve in curves]
-    axis = fit_axis(
+    axis = _axis(
+        known,
         axis_rad=np.array(references_rad),
         stage_rad=np.array([float(fit.phase_rad) for fit in fits]),
         std_error_rad=np.array([float(fit.phase_error_rad()) for fit in fits]),
-        common_error_rad=known.axis_error_rad,
-        expected_rad=known.expected_rad,
-        expected_error_rad=known.expected_error_rad,
     )
     weights = np.array([float(fit.modulation_error()) for fit in fits]) ** -2.0
     modulation = float(weights @ [float(fit.modulation) for fit in fits] / weights.sum())
-    value, error = _diattenuation(modulation, float(weights.sum() ** -0.5), known.dolp)
-    return PolarizerCalibration(
-        axis=axis,
-        extinction=None if value is None or error is None else extinction(value, error),
-        diattenuation=value,
-        diattenuation_error=error,
-        channels=None,
-        stage_rad=None,
-        reduction=None,
-        harmonics=_clearest(curves),
-        curves=curves,
-        frames=sum(len(signal_dn) for _, signal_dn in scans),
-    )
+    return _calibration(axis, curves, modulation, float(weights.sum() ** -0.5), known.dolp)
 
 
 def from_generator(cells: GeneratorCells, signal_dn: FloatArray, known: KnownLight) -> PolarizerCalibration:
     """Return the calibration by a generator that turns; without a stated DoLP it is taken as perfect."""
     dolp = known.dolp or Uncertain(value=1.0)
     channels = analyzer_channels(cells.generator_rad, signal_dn, generator_dolp=dolp.value)
-    axis = fit_axis(
+    axis = _axis(
+        known,
         axis_rad=channels.axis_rad,
         stage_rad=cells.stage_rad,
         std_error_rad=channels.axis_error_rad,
-        common_error_rad=known.axis_error_rad,
-        expected_rad=known.expected_rad,
-        expected_error_rad=known.expected_error_rad,
     )
     curves = tuple(
         ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", cells.generator_rad, column)
         for stage, column in zip(cells.stage_rad.tolist(), signal_dn.T, strict=True)
     )
     pooled, pooled_error = (float(number) for number in pooled_diattenuation(channels))
-    value, error = _diattenuation(pooled * dolp.value, pooled_error * dolp.value, dolp)
-    return PolarizerCalibration(
-        axis=axis,
-        extinction=None if value is None or error is None else extinction(value, error),
-        diattenuation=value,
-        diattenuation_error=error,
+    return replace(
+        _calibration(axis, curves, pooled * dolp.value, pooled_error * dolp.value, dolp),
         channels=channels,
         stage_rad=cells.stage_rad,
         reduction=_reduction(cells, signal_dn, dolp.value),
-        harmonics=_clearest(curves),
-        curves=curves,
         frames=sum(len(cell) for row in cells.frames for cell in row),
     )
 
 
-def _diattenuation(modulation: float, error: float, dolp: Uncertain | None) -> tuple[float | None, float | None]:
-    if dolp is None:
-        return None, None
-    value = modulation / dolp.value
-    return value, float(np.hypot(error / dolp.value, value * dolp.std / dolp.value))
+def _axis(known: KnownLight, *, axis_rad: FloatArray, stage_rad: FloatArray, std_error_rad: FloatArray) -> AxisFit:
+    return fit_axis(
+        axis_rad=axis_rad,
+        stage_rad=stage_rad,
+        std_error_rad=std_error_rad,
+        common_error_rad=known.axis_error_rad,
+        expected_rad=known.expected_rad,
+        expected_error_rad=known.expected_error_rad,
+    )
+
+
+def _calibration(
+    axis: AxisFit, curves: tuple[ScanCurve, ...], modulation: float, error: float, dolp: Uncertain | None
+) -> PolarizerCalibration:
+    """Return the calibration of scans that show a modulation; the DoLP of their light gives the extinction."""
+    clearest: dict[int, Harmonic] = {}
+    for one in (harmonic for curve in curves for harmonic in curve.harmonics):
+        before = clearest.get(one.order)
+        if before is None or one.amplitude * before.std_error > before.amplitude * one.std_error:
+            clearest[one.order] = one
+    diattenuation = diattenuation_error = ratio = None
+    if dolp is not None:
+        diattenuation = modulation / dolp.value
+        diattenuation_error = float(np.hypot(error / dolp.value, diattenuation * dolp.std / dolp.value))
+        ratio = extinction(diattenuation, diattenuation_error)
+    return PolarizerCalibration(
+        axis=axis,
+        extinction=ratio,
+        diattenuation=diattenuation,
+        diattenuation_error=diattenuation_error,
+        harmonics=tuple(clearest[order] for order in sorted(clearest)),
+        curves=curves,
+        frames=sum(len(curve.signal_dn) for curve in curves),
+    )
 
 
 def _reduction(cells: GeneratorCells, signal_dn: FloatArray, dolp: float) -> DataReduction | None:
@@ -374,15 +377,6 @@ def _reduction(cells: GeneratorCells, signal_dn: FloatArray, dolp: float) -> Dat
     # A perfect analyzer passes half of unpolarized light, so that W gives Stokes parameters of S0 = 1.
     scaled = signal_dn / (2.0 * signal_dn.mean())
     return measured_data_reduction(linear_states(cells.generator_rad, dolp=dolp), scaled.T)
-
-
-def _clearest(curves: Sequence[ScanCurve]) -> tuple[Harmonic, ...]:
-    best: dict[int, Harmonic] = {}
-    for harmonic in (one for curve in curves for one in curve.harmonics):
-        before = best.get(harmonic.order)
-        if before is None or harmonic.amplitude * before.std_error > before.amplitude * harmonic.std_error:
-            best[harmonic.order] = harmonic
-    return tuple(best[order] for order in sorted(best))
 
 
 BoolArray = NDArray[np.bool_]
@@ -442,7 +436,7 @@ def polarimeter_maps(
     """Return the maps of a generator scan."""
     records = scene_frames(run)
     cells = generator_cells(run, records, generator_deg)
-    dark = _dark(run, records[0], side_pixels)
+    dark = _dark(run, records[0], lambda counts: block_means(counts, side_pixels))
     rows = max(1, _BAND_BYTES // (8 * cells.generator_rad.size * cells.stage_rad.size * dark.shape[1]))
     bands = [slice(first, first + rows) for first in range(0, len(dark), rows)]
 
@@ -450,9 +444,11 @@ def polarimeter_maps(
     def scan_of(place: int) -> tuple[FloatArray, BoolArray]:
         return _scan(run, records, cells, dark[bands[place]], side_pixels, first_row=bands[place].start)
 
-    seen = [_light(*scan_of(place)) for place in range(len(bands))]
-    light, saturated = (np.concatenate(parts) for parts in zip(*seen, strict=True))
-    lit = ~saturated & (light > _LEAST_LIGHT * np.median(light))
+    scans = (scan_of(place) for place in range(len(bands)))
+    # The least light of each block over the stage angles.
+    lights, saturated = zip(*((scan.mean(axis=0).min(axis=0), full) for scan, full in scans), strict=True)
+    light = np.concatenate(lights)
+    lit = ~np.concatenate(saturated) & (light > _LEAST_LIGHT * np.median(light))
     if not lit.any():
         raise DataError(f"{run.path}: no block of the picture has light without being saturated")
     parts = [
@@ -485,33 +481,14 @@ def _scan(
     return scan, saturated
 
 
-def _light(scan: FloatArray, saturated: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Return the least light of a band over the stage angles, and what is saturated."""
-    return scan.mean(axis=0).min(axis=0), saturated
-
-
 def _joined(parts: Sequence[AnalyzerChannels]) -> AnalyzerChannels:
     """Return the channels of all bands."""
     scans = [part.scan for part in parts]
-    return AnalyzerChannels(
-        throughput=np.concatenate([part.throughput for part in parts], axis=1),
-        throughput_error=np.concatenate([part.throughput_error for part in parts], axis=1),
-        diattenuation=np.concatenate([part.diattenuation for part in parts], axis=1),
-        diattenuation_error=np.concatenate([part.diattenuation_error for part in parts], axis=1),
-        axis_rad=np.concatenate([part.axis_rad for part in parts], axis=1),
-        axis_error_rad=np.concatenate([part.axis_error_rad for part in parts], axis=1),
-        scan=replace(
-            scans[0],
-            terms=np.concatenate([scan.terms for scan in scans], axis=2),
-            variance=np.concatenate([scan.variance for scan in scans], axis=1),
-        ),
-    )
-
-
-def _dark(run: Run, scene: FrameRecord, side_pixels: int) -> FloatArray:
-    darks = dark_frames(run, scene)
-    if darks:
-        return np.asarray(np.mean([block_means(run.counts(record), side_pixels) for record in darks], axis=0))
-    if scene.black_level_dn is None:
-        raise DataError(f"{run.path}: nothing says how many counts there are without light: add dark frames")
-    return np.full_like(block_means(run.counts(scene), side_pixels), scene.black_level_dn)
+    terms = np.concatenate([scan.terms for scan in scans], axis=2)
+    variance = np.concatenate([scan.variance for scan in scans], axis=1)
+    joined = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts], axis=1)
+        for field in fields(AnalyzerChannels)
+        if field.name != "scan"
+    }
+    return AnalyzerChannels(**joined, scan=replace(scans[0], terms=terms, variance=variance))
