@@ -60,38 +60,33 @@ def test_temporal_variance_of_a_pair_and_its_error() -> None:
     assert got.temporal_std_error_dn2 == pytest.approx(truth_dn2 * np.sqrt(2.0 / N_PIXELS), rel=0.11)
 
 
-def test_flicker_of_whole_frames_leaves_the_temporal_variance_alone() -> None:
+@pytest.mark.parametrize(
+    "added",
+    [
+        np.array([0, 50, 7, 90])[:, None, None],
+        np.random.default_rng(5).integers(0, 500, SHAPE)[None],
+    ],
+    ids=["flicker of whole frames", "fixed pattern"],
+)
+def test_flicker_and_fixed_pattern_leave_the_temporal_variance_unchanged(added: NDArray[np.int64]) -> None:
     frames = noisy(4, sigma_dn=10.0, seed=3)
-    flickering = [frame + np.uint16(offset) for frame, offset in zip(frames, (0, 50, 7, 90), strict=True)]
-    # Not a bit of noise changes, only means: equal but for the rounding of a subtraction in single precision.
-    assert statistics(flickering).temporal_variance_dn2 == pytest.approx(
+    changed = list((np.array(frames) + added).astype(np.uint16))
+    # Equal but for the rounding of a subtraction in single precision.
+    assert statistics(changed).temporal_variance_dn2 == pytest.approx(
         statistics(frames).temporal_variance_dn2, rel=3e-7
     )
 
 
-def test_fixed_pattern_leaves_the_temporal_variance_alone() -> None:
-    frames = noisy(4, sigma_dn=10.0, seed=4)
-    pattern = np.random.default_rng(5).integers(0, 500, SHAPE).astype(np.uint16)
-    patterned = [frame + pattern for frame in frames]
-    assert statistics(patterned).temporal_variance_dn2 == statistics(frames).temporal_variance_dn2
-
-
 @pytest.mark.parametrize("n_frames", [2, 16])
-def test_spatial_variance_is_free_of_temporal_noise(n_frames: int) -> None:
-    got = statistics(noisy(n_frames, sigma_dn=10.0, seed=6))
-    # Without the correction it would be 100 / n: 50 and more standard errors too large.
-    assert abs(got.spatial_variance_dn2) < 5.0 * got.spatial_std_error_dn2
-    assert got.spatial_std_error_dn2 < 0.05 * 100.0 / n_frames
-
-
-@pytest.mark.parametrize("n_frames", [2, 16])
-def test_spatial_variance_finds_the_fixed_pattern(n_frames: int) -> None:
-    pattern = 6.0 * np.random.default_rng(7).standard_normal(SHAPE)
+@pytest.mark.parametrize("pattern_dn", [0.0, 6.0])
+def test_the_spatial_variance_is_that_of_the_fixed_pattern(n_frames: int, pattern_dn: float) -> None:
+    pattern = pattern_dn * np.random.default_rng(7).standard_normal(SHAPE)
     got = statistics(noisy(n_frames, sigma_dn=10.0, seed=8, pattern=pattern))
-    assert abs(got.spatial_variance_dn2 - 36.0) < 5.0 * got.spatial_std_error_dn2
-    # For normal noise: sqrt(2 / N) of the variance of the mean picture; tolerance as for the pair, and more.
-    expected = np.sqrt(2.0 / N_PIXELS) * (36.0 + 100.0 / n_frames)
-    assert got.spatial_std_error_dn2 == pytest.approx(expected, rel=0.3)
+    # With temporal noise in it, it would be 50 and more standard errors too large.
+    assert abs(got.spatial_variance_dn2 - pattern_dn**2) < 5.0 * got.spatial_std_error_dn2
+    # For normal noise: sqrt(2 / N) of the variance of the mean picture, and the error of the temporal noise.
+    expected = np.sqrt(2.0 / N_PIXELS) * (pattern_dn**2 + 100.0 / n_frames)
+    assert 0.7 * expected < got.spatial_std_error_dn2 < (1.3 if pattern_dn else 2.0) * expected
 
 
 def test_a_cosmic_hit_is_left_out() -> None:
@@ -109,20 +104,18 @@ def test_noise_has_no_outliers() -> None:
     assert statistics(noisy(64, sigma_dn=5.0, seed=10)).n_pixels == N_PIXELS
 
 
-def test_light_that_falls_off_is_no_small_scale() -> None:
+def test_small_scale_variance_is_without_light_that_falls_off_and_with_all_of_a_pixel_pattern() -> None:
     slope = np.broadcast_to(np.linspace(-30.0, 30.0, SHAPE[1]), SHAPE)
-    got = statistics(noisy(8, sigma_dn=3.0, seed=11, pattern=slope))
+    smooth = statistics(noisy(8, sigma_dn=3.0, seed=11, pattern=slope))
     # A slope of 60 / 79 DN a pixel has (4^2 - 1) / 12 of its square within blocks of 4; rounding of samples in a slope
     # adds up to 1/12 DN^2.
-    assert got.small_scale_variance_dn2 == pytest.approx((60.0 / 79.0) ** 2 * 15.0 / 12.0, abs=1.0 / 12.0 + 0.2)
-    assert got.spatial_variance_dn2 > 280.0
-
-
-def test_pixel_pattern_is_all_small_scale() -> None:
+    expected = (60.0 / 79.0) ** 2 * 15.0 / 12.0
+    assert smooth.small_scale_variance_dn2 == pytest.approx(expected, abs=1.0 / 12.0 + 0.2)
+    assert smooth.spatial_variance_dn2 > 280.0
     pattern = 20.0 * np.random.default_rng(12).standard_normal(SHAPE)
-    got = statistics(noisy(8, sigma_dn=3.0, seed=13, pattern=pattern))
+    pixels = statistics(noisy(8, sigma_dn=3.0, seed=13, pattern=pattern))
     # 320 block means of 16 pixels: 400 / 16 times sqrt(2 / 320), 5 sigma = 10 DN^2 of 400.
-    assert got.small_scale_variance_dn2 == pytest.approx(got.spatial_variance_dn2, rel=0.025)
+    assert pixels.small_scale_variance_dn2 == pytest.approx(pixels.spatial_variance_dn2, rel=0.025)
 
 
 def test_frames_are_not_kept() -> None:
@@ -153,16 +146,19 @@ def test_memory_does_not_grow_with_the_number_of_frames() -> None:
     assert peak_bytes(48) - peak_bytes(6) < 42 * 400
 
 
-@pytest.mark.parametrize("n_frames", [0, 1])
-def test_fewer_than_two_frames_are_refused(n_frames: int) -> None:
-    with pytest.raises(CalibrationError, match="at least two frames"):
-        statistics(noisy(n_frames, sigma_dn=3.0, seed=14))
-
-
-def test_frames_of_different_size_are_refused() -> None:
-    first, second = noisy(2, sigma_dn=3.0, seed=15)
-    with pytest.raises(CalibrationError, match=r"\(64, 80\) and \(63, 80\)"):
-        statistics([first, second[1:]])
+@pytest.mark.parametrize(
+    ("shapes", "problem"),
+    [
+        ([], "at least two frames"),
+        ([SHAPE], "at least two frames"),
+        ([SHAPE, (63, 80)], r"\(64, 80\) and \(63, 80\)"),
+        ([(1, 3)] * 2, r"\(rows, columns\)"),
+        ([(2, 2, 3)] * 2, r"\(rows, columns\)"),
+    ],
+)
+def test_frames_that_make_no_level_are_refused(shapes: list[tuple[int, ...]], problem: str) -> None:
+    with pytest.raises(CalibrationError, match=problem):
+        statistics([np.zeros(shape, dtype=np.uint16) for shape in shapes])
 
 
 def test_samples_are_tallied_as_integers() -> None:
@@ -179,12 +175,6 @@ def test_equal_frames_have_equal_digests_and_uniform_ones_none() -> None:
     samples = statistics([frame, frame.copy(), np.full(SHAPE, 4095, dtype=np.uint16)]).samples
     assert len(samples.digests) == 2
     assert len(set(samples.digests)) == 1
-
-
-@pytest.mark.parametrize("shape", [(1, 3), (2, 2, 3)])
-def test_what_is_no_picture_is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(CalibrationError, match=r"\(rows, columns\)"):
-        statistics([np.zeros(shape, dtype=np.uint16)] * 2)
 
 
 FloatArray = NDArray[np.float64]

@@ -44,10 +44,6 @@ def clean() -> FixedPattern:
     return found(5.0 * np.random.default_rng(3).standard_normal(SHAPE))
 
 
-def flag_names(pattern: FixedPattern) -> set[str]:
-    return {flag.name for flag in pattern_flags(pattern)}
-
-
 def test_independent_pixels_have_a_level_spectrum() -> None:
     # Pattern of 5 DN, and 4 DN of noise over 16 frames; rounding adds nothing that shows.
     expected = np.hypot(5.0, NOISE_DN / 4.0)
@@ -74,18 +70,37 @@ def test_a_sine_stands_at_its_frequency() -> None:
     assert spectrum.frequency_per_pixel[peak] == pytest.approx(0.25)
     # A sine of amplitude a has a^2 / 4 times the number of pixels of a line in its frequency.
     assert spectrum.amplitude[peak] == pytest.approx(0.5 * 5.0 * np.sqrt(SHAPE[1]), rel=0.05)
-    assert "periodic_pattern" in flag_names(striped)
 
 
-def test_columns_of_their_own_are_not_periodic() -> None:
-    columns = 5.0 * np.random.default_rng(5).standard_normal((1, SHAPE[1]))
-    assert "periodic_pattern" not in flag_names(found(np.broadcast_to(columns, SHAPE)))
+def speckled() -> NDArray[np.float64]:
+    dark = 2.0 * np.random.default_rng(7).standard_normal(SHAPE)
+    dark[5::20, 5::20] += 100.0
+    return dark
 
 
-def test_a_good_pattern_has_no_flag_and_no_defect() -> None:
-    assert flag_names(clean()) == set()
+COLUMNS = np.broadcast_to(5.0 * np.random.default_rng(5).standard_normal((1, SHAPE[1])), SHAPE)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "n_frames", "names"),
+    [
+        (5.0 * np.random.default_rng(3).standard_normal(SHAPE), N_FRAMES, set()),
+        (COLUMNS, N_FRAMES, set()),  # columns of their own are not periodic
+        (5.0 * np.sin(2.0 * np.pi * 0.25 * np.arange(SHAPE[1])), N_FRAMES, {"periodic_pattern"}),
+        (speckled(), N_FRAMES, {"defect_pixels"}),
+        (0.0, 4, {"short_stack"}),
+    ],
+    ids=["good", "columns", "sine", "defects", "short stack"],
+)
+def test_flags_of_a_fixed_pattern(pattern: object, n_frames: int, names: set[str]) -> None:
+    assert {flag.name for flag in pattern_flags(found(pattern, n=n_frames))} == names
+
+
+def test_a_good_pattern_and_noise_below_a_count_have_no_defects() -> None:
     assert clean().defects.n_defect == 0
     assert not clean().defects.mask.any()
+    # Most pixels never change, some by one count.
+    assert found(np.full(SHAPE, 0.3), noise=0.15).defects.n_defect == 0
 
 
 def test_each_defect_is_found_by_its_kind() -> None:
@@ -110,26 +125,11 @@ def test_each_defect_is_found_by_its_kind() -> None:
     assert defects.n_defect == 5
 
 
-def test_noise_below_a_count_makes_no_defects() -> None:
-    # Most pixels never change, some by one count.
-    assert found(np.full(SHAPE, 0.3), noise=0.15).defects.n_defect == 0
-
-
 def test_a_line_sensor_has_one_spectrum() -> None:
     row = np.random.default_rng(8).standard_normal((1, 64)).astype(np.float32)
     assert spectrogram(row, along=1).amplitude.shape == (32,)
     assert spectrogram(row, along=0).amplitude.size == 0
     assert spectrogram(row, along=0).median == 0.0
-
-
-def test_many_defects_are_flagged() -> None:
-    dark = 2.0 * np.random.default_rng(7).standard_normal(SHAPE)
-    dark[5::20, 5::20] += 100.0
-    assert "defect_pixels" in flag_names(found(dark))
-
-
-def test_a_short_stack_is_flagged() -> None:
-    assert "short_stack" in flag_names(found(n=4))
 
 
 @pytest.mark.parametrize("name", ["dark_histogram", "response_histogram"])

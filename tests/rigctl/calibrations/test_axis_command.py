@@ -86,65 +86,57 @@ def test_one_reference_and_a_mark_find_sense_and_offset(tmp_path: Path) -> None:
     assert content["diattenuation"]["value"] == pytest.approx(DIATTENUATION, abs=0.002)
 
 
-def test_one_reference_alone_says_that_it_cannot_find_the_sense(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run, out = write_reference_run(tmp_path / "run", 30.0), tmp_path / "polarizer.json"
-    assert main(["calibrate", "axis", str(run), "--reference-deg", "30", "--out", str(out)]) == EXIT_DATA
+def refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str], *arguments: str, code: int = EXIT_DATA) -> str:
+    out = tmp_path / "p.json"
+    assert main(["calibrate", "axis", *arguments, "--out", str(out)]) == code
     assert not out.exists()
-    said = capsys.readouterr().err
-    assert "the sense of rotation is not found" in said
-    assert "sense +1 with offset 37." in said
-    assert "sense -1 with offset 22." in said
+    return capsys.readouterr().err
 
 
-def test_a_reference_along_the_axis_of_the_zero_cannot_find_the_sense(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("light", "more", "words"),
+    [
+        ({}, ["30"], ["the sense of rotation is not found", "sense +1 with offset 37.", "sense -1 with offset 22."]),
+        # Along the axis of the stage's zero.
+        ({"deg": OFFSET_DEG}, [str(OFFSET_DEG), "--expect-offset-deg", "22"], ["not even with it"]),
+        ({"peak_dn": 4200.0}, ["30"], ["saturated pixels"]),
+        ({"peak_dn": 0.0}, ["30"], ["no light above"]),
+    ],
+)
+def test_a_reference_scan_that_gives_no_axis_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], light: dict[str, float], more: list[str], words: list[str]
 ) -> None:
-    run, out = write_reference_run(tmp_path / "run", OFFSET_DEG), tmp_path / "polarizer.json"
-    arguments = [str(run), "--reference-deg", str(OFFSET_DEG), "--expect-offset-deg", "22", "--out", str(out)]
-    assert main(["calibrate", "axis", *arguments]) == EXIT_DATA
-    assert "not even with it" in capsys.readouterr().err
+    run = write_reference_run(tmp_path / "run", light.pop("deg", 30.0), **light)
+    message = refusal(tmp_path, capsys, str(run), "--reference-deg", *more)
+    assert all(one in message for one in words)
 
 
 def test_a_run_without_a_dark_level_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = write_generator_run(tmp_path / "run", dark=False)
-    arguments = [str(run), "--generator", str(generator_toml(tmp_path)), "--out", str(tmp_path / "p.json")]
-    assert main(["calibrate", "axis", *arguments]) == EXIT_DATA
-    assert "add dark frames" in capsys.readouterr().err
-
-
-def test_saturated_pixels_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = write_reference_run(tmp_path / "run", 30.0, peak_dn=4200.0)
-    assert main(["calibrate", "axis", str(run), "--reference-deg", "30", "--out", str(tmp_path / "p")]) == EXIT_DATA
-    assert "saturated pixels" in capsys.readouterr().err
+    assert "add dark frames" in refusal(tmp_path, capsys, str(run), "--generator", str(generator_toml(tmp_path)))
 
 
 def test_a_generator_angle_that_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, listed = write_generator_run(tmp_path / "run"), tmp_path / "generator.toml"
     listed.write_text(f"angle_deg = {list(GENERATOR_DEG[:-1])}\n")
-    arguments = [str(run), "--generator", str(listed), "--out", str(tmp_path / "p.json")]
-    assert main(["calibrate", "axis", *arguments]) == EXIT_DATA
-    assert "cycle 35" in capsys.readouterr().err
+    assert "cycle 35" in refusal(tmp_path, capsys, str(run), "--generator", str(listed))
 
 
 @pytest.mark.parametrize("text", ["sequence,angle\n0,1\n", "angle_deg\n1\n", "cycle,angle_deg\nx,1\n", ""])
-def test_a_wrong_csv_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_wrong_csv_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
     listed = tmp_path / "generator.csv"
     listed.write_text(text)
     run = write_reference_run(tmp_path / "run", 30.0)
-    arguments = [str(run), "--generator", str(listed), "--out", str(tmp_path / "p.json")]
-    assert main(["calibrate", "axis", *arguments]) == EXIT_USAGE
+    refusal(tmp_path, capsys, str(run), "--generator", str(listed), code=EXIT_USAGE)
 
 
-@pytest.mark.parametrize("more", [[], ["--reference-deg", "1", "--reference-deg", "2"], ["--dolp", "1.2"]])
-def test_what_does_not_fit_together_is_a_usage_error(tmp_path: Path, more: list[str]) -> None:
-    run = write_reference_run(tmp_path / "run", 30.0)
-    assert main(["calibrate", "axis", str(run), *more, "--out", str(tmp_path / "p.json")]) == EXIT_USAGE
-
-
-def test_the_simulation_is_a_polarizer() -> None:
-    assert transmitted(0.0, OFFSET_DEG) == pytest.approx(0.5 * (1.0 + DIATTENUATION * DOLP))
+@pytest.mark.parametrize(
+    "more", [[], ["--reference-deg", "1", "--reference-deg", "2"], ["--dolp", "1.2"], ["--reference-deg", "nan"]]
+)
+def test_options_that_do_not_fit_are_usage_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    refusal(tmp_path, capsys, str(write_reference_run(tmp_path / "run", 30.0)), *more, code=EXIT_USAGE)
 
 
 def generator_pairs(stages_deg: tuple[float, ...], repeats: int = 1) -> list[tuple[float, float, int]]:
@@ -175,13 +167,6 @@ def test_a_hot_pixel_is_left_out(tmp_path: Path) -> None:
     assert content["diattenuation"] == pytest.approx(expected["diattenuation"], abs=1e-4)
 
 
-def refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    out = tmp_path / "p.json"
-    assert main(["calibrate", "axis", *arguments, "--out", str(out)]) == EXIT_DATA
-    assert not out.exists()
-    return capsys.readouterr().err
-
-
 def test_references_that_contradict_one_another_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runs = [str(write_reference_run(tmp_path / f"run{angle}", angle)) for angle in (30.0, 77.0)]
     said = refusal(tmp_path, capsys, *runs, "--reference-deg", "30", "--reference-deg", "60")
@@ -196,22 +181,11 @@ def test_a_generator_at_one_axis_of_the_stage_asks_for_another_angle(
     assert "such as 0 and 45 deg" in said
 
 
-def test_a_scan_without_light_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = write_reference_run(tmp_path / "run", 30.0, peak_dn=0.0)
-    assert "no light above" in refusal(tmp_path, capsys, str(run), "--reference-deg", "30")
-
-
 def test_light_that_does_not_change_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Light that turns with the polarizer: as without one.
     pairs = [(10.0 * step, SENSE * 10.0 * step + OFFSET_DEG, 0) for step in range(36)]
     run = write_scan(tmp_path / "run", pairs)
     assert "in its place?" in refusal(tmp_path, capsys, str(run), "--reference-deg", "30")
-
-
-def test_a_direction_that_is_no_number_is_a_usage_error(tmp_path: Path) -> None:
-    run = write_reference_run(tmp_path / "run", 30.0)
-    arguments = [str(run), "--reference-deg", "nan", "--out", str(tmp_path / "p.json")]
-    assert main(["calibrate", "axis", *arguments]) == EXIT_USAGE
 
 
 @pytest.mark.parametrize("way", ["numbers", "header", "table"])

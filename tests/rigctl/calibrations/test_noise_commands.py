@@ -45,24 +45,18 @@ def test_a_run_and_an_emva_set_of_the_same_frames_give_the_same(tmp_path: Path) 
         assert by_emva.known[name].value == pytest.approx(by_run.known[name].value, rel=1e-9)
 
 
-def test_json_on_standard_output_is_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run, out = write_noise_run(tmp_path / "run"), tmp_path / "noise.json"
-    assert main(["calibrate", "noise", "--run", str(run), "--out", str(out), "--json"]) == 0
+def test_json_is_the_file_the_table_names_quantities_and_a_plot_is_a_png(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, out, plot = write_noise_run(tmp_path / "run"), tmp_path / "noise.json", tmp_path / "curve.png"
+    given = ["calibrate", "noise", "--run", str(run), "--out", str(out)]
+    assert main([*given, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads(out.read_text())
-
-
-def test_the_table_names_quantities_and_flags(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = write_noise_run(tmp_path / "run")
-    main(["calibrate", "noise", "--run", str(run), "--out", str(tmp_path / "noise.json")])
+    assert main([*given, "--plot", str(plot), "--force"]) == 0
     shown = capsys.readouterr().out
     for text in ("gain", "read noise", "dark current", "black level", "saturation", "PRNU", "DSNU", "DN/e-"):
         assert text in shown
     assert "saturated_levels: " in shown
-
-
-def test_a_plot_is_a_png_file(tmp_path: Path) -> None:
-    run, plot = write_noise_run(tmp_path / "run"), tmp_path / "curve.png"
-    main(["calibrate", "noise", "--run", str(run), "--out", str(tmp_path / "noise.json"), "--plot", str(plot)])
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
@@ -127,26 +121,15 @@ def test_what_cannot_be_the_black_level_of_flats(
     assert words in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_black_level_beside_dark_frames_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = write_noise_run(tmp_path / "run")
-    given = ["--run", str(run), "--out", str(tmp_path / "noise.json"), "--black-level-dn", "60"]
-    assert main(["calibrate", "noise", *given]) == EXIT_USAGE
-    assert "there are dark frames" in capsys.readouterr().err
-
-
-def test_refused_frames_are_exit_4_and_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refused_frames_are_exit_4_named_and_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run, out = write_noise_run(tmp_path / "run", frames(black_level_dn=2.0)), tmp_path / "noise.json"
-    assert main(["calibrate", "noise", "--run", str(run), "--out", str(out)]) == EXIT_DATA
+    assert main(["calibrate", "noise", "--run", str(run), "--out", str(out), "--json"]) == EXIT_DATA
+    shown = capsys.readouterr()
     assert not out.exists()
-    assert "clipped_black" in capsys.readouterr().err
-
-
-def test_refused_frames_are_named_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = write_noise_run(tmp_path / "run", frames(black_level_dn=2.0))
-    assert main(["calibrate", "noise", "--run", str(run), "--out", str(tmp_path / "n.json"), "--json"]) == EXIT_DATA
-    shown = json.loads(capsys.readouterr().out)
-    assert [flag["name"] for flag in shown["flags"] if flag["refuses"]] == ["clipped_black"]
-    assert all(shown[name] is None for name in QUANTITIES)
+    assert "clipped_black" in shown.err
+    content = json.loads(shown.out)
+    assert [flag["name"] for flag in content["flags"] if flag["refuses"]] == ["clipped_black"]
+    assert all(content[name] is None for name in QUANTITIES)
 
 
 def test_frames_without_a_second_one_are_left_out(tmp_path: Path) -> None:
@@ -159,23 +142,25 @@ def test_frames_without_a_second_one_are_left_out(tmp_path: Path) -> None:
     assert "single_frames" in {flag.name for flag in read_noise_file(out).flags}
 
 
-@pytest.mark.parametrize("sources", [[], ["--run", "run", "--emva", "set.txt"]])
-def test_exactly_one_source_is_wanted(tmp_path: Path, sources: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "noise", *sources, "--out", str(tmp_path / "noise.json")]) == EXIT_USAGE
-    assert "either --run RUN" in capsys.readouterr().err
-
-
-def test_a_folder_that_is_not_there_is_said_before_the_work(tmp_path: Path) -> None:
-    run = write_noise_run(tmp_path / "run")
-    assert main(["calibrate", "noise", "--run", str(run), "--out", str(tmp_path / "gone" / "n.json")]) == EXIT_USAGE
-
-
-def test_a_bad_descriptor_is_a_usage_error(tmp_path: Path) -> None:
-    descriptor = tmp_path / "set.txt"
-    descriptor.write_text("x\n")
-    arguments = ["calibrate", "noise", "--emva", str(descriptor), "--out", str(tmp_path / "noise.json")]
-    assert main(arguments) == EXIT_USAGE
-    assert not (tmp_path / "noise.json").exists()
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([], "either --run RUN"),
+        (["--run", "run", "--emva", "set.txt"], "either --run RUN"),
+        (["--emva", "set.txt"], "begins with 'x'"),
+        (["--run", "run", "--black-level-dn", "60"], "there are dark frames"),
+        (["--run", "run", "--report", "gone/n.html"], "there is no folder"),
+    ],
+)
+def test_options_that_do_not_fit_are_usage_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], given: list[str], words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("set.txt").write_text("x\n")
+    write_noise_run(Path("run"))
+    assert main(["calibrate", "noise", *given, "--out", "noise.json"]) == EXIT_USAGE
+    assert words in " ".join(capsys.readouterr().err.split())
+    assert not Path("noise.json").exists()
 
 
 def calibrations(folder: Path, *, serials: tuple[str, ...] = ("1", "1", "1")) -> list[str]:
@@ -195,24 +180,18 @@ def calibrations(folder: Path, *, serials: tuple[str, ...] = ("1", "1", "1")) ->
     return names
 
 
-def test_finds_the_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_interval_that_doubles_the_dark_current(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = calibrations(tmp_path)
     capsys.readouterr()
     assert main(["calibrate", "doubling", *names, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["value_k"] == pytest.approx(8.0, rel=1e-6)
     assert found["n_temperatures"] == 3
-
-
-def test_says_it_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "doubling", *calibrations(tmp_path)]) == 0
+    assert main(["calibrate", "doubling", *names]) == 0
     assert "doubles every 8.00" in capsys.readouterr().out
+    assert main(["calibrate", "doubling", *names, "--temperature-c", "20"]) == EXIT_USAGE
 
 
-def test_different_cameras_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_different_cameras_have_no_doubling(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "doubling", *calibrations(tmp_path, serials=("1", "2", "1"))]) == EXIT_DATA
     assert "different cameras" in capsys.readouterr().err
-
-
-def test_temperatures_have_to_match_the_files(tmp_path: Path) -> None:
-    assert main(["calibrate", "doubling", *calibrations(tmp_path), "--temperature-c", "20"]) == EXIT_USAGE

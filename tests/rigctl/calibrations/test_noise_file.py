@@ -52,28 +52,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         assert asdict(found.known[name]) == content()[name]
     assert [asdict(flag) for flag in found.flags] == content()["flags"]
     assert found.made_for == FRAMES.made_for
-
-
-@pytest.mark.parametrize("name", QUANTITIES)
-def test_each_quantity_has_value_error_and_frames(name: str) -> None:
-    found = getattr(calibration(), name)
-    assert content()[name] == {"value": found.value, "std_error": found.std_error, "n": found.n}
-
-
-def test_the_standards_own_numbers_stand_beside() -> None:
-    made = content()["emva1288"]
-    assert set(made) == set(EMVA_SYMBOLS)
-    assert made["gain_dn_per_e"]["symbol"] == "K"
-    assert made["gain_dn_per_e"]["value"] == pytest.approx(content()["gain_dn_per_e"]["value"], rel=0.2)
-    # Nobody states photons in a run folder.
-    assert made["quantum_efficiency"] is None
-
-
-def test_the_response_is_kept_where_there_are_levels_for_it() -> None:
-    made = content()["linearity"]
-    assert made["light"] == "exposure"
-    assert np.shape(made["covariance"]) == (2, 2)
-    assert made["brighter_fatter"]["std_error"] > 0.0
+    assert set(content()["emva1288"]) == set(EMVA_SYMBOLS)
+    assert (content()["source"]["sha256"], content()["created_utc"]) == ("0" * 64, "2023-11-14T22:13:20.000000000Z")
 
 
 def test_the_covariance_is_kept_to_the_last_digit(tmp_path: Path) -> None:
@@ -100,20 +80,6 @@ def test_the_sensor_has_nothing_below_zero(tmp_path: Path) -> None:
     assert found.below_zero == {"dark_current_e_per_s": -3.0}
     assert found.sensor_noise().dark_current_e_per_s == 0.0
     assert found.sensor_noise().read_noise_e == content()["read_noise_e"]["value"]
-
-
-def test_the_file_says_what_it_was_made_from_and_when() -> None:
-    made = content()
-    assert made["source"]["sha256"] == "0" * 64
-    assert made["made_for"]["camera_serial"] == "42"
-    assert made["created_utc"] == "2023-11-14T22:13:20.000000000Z"
-    assert made["created_by"].startswith("rigctl ")
-
-
-def test_flags_have_name_message_and_refusal() -> None:
-    assert [set(flag) for flag in content()["flags"]] == [{"name", "level", "message", "refuses"}] * len(
-        calibration().flags
-    )
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
@@ -160,13 +126,10 @@ def test_a_wrong_file_is_refused_with_its_problem(tmp_path: Path, data: bytes, p
         read_noise_file(path)
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="cannot be read"):
-        read_noise_file(tmp_path / "noise.json")
-
-
-def test_quantities_that_are_not_known_are_allowed(tmp_path: Path) -> None:
+def test_a_file_may_be_without_quantities_but_has_to_be_there(tmp_path: Path) -> None:
     path = tmp_path / "noise.json"
+    with pytest.raises(DataError, match="cannot be read"):
+        read_noise_file(path)
     path.write_bytes(spoilt(lambda c: c.update(saturation_e=None, dsnu_e=None, covariance=None)))
     assert read_noise_file(path).dsnu_e is None
 

@@ -12,7 +12,7 @@ import pytest
 from astropy.io import fits
 from numpy.typing import NDArray
 
-from calibration.results import Flag, RefusedFramesError
+from calibration.results import RefusedFramesError
 from rigctl.calibrations.noise import QUANTITIES, read_noise_file
 from rigctl.calibrations.noise_calibration import calibrate_frames
 from rigctl.calibrations.noise_frames import (
@@ -28,29 +28,20 @@ from rigctl.calibrations.noise_frames import (
 from rigctl.cli import main
 from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
-from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter
 from tests.rigctl.noise_sessions import SHAPE, SIGNALS_E, frames, write_emva_set, write_noise_run
 from tests.rigctl.run_samples import make_record, noisy_counts, write_run
 
 
-def test_a_run_is_grouped_by_kind_and_exposure(tmp_path: Path) -> None:
+def test_a_run_is_grouped_by_kind_and_exposure_in_the_order_of_its_frames(tmp_path: Path) -> None:
     found = run_frames(write_noise_run(tmp_path / "run"))
     sizes = {(group.kind, group.exposure_s): len(group.loaders) for group in found.groups}
     assert sizes == {
         (kind, light_e / 1e6): 8 if light_e == 6000.0 else 2 for kind in ("dark", "flat") for light_e in SIGNALS_E
     }
-
-
-def test_frames_of_a_group_come_in_the_order_in_which_they_were_taken(tmp_path: Path) -> None:
-    group = run_frames(write_noise_run(tmp_path / "run")).groups[0]
     expected = [counts for kind, exposure_s, counts in frames() if (kind, exposure_s) == ("dark", 0.0006)]
-    for load, counts in zip(group.loaders, expected, strict=True):
+    for load, counts in zip(found.groups[0].loaders, expected, strict=True):
         np.testing.assert_array_equal(load(), counts)
-
-
-def test_the_camera_of_a_run_is_kept(tmp_path: Path) -> None:
-    found = run_frames(write_noise_run(tmp_path / "run"))
     assert (found.made_for.camera_serial, found.made_for.gain_db, found.bit_depth) == ("42", 0.0, 12)
 
 
@@ -116,17 +107,20 @@ def test_an_emva_set_holds_sixteen_bits(tmp_path: Path) -> None:
         np.testing.assert_array_equal(load(), counts)
 
 
-def test_an_image_of_another_size_than_the_descriptor_says_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda folder: None, r"frame_0\.png: has \(48, 64\) .* says \(480, 640\)"),
+        (lambda folder: (folder / "frame_0.png").write_text("no picture"), r"frame_0\.png: is no FITS, PNG"),
+    ],
+)
+def test_a_file_that_is_not_the_stated_image_is_refused(
+    tmp_path: Path, spoil: Callable[[Path], object], problem: str
+) -> None:
     descriptor = write_emva_set(tmp_path)
     descriptor.write_text(descriptor.read_text().replace(f"n 12 {SHAPE[1]} {SHAPE[0]}", "n 12 640 480"))
-    with pytest.raises(DataError, match=r"frame_0\.png: has \(48, 64\) .* says \(480, 640\)"):
-        emva_frames(descriptor).groups[0].loaders[0]()
-
-
-def test_a_file_that_is_no_image_is_refused(tmp_path: Path) -> None:
-    descriptor = write_emva_set(tmp_path)
-    (tmp_path / "frame_0.png").write_text("no picture")
-    with pytest.raises(DataError, match=r"frame_0\.png: is no FITS, PNG"):
+    spoil(tmp_path)
+    with pytest.raises(DataError, match=problem):
         emva_frames(descriptor).groups[0].loaders[0]()
 
 
@@ -139,38 +133,30 @@ def test_another_pixel_is_another_hash_of_the_frames(tmp_path: Path) -> None:
     assert before.frames_sha256 != after.frames_sha256
 
 
-def records(
-    *, exposure_s: float, spacing_s: float, temperatures_c: tuple[float, ...] = (30.0,) * 3
-) -> list[FrameRecord]:
-    return [
+@pytest.mark.parametrize(
+    ("exposure_s", "spacing_s", "spread_c", "names"),
+    [
+        (0.1, 0.12, 0.0, []),
+        # 10 ms that were read as 10 s.
+        (10.0, 0.05, 0.0, ["wrong_time_unit"]),
+        (0.1, 0.12, 1.0, []),
+        (0.1, 0.12, 6.0, ["temperature_drift"]),
+    ],
+)
+def test_flags_of_how_frames_were_taken(exposure_s: float, spacing_s: float, spread_c: float, names: list[str]) -> None:
+    records = [
         make_record(
             number,
             kind="dark",
             exposure_s=exposure_s,
             start_monotonic_ns=round(1e9 * spacing_s * number),
-            camera_temperature_c=warmth,
+            camera_temperature_c=30.0 + 0.5 * spread_c * number,
         )
-        for number, warmth in enumerate(temperatures_c)
+        for number in range(3)
     ]
-
-
-def flags(given: list[FrameRecord]) -> dict[str, Flag]:
-    return {flag.name: flag for flag in record_flags(given)}
-
-
-def test_frames_that_follow_their_exposure_are_fine() -> None:
-    assert flags(records(exposure_s=0.1, spacing_s=0.12)) == {}
-
-
-def test_exposures_longer_than_the_time_between_frames_are_refused() -> None:
-    # 10 ms that were read as 10 s.
-    assert flags(records(exposure_s=10.0, spacing_s=0.05))["wrong_time_unit"].refuses
-
-
-@pytest.mark.parametrize(("spread_c", "drifts"), [(1.0, False), (6.0, True)])
-def test_a_camera_that_warms_up_is_flagged(spread_c: float, drifts: bool) -> None:
-    given = records(exposure_s=0.1, spacing_s=0.12, temperatures_c=(30.0, 30.0 + 0.5 * spread_c, 30.0 + spread_c))
-    assert ("temperature_drift" in flags(given)) is drifts
+    flags = record_flags(records)
+    assert [flag.name for flag in flags] == names
+    assert [flag.refuses for flag in flags] == [name == "wrong_time_unit" for name in names]
 
 
 GOOD = r"""# a comment
@@ -348,15 +334,14 @@ def test_flats_of_one_exposure_in_two_folders_are_two_levels(tmp_path: Path) -> 
     assert sizes == {("flat", 2), ("dark", 4)}
 
 
-def test_an_image_that_is_neither_is_named(tmp_path: Path) -> None:
+def test_folders_and_images_that_are_no_frames_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such folder"):
+        folder_frames(tmp_path / "nowhere", bit_depth=12)
+    with pytest.raises(ConfigError, match="holds no PNG"):
+        folder_frames(tmp_path, bit_depth=12)
     write_png(tmp_path / "one.png")
     write_png(tmp_path / "dark_flat.png")
     with pytest.raises(ConfigError, match=r"dark_flat\.png: is it dark or flat\?(.|\n)*one\.png: is it"):
-        folder_frames(tmp_path, bit_depth=12)
-
-
-def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="holds no PNG"):
         folder_frames(tmp_path, bit_depth=12)
 
 
@@ -378,12 +363,21 @@ def test_images_want_a_bit_depth(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "--bit-depth" in capsys.readouterr().err
 
 
-def test_every_problem_of_a_table_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "problems"),
+    [
+        (
+            "file,kind,exposure_ms\na.png,grey,1\nb.png,dark,1\na.png,flat,long\n",
+            r"line 2: kind is 'grey'(.|\n)*line 3: there is no file(.|\n)*line 4: exp",
+        ),
+        ("file,sort\na.png,dark\n", r"'kind' is missing(.|\n)*'sort' is none of"),
+    ],
+)
+def test_every_problem_of_a_table_is_named(tmp_path: Path, text: str, problems: str) -> None:
     write_png(tmp_path / "a.png")
-    table = tmp_path / "table.csv"
-    table.write_text("file,kind,exposure_ms\na.png,grey,1\nb.png,dark,1\na.png,flat,long\n")
-    with pytest.raises(ConfigError, match=r"line 2: kind is 'grey'(.|\n)*line 3: there is no file(.|\n)*line 4: exp"):
-        table_frames(table, bit_depth=12)
+    (tmp_path / "table.csv").write_text(text)
+    with pytest.raises(ConfigError, match=problems):
+        table_frames(tmp_path / "table.csv", bit_depth=12)
 
 
 def test_exposures_of_a_table_in_another_unit(tmp_path: Path) -> None:
@@ -394,13 +388,6 @@ def test_exposures_of_a_table_in_another_unit(tmp_path: Path) -> None:
     assert group.exposure_s == pytest.approx(522e-6)
 
 
-def test_columns_that_are_not_known_are_named(tmp_path: Path) -> None:
-    table = tmp_path / "table.csv"
-    table.write_text("file,sort\na.png,dark\n")
-    with pytest.raises(ConfigError, match=r"'kind' is missing(.|\n)*'sort' is none of"):
-        table_frames(table, bit_depth=12)
-
-
 def test_a_table_gives_photons_and_levels(tmp_path: Path) -> None:
     for name in ("a.png", "b.png", "c.png"):
         write_png(tmp_path / name)
@@ -409,8 +396,3 @@ def test_a_table_gives_photons_and_levels(tmp_path: Path) -> None:
     found = table_frames(table, bit_depth=12).groups
     assert [(group.kind, group.photons) for group in found] == [("flat", 500.0), ("flat", 900.0), ("dark", None)]
     np.testing.assert_array_equal(found[0].loaders[0](), np.full((4, 5), 7))
-
-
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no such folder"):
-        folder_frames(tmp_path / "nowhere", bit_depth=12)
