@@ -66,13 +66,12 @@ from rigctl.comparison.rows import (
     is_coarse,
     pair,
     predictable,
-    run_budget,
-    scene_budget,
+    run_budgets,
+    scene_budgets,
     scored,
-    with_diagnosis,
     with_joint_scores,
     with_ratios,
-    with_registration,
+    with_run_errors,
 )
 from rigctl.comparison.scale import Scale, scale_inputs
 from rigctl.errors import ConfigError, as_config_error
@@ -248,7 +247,8 @@ class Comparison:
     attribution: InputAttribution | None = None
     unstated: tuple[UnstatedEffect, ...] = ()  #: effects that nobody stated, the largest first
     trends: tuple[Trend, ...] = ()  #: whether the order of numbers is as predicted; empty without a scene
-    budgets: tuple[RegionBudget, ...] = ()  #: of the uncertainty of each region's polarization, by cause
+    #: uncertainty of each region's polarization by cause
+    budgets: dict[str, RegionBudget] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()  #: whether the run is sound, before any model
     unjudged: dict[str, str] = field(default_factory=dict)  #: region that cannot be judged to the reason
     run_diagnosis: RunDiagnosis | None = None  #: faults that the redundancy of the run's angles shows
@@ -422,7 +422,7 @@ def _with_prediction(
         propagation=propagation,
         attribution=attribute_residuals(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
         trends=trends_of(decided, propagation.cov, measurement),
-        budgets=scene_budget(
+        budgets=scene_budgets(
             predictions, measurement, inputs=inputs, rows=decided, propagation=propagation, uncertain=uncertain
         ),
         lights=predictor.lights(inputs.scene),
@@ -470,14 +470,19 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
     measurement, diagnosis = seen.measurement, seen.diagnosis
     registered = registration_of(measurement)
     checks = (*run_checks(measurement, registered, diagnosis), *nothing_tested(comparison.rows, comparison.not_tested))
-    means = {name: prediction.channels.mean_dn for name, prediction in comparison.predictions.items()}
-    budgets = with_registration(comparison.budgets, measurement, regions=regions, found=registered, means=means)
     unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
     return replace(
         comparison,
         rows=without_decisions(comparison.rows, unjudged),
         checks=checks,
-        budgets=with_diagnosis(budgets, diagnosis, measurement),
+        budgets=with_run_errors(
+            comparison.budgets,
+            measurement,
+            comparison.predictions,
+            regions=regions,
+            registration=registered,
+            diagnosis=diagnosis,
+        ),
         unjudged=unjudged,
         run_diagnosis=diagnosis,
     )
@@ -644,7 +649,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         points_to=diagnose(decided, is_of_law=True),
         predictions=predictions,
         unjudged=unjudged,
-        budgets=run_budget(
+        budgets=run_budgets(
             predictions, measurement, gain_dn_per_e=None if calibrated is None else float(calibrated.values[0])
         ),
         remarks=tuple(remarks),

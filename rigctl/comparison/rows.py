@@ -236,16 +236,11 @@ def _with_ratios(prediction: "RegionPrediction") -> "RegionPrediction":
 FAULTS = "faults of the run"
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegionBudget:
-    """Standard uncertainties of one region's polarization."""
-
-    region: str  #: Its name.
-    #: Quantity ("s0" relative, "s1n", "s2n", "dolp", "aolp_deg") to cause to standard uncertainty.
-    parts: dict[str, dict[str, float]]
+# Standard uncertainty of a region's polarization, by quantity and cause; that of S0 as a share of it.
+RegionBudget = dict[str, dict[str, float]]
 
 
-def scene_budget(
+def scene_budgets(
     predictions: Mapping[str, RegionPrediction],
     measurement: Measurement,
     *,
@@ -253,9 +248,9 @@ def scene_budget(
     rows: tuple[Row, ...],
     propagation: Propagation,
     uncertain: Inputs,
-) -> tuple[RegionBudget, ...]:
-    """Return the budget of every region of a comparison with a scene."""
-    found = []
+) -> dict[str, RegionBudget]:
+    """Return the budget of every measured region of a comparison with a scene."""
+    budgets = {}
     for name, prediction in predictions.items():
         if name not in measurement.regions:
             continue
@@ -270,43 +265,64 @@ def scene_budget(
         causes["dark level"] = _dark_level(measurement)
         causes |= _repeats(region)
         causes |= _inputs(name, rows, propagation, uncertain, measurement.grid.channel_names)
-        found.append(_region(name, prediction.channels, causes, measurement))
-    return tuple(found)
+        budgets[name] = _budget(prediction.channels, causes, measurement)
+    return budgets
 
 
-def run_budget(
+def run_budgets(
     predictions: Mapping[str, RegionPrediction], measurement: Measurement, *, gain_dn_per_e: float | None
-) -> tuple[RegionBudget, ...]:
+) -> dict[str, RegionBudget]:
     """Return the budget of every region of a comparison with the run's own moments.
 
     Without a calibration noise and texture cannot be told apart and stand as one.
     """
-    found = []
+    budgets = {}
     for name, prediction in predictions.items():
         region = measurement.regions[name]
         causes = _run_causes(prediction.channels, region, measurement, gain_dn_per_e) | _repeats(region)
-        found.append(_region(name, prediction.channels, causes | {"dark level": _dark_level(measurement)}, measurement))
-    return tuple(found)
+        causes["dark level"] = _dark_level(measurement)
+        budgets[name] = _budget(prediction.channels, causes, measurement)
+    return budgets
 
 
-def with_registration(
-    budgets: tuple[RegionBudget, ...],
+def with_run_errors(
+    budgets: Mapping[str, RegionBudget],
     measurement: Measurement,
+    predictions: Mapping[str, RegionPrediction],
     *,
     regions: list[Region],
-    found: Registration | str,
-    means: dict[str, NDArray[np.float64]],
-) -> tuple[RegionBudget, ...]:
-    """Return budgets with what misregistration does to each region; as they are where that cannot be told.
+    registration: Registration | str,
+    diagnosis: RunDiagnosis,
+) -> dict[str, RegionBudget]:
+    """Return budgets with what the run shows of itself: misregistration, and the faults of its diagnosis.
 
-    Frames that were moved by a registration that was given are taken as registered.
+    Misregistration is left out where it is not known, or where a registration was given.
     """
-    if isinstance(found, str) or measurement.shifts is not None:
-        return budgets
-    outer = masks(regions, width=measurement.grid.width, height=measurement.grid.height)
-    inside = inner_masks(regions, outer, least_px=reach_px(measurement.run.session.interpolation))
-    sizes = np.hypot(found.shift_pixels, found.std_error_pixels)
-    return tuple(_registered(one, measurement, inside[one.region], sizes, means[one.region]) for one in budgets)
+    known = {name: parts for name, parts in budgets.items() if parts}
+    shifts: dict[str, RegionBudget] = {}
+    if measurement.shifts is None and not isinstance(registration, str):
+        outer = masks(regions, width=measurement.grid.width, height=measurement.grid.height)
+        inside = inner_masks(regions, outer, least_px=reach_px(measurement.run.session.interpolation))
+        sizes = np.hypot(registration.shift_pixels, registration.std_error_pixels)
+        for name in known:
+            cause = shift_cause(measurement.channels, inside[name], shift_pixels=sizes)
+            mean_dn = predictions[name].channels.mean_dn
+            shifts[name] = budget(mean_dn, {"registration": cause}, plan=measurement.plan)
+    return dict(budgets) | {
+        name: {
+            quantity: causes | shifts.get(name, {}).get(quantity, {}) | _faults(diagnosis, name, quantity)
+            for quantity, causes in known[name].items()
+        }
+        for name in known
+    }
+
+
+def _faults(diagnosis: RunDiagnosis, region: str, quantity: str) -> dict[str, float]:
+    """Return what the named faults of a run could do to DoLP and AoLP of a region; nothing for other quantities."""
+    if not diagnosis.named or quantity not in ("dolp", "aolp_deg"):
+        return {}
+    shifts = [term.by_region.get(region, (None, None))[quantity == "aolp_deg"] for term in diagnosis.named]
+    return {FAULTS: float(np.linalg.norm([shift or 0.0 for shift in shifts]))}
 
 
 def _run_causes(
@@ -326,12 +342,9 @@ def _run_causes(
     return causes | {"texture and fixed pattern": pattern + texture}
 
 
-def _region(
-    name: str, channels: ChannelMoments, causes: Mapping[str, FloatArray], measurement: Measurement
-) -> RegionBudget:
-    if not (measurement.plan.inverse @ channels.mean_dn)[0] > 0.0:
-        return RegionBudget(region=name, parts={})
-    return RegionBudget(region=name, parts=budget(channels.mean_dn, causes, plan=measurement.plan))
+def _budget(channels: ChannelMoments, causes: Mapping[str, FloatArray], measurement: Measurement) -> RegionBudget:
+    is_lit = (measurement.plan.inverse @ channels.mean_dn)[0] > 0.0
+    return budget(channels.mean_dn, causes, plan=measurement.plan) if is_lit else {}
 
 
 def _repeats(region: MeasuredRegion) -> dict[str, FloatArray]:
@@ -368,37 +381,3 @@ def _kind(name: str) -> str:
     if name == DRIFT:
         return "drift"
     return "inputs"
-
-
-def _registered(
-    found: RegionBudget,
-    measurement: Measurement,
-    inside: NDArray[np.bool_],
-    sizes: NDArray[np.float64],
-    mean_dn: NDArray[np.float64],
-) -> RegionBudget:
-    if not found.parts:
-        return found
-    causes = {"registration": shift_cause(measurement.channels, inside, shift_pixels=sizes)}
-    own = budget(mean_dn, causes, plan=measurement.plan)
-    return RegionBudget(
-        region=found.region, parts={quantity: parts | own[quantity] for quantity, parts in found.parts.items()}
-    )
-
-
-def with_diagnosis(
-    budgets: tuple[RegionBudget, ...], diagnosis: RunDiagnosis, measurement: Measurement
-) -> tuple[RegionBudget, ...]:
-    """Return budgets with what each fault that the run shows could do to the polarization of a region."""
-    return tuple(_with_faults(found, diagnosis, measurement) for found in budgets)
-
-
-def _with_faults(found: RegionBudget, diagnosis: RunDiagnosis, measurement: Measurement) -> RegionBudget:
-    if not found.parts or found.region not in measurement.regions:
-        return found
-    parts = {quantity: dict(causes) for quantity, causes in found.parts.items()}
-    moved = [term.by_region.get(found.region, (None, None)) for term in diagnosis.named]
-    for place, quantity in enumerate(("dolp", "aolp_deg")):
-        if moved and quantity in parts:
-            parts[quantity][FAULTS] = float(np.linalg.norm([shifts[place] or 0.0 for shifts in moved]))
-    return RegionBudget(region=found.region, parts=parts)

@@ -26,16 +26,6 @@ _S_PER_H = 3600.0
 _LEAST_RUNS = 3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SeriesPoint:
-    """One run of a series."""
-
-    name: str  #: of the run folder
-    comparison: Comparison
-    start: datetime | None  #: of its first frame
-    sun_zenith_deg: float | None  #: as the prediction took it
-
-
 @dataclass(frozen=True, kw_only=True)
 class SeriesDrift:
     """Drift of the residual of a quantity of a region."""
@@ -52,9 +42,9 @@ class SeriesDrift:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedSeries:
-    """Many runs of one rig and their predictions from one scene."""
+    """Many runs of one rig compared with one scene, in the order in which they were given."""
 
-    points: tuple[SeriesPoint, ...]
+    comparisons: tuple[Comparison, ...]
     drifts: tuple[SeriesDrift, ...]
     trends: tuple[Trend, ...]
     alpha: float  #: family-wise error rate: chance of any false disagreement over all runs
@@ -63,10 +53,10 @@ class ComparedSeries:
     @property
     def agrees(self) -> bool | None:
         """Whether every run agrees; None where none disagrees and one cannot be judged."""
-        found = [point.comparison.agrees for point in self.points]
-        if False in found:
+        verdicts = [comparison.agrees for comparison in self.comparisons]
+        if False in verdicts:
             return False
-        return None if None in found else True
+        return None if None in verdicts else True
 
 
 def require_one_instrument(runs: Sequence[Run]) -> None:
@@ -82,30 +72,51 @@ def require_one_instrument(runs: Sequence[Run]) -> None:
         raise DataError(f"these runs do not belong with {runs[0].path}: " + "; ".join(strangers))
 
 
-def hours_of(points: Sequence[SeriesPoint]) -> list[float] | None:
-    """Return the time of each run from the first [h]; None where a run does not say when it was."""
-    starts = [point.start for point in points if point.start is not None]
-    if len(starts) != len(points):
+def name_of(comparison: Comparison) -> str:
+    """Return the name of the run folder."""
+    return comparison.measurement.run.path.resolve().name
+
+
+def start_of(comparison: Comparison) -> datetime | None:
+    """Return the start of the first frame."""
+    text = comparison.measurement.grid.records[0][0].start_utc
+    return None if text is None else datetime.fromisoformat(text)
+
+
+def sun_zenith_deg(comparison: Comparison) -> float | None:
+    """Return the zenith angle of the sun as the frames recorded it, or else as the prediction took it."""
+    frames = comparison.measurement.grid.frames
+    elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
+    if len(elevations) == len(frames):
+        return 90.0 - sum(elevations) / len(elevations)
+    sun = None if comparison.inputs is None else comparison.inputs.scene.sun
+    return None if sun is None else sun.zenith_deg.value
+
+
+def hours_of(comparisons: Sequence[Comparison]) -> list[float] | None:
+    """Return the time of each run from the first [h]; None where a run does not state its time."""
+    starts = [start for start in map(start_of, comparisons) if start is not None]
+    if len(starts) != len(comparisons):
         return None
     return [(start - min(starts)).total_seconds() / _S_PER_H for start in starts]
 
 
-def mean_row(point: SeriesPoint, region: str, quantity: str) -> Row | None:
+def mean_row(comparison: Comparison, region: str, quantity: str) -> Row | None:
     """Return the row of the mean of a quantity, if there is one."""
-    wanted = NumberKey(region, quantity, "mean")
-    return next((row for row in point.comparison.rows if row.key == wanted), None)
+    key = NumberKey(region, quantity, "mean")
+    return next((row for row in comparison.rows if row.key == key), None)
 
 
-def drifts_of(points: Sequence[SeriesPoint]) -> tuple[SeriesDrift, ...]:
+def drifts_of(comparisons: Sequence[Comparison]) -> tuple[SeriesDrift, ...]:
     """Return how residuals drift with time, per hour; nothing with fewer than three runs or without their times.
 
     Errors are those of the measurement: those of the inputs are common to all runs, and move all residuals alike.
     """
-    hours = hours_of(points)
-    if hours is None or len(points) < _LEAST_RUNS or np.ptp(hours) == 0.0:
+    hours = hours_of(comparisons)
+    if hours is None or len(comparisons) < _LEAST_RUNS or np.ptp(hours) == 0.0:
         return ()
     found = []
-    for region, quantity, rows in _complete(points):
+    for region, quantity, rows in _complete(comparisons):
         residuals = [off_prediction(row, row.measured) for row in rows]
         errors = [row.std_error or 0.0 for row in rows]
         if min(errors) > 0.0:
@@ -113,41 +124,41 @@ def drifts_of(points: Sequence[SeriesPoint]) -> tuple[SeriesDrift, ...]:
     return tuple(found)
 
 
-def trends_over_runs(points: Sequence[SeriesPoint]) -> tuple[Trend, ...]:
+def trends_over_runs(comparisons: Sequence[Comparison]) -> tuple[Trend, ...]:
     """Return whether the order of runs is as predicted, for each region and quantity that has an order."""
-    if len(points) < _LEAST_RUNS:
+    if len(comparisons) < _LEAST_RUNS:
         return ()
     return tuple(
         trend(
             rows,
             over=f"runs of {region}",
-            predicted_cov=_joint_cov(points, rows),
+            predicted_cov=_joint_cov(comparisons, rows),
             measured_cov=np.diag([(row.std_error or 0.0) ** 2 for row in rows]),
         )
-        for region, quantity, rows in _complete(points)
+        for region, quantity, rows in _complete(comparisons)
         if quantity not in CIRCULAR
     )
 
 
-def _complete(points: Sequence[SeriesPoint]) -> Iterable[tuple[str, str, list[Row]]]:
+def _complete(comparisons: Sequence[Comparison]) -> Iterable[tuple[str, str, list[Row]]]:
     """Return the quantities that every run has."""
-    for region in points[0].comparison.measurement.regions:
+    for region in comparisons[0].measurement.regions:
         for quantity in FOLLOWED:
-            rows = [mean_row(point, region, quantity) for point in points]
+            rows = [mean_row(comparison, region, quantity) for comparison in comparisons]
             known = [row for row in rows if row is not None]
-            if len(known) == len(points):
+            if len(known) == len(comparisons):
                 yield region, quantity, known
 
 
-def _joint_cov(points: Sequence[SeriesPoint], rows: Sequence[Row]) -> NDArray[np.float64]:
+def _joint_cov(comparisons: Sequence[Comparison], rows: Sequence[Row]) -> NDArray[np.float64]:
     """Return the covariance of one prediction over the runs: the same inputs are off in all of them."""
-    names = list(dict.fromkeys(n for p in points if p.comparison.inputs is not None for n in p.comparison.inputs.names))
-    effects = np.zeros((len(points), len(names)))
-    for k, (point, row) in enumerate(zip(points, rows, strict=True)):
-        inputs, propagation = point.comparison.inputs, point.comparison.propagation
+    names = list(dict.fromkeys(name for one in comparisons if one.inputs is not None for name in one.inputs.names))
+    effects = np.zeros((len(comparisons), len(names)))
+    for k, (comparison, row) in enumerate(zip(comparisons, rows, strict=True)):
+        inputs, propagation = comparison.inputs, comparison.propagation
         if inputs is None or propagation is None:
             continue
-        place = point.comparison.rows.index(row)
+        place = comparison.rows.index(row)
         for name, effect in zip(inputs.names, propagation.effects[place], strict=True):
             effects[k, names.index(name)] = effect
     return np.asarray(effects @ effects.T)

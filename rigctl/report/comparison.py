@@ -79,6 +79,7 @@ if TYPE_CHECKING:
 
 # No error of a report is so small but by rounding.
 _ROUNDING = 1e-12
+Budgets = Mapping[str, "RegionBudget"]  # by region
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
 
 
@@ -245,24 +246,28 @@ def check_table(checks: Sequence[Check]) -> Table[Check]:
     return Table(columns=columns, rows=tuple(checks), is_off=lambda check: check.verdict in ("flagged", "refused"))
 
 
-def budget_table(budgets: Sequence[RegionBudget], quantity: str) -> Table[RegionBudget]:
+def budget_table(budgets: Budgets, quantity: str) -> Table[tuple[str, dict[str, float]]]:
     """Return the standard uncertainty of a quantity by region and cause."""
-    causes = list(dict.fromkeys(cause for found in budgets for cause in found.parts.get(quantity, {})))
-    columns: tuple[Column[RegionBudget], ...] = (
-        Column(title="region", text=lambda found: found.region, left=True),
-        *(Column(title=cause, text=partial(_share, quantity=quantity, cause=cause)) for cause in causes),
-        Column(title="all", text=lambda found: size(float(np.linalg.norm(list(found.parts[quantity].values()))))),
+    rows = tuple((region, parts[quantity]) for region, parts in budgets.items() if quantity in parts)
+    causes = dict.fromkeys(cause for _, parts in rows for cause in parts)
+    columns: tuple[Column[tuple[str, dict[str, float]]], ...] = (
+        Column(title="region", text=lambda row: row[0], left=True),
+        *(Column(title=cause, text=partial(_part, cause=cause)) for cause in causes),
+        Column(title="all", text=lambda row: size(_total(row[1]))),
     )
-    return Table(columns=columns, rows=tuple(found for found in budgets if quantity in found.parts))
+    return Table(columns=columns, rows=rows)
 
 
 def _trend(found: Trend) -> str:
     return {True: "predicted", False: "NOT predicted", None: "not known"}[found.predicted]
 
 
-def _share(found: RegionBudget, quantity: str, cause: str) -> str:
-    """Return a part of a budget; what is left of rounding is nothing."""
-    return size(found.parts[quantity].get(cause, 0.0))
+def _part(row: tuple[str, dict[str, float]], cause: str) -> str:
+    return size(row[1].get(cause, 0.0))
+
+
+def _total(parts: Mapping[str, float]) -> float:
+    return float(np.linalg.norm(list(parts.values())))
 
 
 def disagreeing(comparison: Comparison, most: int) -> list[Row]:
@@ -367,7 +372,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
         "explanation": None if comparison.attribution is None else asdict(comparison.attribution),
         "trends": [_trend_json(found) for found in comparison.trends],
-        "budget": {found.region: found.parts for found in comparison.budgets},
+        "budget": comparison.budgets,
         "checks": [asdict(check) for check in comparison.checks],
         "unstated_effects": [
             {"effect": one.effect.value} | {key: value for key, value in vars(one).items() if key != "effect"}
@@ -554,54 +559,53 @@ def _dolp_law(stokes: Moments) -> Law:
     return lambda x: np.asarray(dolp.pdf(x, stokes.mean, stokes.cov))
 
 
-def budget_bars(budgets: Sequence[RegionBudget]) -> bytes:
+def budget_bars(budgets: Budgets) -> bytes:
     """Return bars of the standard uncertainty by cause, a panel a quantity, a group a region.
 
     Causes that are too small to be seen in any panel are left out; the tables have them.
     """
-    quantities = [q for q in _TITLES if any(q in found.parts for found in budgets)]
-    all_causes = dict.fromkeys(cause for found in budgets for parts in found.parts.values() for cause in parts)
-    causes = [cause for cause in all_causes if any(_is_seen(budgets, quantity, cause) for quantity in quantities)]
+    quantities = [quantity for quantity in _TITLES if any(quantity in parts for parts in budgets.values())]
+    by_quantity = {quantity: [parts.get(quantity, {}) for parts in budgets.values()] for quantity in quantities}
+    all_causes = dict.fromkeys(cause for parts in budgets.values() for causes in parts.values() for cause in causes)
+    causes = [cause for cause in all_causes if any(_is_seen(parts, cause) for parts in by_quantity.values())]
     height = 0.9 + 0.17 * len(budgets) * (len(causes) + 2)
-    names = _NAME_INCH * max(len(found.region) for found in budgets) + 0.25
+    names = _NAME_INCH * max(map(len, budgets)) + 0.25
     lines = 0.2 * -(-(len(causes) + 1) // 5)
     size = 2.6 * len(quantities) + names, max(height, 2.4) + lines + 0.6
     margins = (names, 0.2, lines + 0.65, 0.1)
     figure, axes = placed_axes(1, len(quantities), size=size, margins=margins, apart=(0.35, 0.0))
-    for ax, quantity in zip(axes, quantities, strict=True):
-        _panel(ax, budgets, quantity, causes)
-    axes[0].set_yticks(
-        [_place(k, len(causes) / 2, causes) for k in range(len(budgets))], [found.region for found in budgets]
-    )
+    for ax, (quantity, parts) in zip(axes, by_quantity.items(), strict=True):
+        _panel(ax, parts, quantity, causes)
+    axes[0].set_yticks([_place(k, len(causes) / 2, causes) for k in range(len(budgets))], list(budgets))
     legend_of_all(figure, axes[0])
     return png(figure)
 
 
-def _is_seen(budgets: Sequence[RegionBudget], quantity: str, cause: str) -> bool:
-    return max(found.parts.get(quantity, {}).get(cause, 0.0) for found in budgets) > _limits(budgets, quantity)[0]
+def _is_seen(parts: Sequence[Mapping[str, float]], cause: str) -> bool:
+    return max(causes.get(cause, 0.0) for causes in parts) > _limits(parts)[0]
 
 
-def _limits(budgets: Sequence[RegionBudget], quantity: str) -> tuple[float, float]:
+def _limits(parts: Sequence[Mapping[str, float]]) -> tuple[float, float]:
     """Return the ends of a panel's axis."""
-    most = float(max(np.linalg.norm(list(found.parts.get(quantity, {}).values())) for found in budgets))
+    most = max(map(_total, parts))
     return (float(10.0 ** (np.floor(np.log10(most)) - _SHOWN_DECADES)), 3.0 * most) if most > 0.0 else (1e-12, 1e-9)
 
 
-def _panel(ax: Axes, budgets: Sequence[RegionBudget], quantity: str, causes: list[str]) -> None:
+def _panel(ax: Axes, parts: Sequence[Mapping[str, float]], quantity: str, causes: list[str]) -> None:
+    """Draw the bars of one quantity; `parts` are its causes, region by region."""
     from matplotlib.ticker import NullLocator
 
-    low, high = _limits(budgets, quantity)
+    low, high = _limits(parts)
 
     def draw(place: int, values: list[float], label: str, look: tuple[str, str]) -> None:
-        at = [_place(k, place, causes) for k in range(len(budgets))]
+        at = [_place(k, place, causes) for k in range(len(parts))]
         widths = [max(value, low) - low for value in values]
         shape: dict[str, Any] = {"left": low, "color": look[0], "hatch": look[1], "edgecolor": "white"}
         ax.barh(at, widths, 0.85, linewidth=0.0, label=label, **shape)
 
     for place, cause in enumerate(causes, start=1):
-        draw(place, [found.parts.get(quantity, {}).get(cause, 0.0) for found in budgets], cause, _LOOKS[cause])
-    totals = [float(np.linalg.norm(list(found.parts.get(quantity, {}).values()))) for found in budgets]
-    draw(0, totals, "all", ("black", ""))
+        draw(place, [of_region.get(cause, 0.0) for of_region in parts], cause, _LOOKS[cause])
+    draw(0, [_total(of_region) for of_region in parts], "all", ("black", ""))
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())
     # As text: powers are set as formulas, which takes longer than the rest of the panel.
@@ -830,7 +834,7 @@ def _trends(comparison: Comparison) -> Iterable[Section]:
 
 
 def _uncertainty(comparison: Comparison) -> Iterable[Section]:
-    known = [found for found in comparison.budgets if found.parts]
+    known = {region: parts for region, parts in comparison.budgets.items() if parts}
     if not known:
         return
     picture = Picture(

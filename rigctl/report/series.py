@@ -14,7 +14,7 @@ from model.quantities import FOLLOWED, QUANTITIES
 from rigctl.base.numbers import NOTHING, signed
 from rigctl.comparison.checks import refusals
 from rigctl.comparison.rows import off_prediction
-from rigctl.comparison.series import hours_of, mean_row
+from rigctl.comparison.series import hours_of, mean_row, name_of, start_of, sun_zenith_deg
 from rigctl.report.comparison import (
     ROW_COLUMNS,
     error_of,
@@ -42,8 +42,9 @@ from rigctl.report.table import Column, Table
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from rigctl.comparison.compare import Comparison
     from rigctl.comparison.rows import Row
-    from rigctl.comparison.series import ComparedSeries, SeriesDrift, SeriesPoint
+    from rigctl.comparison.series import ComparedSeries, SeriesDrift
     from rigctl.console.json_text import Json
 
 
@@ -51,41 +52,42 @@ if TYPE_CHECKING:
 DRIFTS = 4.0
 
 # What is to be known of a run before any of its rows.
-_POINT_COLUMNS: tuple[Column[SeriesPoint], ...] = (
-    Column(title="run", key="run", value=lambda point: point.name, left=True),
+_RUN_COLUMNS: tuple[Column[Comparison], ...] = (
+    Column(title="run", key="run", value=name_of, left=True),
     Column(
         title="first frame",
         key="first_frame_utc",
-        value=lambda point: None if point.start is None else point.start.isoformat(),
-        text=lambda point: NOTHING if point.start is None else point.start.strftime("%Y-%m-%d %H:%M"),
+        value=lambda comparison: None if (start := start_of(comparison)) is None else start.isoformat(),
+        text=lambda comparison: NOTHING if (start := start_of(comparison)) is None else f"{start:%Y-%m-%d %H:%M}",
         left=True,
     ),
     Column(
         title="sun zenith",
         key="sun_zenith_deg",
-        text=lambda point: NOTHING if point.sun_zenith_deg is None else f"{point.sun_zenith_deg:.1f}",
+        value=sun_zenith_deg,
+        text=lambda comparison: NOTHING if (zenith := sun_zenith_deg(comparison)) is None else f"{zenith:.1f}",
     ),
 )
 
 
 # A run, and a row of its comparison.
-RowOfRun = tuple["SeriesPoint", "Row"]
+RowOfRun = tuple["Comparison", "Row"]
 
 
 def series_rows(series: ComparedSeries) -> Table[RowOfRun]:
     """Return the rows of all comparisons for programs, each after its run."""
     columns = (
-        *(column.of(lambda one: one[0]) for column in _POINT_COLUMNS),
+        *(column.of(lambda one: one[0]) for column in _RUN_COLUMNS),
         *(column.of(lambda one: one[1]) for column in ROW_COLUMNS),
     )
-    rows = tuple((point, row) for point in series.points for row in point.comparison.rows)
+    rows = tuple((comparison, row) for comparison in series.comparisons for row in comparison.rows)
     return Table(columns=columns, rows=rows)
 
 
-def mean_table(points: Sequence[SeriesPoint]) -> Table[RowOfRun]:
+def mean_table(comparisons: Sequence[Comparison]) -> Table[RowOfRun]:
     """Return both sides of the means that people read first, run by run."""
     columns: tuple[Column[RowOfRun], ...] = (
-        *(column.of(lambda one: one[0]) for column in _POINT_COLUMNS),
+        *(column.of(lambda one: one[0]) for column in _RUN_COLUMNS),
         Column(title="region", text=lambda one: one[1].region, left=True),
         Column(title="quantity", text=lambda one: one[1].quantity, left=True),
         Column(title="predicted", text=lambda one: predicted_text(one[1])),
@@ -94,11 +96,11 @@ def mean_table(points: Sequence[SeriesPoint]) -> Table[RowOfRun]:
         Column(title="z, both", text=lambda one: signed(one[1].z)),
     )
     rows = tuple(
-        (point, row)
-        for point in points
-        for region in point.comparison.measurement.regions
+        (comparison, row)
+        for comparison in comparisons
+        for region in comparison.measurement.regions
         for quantity in FOLLOWED
-        if (row := mean_row(point, region, quantity)) is not None
+        if (row := mean_row(comparison, region, quantity)) is not None
     )
     return Table(columns=columns, rows=rows, is_off=lambda one: one[1].agrees is False)
 
@@ -126,20 +128,19 @@ def series_json(series: ComparedSeries) -> dict[str, Json]:
         "agrees": series.agrees,
         "alpha": series.alpha,
         "scene": {"path": str(series.scene.path), "sha256": series.scene.sha256},
-        "runs": [_point_json(point) for point in series.points],
+        "runs": [_run_json(comparison) for comparison in series.comparisons],
         "drifts": [
             {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in series.drifts
         ],
         "trends": [
             {"quantity": t.quantity, "over": t.over, "predicted": t.predicted} | asdict(t.order) for t in series.trends
         ],
-        "provenance": [provenance_json(point.comparison) for point in series.points],
+        "provenance": [provenance_json(comparison) for comparison in series.comparisons],
     }
 
 
-def _point_json(point: SeriesPoint) -> dict[str, Json]:
-    comparison = point.comparison
-    facts = json_rows(Table(columns=_POINT_COLUMNS, rows=(point,)))[0]
+def _run_json(comparison: Comparison) -> dict[str, Json]:
+    facts = json_rows(Table(columns=_RUN_COLUMNS, rows=(comparison,)))[0]
     return {
         **facts,
         "agrees": comparison.agrees,
@@ -150,21 +151,29 @@ def _point_json(point: SeriesPoint) -> dict[str, Json]:
             region: {
                 quantity: json_rows(row_table([row]))[0]
                 for quantity in FOLLOWED
-                if (row := mean_row(point, region, quantity)) is not None
+                if (row := mean_row(comparison, region, quantity)) is not None
             }
-            for region in point.comparison.measurement.regions
+            for region in comparison.measurement.regions
         },
     }
 
 
 def series_figure(
-    points: Sequence[SeriesPoint], at: Sequence[float], *, region: str, quantities: Sequence[str], label: str, unit: str
+    comparisons: Sequence[Comparison],
+    at: Sequence[float],
+    *,
+    region: str,
+    quantities: Sequence[str],
+    label: str,
+    unit: str,
 ) -> bytes:
     """Return a figure of one region: above, both sides with their errors; below, measured less predicted."""
-    shown = [q for q in quantities if all(mean_row(point, region, q) is not None for point in points)]
+    shown = [q for q in quantities if all(mean_row(comparison, region, q) is not None for comparison in comparisons)]
     figure, axes = subplots(2, max(len(shown), 1), size=(2.7 * max(len(shown), 1) + 0.4, 4.6))
     for column, quantity in enumerate(shown):
-        rows = [row for row in (mean_row(point, region, quantity) for point in points) if row is not None]
+        rows = [
+            row for row in (mean_row(comparison, region, quantity) for comparison in comparisons) if row is not None
+        ]
         upper, lower = axes[column], axes[len(shown) + column]
         _both(upper, at, rows)
         _residuals(lower, at, rows)
@@ -224,9 +233,9 @@ _SERIES_VERDICTS = {
 
 def series_report(series: ComparedSeries) -> Report:
     """Return what the report of many runs says."""
-    points = series.points
+    comparisons = series.comparisons
     return Report(
-        title=f"Measurement versus model: {len(points)} runs",
+        title=f"Measurement versus model: {len(comparisons)} runs",
         source="Each run with its own sun, time and exposure, and one scene file for all.",
         verdict=Verdict(
             good=series.agrees is True,
@@ -234,16 +243,16 @@ def series_report(series: ComparedSeries) -> Report:
             reasons=tuple(_series_reasons(series)),
         ),
         sections=[
-            *_figures(points),
-            Section(title="All runs", blocks=(mean_table(points),)),
+            *_figures(comparisons),
+            Section(title="All runs", blocks=(mean_table(comparisons),)),
             *_drift_sections(series),
-            Section(title="What this does not test", blocks=(Bullets(items=_not_tested(points)),)),
+            Section(title="What this does not test", blocks=(Bullets(items=_not_tested(comparisons)),)),
             Section(
                 title="Provenance in full",
                 blocks=(
                     Verbatim(
                         text=json.dumps(
-                            [provenance_json(point.comparison)["files"] for point in series.points], indent=2
+                            [provenance_json(comparison)["files"] for comparison in series.comparisons], indent=2
                         )
                     ),
                 ),
@@ -255,50 +264,52 @@ def series_report(series: ComparedSeries) -> Report:
 
 
 def _series_reasons(series: ComparedSeries) -> Iterable[tuple[str, str]]:
-    points = series.points
-    off = [point for point in points if point.comparison.agrees is False]
-    yield "", f"{len(points)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together."
-    for point in points:
-        if point.comparison.agrees is None:
-            yield "Cannot be judged:", f"{point.name}: {'; '.join(refusals(point.comparison.checks))}"
-    for point in off:
-        yield "Disagrees:", f"{point.name}: {_why(point)}"
+    comparisons = series.comparisons
+    off = [comparison for comparison in comparisons if comparison.agrees is False]
+    yield (
+        "",
+        f"{len(comparisons)} runs, {len(off)} of which disagree, at alpha = {series.alpha:g} for all of them together.",
+    )
+    for comparison in comparisons:
+        if comparison.agrees is None:
+            yield "Cannot be judged:", f"{name_of(comparison)}: {'; '.join(refusals(comparison.checks))}"
+    for comparison in off:
+        yield "Disagrees:", f"{name_of(comparison)}: {_why(comparison)}"
     for d in series.drifts:
         if abs(d.z) > DRIFTS:
             drift = f"by {d.line.slope:+.3g} an hour ({d.z:+.1f})"
             yield "Drifts:", f"{d.quantity} of {d.region} against its prediction, {drift}"
 
 
-def _why(point: SeriesPoint) -> str:
-    comparison = point.comparison
+def _why(comparison: Comparison) -> str:
     text = f"{len(comparison.disagreements)} numbers; points to {', '.join(comparison.points_to) or 'no cause'}"
     return text if comparison.attribution is None else f"{text}; {comparison.attribution.remark}"
 
 
-def _figures(points: Sequence[SeriesPoint]) -> Iterable[Section]:
-    hours = hours_of(points)
-    zeniths = [point.sun_zenith_deg for point in points if point.sun_zenith_deg is not None]
+def _figures(comparisons: Sequence[Comparison]) -> Iterable[Section]:
+    hours = hours_of(comparisons)
+    zeniths = [zenith for zenith in map(sun_zenith_deg, comparisons) if zenith is not None]
     axes: list[tuple[str, list[float], str]] = []
     if hours is None:
-        axes.append(("order", [float(k) for k in range(1, len(points) + 1)], "run, as given"))
+        axes.append(("order", [float(k) for k in range(1, len(comparisons) + 1)], "run, as given"))
     else:
         axes.append(("time", hours, "time from the first run [h]"))
-    if len(zeniths) == len(points) and len(set(zeniths)) > 1:
+    if len(zeniths) == len(comparisons) and len(set(zeniths)) > 1:
         axes.append(("sun", zeniths, "sun from the zenith [deg]"))
     for name, at, label in axes:
         pictures = tuple(
             Picture(
                 png=series_figure(
-                    points,
+                    comparisons,
                     at,
                     region=region,
                     quantities=FOLLOWED,
                     label=label,
-                    unit=points[0].comparison.measurement.grid.unit,
+                    unit=comparisons[0].measurement.grid.unit,
                 ),
                 caption=f"{region}, both sides and residuals against the {name}; bars of residuals: both errors.",
             )
-            for region in points[0].comparison.measurement.regions
+            for region in comparisons[0].measurement.regions
         )
         yield Section(title=f"Against the {name}", blocks=pictures)
 
@@ -314,14 +325,14 @@ def _drift_sections(series: ComparedSeries) -> Iterable[Section]:
         yield Section(title="Trends", blocks=(trend_table(series.trends),))
 
 
-def _not_tested(points: Sequence[SeriesPoint]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(text for point in points for text in point.comparison.not_tested))
+def _not_tested(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(text for comparison in comparisons for text in comparison.not_tested))
 
 
 def write_series(series: ComparedSeries, out: Path) -> None:
     """Write series.json, series.csv, series.html and series.pdf, and those of each run in a folder of its name."""
-    for point in series.points:
-        write_comparison(point.comparison, out / point.name)
+    for comparison in series.comparisons:
+        write_comparison(comparison, out / name_of(comparison))
     report = series_report(series)
     contents = {
         "series.json": json_file(series_json(series)),

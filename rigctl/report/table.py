@@ -1,7 +1,7 @@
 """A table of typed rows: each column says once what it shows to people and gives to programs.
 
-`Table` and `Column` hold what; the terminal (`terminal_table`), pages, CSV and JSON say how. A terminal shows a table
-upright where it fits, and row by row where its numbers would break.
+A table prints itself on a terminal: upright where it fits, row by row where its numbers would break. Pages, PDF, CSV
+and JSON have writers of their own.
 """
 
 from __future__ import annotations
@@ -77,6 +77,11 @@ class Column(Generic[RowT]):
         )
 
 
+# A number that does not exist, in words.
+_NO_NUMBERS = {"nan": "does not exist", "inf": "no limit", "-inf": "no limit"}
+_BETWEEN_COLUMNS = 2
+
+
 @dataclass(frozen=True, kw_only=True)
 class Table(Generic[RowT]):
     """Rows under columns; the writers say how they look."""
@@ -100,36 +105,10 @@ class Table(Generic[RowT]):
         names = [column.group for column in self.shown(Shown.PAGE)]
         return [(name, len(list(same))) for name, same in groupby(names)] if any(names) else []
 
-
-AnyTable = Table[Any]
-
-
-def text_columns(*titles: str, left: tuple[int, ...] = (0,), wide: int | None = None) -> tuple[Column[Any], ...]:
-    """Return columns, for people only, of rows that are tuples of text."""
-    return tuple(
-        Column[Any](title=title, text=_item(k), left=k in left, wide=k == wide) for k, title in enumerate(titles)
-    )
-
-
-def _item(k: int) -> Callable[[tuple[str, ...]], str]:
-    return lambda row: row[k]
-
-
-# A number that does not exist, in words.
-_NO_NUMBERS = {"nan": "does not exist", "inf": "no limit", "-inf": "no limit"}
-_BETWEEN_COLUMNS = 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class FittingTable:
-    """A table that a console shows by the room that it has."""
-
-    table: AnyTable
-
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Show the table, or each row as a list of its columns where numbers would have to break."""
-        columns = self.table.shown(Shown.TERMINAL)
-        rows = [[_NO_NUMBERS.get(text, text) for text in row] for row in self.table.texts(Shown.TERMINAL)]
+        columns = self.shown(Shown.TERMINAL)
+        rows = [[_NO_NUMBERS.get(text, text) for text in row] for row in self.texts(Shown.TERMINAL)]
         needed = sum(_narrowest(column, [row[k] for row in rows]) for k, column in enumerate(columns))
         if needed + _BETWEEN_COLUMNS * (len(columns) - 1) <= options.max_width:
             yield self._upright(columns, rows)
@@ -159,12 +138,21 @@ class FittingTable:
         return shown
 
     def _empty(self) -> TerminalTable:
-        return TerminalTable(title=self.table.title or None, title_justify="left", box=None, pad_edge=False)
+        return TerminalTable(title=self.title or None, title_justify="left", box=None, pad_edge=False)
 
 
-def terminal_table(table: AnyTable) -> FittingTable:
-    """Return a table for a console."""
-    return FittingTable(table=table)
+AnyTable = Table[Any]
+
+
+def text_columns(*titles: str, left: tuple[int, ...] = (0,), wide: int | None = None) -> tuple[Column[Any], ...]:
+    """Return columns, for people only, of rows that are tuples of text."""
+    return tuple(
+        Column[Any](title=title, text=_item(k), left=k in left, wide=k == wide) for k, title in enumerate(titles)
+    )
+
+
+def _item(k: int) -> Callable[[tuple[str, ...]], str]:
+    return lambda row: row[k]
 
 
 def _narrowest(column: Column[Any], texts: list[str]) -> int:

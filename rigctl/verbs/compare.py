@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
@@ -27,7 +26,7 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from rigctl.comparison.compare import Comparison, UsedFile
-    from rigctl.comparison.series import ComparedSeries, SeriesPoint
+    from rigctl.comparison.series import ComparedSeries
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
     from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, RunCalibrations
@@ -240,7 +239,7 @@ class SeriesResult(Result):
     @property
     def comparisons(self) -> "tuple[Comparison, ...]":
         """The comparison of each run."""
-        return tuple(point.comparison for point in self.series.points)
+        return self.series.comparisons
 
     @property
     def exit_code(self) -> int:
@@ -249,10 +248,12 @@ class SeriesResult(Result):
 
     def content(self) -> Iterable[Part]:
         """Return the verdict of each run."""
-        for point in self.series.points:
-            accuracy = point.comparison.accuracy
+        from rigctl.comparison.series import name_of
+
+        for comparison in self.comparisons:
+            accuracy = comparison.accuracy
             tolerance = "" if accuracy is None else f"; numerical tolerance {accuracy.tolerance:.1e}"
-            yield f"{point.name}: {_short(point.comparison)}{tolerance}"
+            yield f"{name_of(comparison)}: {_short(comparison)}{tolerance}"
 
     def as_json(self) -> dict[str, Json]:
         """Return what series.json holds."""
@@ -473,33 +474,10 @@ def _series(
         accuracy = found[-1].accuracy if found else None
         tolerance = None if accuracy is None else accuracy.tolerance
         found.append(compare_run(path, scene=scene, regions=regions, tolerance=tolerance, **shared))
-    points = tuple(_point(name, one) for name, one in zip(names, found, strict=True))
     return ComparedSeries(
-        points=points,
-        drifts=drifts_of(points),
-        trends=trends_over_runs(points),
+        comparisons=tuple(found),
+        drifts=drifts_of(found),
+        trends=trends_over_runs(found),
         alpha=alpha,
         scene=used_file(Path(scene)),
     )
-
-
-def _point(name: str, comparison: "Comparison") -> "SeriesPoint":
-    from rigctl.comparison.series import SeriesPoint
-
-    first = comparison.measurement.grid.records[0][0].start_utc
-    return SeriesPoint(
-        name=name,
-        comparison=comparison,
-        start=None if first is None else datetime.fromisoformat(first),
-        sun_zenith_deg=_sun_zenith_deg(comparison),
-    )
-
-
-def _sun_zenith_deg(comparison: "Comparison") -> float | None:
-    """Return where the sun stood, as the frames recorded it, or else as the prediction took it."""
-    frames = comparison.measurement.grid.frames
-    elevations = [frame.sun_elevation_deg for frame in frames if frame.sun_elevation_deg is not None]
-    if len(elevations) == len(frames):
-        return 90.0 - sum(elevations) / len(elevations)
-    sun = None if comparison.inputs is None else comparison.inputs.scene.sun
-    return None if sun is None else sun.zenith_deg.value

@@ -36,13 +36,10 @@ class Result:
     def show(self) -> None:
         """Print the content on standard output."""
         from rigctl.console.terminal import results
-        from rigctl.report.table import terminal_table
 
         for part in self.content():
-            if isinstance(part, str):
+            if not callable(part):
                 results().print(part, markup=False)
-            elif not callable(part):
-                results().print(terminal_table(part))
 
     def show_json(self) -> None:
         """Print what programs read on standard output."""

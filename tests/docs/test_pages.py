@@ -43,7 +43,16 @@ def test_every_quantity_is_explained():
 
 
 _NOTHING = SimpleNamespace(
-    axes=(), regions=(), pairs=(), warnings=(), missing=(), quantities=(), points=(), front=(), shape=(0,)
+    axes=(),
+    regions=(),
+    pairs=(),
+    warnings=(),
+    missing=(),
+    quantities=(),
+    points=(),
+    comparisons=(),
+    front=(),
+    shape=(0,),
 )
 _NO_POINTS = SimpleNamespace(p_false_alarm=np.empty(0))
 _CSV_FILES = {

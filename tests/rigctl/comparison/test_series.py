@@ -1,4 +1,4 @@
-"""Several runs of one rig beside one scene."""
+"""Several runs of one rig compared with one scene."""
 
 import csv
 import json
@@ -70,7 +70,7 @@ def test_a_residual_that_grows_is_found_as_drift(series: ComparedSeries) -> None
 
 
 def test_alpha_is_shared_by_the_runs(series: ComparedSeries) -> None:
-    assert series.points[0].comparison.alpha == pytest.approx(1e-3 / 3)
+    assert series.comparisons[0].alpha == pytest.approx(1e-3 / 3)
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_a_run_that_does_not_belong_is_refused(
 
 
 def test_a_run_of_another_axis_is_refused(series: ComparedSeries) -> None:
-    run = series.points[0].comparison.measurement.run
+    run = series.comparisons[0].measurement.run
     polarizer = PolarizerAsTaken(extinction_ratio=500.0, offset_deg=3.0)
     other = replace(run, path=Path("other"), session=replace(run.session, rig=RigAsTaken(polarizer=polarizer)))
     with pytest.raises(DataError, match="polarizer offset"):
@@ -122,6 +122,6 @@ def test_the_command_takes_several_runs_and_refuses_a_stranger(
 
 
 def test_runs_of_one_name_are_refused(series: ComparedSeries) -> None:
-    path = series.points[0].comparison.measurement.run.path
+    path = series.comparisons[0].measurement.run.path
     with pytest.raises(ConfigError, match="different names"):
         compare(path, path, path.parent / "scene.toml")

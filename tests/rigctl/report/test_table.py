@@ -15,7 +15,7 @@ from rigctl.report.data_files import csv_rows, finite, json_rows
 from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Report, Section, Terms, Verbatim, Verdict
 from rigctl.report.output import html, report_file
 from rigctl.report.pdf import pdf
-from rigctl.report.table import Column, Shown, Table, terminal_table, text_columns
+from rigctl.report.table import Column, Shown, Table, text_columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ def page_rows(text):
 
 def terminal_text(table, width=100):
     console = Console(file=io.StringIO(), width=width)
-    console.print(terminal_table(table))
+    console.print(table)
     return console.file.getvalue()
 
 
