@@ -1,19 +1,21 @@
 """Images that other programs wrote, on their way to the frames of a run.
 
-`ImportRequest` is what the user states. `survey_images` reads every file once: its size, what its header answers, its
-histogram, and a constant border that resampling or a mask left. `find_scale` decides from all of them what a count
-means: how many bits, at which end of a sample, from where on saturated, which pixels are missing. `frames_of` then
-gives the frames one by one: upright, cut into the channels of a mosaic, with their bits in place.
+`ImportRequest` is what the user states. `import_images` reads every file once for what it tells: size, header,
+histogram, and a constant border that resampling or a mask left. All of them together decide what a count means
+(`find_scale`): how many bits, at which end of a sample, from where on saturated, which pixels are missing. Nothing is
+written before every problem is known. Then each file becomes frames: upright, cut into the channels of a mosaic, with
+its bits in place.
 
 A frame of a run has the counts of one read of the camera. A sum of n reads is divided by n, and kept in single
 precision as means with fractions and counts below 0 are: its noise has 1/n of the variance of one read.
 """
 
 import re
+import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import ceil, isfinite
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,55 +25,29 @@ from scipy.ndimage import label
 
 from drivers.cameras.raw_planes import Plane
 from model.processing.jpeg_traces import jpeg_traces
-from rigctl.base.durable import MOST_FRAME_BYTES
+from rigctl.base.durable import MOST_FRAME_BYTES, flush_folder
 from rigctl.base.numbers import is_utc_text
-from rigctl.errors import ConfigError, DataError
+from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.choices import FrameKind
 from rigctl.files.csv_table import csv_rows
-from rigctl.images import FLIP, FirstRow, HeaderValue, ImageFile, read_image, unlike_settings
+from rigctl.images import FLIP, STALE, FirstRow, HeaderValue, ImageFile, read_image, unlike_settings
 from rigctl.imports import headers
-from rigctl.imports.levels import LEVELS, common_zero_bits, histogram, largest, missing_pixels, saturation_plateau
+from rigctl.imports.levels import (
+    LEVELS,
+    common_zero_bits,
+    histogram,
+    largest,
+    missing_pixels,
+    odd_pattern,
+    saturation_plateau,
+)
+from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
+from rigctl.runs.writer import RunWriter
 
-# A border takes so much of an edge, and at most so large a share of the image.
-_LEAST_OF_EDGE, _LARGEST_SHARE = 0.5, 0.3
-# A value that is as common within the image is no border's.
-_LARGEST_SHARE_INSIDE = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class Border:
-    """Pixels of one value that hang together along the edges."""
-
-    value_dn: int  #: Their count.
-    fraction: float  #: Of all pixels.
-    is_elsewhere: bool  #: Other pixels have this count too: they are of the picture.
-
-
-def constant_border(counts: NDArray[np.uint16]) -> Border | None:
-    """Return the constant border of an image, or None.
-
-    The most common value along the four edges, where pixels of it hang together and take half of an edge or more, and
-    are rare in the rest of the image. An image that is dark all over has none.
-    """
-    edges = np.concatenate([counts[0], counts[-1], counts[:, 0], counts[:, -1]])
-    values, numbers = np.unique(edges, return_counts=True)
-    value = int(values[np.argmax(numbers)])
-    pixels = int(np.count_nonzero(border_pixels(counts, value)))
-    inside = int(np.count_nonzero(counts == value)) - pixels
-    if not pixels or pixels > _LARGEST_SHARE * counts.size or inside > _LARGEST_SHARE_INSIDE * counts.size:
-        return None
-    return Border(value_dn=value, fraction=pixels / counts.size, is_elsewhere=inside > 0)
-
-
-def border_pixels(counts: NDArray[np.uint16], value_dn: int) -> NDArray[np.bool_]:
-    """Return which pixels are of a border of this count: pieces that take half of an edge or more."""
-    pieces, _ = label(counts == value_dn)
-    found: set[int] = set()
-    for edge in (pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]):
-        numbers, lengths = np.unique(edge[edge > 0], return_counts=True)
-        found |= set(numbers[lengths >= _LEAST_OF_EDGE * edge.size].tolist())
-    return np.isin(pieces, sorted(found))
+_ORIGIN = "import"
+_CLIPPED_SHARE = 1e-3  # of the pixels of a file, beyond which it is reported
+_JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
 
 
 Justified = Literal["left", "right"]
@@ -107,11 +83,183 @@ class ImportRequest:
     most_bytes: int = MOST_FRAME_BYTES
 
 
-def request_problems(request: ImportRequest, images: Sequence["SurveyedImage"], *, darks_are_there: bool) -> list[str]:
-    """Return what is contradictory, out of range or missing, each with its option.
+def import_images(request: ImportRequest) -> tuple[tuple[FrameRecord, ...], tuple[str, ...], tuple[float, float]]:
+    """Make a run of images, or add them to one that was imported.
 
-    `images` are those that could be read. `darks_are_there`: the run has dark frames already, which give the black
-    level.
+    Returns
+    -------
+    frames, remarks, clipped
+        The new frames; what was recognised in the files, and doubts; the shares of all pixels that are clipped at the
+        upper end of the range and at 0.
+
+    Raises
+    ------
+    ConfigError
+        Something is not stated, or stated wrongly: one message with every problem.
+    DataError
+        The files are unfit, or contradict what is stated: one message with every problem.
+    """
+    present = _present_run(request.run)
+    images, scale, remarks = _surveyed(request, present)
+    if present is None:
+        frames = _write_new(request, images, scale)
+    else:
+        with RunWriter.append(request.run) as writer:
+            frames = _write(writer, request, images, scale, present.frames)
+    said = (*remarks, *scale.remarks, *_file_remarks(images, scale), *axis_remarks(request, frames))
+    return frames, said, _clipped_shares(images, scale, frames)
+
+
+def axis_remarks(request: ImportRequest, frames: Sequence[FrameRecord]) -> tuple[str, ...]:
+    """Return that scene frames have fewer than three different axes; nothing where they have enough."""
+    scenes = [frame for frame in frames if frame.kind == "scene"]
+    axes = {axis_deg(frame.polarizer_angle_deg) for frame in scenes if frame.polarizer_angle_deg is not None}
+    if not scenes or len(axes) >= 3:
+        return ()
+    if not axes and request.stage_angles is not None:
+        return ("stage angles only: `rigctl calibrate axis` takes these frames, Stokes parameters need the axis",)
+    return (f"{len(axes)} different axes only: Stokes parameters need three or more, modulo 180 degrees",)
+
+
+def _present_run(path: Path) -> Run | None:
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return None
+    run = read_run(path)
+    if run.session.origin != _ORIGIN:
+        raise RunFolderError(f"{path}: holds frames that were taken, not imported; import into a folder of its own")
+    return run
+
+
+def _surveyed(request: ImportRequest, present: Run | None) -> tuple[list["SurveyedImage"], "Scale", list[str]]:
+    """Return every file as far as it tells, what counts mean, and what headers and names say."""
+    images: list[SurveyedImage] = []
+    unsaid: list[str] = []
+    unfit: list[str] = []
+    tables = {
+        "--angles": _angle_table(request.angles_deg, "angle_deg"),
+        "--stage-angles": _angle_table(request.stage_angles, "stage_angle_deg"),
+    }
+    for index, path in enumerate(request.files):
+        try:
+            image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
+            images.append(_survey(request, index, image, tables))
+        except DataError as error:
+            unfit.append(f"{path}: {error}")
+        except ConfigError as error:
+            unsaid.append(f"{path}: {error}")
+    unfit += _size_problems(request, images)
+    stack = [(image.path, image.header) for image in images if FLIP in image.header]
+    unfit += unlike_settings(stack, same_exposure=request.same_exposure)
+    remarks: list[str] = []
+    try:
+        images = _by_headers(request, images, remarks)
+    except ConfigError as error:
+        unsaid.append(str(error))
+    has_darks = present is not None and any(record.kind == "dark" for record in present.frames)
+    unsaid = [*_request_problems(request, images, darks_are_there=has_darks), *unsaid]
+    scale: Scale | None = None
+    if images:
+        try:
+            scale = _scale_beside(present, request, images)
+            unfit += _contradictions(request, images[0], scale, present)
+        except ConfigError as error:
+            unsaid.append(str(error))
+        except DataError as error:
+            unfit.append(str(error))
+    problems = "\n  ".join(["nothing was imported:", *unsaid, *unfit])
+    if unsaid:
+        raise ConfigError(problems)
+    if unfit or scale is None:
+        raise DataError(problems)
+    return images, scale, remarks
+
+
+def _scale_beside(present: Run | None, request: ImportRequest, images: Sequence["SurveyedImage"]) -> "Scale":
+    """Return what counts mean; the frames of one run come from one camera, with as many bits."""
+    if request.bit_depth is not None or present is None or not present.frames:
+        return find_scale(request, images)
+    depth = present.frames[0].bit_depth
+    scale = find_scale(replace(request, bit_depth=depth), images)
+    return replace(scale, remarks=(f"{depth} bits, as the other frames of this run", *scale.remarks))
+
+
+def _contradictions(
+    request: ImportRequest, image: "SurveyedImage", scale: "Scale", present: Run | None
+) -> Iterator[str]:
+    if present is None or not present.frames:
+        return
+    cells = 1 if request.mosaic_deg is None else 2
+    height, width = image.shape[0] // cells, image.shape[1] // cells
+    record = present.frames[0]
+    if (record.height, record.width) != (height, width):
+        yield (
+            f"frames of {width} x {height} pixels do not fit {request.run}, whose frames have "
+            f"{record.width} x {record.height}"
+        )
+    if record.bit_depth != scale.bit_depth:
+        yield f"--bit-depth {scale.bit_depth}: the frames of {request.run} have {record.bit_depth}"
+
+
+def _clipped_shares(
+    images: Sequence["SurveyedImage"], scale: "Scale", frames: Sequence[FrameRecord]
+) -> tuple[float, float]:
+    """Return which shares of all pixels are saturated, and at 0 without being missing."""
+    half = 1 << max(scale.shift_bits - 1, 0)
+    at_zero = sum(image.at_zero if image.is_wide else int(image.levels[:half].sum()) for image in images)
+    total = sum(image.shape[0] * image.shape[1] for image in images)
+    high = sum(record.saturated_fraction for record in frames) / len(frames)
+    return high, 0.0 if scale.missing_dn == 0 else at_zero / total
+
+
+def _file_remarks(images: Sequence["SurveyedImage"], scale: "Scale") -> Iterator[str]:
+    """Yield what was recognised in single files, and in how many."""
+    saturated = ceil(scale.saturation_dn * (1 << scale.shift_bits))
+    shares = {image.path.name: float(image.levels[saturated:].sum() / max(image.levels.sum(), 1)) for image in images}
+    clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SHARE]
+    if clipped:
+        yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
+    odd = {image.path.name: text for image in images if (text := odd_pattern(image.levels))}
+    if odd:
+        yield f"odd bits in {len(odd)} of {len(images)} files ({', '.join(odd)}): {next(iter(odd.values()))}"
+    coded = [image.path.name for image in images if image.is_jpeg]
+    if coded:
+        yield f"{len(coded)} of {len(images)} files ({', '.join(coded)}): {_JPEG}"
+    yield from dict.fromkeys(remark for image in images for remark in image.remarks if STALE in remark)
+
+
+def _write_new(request: ImportRequest, images: Sequence["SurveyedImage"], scale: "Scale") -> tuple[FrameRecord, ...]:
+    parent = request.run.absolute().parent
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=parent, prefix=f".{request.run.name}-", suffix=".part") as scratch:
+            unfinished = Path(scratch) / "run"
+            with RunWriter.create(unfinished, {"origin": _ORIGIN}) as writer:
+                frames = _write(writer, request, images, scale, ())
+            unfinished.replace(request.run)
+        flush_folder(parent)
+    except OSError as error:
+        raise RunFolderError(f"{request.run}: cannot be written: {error.strerror}") from error
+    return frames
+
+
+def _write(
+    writer: RunWriter,
+    request: ImportRequest,
+    images: Sequence["SurveyedImage"],
+    scale: "Scale",
+    present: Sequence[FrameRecord],
+) -> tuple[FrameRecord, ...]:
+    frames = _frames(request, images, scale, first_sequence=writer.next_sequence, present=present)
+    written = writer.write_frames(frames)
+    kinds = " and ".join(sorted({image.kind for image in images}))
+    writer.closing_event("imported", kind=kinds, frames=len(written), files=[str(file) for file in request.files])
+    return written
+
+
+def _request_problems(request: ImportRequest, images: Sequence["SurveyedImage"], *, darks_are_there: bool) -> list[str]:
+    """Return what is contradictory, out of range or missing, each with its option; images are those that could be read.
+
+    The black level may come from dark frames that the run has already.
     """
     return [
         *_angle_problems(request),
@@ -190,6 +338,47 @@ def _range_problems(request: ImportRequest) -> Iterator[str]:
             yield f"{option}: is {reads}, must lie between 1 and {_MOST_READS}"
 
 
+# A border takes so much of an edge, and at most so large a share of the image.
+_LEAST_OF_EDGE, _LARGEST_SHARE = 0.5, 0.3
+# A value that is as common within the image is no border's.
+_LARGEST_SHARE_INSIDE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Border:
+    """Pixels of one value that hang together along the edges."""
+
+    value_dn: int  #: Their count.
+    fraction: float  #: Of all pixels.
+    is_elsewhere: bool  #: Other pixels have this count too: they are of the picture.
+
+
+def constant_border(counts: NDArray[np.uint16]) -> Border | None:
+    """Return the constant border of an image, or None.
+
+    The most common value along the four edges, where pixels of it hang together and take half of an edge or more, and
+    are rare in the rest of the image. An image that is dark all over has none.
+    """
+    edges = np.concatenate([counts[0], counts[-1], counts[:, 0], counts[:, -1]])
+    values, numbers = np.unique(edges, return_counts=True)
+    value = int(values[np.argmax(numbers)])
+    pixels = int(np.count_nonzero(border_pixels(counts, value)))
+    inside = int(np.count_nonzero(counts == value)) - pixels
+    if not pixels or pixels > _LARGEST_SHARE * counts.size or inside > _LARGEST_SHARE_INSIDE * counts.size:
+        return None
+    return Border(value_dn=value, fraction=pixels / counts.size, is_elsewhere=inside > 0)
+
+
+def border_pixels(counts: NDArray[np.uint16], value_dn: int) -> NDArray[np.bool_]:
+    """Return which pixels are of a border of this count: pieces that take half of an edge or more."""
+    pieces, _ = label(counts == value_dn)
+    found: set[int] = set()
+    for edge in (pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]):
+        numbers, lengths = np.unique(edge[edge > 0], return_counts=True)
+        found |= set(numbers[lengths >= _LEAST_OF_EDGE * edge.size].tolist())
+    return np.isin(pieces, sorted(found))
+
+
 # Of samples of 32 bits, with or without sign.
 _MOST_BITS, _LOWEST_DN, _LARGEST_DN, _MOST_READS = 32, -(2.0**31), 2.0**32 - 1.0, 1_000_000
 _TELLING_LEVELS = 8
@@ -211,23 +400,17 @@ class Scale:
     remarks: tuple[str, ...]  #: What was recognised, for the user and for every frame.
 
 
-def find_scale(
-    request: ImportRequest,
-    levels: NDArray[np.int64],
-    *,
-    sample_bits: int,
-    black_level_dn: float | None,
-    levels_by_file: Sequence[NDArray[np.int64]] = (),
-    borders: Sequence[Border] = (),
-    wide: Sequence["SurveyedImage"] = (),
-    unset: int = 0,
-) -> Scale:
-    """Return what the counts mean, by what the user says and the counts themselves show.
-
-    `wide` are images whose counts are no whole numbers of 16 bits; `unset` is how many pixels are no numbers.
-    """
+def find_scale(request: ImportRequest, images: Sequence["SurveyedImage"]) -> Scale:
+    """Return what the counts mean, by what the user says and the counts themselves show."""
+    levels = np.sum([image.levels for image in images], axis=0)
+    unset = sum(image.unset for image in images)
+    wide = [image for image in images if image.is_wide]
     if wide:
         return _scale_of_wide(request, levels, wide, unset)
+    sample_bits = max(image.sample_bits for image in images)
+    black_level_dn = min((image.black_level_dn for image in images if image.black_level_dn is not None), default=None)
+    levels_by_file = [image.levels for image in images]
+    borders = [image.border for image in images if image.border is not None]
     depth, depth_remarks = _bit_depth(request, levels, sample_bits, levels_by_file)
     shift, shift_remarks = _shift(request, levels, depth, sample_bits, levels_by_file)
     full_scale_dn = (2**depth - 1) << shift
@@ -461,13 +644,13 @@ class SurveyedImage:
     kind: FrameKind  #: What the camera saw.
     sample_bits: int  #: Bits that a sample takes in the file.
     first_row: FirstRow  #: Which row comes first in it.
-    angle_deg: float | None  #: From the user or the header.
-    stage_angle_deg: float | None  #: What the polarizer's stage read.
-    exposure_s: float | None
-    black_level_dn: float | None
-    start_utc: str | None  #: Start of the exposure, where the header has it in standard form.
-    remarks: tuple[str, ...]  #: What else one has to know of the file.
     levels: NDArray[np.int64] = field(repr=False)  #: How many of its pixels have each count.
+    angle_deg: float | None = None  #: From the user or the header.
+    stage_angle_deg: float | None = None  #: What the polarizer's stage read.
+    exposure_s: float | None = None
+    black_level_dn: float | None = None
+    start_utc: str | None = None  #: Start of the exposure, where the header has it in standard form.
+    remarks: tuple[str, ...] = ()  #: What else is to be known of the file.
     border: Border | None = None  #: Constant pixels along its edges.
     is_jpeg: bool = False  #: Its blocks of 8 x 8 pixels show that it went through JPEG.
     header: headers.Header = field(default_factory=dict, repr=False)
@@ -479,47 +662,6 @@ class SurveyedImage:
     unset: int = 0  #: Pixels that are NaN or infinite.
     lit: tuple[slice, slice] | None = None  #: Rows and columns that see light, where the header says so.
     by_sections: tuple[str, ...] = ()  #: What was done by keywords of sections.
-
-
-@dataclass(frozen=True, kw_only=True)
-class Survey:
-    """All files, as far as they are known."""
-
-    images: tuple[SurveyedImage, ...]  #: The files that could be read.
-    levels: NDArray[np.int64]  #: How many pixels of all images together have each count.
-    unsaid: tuple[str, ...]  #: What the command line would have to say (exit 2).
-    unfit: tuple[str, ...]  #: What is wrong with the files (exit 4).
-    remarks: tuple[str, ...] = ()  #: What headers and names were found to say.
-
-
-def survey_images(request: ImportRequest) -> Survey:
-    """Return what all files say, and every problem of theirs."""
-    images: list[SurveyedImage] = []
-    levels = np.zeros(LEVELS, dtype=np.int64)
-    unsaid: list[str] = []
-    unfit: list[str] = []
-    tables = {
-        "--angles": _angle_table(request.angles_deg, "angle_deg"),
-        "--stage-angles": _angle_table(request.stage_angles, "stage_angle_deg"),
-    }
-    for index, path in enumerate(request.files):
-        try:
-            image = read_image(path, plane=request.plane, most_bytes=request.most_bytes)
-            images.append(_survey(request, index, image, tables))
-            levels += images[-1].levels
-        except DataError as error:
-            unfit.append(f"{path}: {error}")
-        except ConfigError as error:
-            unsaid.append(f"{path}: {error}")
-    unfit += _size_problems(request, images)
-    stack = [(image.path, image.header) for image in images if FLIP in image.header]
-    unfit += unlike_settings(stack, same_exposure=request.same_exposure)
-    remarks: list[str] = []
-    try:
-        images = _by_headers(request, images, remarks)
-    except ConfigError as error:
-        unsaid.append(str(error))
-    return Survey(images=tuple(images), levels=levels, unsaid=tuple(unsaid), unfit=tuple(unfit), remarks=tuple(remarks))
 
 
 def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: list[str]) -> list[SurveyedImage]:
@@ -587,7 +729,7 @@ def _survey(
         remarks=image.remarks,
         levels=histogram(good),
         border=None if request.no_border_search or is_wide else constant_border(counts),
-        is_jpeg=not is_wide and _is_jpeg(counts),
+        is_jpeg=not is_wide and (traces := jpeg_traces(counts)) is not None and traces.is_found,
         header=image.header,
         reads=reads,
         unit=unit,
@@ -598,11 +740,6 @@ def _survey(
         lit=lit,
         by_sections=by_sections,
     )
-
-
-def _is_jpeg(counts: NDArray[np.uint16]) -> bool:
-    found = jpeg_traces(counts)
-    return found is not None and found.is_found
 
 
 def _first_row(request: ImportRequest, image: ImageFile) -> FirstRow:
@@ -694,7 +831,6 @@ def _size(image: SurveyedImage) -> str:
 _SAME_AXIS_DEG = 180.0
 # Kind of frames, and the angle whose repeats are cycles.
 Place = tuple[FrameKind, Literal["polarizer", "stage"], float] | None
-JPEG = "blocks of 8 x 8 pixels show that JPEG was at work, which changes counts: noise and edges are not the camera's"
 
 
 def axis_deg(angle_deg: float) -> float:
@@ -702,7 +838,7 @@ def axis_deg(angle_deg: float) -> float:
     return round(angle_deg % _SAME_AXIS_DEG, 6) % _SAME_AXIS_DEG
 
 
-def frames_of(
+def _frames(
     request: ImportRequest,
     images: Iterable[SurveyedImage],
     scale: Scale,
@@ -717,15 +853,15 @@ def frames_of(
         record = _record(image, scale)
         for angle_deg, counts, border in _pictures(request, image, scale):
             placed = replace(_at_angle(record, angle_deg, cycles), sequence=sequence)
-            shifted = _of_one_read(counts, image) if image.is_wide else _in_place(counts, scale.shift_bits)
+            shifted = (
+                np.asarray(counts / image.unit, dtype=np.float32)
+                if image.is_wide
+                else _in_place(counts, scale.shift_bits)
+            )
             if border is not None and scale.missing_dn is not None:
                 shifted = np.where(border, shifted.dtype.type(scale.missing_dn), shifted)
             yield placed, shifted
             sequence += 1
-
-
-def _of_one_read(counts: NDArray[Any], image: SurveyedImage) -> NDArray[np.float32]:
-    return np.asarray(counts / image.unit, dtype=np.float32)
 
 
 def _in_place(counts: NDArray[np.uint16], shift_bits: int) -> NDArray[np.uint16]:
@@ -789,13 +925,10 @@ def _record(image: SurveyedImage, scale: Scale) -> FrameRecord:
         black_level_dn=None if black_level_dn is None else black_level_dn / 2**scale.shift_bits,
         start_utc=image.start_utc,
         source_file=str(image.path),
-        remarks=(*image.remarks, *_row_remarks(image), *_coding_remarks(image), *scale.remarks),
+        remarks=(
+            *image.remarks,
+            *(() if image.first_row == "top" else ("turned: the file has its bottom row first",)),
+            *((_JPEG,) if image.is_jpeg else ()),
+            *scale.remarks,
+        ),
     )
-
-
-def _coding_remarks(image: SurveyedImage) -> tuple[str, ...]:
-    return (JPEG,) if image.is_jpeg else ()
-
-
-def _row_remarks(image: SurveyedImage) -> tuple[str, ...]:
-    return () if image.first_row == "top" else ("turned: the file has its bottom row first",)

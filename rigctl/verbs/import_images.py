@@ -1,9 +1,7 @@
 """`rigctl import`: a run made of images that exist, or images added to such a run."""
 
-import math
-import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Unpack
@@ -11,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
 from rigctl.console.json_text import Json
-from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.choices import FrameKind
 from rigctl.verbs.options import COMMA_SEPARATED, FilePath, FrameOptions, MaxFrameMb, Writes
 from rigctl.verbs.result import Part, Result
@@ -20,15 +17,11 @@ from rigctl.verbs.stokes import StokesResult
 from rigctl.verbs.stokes import stokes as measure_stokes
 
 if TYPE_CHECKING:
-    from rigctl.imports.images import ImportRequest, Scale, Survey, SurveyedImage
+    from rigctl.imports.images import ImportRequest
     from rigctl.measure.diagnose import RunDiagnosis
-    from rigctl.runs.folder import Run as RunRecord
     from rigctl.runs.records import FrameRecord
-    from rigctl.runs.writer import RunWriter
 
-_ORIGIN = "import"
 _BYTES_PER_MB = 1_000_000
-_CLIPPED_SHARE = 1e-3  # of the pixels of a file, beyond which it is reported
 
 
 def import_images(
@@ -226,197 +219,26 @@ class ImportedRun(Result):
 
 def imported(request: "ImportRequest") -> ImportedRun:
     """Import images as a request says."""
-    from rigctl.imports.images import survey_images
-    from rigctl.runs.writer import RunWriter
+    from rigctl.imports.images import import_images
 
-    present = _present_run(request.run)
-    survey = survey_images(request)
-    scale = _checked_scale(request, survey, present)
-    if present is None:
-        frames = _write_new(request, survey, scale)
-    else:
-        with RunWriter.append(request.run) as writer:
-            frames = _write(writer, request, survey, scale, present.frames)
+    frames, remarks, clipped_shares = import_images(request)
     return ImportedRun(
         run=request.run,
         frames=frames,
-        remarks=(*survey.remarks, *scale.remarks, *_file_remarks(survey, scale), *_angle_remarks(request, survey)),
-        clipped_shares=_clipped_shares(survey, scale, frames),
-        diagnosis=_first_look(request, survey),
+        remarks=remarks,
+        clipped_shares=clipped_shares,
+        diagnosis=_first_look(request, frames),
     )
 
 
-def _clipped_shares(survey: "Survey", scale: "Scale", frames: "Sequence[FrameRecord]") -> tuple[float, float]:
-    """Return which shares of all pixels are saturated, and at 0 without being missing."""
-    half = 1 << max(scale.shift_bits - 1, 0)
-    at_zero = sum(i.at_zero if i.is_wide else int(i.levels[:half].sum()) for i in survey.images)
-    total = sum(i.shape[0] * i.shape[1] for i in survey.images)
-    high = sum(record.saturated_fraction for record in frames) / len(frames)
-    return high, 0.0 if scale.missing_dn == 0 else at_zero / total
-
-
-def _saturated_from(scale: "Scale") -> int:
-    return math.ceil(scale.saturation_dn * (1 << scale.shift_bits))
-
-
-def _first_look(request: "ImportRequest", survey: "Survey") -> "RunDiagnosis":
+def _first_look(request: "ImportRequest", frames: "Sequence[FrameRecord]") -> "RunDiagnosis":
+    from rigctl.imports.images import axis_remarks
     from rigctl.measure.diagnose import quick_diagnosis, undiagnosed
     from rigctl.runs.folder import read_run
 
-    kinds = {image.kind for image in survey.images}
+    kinds = {frame.kind for frame in frames}
     if "scene" not in kinds:
         return undiagnosed(f"the files are {' and '.join(sorted(kinds))} frames")
-    return (
-        undiagnosed("the axes are not known" if request.stage_angles is not None else "fewer than three axes")
-        if _angle_remarks(request, survey)
-        else quick_diagnosis(read_run(request.run))
-    )
-
-
-def _present_run(path: Path) -> "RunRecord | None":
-    from rigctl.runs.folder import read_run
-
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        return None
-    run = read_run(path)
-    if run.session.origin != _ORIGIN:
-        raise RunFolderError(f"{path}: holds frames that were taken, not imported; import into a folder of its own")
-    return run
-
-
-def _checked_scale(request: "ImportRequest", survey: "Survey", present: "RunRecord | None") -> "Scale":
-    from rigctl.imports.images import request_problems
-
-    has_darks = present is not None and any(record.kind == "dark" for record in present.frames)
-    unsaid = [*request_problems(request, survey.images, darks_are_there=has_darks), *survey.unsaid]
-    unfit = [*survey.unfit]
-    scale: Scale | None = None
-    if survey.images:
-        try:
-            scale = _scale(request, survey, present)
-            unfit += _contradictions(request, survey, scale, present)
-        except ConfigError as error:
-            unsaid.append(str(error))
-        except DataError as error:
-            unfit.append(str(error))
-    problems = "\n  ".join(["nothing was imported:", *unsaid, *unfit])
-    if unsaid:
-        raise ConfigError(problems)
-    if unfit or scale is None:
-        raise DataError(problems)
-    return scale
-
-
-def _scale(request: "ImportRequest", survey: "Survey", present: "RunRecord | None") -> "Scale":
-    from rigctl.imports.images import find_scale
-
-    black_levels = [image.black_level_dn for image in survey.images if image.black_level_dn is not None]
-    said, remarks = _with_depth_of(present, request)
-    scale = find_scale(
-        said,
-        survey.levels,
-        sample_bits=max(image.sample_bits for image in survey.images),
-        black_level_dn=min(black_levels, default=None),
-        levels_by_file=tuple(image.levels for image in survey.images),
-        borders=tuple(image.border for image in survey.images if image.border is not None),
-        wide=tuple(image for image in survey.images if image.is_wide),
-        unset=sum(image.unset for image in survey.images),
-    )
-    return replace(scale, remarks=(*remarks, *scale.remarks))
-
-
-def _with_depth_of(present: "RunRecord | None", request: "ImportRequest") -> "tuple[ImportRequest, tuple[str, ...]]":
-    if request.bit_depth is not None or present is None or not present.frames:
-        return request, ()
-    # The frames of one run come from one camera.
-    depth = present.frames[0].bit_depth
-    return replace(request, bit_depth=depth), (f"{depth} bits, as the other frames of this run",)
-
-
-def _contradictions(
-    request: "ImportRequest", survey: "Survey", scale: "Scale", present: "RunRecord | None"
-) -> Iterator[str]:
-    if present is None or not present.frames:
-        return
-    height, width = _frame_shape(request, survey.images[0])
-    record = present.frames[0]
-    if (record.height, record.width) != (height, width):
-        yield (
-            f"frames of {width} x {height} pixels do not fit {request.run}, whose frames have "
-            f"{record.width} x {record.height}"
-        )
-    if record.bit_depth != scale.bit_depth:
-        yield f"--bit-depth {scale.bit_depth}: the frames of {request.run} have {record.bit_depth}"
-
-
-def _frame_shape(request: "ImportRequest", image: "SurveyedImage") -> tuple[int, int]:
-    height, width = image.shape
-    return (height, width) if request.mosaic_deg is None else (height // 2, width // 2)
-
-
-def _file_remarks(survey: "Survey", scale: "Scale") -> Iterator[str]:
-    """Yield what was recognised in single files, and in how many."""
-    from rigctl.images import STALE
-    from rigctl.imports.images import JPEG
-    from rigctl.imports.levels import odd_pattern
-
-    saturated = _saturated_from(scale)
-    shares = {i.path.name: float(i.levels[saturated:].sum() / max(i.levels.sum(), 1)) for i in survey.images}
-    clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SHARE]
-    if clipped:
-        yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
-    odd = {image.path.name: text for image in survey.images if (text := odd_pattern(image.levels))}
-    if odd:
-        yield f"odd bits in {len(odd)} of {len(survey.images)} files ({', '.join(odd)}): {next(iter(odd.values()))}"
-    coded = [image.path.name for image in survey.images if image.is_jpeg]
-    if coded:
-        yield f"{len(coded)} of {len(survey.images)} files ({', '.join(coded)}): {JPEG}"
-    yield from dict.fromkeys(remark for image in survey.images for remark in image.remarks if STALE in remark)
-
-
-def _angle_remarks(request: "ImportRequest", survey: "Survey") -> tuple[str, ...]:
-    from rigctl.imports.images import axis_deg
-
-    angles = request.mosaic_deg or tuple(
-        i.angle_deg for i in survey.images if i.kind == "scene" and i.angle_deg is not None
-    )
-    axes = {axis_deg(angle) for angle in angles}
-    if all(image.kind != "scene" for image in survey.images) or len(axes) >= 3:
-        return ()
-    if not axes and request.stage_angles is not None:
-        return ("stage angles only: `rigctl calibrate axis` takes these frames, Stokes parameters need the axis",)
-    return (f"{len(axes)} different axes only: Stokes parameters need three or more, modulo 180 degrees",)
-
-
-def _write_new(request: "ImportRequest", survey: "Survey", scale: "Scale") -> "tuple[FrameRecord, ...]":
-    from rigctl.base.durable import flush_folder
-    from rigctl.runs.writer import RunWriter
-
-    parent = request.run.absolute().parent
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=parent, prefix=f".{request.run.name}-", suffix=".part") as scratch:
-            unfinished = Path(scratch) / "run"
-            with RunWriter.create(unfinished, {"origin": _ORIGIN}) as writer:
-                frames = _write(writer, request, survey, scale, ())
-            unfinished.replace(request.run)
-        flush_folder(parent)
-    except OSError as error:
-        raise RunFolderError(f"{request.run}: cannot be written: {error.strerror}") from error
-    return frames
-
-
-def _write(
-    writer: "RunWriter",
-    request: "ImportRequest",
-    survey: "Survey",
-    scale: "Scale",
-    present: "tuple[FrameRecord, ...]",
-) -> "tuple[FrameRecord, ...]":
-    from rigctl.imports.images import frames_of
-
-    frames = frames_of(request, survey.images, scale, first_sequence=writer.next_sequence, present=present)
-    written = writer.write_frames(frames)
-    kinds = " and ".join(sorted({image.kind for image in survey.images}))
-    writer.closing_event("imported", kind=kinds, frames=len(written), files=[str(f) for f in request.files])
-    return written
+    if axis_remarks(request, frames):
+        return undiagnosed("the axes are not known" if request.stage_angles is not None else "fewer than three axes")
+    return quick_diagnosis(read_run(request.run))

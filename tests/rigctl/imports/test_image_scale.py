@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigctl.errors import ConfigError, DataError
-from rigctl.imports.images import ImportRequest, find_scale
+from rigctl.imports.images import ImportRequest, SurveyedImage, find_scale
 from rigctl.imports.levels import common_zero_bits, histogram, odd_pattern
 from tests.rigctl.run_samples import noisy_counts
 
@@ -17,9 +17,16 @@ DIM = np.random.default_rng(1).integers(10, 40, 5000) << 4
 
 
 def scale_of(counts, *, sample_bits=16, black_level_dn=None, **said):
-    request = ImportRequest(run=Path("run"), files=(), kind="scene", **said)
-    levels = histogram(np.asarray(counts, dtype=np.uint16))
-    return find_scale(request, levels, sample_bits=sample_bits, black_level_dn=black_level_dn)
+    image = SurveyedImage(
+        path=Path("image"),
+        shape=(1, 1),
+        kind="scene",
+        sample_bits=sample_bits,
+        first_row="top",
+        black_level_dn=black_level_dn,
+        levels=histogram(np.asarray(counts, dtype=np.uint16)),
+    )
+    return find_scale(ImportRequest(run=Path("run"), files=(), kind="scene", **said), [image])
 
 
 def saturated(value_dn, share=0.02):
