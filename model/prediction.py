@@ -1,23 +1,26 @@
-"""Prediction of counts, Stokes parameters, DoLP and detection of a scenario, with the errors of the rig."""
+"""Prediction of counts, Stokes parameters, DoLP and detection of a scenario, with the errors of the rig.
+
+`predict` takes the light of regions through the sensor to the moments of the counts behind each polarizer angle, and
+from these to Stokes parameters, DoLP and AoLP ([MK14] section II). `predict_with_errors` does it for a rig whose axes
+or exposure differ from the record. `budget` splits the uncertainty of a measured region by cause,
+`detections_of_cases` gives the performance of the RX detector between regions.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, permutations
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from model.moments import Moments, checked_pair
+from model.moments import Moments
 from model.processing import dolp
 from model.processing.detection import condition_warnings, rx_roc
 from model.processing.reconstruction import Design, aolp_moments_rad, design, normalized_moments
 from model.scene.scene import Readout, RegionLight, Scenario
 from model.sensor import ChannelMoments, channel_moments
-from model.stokes import checked_stokes, require_positive_intensity
-
-# Uncertainty budget of a region's mean, by cause
 
 FloatArray = NDArray[np.float64]
 
@@ -72,7 +75,7 @@ def budget(mean_dn: FloatArray, causes: Mapping[str, FloatArray], *, plan: Desig
     Parameters
     ----------
     mean_dn
-        Mean channels, shape (N,), dark level taken off.
+        Mean channels, shape (N,), dark level subtracted.
     causes
         Name to covariance of that mean, shape (N, N).
     plan
@@ -173,7 +176,7 @@ class RegionPrediction:
     channels
         Moments of the counts behind each polarizer angle.
     stokes_dn
-        Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level taken off.
+        Mean and covariance of the Stokes parameters over the pixels of one cycle [DN], dark level subtracted.
     stokes_noise_dn2
         Covariance that temporal noise alone gives the Stokes parameters of one cycle, shape (3, 3) [DN^2].
     dolp_method
@@ -228,20 +231,21 @@ def predict_all(scenarios: Sequence[Scenario], *, tolerance: float = 1e-6) -> tu
 
     [MK14] eq. (10)-(29).
     """
-    found = [
-        (place, region.name, _of_region(region, one, plan))
-        for place, (one, plan) in enumerate(zip(scenarios, _designs(scenarios), strict=True))
-        for region in one.regions
-    ]
-    laws = _distributions([moments.stokes for _, _, moments in found], tolerance)
+    places = [(place, region) for place, one in enumerate(scenarios) for region in one.regions]
+    plans = _designs(scenarios)
+    found = []
+    for place, region in places:
+        readout = scenarios[place].readout
+        channels = as_processed(_channels(region, scenarios[place]), readout)
+        found.append(_without_dolp(channels, plans[place], readout.channel_names, readout.cycles))
     predictions: tuple[dict[str, RegionPrediction], ...] = tuple({} for _ in scenarios)
-    for (place, name, moments), law in zip(found, laws, strict=True):
-        predictions[place][name] = _completed(moments, law)
+    for (place, region), one in zip(places, _with_dolp(found, tolerance), strict=True):
+        predictions[place][region.name] = one
     return predictions
 
 
 def _designs(scenarios: Sequence[Scenario]) -> list[Design]:
-    """Design of each scenario; made once for those that are read out alike."""
+    """Return the design of each scenario, made once for scenarios that are read out alike."""
     made: dict[object, Design] = {}
     found = []
     for one in scenarios:
@@ -275,62 +279,58 @@ def predict_region(
     ----------
     [MK14] eq. (19)-(29).
     """
-    moments = _linear_moments(channels, plan, channel_names, cycles)
-    return _completed(moments, _distributions([moments.stokes], tolerance)[0])
+    return _with_dolp([_without_dolp(channels, plan, channel_names, cycles)], tolerance)[0]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _LinearMoments:
-    """What follows linearly from the moments of a region's channels."""
-
-    channels: ChannelMoments
-    plan: Design
-    stokes: Moments
-    noise_dn2: FloatArray
-    quantities: Quantities
-
-
-def _linear_moments(
+def _without_dolp(
     channels: ChannelMoments, plan: Design, channel_names: tuple[str, ...], cycles: int
-) -> _LinearMoments:
+) -> RegionPrediction:
+    """Return a prediction that lacks the law of the pixels' DoLP."""
     temporal = channels.temporal_var_dn2[:, None] * np.eye(channels.mean_dn.size)
     spatial = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2
     covs = {"std": spatial + temporal, "std_temporal": temporal, "std_spatial_mean": spatial + temporal / cycles}
     stokes_mean = plan.inverse @ channels.mean_dn
     stokes_covs = {name: plan.inverse @ cov @ plan.inverse.T for name, cov in covs.items()}
-    quantities = _linear(channel_names, channels.mean_dn, covs)
-    quantities |= _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
-    return _LinearMoments(
-        channels=channels,
-        plan=plan,
-        stokes=Moments(mean=stokes_mean, cov=stokes_covs["std"]),
-        noise_dn2=stokes_covs["std_temporal"],
-        quantities=quantities,
-    )
-
-
-def _completed(moments: _LinearMoments, distribution: "_Distribution") -> RegionPrediction:
-    """Prediction of a region with the law of its DoLP."""
-    quantities, stokes = moments.quantities, moments.stokes
-    if stokes.mean[0] > LEAST_S0_DN:
-        quantities |= _ratios(stokes)
-    if distribution.exists:
-        quantities["dolp_pixels"] = {"mean": distribution.mean, "std": distribution.std}
-        if distribution.std > 0.0:
-            quantities["dolp_snr"] = {"mean": distribution.mean / distribution.std} | quantities.get("dolp_snr", {})
-    missing = (
-        () if distribution.exists else (f"mean and deviation of the pixels' DoLP do not exist: {distribution.reason}",)
-    )
+    stokes = Moments(mean=stokes_mean, cov=stokes_covs["std"])
+    quantities = _linear(channel_names, channels.mean_dn, covs) | _linear(("s0", "s1", "s2"), stokes_mean, stokes_covs)
     return RegionPrediction(
-        channels=moments.channels,
+        channels=channels,
         stokes_dn=stokes,
-        stokes_noise_dn2=moments.noise_dn2,
-        dolp_method=distribution.method,
-        dolp_mean_error=distribution.mean_error,
-        dolp_std_error=distribution.std_error,
-        quantities=quantities,
-        warnings=(*moments.channels.warnings, *moments.plan.warnings, *missing),
+        stokes_noise_dn2=stokes_covs["std_temporal"],
+        dolp_method="none",
+        dolp_mean_error=np.nan,
+        dolp_std_error=np.nan,
+        quantities=quantities | (_ratios(stokes) if stokes.mean[0] > LEAST_S0_DN else {}),
+        warnings=(*channels.warnings, *plan.warnings),
     )
+
+
+def _with_dolp(predictions: Sequence[RegionPrediction], tolerance: float) -> list[RegionPrediction]:
+    """Return predictions with the laws of DoLP, all at once; a warning where moments do not exist."""
+    lit = [k for k, one in enumerate(predictions) if one.stokes_dn.mean[0] > LEAST_S0_DN]
+    missing = {k: _no_light(float(one.stokes_dn.mean[0])) for k, one in enumerate(predictions)}
+    found = list(predictions)
+    if lit:
+        means, covs = (np.stack([getattr(predictions[k].stokes_dn, name) for k in lit]) for name in ("mean", "cov"))
+        laws = dolp.moments(means, covs, tolerance=tolerance, existing_to=_EXISTING_TO)
+        for at, k in enumerate(lit):
+            missing[k] = "" if laws.exists[at] else str(laws.reason[at])
+            quantities, mean, std = dict(found[k].quantities), float(laws.mean[at]), float(laws.std[at])
+            if laws.exists[at]:
+                quantities["dolp_pixels"] = {"mean": mean, "std": std}
+                if std > 0.0:
+                    quantities["dolp_snr"] = {"mean": mean / std} | quantities.get("dolp_snr", {})
+            found[k] = replace(
+                found[k],
+                dolp_method=str(laws.method[at]),
+                dolp_mean_error=float(laws.mean_error[at]),
+                dolp_std_error=float(laws.std_error[at]),
+                quantities=quantities,
+            )
+    said = "mean and deviation of the pixels' DoLP do not exist: "
+    return [
+        replace(one, warnings=(*one.warnings, said + missing[k])) if missing[k] else one for k, one in enumerate(found)
+    ]
 
 
 def reason_missing(prediction: RegionPrediction) -> dict[str, str]:
@@ -370,66 +370,8 @@ def as_processed(channels: ChannelMoments, readout: Readout) -> ChannelMoments:
     return replace(channels, fixed_pattern_cov_dn2=channels.fixed_pattern_cov_dn2 + added)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Distribution:
-    """Mean and deviation of the pixels' DoLP, or why there are none."""
-
-    mean: float
-    std: float
-    mean_error: float
-    std_error: float
-    method: str
-    exists: bool
-    reason: str
-
-
-def _distributions(several: Sequence[Moments], tolerance: float) -> list[_Distribution]:
-    """Law of DoLP of each, all at once; none where there is no light."""
-    lit = [k for k, one in enumerate(several) if one.mean[0] > LEAST_S0_DN]
-    laws = [_dark(float(one.mean[0])) for one in several]
-    if lit:
-        means, covs = (np.stack([getattr(several[k], name) for k in lit]) for name in ("mean", "cov"))
-        found = dolp.moments(means, covs, tolerance=tolerance, existing_to=_EXISTING_TO)
-        for place, k in enumerate(lit):
-            laws[k] = _Distribution(
-                mean=float(found.mean[place]),
-                std=float(found.std[place]),
-                mean_error=float(found.mean_error[place]),
-                std_error=float(found.std_error[place]),
-                method=str(found.method[place]),
-                exists=bool(found.exists[place]),
-                reason=str(found.reason[place]),
-            )
-    return laws
-
-
 def _no_light(s0: float) -> str:
     return f"the mean of S0 is {s0:.3g} DN, {'as good as' if s0 > 0.0 else 'not above'} 0"
-
-
-def _dark(s0: float) -> _Distribution:
-    return _Distribution(
-        mean=np.nan,
-        std=np.nan,
-        mean_error=np.nan,
-        std_error=np.nan,
-        method="none",
-        exists=False,
-        reason=_no_light(s0),
-    )
-
-
-def _of_region(region: RegionLight, scenario: Scenario, plan: Design) -> _LinearMoments:
-    readout = scenario.readout
-    channels = channel_moments(
-        region.aperture_moments(),
-        angles_rad=readout.angles_rad,
-        sensor=scenario.sensor,
-        flat_fielded=readout.flat_error is not None,
-        imperfections=scenario.imperfections,
-        smooth_cov=region.smooth_cov(),
-    )
-    return _linear_moments(as_processed(channels, readout), plan, readout.channel_names, readout.cycles)
 
 
 def _linear(names: tuple[str, ...], mean: FloatArray, covs: dict[str, FloatArray]) -> Quantities:
@@ -515,40 +457,18 @@ def polarization_strength(
     ----------
     [MK14] section IV-A; definition.
     """
-    stokes = prediction.stokes_dn
-    is_known = bool(np.any(prediction.stokes_noise_dn2))
-    floor = noise_equivalent(stokes.mean, prediction.stokes_noise_dn2, tolerance=1e-6) if is_known else None
+    stokes, noise = prediction.stokes_dn, prediction.stokes_noise_dn2
     levels = np.asarray(probabilities, dtype=np.float64)
+    nedolp, unpolarised_mean = None, np.nan
+    if np.any(noise):
+        nedolp = float(np.sqrt(max(noise[1, 1] + noise[2, 2], 0.0) / 2.0) / stokes.mean[0])
+        unpolarised = stokes.mean * np.array([1.0, 0.0, 0.0])
+        unpolarised_mean = float(dolp.moments(unpolarised, noise, tolerance=1e-6).mean)
     return PolarizationStrength(
         probabilities=levels,
         quantiles=np.asarray(dolp.quantile(levels, stokes.mean, stokes.cov)),
-        nedolp=None if floor is None else float(floor.first_order),
-        unpolarised_mean=np.nan if floor is None else float(floor.mean),
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoiseEquivalent:
-    """DoLP from noise alone, each of shape (...)."""
-
-    first_order: FloatArray
-    worst_direction: FloatArray
-    mean: FloatArray
-    std: FloatArray
-
-
-def noise_equivalent(stokes_mean: ArrayLike, stokes_cov: ArrayLike, *, tolerance: float = 1e-9) -> NoiseEquivalent:
-    """Return the noise-equivalent DoLP for given intensity and covariance."""
-    mean, cov = checked_pair(checked_stokes(stokes_mean), stokes_cov)
-    require_positive_intensity(mean)
-    s0 = mean[..., 0]
-    exact = dolp.moments(mean * np.array([1.0, 0.0, 0.0]), cov, tolerance=tolerance)
-    values = np.linalg.eigvalsh(cov[..., 1:, 1:])
-    return NoiseEquivalent(
-        first_order=np.sqrt(np.maximum(np.sum(values, axis=-1), 0.0) / 2.0) / s0,
-        worst_direction=np.sqrt(np.maximum(values[..., -1], 0.0)) / s0,
-        mean=exact.mean,
-        std=exact.std,
+        nedolp=nedolp,
+        unpolarised_mean=unpolarised_mean,
     )
 
 
@@ -609,7 +529,7 @@ def predict_with_errors(
     plan = design(angles_rad, scenario.readout.extinction_ratio)
     return {
         region.name: predict_region(
-            _channels(region, scenario, errors),
+            as_processed(_channels(region, scenario, errors), scenario.readout),
             plan=plan,
             channel_names=scenario.readout.channel_names,
             cycles=scenario.readout.cycles,
@@ -619,10 +539,13 @@ def predict_with_errors(
     }
 
 
-def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> ChannelMoments:
-    sensor = replace(scenario.sensor, exposure_s=scenario.sensor.exposure_s * errors.exposure_ratio)
-    angles_rad = scenario.readout.angles_rad + errors.turned_rad
-    seen = channel_moments(
+def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors | None = None) -> ChannelMoments:
+    """Return the moments of the counts of a region, as the sensor gives them."""
+    sensor, angles_rad = scenario.sensor, scenario.readout.angles_rad
+    if errors is not None:
+        sensor = replace(sensor, exposure_s=sensor.exposure_s * errors.exposure_ratio)
+        angles_rad = angles_rad + errors.turned_rad
+    return channel_moments(
         region.aperture_moments(),
         angles_rad=angles_rad,
         sensor=sensor,
@@ -630,7 +553,6 @@ def _channels(region: RegionLight, scenario: Scenario, errors: RigErrors) -> Cha
         imperfections=scenario.imperfections,
         smooth_cov=region.smooth_cov(),
     )
-    return as_processed(seen, scenario.readout)
 
 
 # Performance of the RX detector between the regions of a predicted scene
@@ -668,17 +590,25 @@ class PairDetection:
     warnings: tuple[str, ...]
 
 
-def pair_detections(
-    predictions: Mapping[str, RegionPrediction], p_false_alarm: Sequence[float]
+def detections_of_cases(
+    cases: Sequence[PairCase],
+    p_false_alarm: Sequence[float] | FloatArray,
+    *,
+    kind: Literal["stokes", "intensity"] = "stokes",
+    tolerance: float = 1e-10,
 ) -> tuple[PairDetection, ...]:
-    """Return what the RX detector does for every ordered pair of regions, on Stokes parameters of one cycle.
+    """Return the performance of the RX detector for one region on another, case by case, in about the time of one.
 
     Parameters
     ----------
-    predictions
-        Region to prediction.
+    cases
+        Target, background, and the predictions of one cycle by region.
     p_false_alarm
         Shape (K,), each in (0, 1).
+    kind
+        Detection on Stokes parameters, three components, or on the counts behind each angle of the polarizer.
+    tolerance
+        Relative, of the tail that is integrated, 1e-12 to 0.01.
 
     Returns
     -------
@@ -687,156 +617,64 @@ def pair_detections(
 
     References
     ----------
-    [MK14] eq. (30), section IV-B.
+    [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
     """
-    return detections_of_sweep((predictions,), p_false_alarm)[0]
+    if not cases:
+        return ()
+    rates = np.asarray(p_false_alarm, dtype=np.float64)
+    try:
+        return _together(cases, rates, kind=kind, tolerance=tolerance)
+    except (ValueError, ArithmeticError) as error:
+        half = len(cases) // 2
+        if half:
+            # One case that does not exist makes all fail: it is searched for in either half.
+            return tuple(
+                found
+                for some in (cases[:half], cases[half:])
+                for found in detections_of_cases(some, rates, kind=kind, tolerance=tolerance)
+            )
+        ((target, background, _),) = cases
+        nothing = np.full(rates.shape, np.nan)
+        is_singular = isinstance(error, ValueError)
+        reason = f"{background} cannot be a background" if is_singular else f"{target} on {background}"
+        return (
+            PairDetection(
+                target=target,
+                background=background,
+                p_false_alarm=rates,
+                p_detection=nothing,
+                p_miss=nothing,
+                auc=np.nan,
+                p_detection_error=nothing,
+                auc_error=np.nan,
+                warnings=(f"{reason}: {error}",),
+            ),
+        )
 
 
 def detections_of_sweep(
-    alternatives: Sequence[Mapping[str, RegionPrediction]], p_false_alarm: Sequence[float]
+    alternatives: Sequence[Mapping[str, RegionPrediction]],
+    p_false_alarm: Sequence[float],
+    *,
+    pairs: Sequence[tuple[str, str]] | None = None,
+    tolerance: float = 1e-10,
 ) -> tuple[tuple[PairDetection, ...], ...]:
-    """Return what `pair_detections` does for each of several sets of predictions, in about the time of one.
+    """Return the detections of each of several sets of predictions, for some pairs or for every ordered pair.
 
     Parameters
     ----------
     alternatives
         Each from region to prediction, all with the same regions.
-    p_false_alarm
-        As in `pair_detections`.
-
-    References
-    ----------
-    [MK14] eq. (30), section IV-B.
-    """
-    pairs = tuple(permutations(alternatives[0], 2)) if alternatives else ()
-    return detections_of_pairs(pairs, alternatives, p_false_alarm)
-
-
-def detections_of_pairs(
-    pairs: Sequence[tuple[str, str]],
-    alternatives: Sequence[Mapping[str, RegionPrediction]],
-    p_false_alarm: Sequence[float],
-    *,
-    tolerance: float = 1e-10,
-) -> tuple[tuple[PairDetection, ...], ...]:
-    """Return what `pair_detection` does for each pair in each of several sets of predictions.
-
-    Parameters
-    ----------
+    p_false_alarm, tolerance
+        As in `detections_of_cases`.
     pairs
-        Target and background.
-    alternatives
-        Each from region to prediction.
-    p_false_alarm, tolerance
-        As in `pair_detection`.
-
-    References
-    ----------
-    [MK14] eq. (30), section IV-B.
+        Targets and backgrounds.
     """
+    if pairs is None:
+        pairs = tuple(permutations(alternatives[0], 2)) if alternatives else ()
     cases = [(target, background, one) for one in alternatives for target, background in pairs]
-    found = iter(detections_of_cases(cases, p_false_alarm, tolerance=tolerance))
-    return tuple(tuple(islice(found, len(pairs))) for _ in alternatives)
-
-
-def detections_of_cases(
-    cases: Sequence[PairCase], p_false_alarm: Sequence[float], *, tolerance: float = 1e-10
-) -> tuple[PairDetection, ...]:
-    """Return what `pair_detection` does for each of several cases, together where all exist.
-
-    [MK14] eq. (30), section IV-B.
-    """
-    if len(cases) < 2:
-        return tuple(pair_detection(*one, p_false_alarm, tolerance=tolerance) for one in cases)
-    try:
-        return _together(cases, p_false_alarm, tolerance=tolerance)
-    except (ValueError, ArithmeticError):
-        # One that cannot be had is refused together with all others: it is looked for in either half.
-        half = len(cases) // 2
-        parts = (detections_of_cases(some, p_false_alarm, tolerance=tolerance) for some in (cases[:half], cases[half:]))
-        return tuple(one for part in parts for one in part)
-
-
-def pair_detection(
-    target: str,
-    background: str,
-    predictions: Mapping[str, RegionPrediction],
-    p_false_alarm: Sequence[float],
-    *,
-    tolerance: float = 1e-10,
-) -> PairDetection:
-    """Return what the RX detector does for one region on another, on Stokes parameters of one cycle.
-
-    Parameters
-    ----------
-    target, background
-        Names of regions.
-    predictions
-        Region to prediction.
-    p_false_alarm
-        Shape (K,), each in (0, 1).
-    tolerance
-        Relative, of the tail that is integrated, 1e-12 to 0.01.
-
-    References
-    ----------
-    [MK14] eq. (30), section IV-B.
-    """
-    try:
-        return _together(((target, background, predictions),), p_false_alarm, tolerance=tolerance)[0]
-    except (ValueError, ArithmeticError) as error:
-        rates = np.asarray(p_false_alarm, dtype=np.float64)
-        nothing = np.full(rates.shape, np.nan)
-        return PairDetection(
-            target=target,
-            background=background,
-            p_false_alarm=rates,
-            p_detection=nothing,
-            p_miss=nothing,
-            auc=np.nan,
-            p_detection_error=nothing,
-            auc_error=np.nan,
-            warnings=(
-                f"{background} cannot be a background: {error}"
-                if isinstance(error, ValueError)
-                else f"{target} on {background}: {error}",
-            ),
-        )
-
-
-def rocs_of_pair(
-    target: str,
-    background: str,
-    alternatives: Sequence[Mapping[str, RegionPrediction]],
-    p_false_alarm: Sequence[float] | FloatArray,
-    *,
-    kind: Literal["stokes", "intensity"],
-    tolerance: float = 1e-10,
-) -> tuple[PairDetection, ...]:
-    """Return what `pair_detection` does, on Stokes parameters or on the counts behind each angle of the polarizer.
-
-    Parameters
-    ----------
-    target, background
-        Names of regions.
-    alternatives
-        One or more sets of predictions, each from region to prediction; all take about the time of one.
-    p_false_alarm, tolerance
-        As in `pair_detection`.
-    kind
-        "stokes", three components, or "intensity", one for each angle.
-
-    References
-    ----------
-    [MK14] eq. (30), section IV-B: "multichannel intensity or Stokes parameters".
-    """
-    if kind == "intensity":
-        alternatives = [
-            {name: replace(one[name], stokes_dn=_counts(one[name])) for name in (target, background)}
-            for one in alternatives
-        ]
-    rates = np.asarray(p_false_alarm).tolist()
-    return detections_of_cases([(target, background, one) for one in alternatives], rates, tolerance=tolerance)
+    found = detections_of_cases(cases, p_false_alarm, tolerance=tolerance)
+    return tuple(found[k * len(pairs) : (k + 1) * len(pairs)] for k in range(len(alternatives)))
 
 
 def _counts(prediction: RegionPrediction) -> Moments:
@@ -847,12 +685,15 @@ def _counts(prediction: RegionPrediction) -> Moments:
 
 
 def _together(
-    cases: Sequence[PairCase], p_false_alarm: Sequence[float], *, tolerance: float
+    cases: Sequence[PairCase], rates: FloatArray, *, kind: Literal["stokes", "intensity"], tolerance: float
 ) -> tuple[PairDetection, ...]:
     """Return detection of all cases by one integral; ValueError where a background's covariance is singular."""
-    rates = np.asarray(p_false_alarm, dtype=np.float64)
-    targets = [predictions[target].stokes_dn for target, _, predictions in cases]
-    backgrounds = [predictions[background].stokes_dn for _, background, predictions in cases]
+
+    def pixels(one: RegionPrediction) -> Moments:
+        return one.stokes_dn if kind == "stokes" else _counts(one)
+
+    targets = [pixels(predictions[target]) for target, _, predictions in cases]
+    backgrounds = [pixels(predictions[background]) for _, background, predictions in cases]
     moments = (
         np.stack([getattr(one, moment) for one in several])
         for several in (targets, backgrounds)

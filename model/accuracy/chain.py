@@ -29,7 +29,7 @@ from model.atmosphere.sky import (
 from model.atmosphere.solver import solve
 from model.effects.names import ALL, Effect
 from model.effects.planner import acting
-from model.prediction import PairDetection, RegionPrediction, detections_of_pairs, predict_all
+from model.prediction import PairDetection, RegionPrediction, detections_of_sweep, predict_all
 from model.quantities import CIRCULAR, SHARES
 from model.scene.field import (
     FieldLight,
@@ -226,7 +226,7 @@ def _evaluated(
         scenarios = [lit_scenario(one, field) for one, field in zip(seen, fields, strict=True)]
         predictions = predict_all(scenarios, tolerance=used.dolp_tolerance)
     with _timed(taken, DETECTION, clock):
-        detections = detections_of_pairs(scenes[0].pairs, predictions, rates, tolerance=used.roc_tolerance)
+        detections = detections_of_sweep(predictions, rates, pairs=scenes[0].pairs, tolerance=used.roc_tolerance)
     return [
         ChainResult(
             scenario=scenarios[k],

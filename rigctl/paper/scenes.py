@@ -10,7 +10,7 @@ import numpy as np
 
 from model.accuracy.chain import Reading, evaluate
 from model.accuracy.predict import predict as predict_to
-from model.prediction import PairDetection, RegionPrediction, pair_detection, predict
+from model.prediction import PairDetection, RegionPrediction, detections_of_cases, predict
 from model.processing.dolp_studies import DolpAgainstSnr, dolp_against_snr, rx_draws
 from model.scene.scene import RegionLight, Scenario
 from rigctl.errors import ConfigError, as_config_error
@@ -205,7 +205,7 @@ class PaperScenes:
             self._curves[at] = (
                 _drawn_roc(predictions, rates)
                 if self._is_as_paper
-                else pair_detection(TARGET, BACKGROUND, predictions, rates, tolerance=1e-8)
+                else detections_of_cases([(TARGET, BACKGROUND, predictions)], rates, tolerance=1e-8)[0]
             )
         return self._curves[at]
 
@@ -222,7 +222,7 @@ class PaperScenes:
         stokes = predictions[BACKGROUND].stokes_dn
         plain = replace(stokes, mean=stokes.mean * np.array([1.0, 0.0, 0.0]))
         changed = {**predictions, BACKGROUND: replace(predictions[BACKGROUND], stokes_dn=plain)}
-        curve = pair_detection(TARGET, BACKGROUND, changed, [P_FALSE_ALARM], tolerance=1e-8)
+        (curve,) = detections_of_cases([(TARGET, BACKGROUND, changed)], [P_FALSE_ALARM], tolerance=1e-8)
         sure = self.p_detection(at, label=f"{label} were the background unpolarized")
         return replace(sure, value=float(curve.p_detection[0]))
 

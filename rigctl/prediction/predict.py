@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.prediction import PairDetection, RegionPrediction, predict, rocs_of_pair
+from model.prediction import PairDetection, RegionPrediction, detections_of_cases, predict
 from model.processing.agreement import Propagation, propagate
 from model.quantities import difference
 from rigctl.errors import ConfigError, DataError, as_config_error
@@ -290,11 +290,11 @@ class Performance:
 
 def performance_of(predictions: Mapping[str, "RegionPrediction"]) -> Performance:
     """Return the distribution of DoLP of every region, and the detection of each on every other."""
-    from model.prediction import pair_detections
+    from model.prediction import detections_of_sweep
 
     return Performance(
         strengths={name: _strength(prediction) for name, prediction in predictions.items()},
-        detections=pair_detections(predictions, STATED_RATES),
+        detections=detections_of_sweep((predictions,), STATED_RATES)[0],
     )
 
 
@@ -468,7 +468,8 @@ def roc_curves_of_sweep(
     found: Sequence[Mapping[str, "RegionPrediction"]], pair: RocPair
 ) -> dict[RocKind, tuple[PairDetection, ...]]:
     """Return the whole ROC of a pair at each point of a sweep, for each kind of vector."""
-    return {kind: rocs_of_pair(pair.target, pair.background, found, ROC_RATES, kind=kind) for kind in ROC_KINDS}
+    cases = [(pair.target, pair.background, one) for one in found]
+    return {kind: detections_of_cases(cases, ROC_RATES, kind=kind) for kind in ROC_KINDS}
 
 
 MOST_STEPS = 10_000

@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from model.prediction import detections_of_cases, pair_detection, pair_detections, predict, rocs_of_pair
+from model.prediction import detections_of_cases, detections_of_sweep, predict
 from model.processing.detection import rx_p_detection
 from model.scene.scene import RegionLight, Scenario
 from tests.model.prediction.test_whole_chain import READOUT, SENSOR
@@ -16,9 +18,8 @@ def predicted(**lights):
 
 
 def test_every_ordered_pair_is_there_and_a_pair_of_equals_is_chance():
-    found = pair_detections(
-        predicted(a=((20.0, 5.0, 1.0), 0.01), b=((20.0, 5.0, 1.0), 0.01), c=((21.0, 4.0, 1.0), 0.01)), (1e-3, 1e-2)
-    )
+    predictions = predicted(a=((20.0, 5.0, 1.0), 0.01), b=((20.0, 5.0, 1.0), 0.01), c=((21.0, 4.0, 1.0), 0.01))
+    (found,) = detections_of_sweep([predictions], (1e-3, 1e-2))
     assert [(pair.target, pair.background) for pair in found] == [
         ("a", "b"), ("a", "c"), ("b", "a"), ("b", "c"), ("c", "a"), ("c", "b"),
     ]  # fmt: skip
@@ -31,7 +32,7 @@ def test_several_sets_of_predictions_are_detected_as_each_alone():
     several = [predicted(a=((s0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02)) for s0 in (20.0, 20.1, 23.0)]
     found = detections_of_cases([("a", "b", one) for one in several], (1e-3, 1e-2))
     for predictions, together in zip(several, found, strict=True):
-        alone = pair_detection("a", "b", predictions, (1e-3, 1e-2))
+        (alone,) = detections_of_cases([("a", "b", predictions)], (1e-3, 1e-2))
         np.testing.assert_allclose(together.p_detection, alone.p_detection, rtol=1e-9)
         assert together.auc == pytest.approx(alone.auc, rel=1e-9)
         assert together.p_detection_error.shape == (2,)
@@ -41,12 +42,21 @@ def test_several_sets_of_predictions_are_detected_as_each_alone():
 def test_a_roc_on_counts_is_the_detector_on_the_channels():
     found = predicted(a=((20.0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02))
     rates = [1e-3, 1e-2, 1e-1]
-    (counts,) = rocs_of_pair("a", "b", [found], rates, kind="intensity")
+    (counts,) = detections_of_cases([("a", "b", found)], rates, kind="intensity")
     moments = []
     for name in ("a", "b"):
         channels = found[name].channels
         cov = channels.scene_cov_dn2 + channels.fixed_pattern_cov_dn2 + np.diag(channels.temporal_var_dn2)
         moments += [channels.mean_dn, cov]
     np.testing.assert_allclose(counts.p_detection, rx_p_detection(np.array(rates), *moments), rtol=1e-8)
-    (stokes,) = rocs_of_pair("a", "b", [found], rates, kind="stokes")
-    np.testing.assert_array_equal(stokes.p_detection, pair_detection("a", "b", found, rates).p_detection)
+
+
+def test_one_background_that_cannot_be_is_named_and_spoils_no_other_case():
+    good = predicted(a=((20.0, 5.0, 1.0), 0.01), b=((20.5, 4.0, 1.0), 0.02))
+    flat = replace(good["b"], stokes_dn=replace(good["b"].stokes_dn, cov=np.zeros((3, 3))))
+    first, second, third = detections_of_cases(
+        [("a", "b", good), ("a", "b", good | {"b": flat}), ("b", "a", good)], (1e-3, 1e-2)
+    )
+    assert np.isnan(second.p_detection).all()
+    assert second.warnings[0].startswith("b cannot be a background: ")
+    assert np.isfinite([*first.p_detection, *third.p_detection]).all()

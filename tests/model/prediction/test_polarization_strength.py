@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from model.prediction import noise_equivalent, polarization_strength
+from model.moments import Moments
+from model.prediction import polarization_strength
 from tests.model.prediction.test_pair_detection import predicted
 
 
@@ -26,24 +29,19 @@ def test_unpolarised_light_shows_its_noise_floor():
     assert prediction.quantities["dolp_pixels"]["mean"] == pytest.approx(strength.unpolarised_mean, rel=1e-6)
 
 
-def test_additive_noise_of_modified_pickering():
-    # Channels of 500 with deviation 2: S0 = 1000, covariance 4 diag(1, 2, 2).
-    found = noise_equivalent((1000.0, 0.0, 0.0), 4.0 * np.diag([1.0, 2.0, 2.0]))
-    # 1 / (sqrt 2 snr) of one channel.
-    np.testing.assert_allclose(found.first_order, 1.0 / (np.sqrt(2.0) * 250.0), rtol=1e-14)
-
-
-def test_shot_noise_of_modified_pickering():
-    found = noise_equivalent((1e4, 0.0, 0.0), 1e4 * np.diag([0.5, 1.0, 1.0]))
-    np.testing.assert_allclose(found.first_order, 1e-2, rtol=1e-14)
-
-
-def test_exact_values_of_unpolarized_light():
-    found = noise_equivalent((1.0, 0.4, 0.1), np.diag([0.0, 1e-4, 1e-4]))
-    np.testing.assert_allclose(found.mean, 1.25331413731550025e-2, rtol=1e-9)
-    np.testing.assert_allclose(found.std, 0.655136377562033553e-2, rtol=1e-9)
-
-
-def test_worst_direction_is_the_long_axis():
-    found = noise_equivalent((1.0, 0.0, 0.0), np.diag([0.0, 9e-4, 1e-4]))
-    np.testing.assert_allclose([found.worst_direction, found.first_order], [0.03, np.sqrt(5e-4)], rtol=1e-14)
+@pytest.mark.parametrize(
+    ("s0", "noise", "nedolp"),
+    [
+        # Channels of 500 with deviation 2: S0 = 1000, covariance 4 diag(1, 2, 2); 1 / (sqrt 2 snr) of one channel.
+        (1000.0, 4.0 * np.diag([1.0, 2.0, 2.0]), 1.0 / (np.sqrt(2.0) * 250.0)),
+        # Shot noise.
+        (1e4, 1e4 * np.diag([0.5, 1.0, 1.0]), 1e-2),
+    ],
+)
+def test_noise_floor_of_modified_pickering(s0, noise, nedolp):
+    prediction = predicted(a=((20.0, 0.0, 0.0), 0.0))["a"]
+    stokes = Moments(mean=np.array([s0, 0.0, 0.0]), cov=noise)
+    found = polarization_strength(replace(prediction, stokes_dn=stokes, stokes_noise_dn2=noise))
+    assert found.nedolp == pytest.approx(nedolp, rel=1e-14)
+    # Rice; S0 fluctuates too, which adds its relative variance.
+    assert found.unpolarised_mean == pytest.approx(1.25331413731550025 * nedolp, rel=noise[0, 0] / s0**2 + 1e-6)
