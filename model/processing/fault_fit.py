@@ -21,7 +21,6 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from model.counts import ROUNDING_VAR_DN2, rounding_error_rms
 from model.numerics import fdtrc, fdtri
@@ -718,8 +717,10 @@ def _tiles(
     products -= _of_noise_in_slopes(blocks, weights, onto, products, np.count_nonzero(weight[:, 0] > 0.0, axis=1))
     rights = np.sum(instruments * weight * np.tile(residual, (1, repeats, 1)), axis=2)
     # Sums features of all frames for what frames share.
-    shared = np.kron(np.eye(len(SHARED)), np.ones((1, frames)))
-    gather = block_diag(np.eye(len(PER_FRAME) * frames), shared)
+    alone, shared = len(PER_FRAME) * frames, len(SHARED)
+    gather = np.zeros((alone + shared, (len(PER_FRAME) + shared) * frames))
+    gather[:alone, :alone] = np.eye(alone)
+    gather[alone:, alone:] = np.kron(np.eye(shared), np.ones(frames))
     by_rounding = 0.0 * products[0] if rounded is None else _rounding_covariance(blocks, weights, onto, *rounded)
     return _Tiles(
         causes=causes,
