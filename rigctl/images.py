@@ -342,7 +342,7 @@ def read_image(path: Path, *, plane: Plane | None = None, most_bytes: int = MOST
         return _read_png(data, plane, most_bytes)
     if data.startswith(_TIFF):
         return _read_tiff(data, plane, most_bytes)
-    raise DataError("is no FITS, PNG, TIFF or RAW image; other formats have to be converted without loss first")
+    raise DataError("is not a FITS, PNG, TIFF or RAW image; convert other formats without loss first")
 
 
 def image_files(given: Sequence[Path]) -> list[Path]:

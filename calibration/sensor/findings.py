@@ -863,7 +863,7 @@ def _too_few_levels(transfer: PhotonTransfer) -> Flag | None:
 def _saturation_not_reached(flats: Sequence[LevelStatistics], transfer: PhotonTransfer) -> Flag | None:
     if transfer.saturation is not None:
         return None
-    more = "go on with a brighter lamp" if is_lamp_sweep(flats) else "add longer exposures"
+    more = "continue with a brighter lamp" if is_lamp_sweep(flats) else "add longer exposures"
     return _flag("saturation_not_reached", brightest=transfer.points.signal_dn.max(), more=more)
 
 

@@ -373,15 +373,14 @@ def _sorted_levels(
     darks = [level for level in levels if level.kind == "dark"]
     if darks and black_level_dn is not None:
         raise CalibrationError(
-            f"there are {len(darks)} dark levels, which tell the black level; {black_level_dn.value:g} DN may not be "
-            f"stated beside them"
+            f"there are {len(darks)} dark levels, which determine the black level; do not state {black_level_dn.value:g} "
+            f"DN as well"
         )
     if not flats or (not darks and black_level_dn is None):
         raise refused(
             "missing_levels",
-            f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more; at least one of each is "
-            f"needed, better ten exposures with two flats and two darks at each; without dark frames, state the black "
-            f"level",
+            f"there are {len(flats)} flat and {len(darks)} dark levels of two frames or more. At least one of each is "
+            f"needed, or flats and a stated black level. Take two flats and two darks at each of ten exposures",
         )
     shapes = {level.shape for level in levels}
     if len(shapes) > 1:

@@ -280,8 +280,8 @@ def _blocked(one: Destination) -> str | None:
 
 def _not_new(path: Path, *, is_run: bool) -> str | None:
     if path.is_dir():
-        return None if is_run or not any(path.iterdir()) else "is not empty: name a folder that is not there yet"
-    return "is there already, and is no folder: name a new place" if path.exists() else None
+        return None if is_run or not any(path.iterdir()) else "exists and is not empty; give the name of a new folder"
+    return "exists and is not a folder; give another name" if path.exists() else None
 
 
 def _unplaced(path: Path) -> str | None:

@@ -452,7 +452,7 @@ def folder_frames(
             except ConfigError as error:
                 problems.append(str(error))
     if not images and not problems:
-        problems.append("it holds no PNG, TIFF, FITS or RAW files")
+        problems.append("has no PNG, TIFF, FITS or RAW files")
     if problems:
         raise ConfigError("\n  ".join([f"{folder}:", *_shortened(problems)]))
     digest = hashlib.sha256("\n".join(str(image.path.relative_to(folder)) for image in images).encode()).hexdigest()

@@ -141,7 +141,8 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
         records = list({_near(angle_deg(run, record)): record for record in reversed(records)}.values())[::-1]
     angles = np.array([angle_deg(run, record) for record in records])
     if len(records) < 2:
-        raise DataError(f"{run.path}: {len(records)} scene frames in cycle {wanted}; two or more angles are needed")
+        where = "" if wanted is None else f" in cycle {wanted}"
+        raise DataError(f"{run.path}: has {len(records)} scene frames{where}; at least two angles are needed")
     pictures = np.array([run.counts(record).astype(np.float64) for record in records])
     usable = np.all([usable_pixels(record, counts) for record, counts in zip(records, pictures, strict=True)], axis=0)
     found = register(pictures, usable)

@@ -228,7 +228,7 @@ def _remark(moves: Sequence[InputMove], p_value: float, exact: Sequence[str]) ->
         return "no input that has a stated uncertainty acts on what was measured"
     best = moves[0]
     if p_value > _UNREMARKABLE and abs(best.score) < _WORTH_A_WORD:
-        return "the residuals are what the stated errors make: nothing has to be explained"
+        return "the residuals agree with the stated errors, so nothing has to be explained"
     if not best.removes:
         return "none of the stated inputs" + _not_to_be_named(exact)
     text = (

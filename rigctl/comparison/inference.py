@@ -215,8 +215,8 @@ class _Joint:
         self.inputs = only_uncertain(runs[0].inputs)
         if not self.inputs.names:
             raise ConfigError(
-                f"scene {self.inputs.scene.name}: no number has an uncertainty, so that there is no prior; write "
-                "{ value = ..., std = ... } or { range = [..., ...] }"
+                f"scene {self.inputs.scene.name}: no number is uncertain, so nothing can be inferred; write "
+                "{ value = ..., std = ... } or { range = [..., ...] } for the numbers to infer"
             )
 
     def model(self, values: FloatArray) -> FloatArray:

@@ -53,16 +53,16 @@ _LEFT_OUT = {
 
 # By exit code: what failed, and what to do next.
 _KINDS: dict[int, tuple[str, str]] = {
-    2: ("usage", "mend what the message names; `rigctl {verb} --help` has the options, the documentation the keys"),
+    2: ("usage", "correct what the message names; `rigctl {verb} --help` has the options, the documentation the keys"),
     3: (
         "device",
         "look at cables, power, addresses; `rigctl devices` lists what answers, `rigctl doctor` checks it",
     ),
-    4: ("data", "`rigctl verify RUN` names damaged frames; other data are mended where they were made"),
-    5: ("disagrees", "read the report: it says where the disagreement points"),
+    4: ("data", "`rigctl verify RUN` lists damaged frames; make other files again with the command that wrote them"),
+    5: ("disagrees", "read the report: it names the likely cause"),
     70: ("own_fault", "report it with the log that the message names"),
-    75: ("incomplete", "`rigctl resume RUN` goes on; `rigctl status RUN --log` says what happened"),
-    130: ("interrupted", "call it again; a session goes on with `rigctl resume RUN`"),
+    75: ("incomplete", "`rigctl resume RUN` continues; `rigctl status RUN --log` says what happened"),
+    130: ("interrupted", "repeat the command; `rigctl resume RUN` continues a session"),
 }
 # A problem begins with its key or option: "  camera.address: is missing", "--alpha: is 2".
 _KEY = re.compile(r"^\s*(--[a-z][a-z-]*|(?:\w+ \[\[[\w.]+\]\], )?[A-Za-z_][\w.]*)(?=: )", re.MULTILINE)

@@ -88,7 +88,7 @@ def other_kind(table: Mapping[str, Any], model: type[BaseModel]) -> str | None:
     if own is None or (own[1] <= set(table) and not own[1] <= _IN_MANY):
         return None
     found = next((words for _, words, keys in _KINDS if _is_of_kind(table, keys) and words != own[0]), None)
-    return None if found is None else f"this is {found}, {own[0]} is wanted"
+    return None if found is None else f"this is {found}; give {own[0]}"
 
 
 def _is_of_kind(table: Mapping[str, Any], keys: frozenset[str]) -> bool:

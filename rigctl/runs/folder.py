@@ -158,11 +158,11 @@ class Contents:
 def read_contents(path: Path) -> Contents:
     """Read session file and manifest of a run folder, even if they are damaged."""
     if path.is_file():
-        raise RunFolderError(f"{path}: is a file, a run folder is wanted")
+        raise RunFolderError(f"{path}: is a file; give a run folder")
     if not path.is_dir():
         raise RunFolderError(f"{path}: there is no such folder; a run folder is made by `rigctl acquire` or `import`")
     if not any((path / name).exists() for name in (SESSION_FILE, MANIFEST_FILE)):
-        raise RunFolderError(f"{path}: not a run folder: it has neither {SESSION_FILE} nor {MANIFEST_FILE}")
+        raise RunFolderError(f"{path}: is not a run folder: it has neither {SESSION_FILE} nor {MANIFEST_FILE}")
     problems: list[tuple[str, str]] = []
     description: RunDescription | None = None
     try:

@@ -366,7 +366,9 @@ def _clock(jump_s: float, section: InterlockSection) -> Messages:
 def _disk(run: Path, section: InterlockSection) -> Messages:
     free_mb = _free_bytes(run) / _BYTES_PER_MB
     if free_mb < section.disk_free_mb:
-        yield (f"{run}: {free_mb:.0f} MB are free on this disk, {section.disk_free_mb:g} MB are to stay so: make room")
+        yield (
+            f"{run}: only {free_mb:.0f} MB are free on this disk, and {section.disk_free_mb:g} MB must stay free; delete files"
+        )
 
 
 def _temperature(temperature_c: float | None, section: InterlockSection) -> Messages:

@@ -289,13 +289,13 @@ def _undecided(found: "PolarizerCalibration") -> str:
         )
     if found.channels is not None:
         return (
-            f"the sense of rotation is not found: {first} and {second} fit alike, since the stage stood at one axis "
-            f"only (angles that are 90 deg apart count as one): scan the generator at two stage angles or more, such "
+            f"the sense of rotation cannot be determined: {first} and {second} fit equally well, because the stage had "
+            f"only one axis (angles 90 deg apart count as one). Scan the generator at two or more stage angles, such "
             f"as 0 and 45 deg"
         )
     return (
-        f"the sense of rotation is not found: {first} and {second} fit alike; a single reference cannot tell them "
-        f"apart without --expect-offset-deg (nor with it, if both are within five of its --expect-std-deg), and one "
-        f"along or across the axis of the stage's zero (horizontal or vertical) not even with it: add a run with a "
-        f"reference some 30 deg away (a second RUN and --reference-deg)"
+        f"the sense of rotation cannot be determined: {first} and {second} fit equally well. Add a run with a "
+        f"reference about 30 deg away (a second RUN and --reference-deg). If the offset is roughly known, "
+        f"--expect-offset-deg may decide, unless the reference is horizontal or vertical or both offsets are within "
+        f"five --expect-std-deg"
     )

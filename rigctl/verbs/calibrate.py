@@ -557,9 +557,13 @@ class LensResult(Result):
 
 
 def _upright_image(path: Path) -> "NDArray[Any]":
+    from rigctl.errors import DataError
     from rigctl.images import read_image
 
-    image = read_image(path)
+    try:
+        image = read_image(path)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
     return image.raw_counts if image.first_row == "top" else image.raw_counts[::-1]
 
 

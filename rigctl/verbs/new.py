@@ -187,9 +187,9 @@ def _with_devices(text: str, stage: str, camera: str) -> str:
     """Return a rig file with real devices; the table of the simulation stays where one of them is simulated."""
     driver, _, port = stage.partition(":") if not stage.startswith(("/", "sim:")) else ("ellx", ":", stage)
     if not port:
-        raise ConfigError(f"--stage: is {stage!r}; wanted is a port such as /dev/ttyUSB0, or DRIVER:PORT")
+        raise ConfigError(f"--stage: is {stage!r}; give a port such as /dev/ttyUSB0, or DRIVER:PORT")
     if ":" not in camera:
-        raise ConfigError(f"--camera: is {camera!r}; wanted is an address such as gige:192.168.0.5 or v4l2:/dev/video0")
+        raise ConfigError(f"--camera: is {camera!r}; give an address such as gige:192.168.0.5 or v4l2:/dev/video0")
     from rigctl.rig.rig import find_driver
 
     find_driver("rigctl.stages", driver, key="--stage")

@@ -293,7 +293,7 @@ class PredictOptions(EffectOptions, total=False):
     calibrations: FilePath | None
     light: LightPart
     engine: Engine
-    tolerance: float | None
+    tolerance: Annotated[float | None, Parameter(validator=Number(gte=1e-6, lte=0.1))]
     estimated_only: bool
     roc: str | None
     snr: SnrKind

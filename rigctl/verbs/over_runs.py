@@ -105,7 +105,7 @@ class ArchiveRows(Result):
         counted = ", ".join(f"{times} {verdict}" for verdict, times in self.verdicts.items())
         yield f"{self.runs} runs, {self.done_before} of them done before: {counted or 'none matches'}"
         if self.outcome == "stopped":
-            yield f"stopped: {len(self.rows)} of {self.runs} runs are done; the same command goes on"
+            yield f"stopped: {len(self.rows)} of {self.runs} runs are done; the same command continues"
         shown = self.rows if len(self.rows) <= _MOST_ROWS else [row for row in self.rows if row.exit_code != 0]
         if shown:
             yield archive_table(shown[:_MOST_ROWS], self.verb)

@@ -519,6 +519,8 @@ def _dolp_text(name: str, prediction: "RegionPrediction") -> str:
     mean, std = dolp.get("mean"), dolp.get("std")
     if mean is None or std is None or math.isnan(mean):
         return f"{name} undefined"
+    if std > 1.0:
+        return f"{name} not determined (no light above the noise)"
     return f"{name} {to_digits(mean, std)} ± {to_digits(std, std)}"
 
 

@@ -127,7 +127,7 @@ class StudyResult(Result):
         """Return how many cases there are, their time, and how much each input matters."""
         cases = len(self.table.cases)
         if self.outcome == "stopped":
-            yield f"stopped: {cases - self.failed} of {cases} cases are done; the same command goes on"
+            yield f"stopped: {cases - self.failed} of {cases} cases are done; the same command continues"
             return
         yield f"{cases} cases, {self.done_before} of them done before, {self.failed} failed; in {self.out}"
         new, same = (_MS_PER_S * one for one in (self.seconds_of_new_sky, self.seconds_of_same_sky))

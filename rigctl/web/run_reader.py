@@ -221,7 +221,7 @@ class RunReader:
     def _advice(self, state: str, events: Sequence[RunEvent]) -> str:
         reasons = [str(event.facts.get("reason", "")) for event in events if event.event == "hold"]
         if state == "holding" and reasons:
-            return f"{reasons[-1]}; then go on: rigctl resume {self._path}"
+            return f"{reasons[-1]}; then continue: rigctl resume {self._path}"
         return _ADVICE.get(state, "").format(run=self._path)
 
 

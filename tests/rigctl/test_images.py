@@ -259,7 +259,7 @@ def test_png_of_one_bit_is_refused(tmp_path):
 
 def test_file_that_is_no_image_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("sunny")
-    with pytest.raises(DataError, match="is no FITS, PNG, TIFF or RAW"):
+    with pytest.raises(DataError, match="is not a FITS, PNG, TIFF or RAW"):
         read_image(tmp_path / "notes.txt")
 
 

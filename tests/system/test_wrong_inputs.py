@@ -45,12 +45,12 @@ CASES = [
     (("new", ".", "--simulated"), 2, "is not empty", ()),
     (("new", "nn", "--no-input"), 2, "--simulated", ()),
     # One file in the place of another.
-    (("predict", RIG), 2, "this is a rig file, a scene file is wanted", ()),
-    (("acquire", SESSION, RIG, "--out", "run"), 2, "this is a session file, a rig file is wanted", ()),
+    (("predict", RIG), 2, "this is a rig file; give a scene file", ()),
+    (("acquire", SESSION, RIG, "--out", "run"), 2, "this is a session file; give a rig file", ()),
     (("infer", "runs/none"), 2, "give a scene file", ()),
     (("predict", SCENE, "--noise", RIG), 4, "this is no JSON file", ()),
     (("predict", "nothere.toml"), 2, "No such file", ()),
-    (("verify", SCENE), 4, "is a file, a run folder is wanted", ()),
+    (("verify", SCENE), 4, "is a file; give a run folder", ()),
     (("status", "nowhere"), 4, "there is no such folder", ()),
     (("status", "--contents", "."), 4, "not a run folder", ()),
     # Keys and values of a scene.
@@ -94,7 +94,7 @@ CASES = [
     ((*TAKE, "--at", "tomorrow"), 2, "write it like 2026-05-04T10:00Z", ()),
     ((*TAKE, "--at", "2026-05-04T12:00"), 2, "has no zone", ()),
     (("acquire", RIG, "session-rooftop.toml", "--out", "run", "--dry-run"), 2, "needs [site]", ()),
-    (("plan", RIG, SCENE), 2, "this is a scene file, a session file is wanted", ()),
+    (("plan", RIG, SCENE), 2, "this is a scene file; give a session file", ()),
 ]
 
 

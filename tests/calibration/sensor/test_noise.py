@@ -188,7 +188,7 @@ def test_a_level_of_other_noise_is_found_without_darks() -> None:
 
 
 def test_a_black_level_is_not_stated_beside_darks() -> None:
-    with pytest.raises(CalibrationError, match="dark levels, which tell the black level"):
+    with pytest.raises(CalibrationError, match="dark levels, which determine the black level"):
         calibrate_noise(sweeps(clean)[0], bit_depth=12, black_level_dn=Estimate(value=60.0, std_error=0.5, n=1))
 
 

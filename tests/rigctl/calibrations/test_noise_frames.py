@@ -111,7 +111,7 @@ def test_an_emva_set_holds_sixteen_bits(tmp_path: Path) -> None:
     ("spoil", "problem"),
     [
         (lambda folder: None, r"frame_0\.png: has \(48, 64\) .* says \(480, 640\)"),
-        (lambda folder: (folder / "frame_0.png").write_text("no picture"), r"frame_0\.png: is no FITS, PNG"),
+        (lambda folder: (folder / "frame_0.png").write_text("no picture"), r"frame_0\.png: is not a FITS, PNG"),
     ],
 )
 def test_a_file_that_is_not_the_stated_image_is_refused(
@@ -337,7 +337,7 @@ def test_flats_of_one_exposure_in_two_folders_are_two_levels(tmp_path: Path) -> 
 def test_folders_and_images_that_are_no_frames_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no such folder"):
         folder_frames(tmp_path / "nowhere", bit_depth=12)
-    with pytest.raises(ConfigError, match="holds no PNG"):
+    with pytest.raises(ConfigError, match="has no PNG"):
         folder_frames(tmp_path, bit_depth=12)
     write_png(tmp_path / "one.png")
     write_png(tmp_path / "dark_flat.png")

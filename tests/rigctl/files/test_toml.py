@@ -131,13 +131,13 @@ def test_tables_of_an_array_are_counted_as_people_count(tmp_path):
 @pytest.mark.parametrize(
     ("example", "loader", "words"),
     [
-        ("rig-sim.toml", load_scene, "this is a rig file, a scene file is wanted"),
-        ("scene-panels.toml", load_rig, "this is a scene file, a rig file is wanted"),
-        ("session.toml", load_rig, "this is a session file, a rig file is wanted"),
-        ("rig-sim.toml", load_session, "this is a rig file, a session file is wanted"),
-        ("scene-panels.toml", load_regions, "this is a scene file, a regions file is wanted"),
-        ("regions.toml", load_scene, "this is a regions file, a scene file is wanted"),
-        ("rig-sim.toml", load_regions, "this is a rig file, a regions file is wanted"),
+        ("rig-sim.toml", load_scene, "this is a rig file; give a scene file"),
+        ("scene-panels.toml", load_rig, "this is a scene file; give a rig file"),
+        ("session.toml", load_rig, "this is a session file; give a rig file"),
+        ("rig-sim.toml", load_session, "this is a rig file; give a session file"),
+        ("scene-panels.toml", load_regions, "this is a scene file; give a regions file"),
+        ("regions.toml", load_scene, "this is a regions file; give a scene file"),
+        ("rig-sim.toml", load_regions, "this is a rig file; give a regions file"),
     ],
 )
 def test_a_file_of_another_kind_is_called_by_its_kind(example, loader, words):
