@@ -373,8 +373,8 @@ def _sorted_levels(
     darks = [level for level in levels if level.kind == "dark"]
     if darks and black_level_dn is not None:
         raise CalibrationError(
-            f"there are {len(darks)} dark levels, which determine the black level; do not state {black_level_dn.value:g} "
-            f"DN as well"
+            f"there are {len(darks)} dark levels, which determine the black level; do not state "
+            f"{black_level_dn.value:g} DN as well"
         )
     if not flats or (not darks and black_level_dn is None):
         raise refused(

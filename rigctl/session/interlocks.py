@@ -367,7 +367,8 @@ def _disk(run: Path, section: InterlockSection) -> Messages:
     free_mb = _free_bytes(run) / _BYTES_PER_MB
     if free_mb < section.disk_free_mb:
         yield (
-            f"{run}: only {free_mb:.0f} MB are free on this disk, and {section.disk_free_mb:g} MB must stay free; delete files"
+            f"{run}: only {free_mb:.0f} MB are free on this disk, and {section.disk_free_mb:g} MB must stay free; "
+            f"delete files"
         )
 
 

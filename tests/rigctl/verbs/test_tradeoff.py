@@ -64,4 +64,4 @@ def test_a_prediction_to_a_tolerance_says_its_error(capsys):
 
 def test_a_tolerance_outside_its_range_is_refused(capsys):
     assert cli.main(["predict", PANELS, "--tolerance", "0.5"]) == 2
-    assert "allowed is 1e-06 to 0.1" in capsys.readouterr().err
+    assert "--tolerance. Must be <= 0.1" in capsys.readouterr().err
