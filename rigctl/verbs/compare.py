@@ -190,8 +190,8 @@ class ComparisonResult(Result):
         yield _verdict(found)
         off = sorted(found.disagreements, key=lambda row: -abs(row.z or 0.0))
         if found.agrees is False:
+            yield from (f"Points to {cause}: {ADVICE[cause]}" for cause in found.points_to)
             yield row_table(off[:_SHOWN])
-            yield from (f"points to {cause}: {ADVICE[cause]}" for cause in found.points_to)
             if found.attribution is not None:
                 yield f"Likely cause among the inputs: {found.attribution.remark}"
         yield from unstated_lines(found.unstated, disagrees=found.agrees is False)

@@ -96,9 +96,17 @@ def refusal(tmp_path: Path, capsys: pytest.CaptureFixture[str], *arguments: str,
 @pytest.mark.parametrize(
     ("light", "more", "words"),
     [
-        ({}, ["30"], ["the sense of rotation cannot be determined", "sense +1 with offset 37.", "sense -1 with offset 22."]),
+        (
+            {},
+            ["30"],
+            ["the sense of rotation cannot be determined", "sense +1 with offset 37.", "sense -1 with offset 22."],
+        ),
         # Along the axis of the stage's zero.
-        ({"deg": OFFSET_DEG}, [str(OFFSET_DEG), "--expect-offset-deg", "22"], ["unless the reference is horizontal or vertical"]),
+        (
+            {"deg": OFFSET_DEG},
+            [str(OFFSET_DEG), "--expect-offset-deg", "22"],
+            ["unless the reference is horizontal or vertical"],
+        ),
         ({"peak_dn": 4200.0}, ["30"], ["saturated pixels"]),
         ({"peak_dn": 0.0}, ["30"], ["no light above"]),
     ],
