@@ -10,6 +10,8 @@ from functools import lru_cache
 from math import isfinite, log, log1p
 
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.chebyshev import chebpts1
 from numpy.typing import ArrayLike, NDArray
 
 from model.atmosphere.mie import (
@@ -114,20 +116,17 @@ def extinction_of(
     if angstrom_exponent is not None:
         return angstrom_ratio(exponent=angstrom_exponent, wavelength_m=wavelength_m)
     if choice in TABULATED:
-        return _relative_extinction(
-            kind=AerosolType(choice), wavelength_m=wavelength_m, relative_humidity=relative_humidity
-        )
+        return _read(_table(AerosolType(choice), relative_humidity)[0], wavelength_m)
     spheres = spheres_of(choice, relative_humidity=relative_humidity)
     wavelengths = np.asarray(wavelength_m, dtype=float)
     if wavelengths.size <= _SPECTRUM_NODES:
         each = [_logarithm(spheres, wavelength) for wavelength in wavelengths.ravel()]
         return np.asarray(np.exp(np.array(each)).reshape(wavelengths.shape))
-    nodes_m = chebyshev_wavelengths_m(
-        shortest_m=float(np.min(wavelengths)), longest_m=float(np.max(wavelengths)), count=_SPECTRUM_NODES
-    )
-    at_nodes = np.array([_logarithm(spheres, node) for node in nodes_m])
-    basis = lagrange_basis(nodes_m=nodes_m, wavelength_m=wavelengths.ravel())
-    return np.asarray(np.exp(at_nodes @ basis).reshape(wavelengths.shape))
+    shortest_m, longest_m = float(np.min(wavelengths)), float(np.max(wavelengths))
+    nodes_m = 0.5 * (shortest_m + longest_m) + 0.5 * (longest_m - shortest_m) * chebpts1(_SPECTRUM_NODES)
+    logarithms = [_logarithm(spheres, node) for node in nodes_m]
+    through_nodes = Polynomial.fit(1.0 / nodes_m, logarithms, _SPECTRUM_NODES - 1)
+    return np.asarray(np.exp(through_nodes(1.0 / wavelengths)))
 
 
 def angstrom_ratio(*, exponent: float, wavelength_m: ArrayLike) -> NDArray[np.float64]:
@@ -146,7 +145,7 @@ def angstrom_ratio(*, exponent: float, wavelength_m: ArrayLike) -> NDArray[np.fl
 def kinks_of(choice: AerosolChoice, *, relative_humidity: float) -> frozenset[float]:
     """Wavelengths at which the properties of an aerosol over wavelength have a kink: the entries of its tables [m]."""
     if choice in TABULATED:
-        return frozenset(_table_wavelengths_m())
+        return frozenset((_WAVELENGTH_UM * 1e-6).tolist())
     modes = spheres_of(choice, relative_humidity=relative_humidity).modes
     return frozenset(wavelength for mode in modes for wavelength in mode.index.wavelength_m)
 
@@ -191,13 +190,19 @@ _LOWER_PER_KM = np.array(
         [1.94, 1.94, 0.0621, 0.0346, 0.0185],
     ]
 )
-# fmt: on
 _REFERENCE_VISIBILITY_M = 23e3
 
 # fmt: off
 _HEIGHT_M = 1e3 * np.array([
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 30, 35, 40,
 ])
+# From 5 km up: spring and summer below 10 km, background stratosphere above [km-1].
+_UPPER_PER_KM = np.array([
+    9.31e-3, 7.71e-3, 6.23e-3, 3.37e-3, 1.82e-3, 1.14e-3, 7.99e-4, 6.41e-4, 5.17e-4, 4.42e-4, 3.95e-4, 3.82e-4,
+    4.25e-4, 5.2e-4, 5.81e-4, 5.89e-4, 5.02e-4, 4.2e-4, 3e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6,
+])
+_VISIBILITY_KM = np.array([50.0, 23.0, 10.0, 5.0, 2.0])
+# fmt: on
 
 
 def aerosol_column(*, visibility_m: float | None = None, optical_depth: float | None = None) -> AerosolColumn:
@@ -218,16 +223,14 @@ def aerosol_column(*, visibility_m: float | None = None, optical_depth: float | 
     return replace(reference, scale=optical_depth / float(reference.optical_depth_between(0.0, _HEIGHT_M[-1])))
 
 
-def _relative_extinction(
-    *, kind: AerosolType, wavelength_m: ArrayLike, relative_humidity: float
-) -> NDArray[np.float64]:
-    """Extinction of a standard aerosol over that at 550 nm.
-
-    Logarithms are linear in the wavelength, and in the logarithm of 1 - humidity.
-
-    Shettle & Fenn, AFGL-TR-79-0214 (1979), as tabulated in LOWTRAN 7 (Kneizys et al., AFGL-TR-88-0177).
-    """
-    return _read(_table(kind, relative_humidity)[0], wavelength_m)
+def _column_of_visibility(visibility_m: float) -> AerosolColumn:
+    """Column of a meteorological range."""
+    visibility_km = visibility_m / 1e3
+    if not _VISIBILITY_KM[-1] <= visibility_km <= _VISIBILITY_KM[0]:
+        raise ValueError(f"aerosol_column: visibility_m = {visibility_m!r} m, allowed is 2e3 to 50e3 m")
+    lower = [np.interp(1.0 / visibility_km, 1.0 / _VISIBILITY_KM, column) for column in _LOWER_PER_KM.T]
+    per_km = np.concatenate([lower, _UPPER_PER_KM])
+    return AerosolColumn(height_m=_HEIGHT_M, extinction_per_m=per_km / 1e3, scale=1.0)
 
 
 _WAVELENGTH_UM = np.array([0.20, 0.30, 0.3371, 0.55, 0.6943, 1.06])
@@ -275,16 +278,13 @@ _TROPOSPHERIC = np.array(
 
 
 def _table(kind: AerosolType, relative_humidity: float) -> NDArray[np.float64]:
-    """Extinction, absorption and asymmetry over wavelength."""
+    """Extinction, absorption and asymmetry over wavelength; logarithms are linear in that of 1 - humidity."""
     if not _RURAL_HUMIDITY[0] <= relative_humidity <= _RURAL_HUMIDITY[-1]:
         raise ValueError(f"relative_humidity = {relative_humidity!r}, allowed is 0 to {_RURAL_HUMIDITY[-1]}")
     if kind not in TABULATED:
         raise ValueError(f"aerosol {kind.value!r} has no table, only spheres (`model.atmosphere.aerosols`)")
-    return _TROPOSPHERIC if kind is AerosolType.TROPOSPHERIC else _rural_table(relative_humidity)
-
-
-def _rural_table(relative_humidity: float) -> NDArray[np.float64]:
-    """Extinction, absorption and asymmetry of the rural aerosol at a humidity."""
+    if kind is AerosolType.TROPOSPHERIC:
+        return _TROPOSPHERIC
     dryness, given = -np.log1p(-_RURAL_HUMIDITY), -np.log1p(-relative_humidity)
     lower = min(int(np.searchsorted(dryness, given, side="right")) - 1, dryness.size - 2)
     share = (given - dryness[lower]) / (dryness[lower + 1] - dryness[lower])
@@ -332,7 +332,7 @@ _MINERAL = RefractiveIndex(
 _RURAL_SUBSTANCE = mixed_index(parts=(_WATER_SOLUBLE, _DUST_LIKE), volume_shares=(0.7, 0.3))
 
 
-# Asked for at every wavelength of a band, whatever it be.
+# Needed at every wavelength of a band.
 @lru_cache(maxsize=32)
 def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol:
     """Spheres of a documented aerosol.
@@ -370,7 +370,16 @@ def preset_aerosol(kind: AerosolType, *, relative_humidity: float) -> MieAerosol
     if kind is AerosolType.WATER_SOLUBLE:
         mode = _grown(_WATER_SOLUBLE_RADIUS_M, np.log10(2.24), 1.0, _WATER_SOLUBLE, relative_humidity)
         return MieAerosol(name=kind.value, modes=(mode,), source=_OPAC, assumed=_SECOND_HAND)
-    return _dust() if kind is AerosolType.DUST else _soot()
+    if kind is AerosolType.DUST:
+        sizes = log_normal(number_median_radius_m=0.5e-6, log10_sigma=float(np.log10(2.2)), largest_radius_m=5e-6)
+        index, source = _MINERAL, f"{_OPAC}: mineral, transported"
+        assumed = f"{_SECOND_HAND}; dust is not made of spheres: behind 90 degrees its polarization differs"
+    else:
+        sizes = log_normal(number_median_radius_m=0.0118e-6, log10_sigma=float(np.log10(2.0)))
+        index, source = _SOOT, f"{_OPAC}: soot; index of Shettle & Fenn (1979)"
+        assumed = f"{_SECOND_HAND}; soot is not made of spheres but of chains of them"
+    mode = ParticleMode(number_share=1.0, sizes=sizes, index=index)
+    return MieAerosol(name=kind.value, modes=(mode,), source=source, assumed=assumed)
 
 
 def _grown(
@@ -384,58 +393,12 @@ def _grown(
     return ParticleMode(number_share=number_share, sizes=sizes, index=index)
 
 
-def _dust() -> MieAerosol:
-    """Dust carried far."""
-    sizes = log_normal(number_median_radius_m=0.5e-6, log10_sigma=float(np.log10(2.2)), largest_radius_m=5e-6)
-    mode = ParticleMode(number_share=1.0, sizes=sizes, index=_MINERAL)
-    return MieAerosol(
-        name=AerosolType.DUST.value,
-        modes=(mode,),
-        source=f"{_OPAC}: mineral, transported",
-        assumed=f"{_SECOND_HAND}; dust is not made of spheres: behind 90 degrees its polarization differs",
-    )
-
-
-def _soot() -> MieAerosol:
-    """Soot."""
-    sizes = log_normal(number_median_radius_m=0.0118e-6, log10_sigma=float(np.log10(2.0)))
-    return MieAerosol(
-        name=AerosolType.SOOT.value,
-        modes=(ParticleMode(number_share=1.0, sizes=sizes, index=_SOOT),),
-        source=f"{_OPAC}: soot; index of Shettle & Fenn (1979)",
-        assumed=f"{_SECOND_HAND}; soot is not made of spheres but of chains of them",
-    )
-
-
 def _logarithm(spheres: MieAerosol, wavelength_m: float) -> float:
     """Logarithm of the extinction over that at 550 nm."""
     here, there = (
         aerosol_extinction_m2(spheres, wavelength_m=float(length)) for length in (wavelength_m, _REFERENCE_WAVELENGTH_M)
     )
     return float(np.log(here / there))
-
-
-def chebyshev_wavelengths_m(*, shortest_m: float, longest_m: float, count: int) -> NDArray[np.float64]:
-    """Wavelengths at which to compute what is smooth over a band, increasing [m].
-
-    definition: zeros of the Chebyshev polynomial
-    """
-    if not 0.0 < shortest_m < longest_m:
-        raise ValueError(f"shortest_m = {shortest_m!r} m must be above 0 and below longest_m = {longest_m!r} m")
-    if count < 1:
-        raise ValueError(f"count = {count!r}, allowed is 1 or more")
-    zeros = np.cos(np.pi * (2.0 * np.arange(count, 0, -1) - 1.0) / (2.0 * count))
-    return np.asarray((shortest_m + longest_m) / 2.0 + (longest_m - shortest_m) / 2.0 * zeros)
-
-
-def lagrange_basis(*, nodes_m: NDArray[np.float64], wavelength_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Polynomials in 1/wavelength that are 1 at one node and 0 at the others, shape (nodes, N)."""
-    node, target = 1e-6 / nodes_m, 1e-6 / wavelength_m
-    basis = np.ones((node.size, target.size))
-    for i in range(node.size):
-        for other in np.delete(node, i):
-            basis[i] *= (target - other) / (node[i] - other)
-    return basis
 
 
 def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity: float) -> AerosolOptics:
@@ -445,26 +408,3 @@ def aerosol_optics(*, kind: AerosolType, wavelength_m: float, relative_humidity:
     """
     extinction, absorption, asymmetry = (float(_read(row, wavelength_m)) for row in _table(kind, relative_humidity))
     return AerosolOptics(extinction=extinction, ssa=1.0 - absorption / extinction, g=asymmetry)
-
-
-def _table_wavelengths_m() -> tuple[float, ...]:
-    """Wavelengths of the tables, at which the properties of an aerosol over wavelength have a kink [m]."""
-    return tuple(float(entry) * 1e-6 for entry in _WAVELENGTH_UM)
-
-
-# From 5 km up: spring and summer below 10 km, background stratosphere above [km-1].
-_UPPER_PER_KM = np.array([
-    9.31e-3, 7.71e-3, 6.23e-3, 3.37e-3, 1.82e-3, 1.14e-3, 7.99e-4, 6.41e-4, 5.17e-4, 4.42e-4, 3.95e-4, 3.82e-4,
-    4.25e-4, 5.2e-4, 5.81e-4, 5.89e-4, 5.02e-4, 4.2e-4, 3e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6,
-])
-_VISIBILITY_KM = np.array([50.0, 23.0, 10.0, 5.0, 2.0])
-
-
-def _column_of_visibility(visibility_m: float) -> AerosolColumn:
-    """Column of a meteorological range."""
-    visibility_km = visibility_m / 1e3
-    if not _VISIBILITY_KM[-1] <= visibility_km <= _VISIBILITY_KM[0]:
-        raise ValueError(f"aerosol_column: visibility_m = {visibility_m!r} m, allowed is 2e3 to 50e3 m")
-    lower = [np.interp(1.0 / visibility_km, 1.0 / _VISIBILITY_KM, column) for column in _LOWER_PER_KM.T]
-    per_km = np.concatenate([lower, _UPPER_PER_KM])
-    return AerosolColumn(height_m=_HEIGHT_M, extinction_per_m=per_km / 1e3, scale=1.0)

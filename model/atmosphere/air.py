@@ -25,7 +25,7 @@ from model.atmosphere.aerosols import (
     optics_of,
     spheres_of,
 )
-from model.atmosphere.layers import AerosolKind, Layer, ScatteringMatrix
+from model.atmosphere.layers import AerosolKind, Layer
 from model.atmosphere.mie import MieAerosol, aerosol_scattering
 
 FloatArray = NDArray[np.float64]
@@ -126,16 +126,6 @@ class Column:
             raise ValueError(f"height_m = {np.min(height)!r} m, allowed is 0 (the ground) or more")
         return np.asarray(self._rayleigh_above(height) + self._aerosol_between(height, np.asarray(np.inf)))
 
-    def depth_above(self, height_m: float) -> float:
-        """Return what `tau_above` does of one height, computed once: bounds ask for the camera's for every region."""
-        if height_m not in self._depths_above:
-            self._depths_above[height_m] = float(self.tau_above(height_m))
-        return self._depths_above[height_m]
-
-    @cached_property
-    def _depths_above(self) -> dict[float, float]:
-        return {}
-
     def layers(
         self,
         *,
@@ -150,35 +140,27 @@ class Column:
         Optical depth and single-scattering albedo are those of the column for every kind of aerosol.
         """
         heights = face_heights_m(fine=fine, cuts=cuts, face_m=face_m)
-        lower, upper = self._matrices(matrix_tolerance) if aerosol is AerosolKind.SPHERES else (None, None)
+        lower, upper = (
+            aerosol_scattering(spheres, wavelength_m=self.wavelength_m, tolerance=matrix_tolerance).matrix
+            if aerosol is AerosolKind.SPHERES
+            else None
+            for spheres in (self.lower_spheres, self.upper_spheres)
+        )
         low, high = heights[-2::-1], heights[:0:-1]
         molecules = self._rayleigh_above(low) - self._rayleigh_above(high)
         particles = self._aerosol_between(low, high)
         return tuple(
-            self._layer(*depths, matrix=lower if is_low else upper, optics=self.lower if is_low else self.upper)
-            for *depths, is_low in zip(
+            Layer(
+                tau_rayleigh=tau_rayleigh,
+                tau_aerosol=tau_aerosol,
+                ssa_aerosol=self.lower.ssa if is_low else self.upper.ssa,
+                g_aerosol=self.lower.g if is_low else self.upper.g,
+                delta=self.delta,
+                matrix=lower if is_low else upper,
+            )
+            for tau_rayleigh, tau_aerosol, is_low in zip(
                 molecules.tolist(), particles.tolist(), (high <= BOUNDARY_LAYER_TOP_M).tolist(), strict=True
             )
-        )
-
-    def _matrices(self, tolerance: float) -> list[ScatteringMatrix]:
-        """Scattering matrices of the spheres below and above 2 km."""
-        return [
-            aerosol_scattering(spheres, wavelength_m=self.wavelength_m, tolerance=tolerance).matrix
-            for spheres in (self.lower_spheres, self.upper_spheres)
-        ]
-
-    def _layer(
-        self, tau_rayleigh: float, tau_aerosol: float, *, matrix: ScatteringMatrix | None, optics: AerosolOptics
-    ) -> Layer:
-        """Homogeneous mean of the air between two heights on one side of 2 km."""
-        return Layer(
-            tau_rayleigh=tau_rayleigh,
-            tau_aerosol=tau_aerosol,
-            ssa_aerosol=optics.ssa,
-            g_aerosol=optics.g,
-            delta=self.delta,
-            matrix=matrix,
         )
 
     def _rayleigh_above(self, height_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -355,23 +337,18 @@ _FINE_M = 1e3 * np.concatenate(
 _COARSE_M = 1e3 * np.array([0, 0.5, 1, 1.5, 2, 3, 4, 5, 7, 9, 12, 16, 20, 25, 35, 100])
 
 
-def face_heights_m(*, fine: bool, cuts: int, face_m: float) -> NDArray[np.float64]:
-    """Return the heights of the layers' faces, increasing from the ground, shape (K + 1,) [m]."""
-    faces = _with_face(_FINE_M if fine else _COARSE_M, face_m)
-    return np.interp(np.arange((faces.size - 1) * cuts + 1) / cuts, np.arange(faces.size), faces)
-
-
 # From a face near the ground each layer is at most so many times as high as the one below.
 _GROWTH = 4.0
 
 
-def _with_face(heights_m: NDArray[np.float64], face_m: float) -> NDArray[np.float64]:
-    if not 0.0 < face_m < heights_m[-1]:
-        return heights_m
-    faces = [face_m]
-    while faces[-1] * _GROWTH < heights_m[1]:
-        faces.append(faces[-1] * _GROWTH)
-    return np.union1d(heights_m, faces)
+def face_heights_m(*, fine: bool, cuts: int, face_m: float) -> NDArray[np.float64]:
+    """Return the heights of the layers' faces, increasing from the ground, shape (K + 1,) [m]."""
+    heights_m = _FINE_M if fine else _COARSE_M
+    near = [face_m] if 0.0 < face_m < heights_m[-1] else []
+    while near and near[-1] * _GROWTH < heights_m[1]:
+        near.append(near[-1] * _GROWTH)
+    faces = np.union1d(heights_m, near)
+    return np.interp(np.arange((faces.size - 1) * cuts + 1) / cuts, np.arange(faces.size), faces)
 
 
 def pressure_ratio(height_m: ArrayLike) -> NDArray[np.float64]:
@@ -387,17 +364,12 @@ def pressure_ratio(height_m: ArrayLike) -> NDArray[np.float64]:
     temperature = _SEA_LEVEL_TEMPERATURE_K
     for base, top, lapse in zip(_BASE_HEIGHT_M, [*_BASE_HEIGHT_M[1:], _TOP_M], _LAPSE_K_PER_M, strict=True):
         thickness = np.clip(geopotential - base, 0.0, top - base)
-        ratio *= _layer_ratio(thickness, temperature, lapse)
+        if lapse == 0.0:
+            ratio *= np.exp(-_HYDROSTATIC_K_PER_M * thickness / temperature)
+        else:
+            ratio *= (1.0 + lapse * thickness / temperature) ** (-_HYDROSTATIC_K_PER_M / lapse)
         temperature += lapse * (top - base)
     return np.where(geopotential < _TOP_M, ratio, 0.0)
-
-
-def _layer_ratio(thickness_m: NDArray[np.float64], base_k: float, lapse_k_per_m: float) -> NDArray[np.float64]:
-    """Fall of the pressure through part of a layer of constant lapse rate."""
-    if lapse_k_per_m == 0.0:
-        return np.asarray(np.exp(-_HYDROSTATIC_K_PER_M * thickness_m / base_k))
-    exponent = -_HYDROSTATIC_K_PER_M / lapse_k_per_m
-    return np.asarray((1.0 + lapse_k_per_m * thickness_m / base_k) ** exponent)
 
 
 def _inverse_square_um(wavelength_m: ArrayLike) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ An aerosol is made of modes: a refractive index over wavelength and a size distr
 taken at quadrature angles and expanded in generalised spherical functions (`aerosol_scattering`).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
@@ -316,6 +317,11 @@ class AerosolScattering:
     error_estimate: float
 
 
+_MOST_HALVINGS = 5
+_MEMORY = 64
+
+
+@lru_cache(maxsize=_MEMORY)
 def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> AerosolScattering:
     """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; remembered.
 
@@ -343,45 +349,54 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
     ----------
     Hansen & Travis, Space Sci. Rev. 16 (1974) 527, doi:10.1007/BF00168069, section 2.
     """
-    _check_mie_aerosol(wavelength_m, tolerance)
-    return _scattering(aerosol, float(wavelength_m), float(tolerance))
-
-
-def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
-    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered."""
-    _check_mie_aerosol(wavelength_m, tolerance)
-    return _extinction_m2(aerosol, float(wavelength_m), float(tolerance))
-
-
-def _check_mie_aerosol(wavelength_m: float, tolerance: float) -> None:
-    """Refuse numbers without meaning."""
-    for name, value in (("wavelength_m", wavelength_m), ("tolerance", tolerance)):
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"aerosol: {name} = {value!r}, but it must be finite and above 0")
-
-
-_MOST_HALVINGS = 5
-_MEMORY = 64
-
-
-@lru_cache(maxsize=_MEMORY)
-def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> AerosolScattering:
-    """Return what `aerosol_scattering` does."""
+    _require_positive(wavelength_m=wavelength_m, tolerance=tolerance)
     ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
     grid = angular_grid(largest_size_parameter=max(float(bounds[-1]) for bounds in ranges if bounds.size))
-    total = _sums(aerosol, ranges, wavelength_m, grid, 0, middles=False)
-    for halving in range(_MOST_HALVINGS):
-        coarse = total
-        total = (coarse + _sums(aerosol, ranges, wavelength_m, grid, halving, middles=True)) / 2.0
-        change = (total - coarse) / total[1, 0]
-        if _size_of(change) <= tolerance:
-            break
+
+    def rule(halving: int, middles: bool) -> NDArray[np.float64]:
+        return _sums(aerosol, ranges, wavelength_m, grid, halving, middles=middles)
+
+    total, change = _halved(rule, lambda total, change: _size_of(change / total[1, 0]) <= tolerance)
+    change = change / total[1, 0]
     return AerosolScattering(
         extinction_m2=float(total[0, 0]) / sum(mode.number_share for mode in aerosol.modes),
         ssa=min(float(total[1, 0] / total[0, 0]), 1.0),  # rounding of spheres that do not absorb
         matrix=_matrix(total[1:] / total[1, 0], change[1:], tolerance),
         error_estimate=_size_of(change) + tolerance / 4.0,
     )
+
+
+@lru_cache(maxsize=16 * _MEMORY)
+def aerosol_extinction_m2(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> float:
+    """Mean extinction cross-section of a particle [m2], without the matrix, which costs most; remembered."""
+    _require_positive(wavelength_m=wavelength_m, tolerance=tolerance)
+    ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
+
+    def rule(halving: int, middles: bool) -> NDArray[np.float64]:
+        return np.asarray(_extinction(aerosol, ranges, wavelength_m, halving, middles=middles))
+
+    total, _ = _halved(rule, lambda total, change: bool(np.abs(change) <= tolerance * total))
+    return float(total) / sum(mode.number_share for mode in aerosol.modes)
+
+
+def _halved(
+    rule: Callable[[int, bool], NDArray[np.float64]],
+    is_enough: Callable[[NDArray[np.float64], NDArray[np.float64]], bool],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Trapezoidal rule, halved until the last change is small enough: the integral and that change."""
+    total = rule(0, False)
+    for halving in range(_MOST_HALVINGS):
+        coarse = total
+        total = (coarse + rule(halving, True)) / 2.0
+        if is_enough(total, total - coarse):
+            break
+    return total, total - coarse
+
+
+def _require_positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not 0.0 < value < np.inf:
+            raise ValueError(f"aerosol: {name} = {value!r}, but it must be finite and above 0")
 
 
 # The variable of the integral over size is ln x + x / _BEND: steps of ln x for small spheres, of x for large ones,
@@ -573,7 +588,7 @@ def _chunk_sums(
 ) -> tuple[float, NDArray[np.float64]]:
     """Extinction and matrix of some spheres at some angles, as in `sphere_sums`."""
     a, b = sphere_coefficients(size_parameter=size_parameter, n=index.real, k=index.imag)
-    extinction = float(weight @ efficiencies(size_parameter=size_parameter, a=a, b=b).extinction)
+    extinction = float(weight @ extinction_efficiency(size_parameter=size_parameter, a=a, b=b))
     plus, minus = amplitude_sums(a, b, mu)
     # The mean over the sphere of 4/x^2 F11 times the geometrical cross-section is that of scattering.
     share = 2.0 * weight / size_parameter**2
@@ -692,45 +707,15 @@ def _coefficient(p: NDArray[np.complex128], q: NDArray[np.complex128]) -> NDArra
     return result
 
 
-@dataclass(frozen=True, kw_only=True)
-class SphereEfficiencies:
-    """Cross-sections of spheres over their geometrical ones, and the asymmetry; each of shape (N,)."""
-
-    extinction: NDArray[np.float64]
-    scattering: NDArray[np.float64]
-    asymmetry: NDArray[np.float64]
-
-
-def efficiencies(
+def extinction_efficiency(
     *, size_parameter: NDArray[np.float64], a: NDArray[np.complex128], b: NDArray[np.complex128]
-) -> SphereEfficiencies:
-    """Efficiencies and asymmetry from the coefficients of `sphere_coefficients`.
+) -> NDArray[np.float64]:
+    """Return the extinction cross-sections of spheres over their geometrical ones, shape (N,).
 
-    Parameters
-    ----------
-    size_parameter
-        Circumference over wavelength, shape (K,), above 0.
-    a, b
-        Coefficients of each sphere, shape (K, T).
-
-    References
-    ----------
-    Bohren & Huffman (1983), eqs. (4.61), (4.62) and section 4.5.
+    Bohren & Huffman (1983), eq. (4.62).
     """
     order = np.arange(1, a.shape[1] + 1)
-    scale = 2.0 / size_parameter**2
-    degenerate = 2 * order + 1
-    power = np.abs(a) ** 2 + np.abs(b) ** 2
-    scattering = scale * (power @ degenerate)
-    lower, upper = slice(None, -1), slice(1, None)
-    neighbours = (a[:, lower] * a[:, upper].conj() + b[:, lower] * b[:, upper].conj()).real
-    crossed = (a * b.conj()).real
-    cosines = neighbours @ (order * (order + 2) / (order + 1))[lower] + crossed @ (degenerate / (order * (order + 1)))
-    return SphereEfficiencies(
-        extinction=scale * ((a + b).real @ degenerate),
-        scattering=scattering,
-        asymmetry=2.0 * scale * cosines / scattering,
-    )
+    return np.asarray(2.0 / size_parameter**2 * ((a + b).real @ (2 * order + 1)))
 
 
 def amplitude_sums(
@@ -805,19 +790,6 @@ def _length(coefficients: NDArray[np.float64], tolerance: float) -> int:
     return max(int(np.count_nonzero(beyond > tolerance)), 2)
 
 
-@lru_cache(maxsize=16 * _MEMORY)
-def _extinction_m2(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> float:
-    """Return what `aerosol_extinction_m2` does."""
-    ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
-    total = _extinction(aerosol, ranges, wavelength_m, 0, middles=False)
-    for halving in range(_MOST_HALVINGS):
-        coarse = total
-        total = (coarse + _extinction(aerosol, ranges, wavelength_m, halving, middles=True)) / 2.0
-        if abs(total - coarse) <= tolerance * total:
-            break
-    return total / sum(mode.number_share for mode in aerosol.modes)
-
-
 def _extinction(
     aerosol: MieAerosol, ranges: list[NDArray[np.float64]], wavelength_m: float, halving: int, *, middles: bool
 ) -> float:
@@ -836,5 +808,5 @@ def _extinction_sum(*, size_parameter: NDArray[np.float64], weight: NDArray[np.f
     for start in range(0, size_parameter.size, _CHUNK):
         chunk = slice(start, start + _CHUNK)
         a, b = sphere_coefficients(size_parameter=size_parameter[chunk], n=index.real, k=index.imag)
-        total += float(weight[chunk] @ efficiencies(size_parameter=size_parameter[chunk], a=a, b=b).extinction)
+        total += float(weight[chunk] @ extinction_efficiency(size_parameter=size_parameter[chunk], a=a, b=b))
     return total

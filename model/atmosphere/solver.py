@@ -6,7 +6,7 @@ the tolerance. The error is estimated from the residual of the solution in the e
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import acos, ceil, cos, degrees, exp, inf, pi, radians
 from typing import Literal
@@ -251,27 +251,37 @@ def solve(
     alike = merge_alike(layers_of_kind(layers, kind))
     degree = _degree_max(alike, nodes=nodes)
     merged = delta_m_truncated(alike, degree=degree)
-    grid, owner = _grid(merged, mu0=mu0, nodes=nodes, element_depth=element_depth)
-    setting = _Setting(
-        grid=grid, transport=_transport_of(grid), albedo=albedo, tolerance=tolerance, max_orders=max_orders
-    )
+    edges, owner = element_edges(merged, element_depth=element_depth, halvings=_HALVINGS)
+    node_mu, weights = gauss_nodes(nodes)
+    grid = Grid(edges=edges, nodes=node_mu, weights=weights, mu0=mu0)
     coefficients = expansion_coefficients(merged, degree_max=degree, aerosol=kind)[owner]
-    blocks = _solve_blocks(setting, coefficients, _mode_blocks(degree, kind))
-    irradiance = blocks[0].result.diffuse_irradiance
+    blocks: list[_SolvedBlock] = []
+    for modes, polarized in _mode_blocks(degree, kind):
+        block = _solve_block(
+            grid,
+            coefficients,
+            modes,
+            polarized,
+            albedo=albedo,
+            tolerance=tolerance,
+            max_orders=max_orders,
+            mean_radiance=_mean_radiance_of(blocks[0].moments) if blocks else None,
+        )
+        blocks.append(block)
+    irradiance = blocks[0].diffuse_irradiance
     return Solution(
         layers=tuple(merged),
         mu0=mu0,
         edges=grid.edges,
         blocks=tuple(
-            ModeBlock(modes=block.modes, expansion=_element_expansion(coefficients, block.result.moments))
-            for block in blocks
+            ModeBlock(modes=block.modes, expansion=_element_expansion(coefficients, block.moments)) for block in blocks
         ),
         ground_radiance=albedo / pi * (_direct_irradiance(grid) + irradiance),
         # The forward peak, which counted as the beam, is diffuse light.
         diffuse_irradiance=irradiance + _direct_irradiance(grid) - mu0 * exp(-_full_depth(merged) / mu0),
-        orders=max(block.result.orders for block in blocks),
-        converged=all(block.result.tail <= tolerance for block in blocks),
-        error_estimate=_estimate_error(setting, coefficients, blocks)
+        orders=max(block.orders for block in blocks),
+        converged=all(block.tail <= tolerance for block in blocks),
+        error_estimate=_estimate_error(grid, coefficients, blocks, albedo)
         + _truncation_error(merged, degree=degree, mu0=mu0),
     )
 
@@ -523,6 +533,27 @@ class Grid:
     weights: NDArray[np.float64]
     mu0: float
 
+    @cached_property
+    def decay(self) -> NDArray[np.float64]:
+        """Extinction from the start of each element to its middle and its far face, shape (2, E, N)."""
+        path = slant(self.depths[:, np.newaxis], self.nodes)
+        return np.asarray(np.exp(-path * _PARTS[:, np.newaxis, np.newaxis]))
+
+    @cached_property
+    def source_weight(self) -> NDArray[np.float64]:
+        """Share of the source at the three points of an element in the light at its middle and its far face."""
+        path = slant(self.depths[:, np.newaxis], self.nodes)
+        return np.moveaxis(source_weights(path=path, part=_PARTS[:, np.newaxis, np.newaxis]), -1, 0)
+
+    @cached_property
+    def beam_weight(self) -> NDArray[np.float64]:
+        """The same for light scattered from the beam, both ways, with the extinction of the beam."""
+        crossed = _PARTS[:, np.newaxis, np.newaxis] * self.depths[:, np.newaxis]
+        down, up = (beam_share(depth=crossed, mu=self.nodes, mu0=self.mu0, upward=upward) for upward in (False, True))
+        start_of_down = self.edges[:-1, np.newaxis]
+        start_of_up = self.edges[1:, np.newaxis] - crossed
+        return np.stack([down * np.exp(-start_of_down / self.mu0), up * np.exp(-start_of_up / self.mu0)], axis=2)
+
     @property
     def depths(self) -> NDArray[np.float64]:
         """Optical depth of each element."""
@@ -534,83 +565,20 @@ class Grid:
         return np.concatenate([-self.nodes, self.nodes])
 
 
-def _grid(layers: Sequence[Layer], *, mu0: float, nodes: int, element_depth: float) -> tuple[Grid, NDArray[np.int_]]:
-    """Levels and directions, and the layer of each element."""
-    edges, owner = element_edges(layers, element_depth=element_depth, halvings=_HALVINGS)
-    mu, weights = gauss_nodes(nodes)
-    return Grid(edges=edges, nodes=mu, weights=weights, mu0=mu0), owner
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Transport:
-    """Transport between the levels of a grid: extinction, and sources on the way."""
-
-    decay: NDArray[np.float64]
-    source_weight: NDArray[np.float64]
-    beam_weight: NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Setting:
-    """Setting that the orders of one run share."""
-
-    grid: Grid
-    transport: _Transport
-    albedo: float
-    tolerance: float
-    max_orders: int
-
-
 _PARTS = np.array([0.5, 1.0])  # of an element: its middle and its far face
 
 
-def _transport_of(grid: Grid) -> _Transport:
-    """Extinction between the levels of a grid."""
-    path = slant(grid.depths[:, np.newaxis], grid.nodes)
-    weights = source_weights(path=path, part=_PARTS[:, np.newaxis, np.newaxis])
-    crossed = _PARTS[:, np.newaxis, np.newaxis] * grid.depths[:, np.newaxis]
-    down, up = (beam_share(depth=crossed, mu=grid.nodes, mu0=grid.mu0, upward=upward) for upward in (False, True))
-    start_of_down = grid.edges[:-1, np.newaxis]
-    start_of_up = grid.edges[1:, np.newaxis] - crossed
-    lit = np.stack([down * np.exp(-start_of_down / grid.mu0), up * np.exp(-start_of_up / grid.mu0)], axis=2)
-    return _Transport(
-        decay=np.exp(-path * _PARTS[:, np.newaxis, np.newaxis]),
-        source_weight=np.moveaxis(weights, -1, 0),
-        beam_weight=lit,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
-class _OrderSum:
-    """The sum of all orders of a block of azimuth modes."""
+class _SolvedBlock:
+    """Azimuth modes that are solved together, and the sum of their orders."""
 
+    modes: range
+    polarized: bool
     moments: NDArray[np.float64]
     diffuse_irradiance: float
     orders: int
     tail: float
     ratio: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class _SolvedBlock:
-    """A block of azimuth modes and the sum of its orders."""
-
-    modes: range
-    polarized: bool
-    result: _OrderSum
-
-
-def _solve_blocks(
-    setting: _Setting, coefficients: NDArray[np.float64], blocks: Sequence[tuple[range, bool]]
-) -> list[_SolvedBlock]:
-    """Orders of scattering summed for each block; all are measured by the mean radiance, which the first one has."""
-    solved: list[_SolvedBlock] = []
-    for modes, polarized in blocks:
-        scattering = _scattering_of(setting.grid, coefficients, modes=modes, polarized=polarized)
-        mean = _mean_radiance_of(solved[0].result.moments) if solved else None
-        result = _sum_orders(setting, scattering, mean_radiance=mean)
-        solved.append(_SolvedBlock(modes=modes, polarized=polarized, result=result))
-    return solved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -653,37 +621,55 @@ def _mean_radiance_of(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     return mean
 
 
-def _sum_orders(setting: _Setting, scattering: Scattering, *, mean_radiance: NDArray[np.float64] | None) -> _OrderSum:
-    """Sum of the orders until the estimated tail is below the tolerance or the orders run out.
+def _solve_block(
+    grid: Grid,
+    coefficients: NDArray[np.float64],
+    modes: range,
+    polarized: bool,
+    *,
+    albedo: float,
+    tolerance: float,
+    max_orders: int,
+    mean_radiance: NDArray[np.float64] | None,
+) -> _SolvedBlock:
+    """Sum the orders of a block until the estimated tail is below the tolerance or the orders run out.
 
+    Orders are measured by the mean radiance at each level, which the block of mode 0 has; None there.
     The tail is taken as geometric, with the ratio of the last two orders. Where that ratio reaches 1 (it grows toward
     its limit from below in a conservative atmosphere), the tail counts as infinite.
     """
-    has_mean = mean_radiance is None
+    scattering = _scattering_of(grid, coefficients, modes=modes, polarized=polarized)
     total, irradiance, size, ratio, tail, count = np.zeros(1), 0.0, 0.0, 0.0, inf, 0
-    for moments, flux in _orders(setting, scattering, has_mean=has_mean):
+    for moments, flux in _orders(grid, scattering, albedo, has_mean=mean_radiance is None):
         count += 1
         total, irradiance = total + moments, irradiance + flux
         reference = _mean_radiance_of(total) if mean_radiance is None else mean_radiance
         size, ratio, tail = _progress(moments, reference, size)
-        if tail <= setting.tolerance or count == setting.max_orders:
+        if tail <= tolerance or count == max_orders:
             break
-    return _OrderSum(moments=total, diffuse_irradiance=irradiance, orders=count, tail=tail, ratio=ratio)
+    return _SolvedBlock(
+        modes=modes,
+        polarized=polarized,
+        moments=total,
+        diffuse_irradiance=irradiance,
+        orders=count,
+        tail=tail,
+        ratio=ratio,
+    )
 
 
 def _orders(
-    setting: _Setting, scattering: Scattering, *, has_mean: bool
+    grid: Grid, scattering: Scattering, albedo: float, *, has_mean: bool
 ) -> Iterator[tuple[NDArray[np.float64], float]]:
     """Expansion and ground irradiance of each order, without end; the first holds light off the ground once."""
-    grid = setting.grid
     flux = _direct_irradiance(grid) if has_mean else 0.0
-    radiance = _carry_beam(setting.transport, _beam_source(scattering, grid), _ground_light(setting, scattering, flux))
+    radiance = _carry_beam(grid, _beam_source(scattering, grid), _ground_light(grid, scattering, albedo * flux))
     while True:
         moments = project(scattering, radiance)
         flux = _irradiance(grid, radiance) if has_mean else 0.0
         yield moments, flux
         source = scattered_source(scattering, moments, grid)
-        radiance = _carry(setting.transport, source, _ground_light(setting, scattering, flux))
+        radiance = _carry(grid, source, _ground_light(grid, scattering, albedo * flux))
 
 
 def _direct_irradiance(grid: Grid) -> float:
@@ -691,22 +677,20 @@ def _direct_irradiance(grid: Grid) -> float:
     return grid.mu0 * exp(-float(grid.edges[-1]) / grid.mu0)
 
 
-def _carry_beam(
-    transport: _Transport, strength: NDArray[np.float64], ground: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _carry_beam(grid: Grid, strength: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
     """Radiance at all levels of light scattered once, and of the beam's light from the ground."""
-    added = transport.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength
+    added = grid.beam_weight[:, :, np.newaxis, :, :, np.newaxis] * strength
     steps = np.stack([added[:, :, :, 0], added[:, ::-1, :, 1]], axis=3)
-    return _accumulate(transport, steps.reshape(*steps.shape[:-2], ground[0].size), ground)
+    return _accumulate(grid, steps.reshape(*steps.shape[:-2], ground[0].size), ground)
 
 
-def _accumulate(transport: _Transport, steps: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
+def _accumulate(grid: Grid, steps: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
     """Radiance at all levels from what each element adds at its middle and far face, shape (2, E, M, 2, N S).
 
     The two ways run through the elements in opposite order: they are in that of the light, and stepped at once.
     """
     count, modes = steps.shape[1:3]
-    by_way = np.stack([transport.decay, transport.decay[:, ::-1]], axis=2)
+    by_way = np.stack([grid.decay, grid.decay[:, ::-1]], axis=2)
     decay = _for_each_component(by_way, ground.shape[-1])[:, :, np.newaxis]
     faces = np.zeros((count + 1, *steps.shape[2:]))
     faces[0, :, 1] = ground.reshape(modes, steps.shape[-1])
@@ -755,26 +739,18 @@ def _apply_coefficients(coefficients: NDArray[np.float64], expansion: NDArray[np
     return product
 
 
-def _ground_light(setting: _Setting, scattering: Scattering, irradiance: float) -> NDArray[np.float64]:
-    """Radiance that leaves the Lambertian ground under an irradiance, shape (M, N, S): mode 0 and unpolarized.
+def _ground_light(grid: Grid, scattering: Scattering, exitance: float) -> NDArray[np.float64]:
+    """Radiance that leaves the Lambertian ground, shape (M, N, S): mode 0 and unpolarized.
 
-    Chandrasekhar, Radiative Transfer (1950), section 12: albedo times irradiance over pi.
+    `exitance` is albedo times irradiance: Chandrasekhar, Radiative Transfer (1950), section 12.
     """
-    light = np.zeros((scattering.beam.shape[0], setting.grid.nodes.size, scattering.beam.shape[2]))
-    light[0, :, 0] = setting.albedo * irradiance / pi
+    light = np.zeros((scattering.beam.shape[0], grid.nodes.size, scattering.beam.shape[2]))
+    light[0, :, 0] = exitance / pi
     return light
 
 
 def project(scattering: Scattering, radiance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expansion of a radiance over direction, shape (M, levels, L, S), from shape (levels, M, 2, N, S).
-
-    Parameters
-    ----------
-    scattering
-        With its projector onto the expansion.
-    radiance
-        At the levels, both ways, shape (levels, M, 2, N, S).
-    """
+    """Expansion of a radiance over direction, shape (M, levels, L, S), from shape (levels, M, 2, N, S)."""
     levels, modes = radiance.shape[:2]
     flat = radiance.reshape(levels, modes, -1).swapaxes(0, 1)
     return (flat @ scattering.projector).reshape(modes, levels, *scattering.beam.shape[1:])
@@ -786,19 +762,8 @@ def _irradiance(grid: Grid, radiance: NDArray[np.float64]) -> float:
 
 
 def scattered_source(scattering: Scattering, moments: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
-    """Source of light scattered once more, shape (E, 3, M, 2, N, S), from an expansion at the levels.
+    """Source of light scattered once more, shape (E, 3, M, 2, N, S), from an expansion (M, levels, L, S) at the levels.
 
-    Parameters
-    ----------
-    scattering
-        Matrices and basis.
-    moments
-        Expansion of the radiance at the levels, shape (M, levels, L, S).
-    grid
-        Levels and directions.
-
-    References
-    ----------
     Chandrasekhar, Radiative Transfer (1950), section 7: the source is half the integral over the cosine.
     """
     expansion = _element_expansion(scattering.coefficients, moments)
@@ -815,11 +780,11 @@ def _element_expansion(coefficients: NDArray[np.float64], moments: NDArray[np.fl
     return _apply_coefficients(coefficients[:, np.newaxis], moments[:, points])
 
 
-def _carry(transport: _Transport, source: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
+def _carry(grid: Grid, source: NDArray[np.float64], ground: NDArray[np.float64]) -> NDArray[np.float64]:
     """Radiance at all levels that a source in the elements and light from the ground make."""
     elements, _, modes, _, nodes, stokes_count = source.shape
     flat = source.reshape(elements, 3, modes, 2, nodes * stokes_count)
-    weight = _for_each_component(transport.source_weight, stokes_count)[..., np.newaxis, :]
+    weight = _for_each_component(grid.source_weight, stokes_count)[..., np.newaxis, :]
     steps = np.empty((2, elements, modes, 2, nodes * stokes_count))
     # Each way by the order in which its light meets the elements, and within one their points.
     for way, met in ((0, flat[..., 0, :]), (1, flat[::-1, ::-1, :, 1])):
@@ -827,7 +792,7 @@ def _carry(transport: _Transport, source: NDArray[np.float64], ground: NDArray[n
         np.multiply(along[0], met[:, 0], out=steps[..., way, :])
         steps[..., way, :] += along[1] * met[:, 1]
         steps[..., way, :] += along[2] * met[:, 2]
-    return _accumulate(transport, steps, ground)
+    return _accumulate(grid, steps, ground)
 
 
 def _progress(
@@ -861,22 +826,21 @@ def _full_depth(layers: Sequence[Layer]) -> float:
     return sum(layer.full_depth for layer in layers)
 
 
-def _estimate_error(setting: _Setting, coefficients: NDArray[np.float64], blocks: Sequence[_SolvedBlock]) -> float:
+def _estimate_error(
+    grid: Grid, coefficients: NDArray[np.float64], blocks: Sequence[_SolvedBlock], albedo: float
+) -> float:
     """Estimated error of quadrature and of the orders left out, as a share of the mean radiance that leaves.
 
     The larger share of the light that leaves at the top and at the ground; the errors of the blocks are added.
     """
-    grid = _refined(setting.grid)
-    fine = replace(setting, grid=grid, transport=_transport_of(grid))
-    residuals = [
-        _residual(fine, coefficients, block.result, modes=block.modes, polarized=block.polarized) for block in blocks
-    ]
+    fine = _refined(grid)
+    residuals = [_residual(fine, coefficients, block, albedo) for block in blocks]
     change = np.zeros(2)
-    for block, missed in zip(blocks, residuals, strict=True):
-        change += missed.change / (1.0 - min(block.result.ratio, _LARGEST_RATIO))
-    mean = residuals[0].mean
+    for block, (missed, _) in zip(blocks, residuals, strict=True):
+        change += missed / (1.0 - min(block.ratio, _LARGEST_RATIO))
+    mean = residuals[0][1]
     share = np.divide(change, mean, out=np.zeros(2), where=mean > 0.0)
-    return float(np.max(share)) + sum(block.result.tail for block in blocks)
+    return float(np.max(share)) + sum(block.tail for block in blocks)
 
 
 def _refined(grid: Grid) -> Grid:
@@ -887,48 +851,33 @@ def _refined(grid: Grid) -> Grid:
     return Grid(edges=edges, nodes=nodes, weights=weights, mu0=grid.mu0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Residual:
-    """Residual radiance where light leaves the atmosphere: upward at the top, and downward at the ground."""
-
-    change: NDArray[np.float64]
-    mean: NDArray[np.float64]
-
-
 _LOWEST_MU = 0.0175  # cosine of 89 degrees: lower lines of sight see the source at one level only
 
 
 def _residual(
-    fine: _Setting,
-    coefficients: NDArray[np.float64],
-    result: _OrderSum,
-    *,
-    modes: range,
-    polarized: bool,
-) -> _Residual:
-    """Change, by one more order on a finer grid, of the radiance that leaves the atmosphere.
+    fine: Grid, coefficients: NDArray[np.float64], block: _SolvedBlock, albedo: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the change, by one more order on a finer grid, of the radiance that leaves, and its mean, shape (2,) each.
 
+    Light leaves upward at the top and downward at the ground.
     The finer grid's integral of the coarse solution would give the coarse solution back if that were exact. The error
     itself is larger than this by 1/(1 - ratio of successive orders) at most.
 
     definition (residual of an integral equation of the second kind)
     """
-    scattering = _scattering_of(fine.grid, np.repeat(coefficients, 2, axis=0), modes=modes, polarized=polarized)
-    guess = _read_at_fine_levels(result.moments)
-    source = scattered_source(scattering, guess, fine.grid)
-    irradiance = result.diffuse_irradiance + _direct_irradiance(fine.grid) if 0 in modes else 0.0
-    ground = _ground_light(fine, scattering, irradiance)
-    radiance = _carry(fine.transport, source, ground) + _carry_beam(
-        fine.transport, _beam_source(scattering, fine.grid), np.zeros_like(ground)
-    )
+    halved = np.repeat(coefficients, 2, axis=0)
+    scattering = _scattering_of(fine, halved, modes=block.modes, polarized=block.polarized)
+    guess = _read_at_fine_levels(block.moments)
+    source = scattered_source(scattering, guess, fine)
+    irradiance = block.diffuse_irradiance + _direct_irradiance(fine) if 0 in block.modes else 0.0
+    ground = _ground_light(fine, scattering, albedo * irradiance)
+    radiance = _carry(fine, source, ground) + _carry_beam(fine, _beam_source(scattering, fine), np.zeros_like(ground))
     change = project(scattering, radiance) - guess
-    effect = _carry(fine.transport, scattered_source(scattering, change, fine.grid), np.zeros_like(ground))
-    seen = fine.grid.nodes > _LOWEST_MU
+    effect = _carry(fine, scattered_source(scattering, change, fine), np.zeros_like(ground))
+    seen = fine.nodes > _LOWEST_MU
     leaving = np.stack([effect[0, :, 1, seen], effect[-1, :, 0, seen]])
     outward = np.stack([radiance[0, 0, 1, :, 0], radiance[-1, 0, 0, :, 0]])
-    return _Residual(
-        change=np.sum(np.max(np.abs(leaving), axis=(1, 3)), axis=1), mean=np.abs(outward) @ fine.grid.weights
-    )
+    return np.sum(np.max(np.abs(leaving), axis=(1, 3)), axis=1), np.abs(outward) @ fine.weights
 
 
 # A parabola through the points of an element, read at the points 0, 1/4, 1/2 and 3/4 of it.

@@ -571,7 +571,7 @@ class _ThinAir:
 
     def depth_below(self, height_m: float) -> float:
         """Return the largest optical depth in the band between the ground and a height [m]."""
-        return max(one.depth - one.thick.depth_above(height_m) for one in self.slices)
+        return max(one.depth - float(one.thick.tau_above(height_m)) for one in self.slices)
 
     def sky(self, zenith_rad: FloatArray, scattering_rad: FloatArray) -> FloatArray:
         """Return upper bounds of the radiance of the sky by direction [W m-2 sr-1].
@@ -610,8 +610,8 @@ class _ThinAir:
         height_m, found = panel.views[0].height_m, np.zeros(len(panel.views))
         slant = 1.0 / np.cos([view.zenith_rad for view in panel.views])
         for part in self.slices if height_m > 0.0 else ():
-            above = min(column.depth_above(height_m) for column in (part.thick, part.thin))
-            below = part.depth - part.thick.depth_above(height_m)
+            above = min(float(column.tau_above(height_m)) for column in (part.thick, part.thin))
+            below = part.depth - float(part.thick.tau_above(height_m))
             beam = part.outside * np.exp(-above / self.mu) * _phase(part.asymmetries, scattering_rad)
             found = found + (beam + self.rest_of(part, scattering_rad)) * -np.expm1(-below * slant)
         return float(_ROOM / (4.0 * np.pi) * np.max(found))
