@@ -90,7 +90,12 @@ def checked_pair(mean: ArrayLike, cov: ArrayLike) -> tuple[FloatArray, FloatArra
             f"mean of shape {mean_array.shape} and cov of shape {cov_array.shape} do not fit; "
             "allowed are (..., n) and (..., n, n)"
         )
-    _require_broadcast(mean_array.shape[:-1], cov_array.shape[:-2])
+    try:
+        np.broadcast_shapes(mean_array.shape[:-1], cov_array.shape[:-2])
+    except ValueError as error:
+        raise ValueError(
+            f"leading axes {mean_array.shape[:-1]} of mean and {cov_array.shape[:-2]} of cov do not broadcast"
+        ) from error
     for name, array in (("mean", mean_array), ("cov", cov_array)):
         if not np.all(np.isfinite(array)):
             raise ValueError(f"{name} has {np.sum(~np.isfinite(array))} values that are not finite")
@@ -140,13 +145,6 @@ def rectangular_std(low: float, high: float) -> float:
     JCGM 100:2008 (GUM), section 4.3.7.
     """
     return (high - low) / math.sqrt(12.0)
-
-
-def _require_broadcast(first: tuple[int, ...], second: tuple[int, ...]) -> None:
-    try:
-        np.broadcast_shapes(first, second)
-    except ValueError as error:
-        raise ValueError(f"leading axes {first} of mean and {second} of cov do not broadcast") from error
 
 
 def _scaled(cov: FloatArray, scale: FloatArray) -> FloatArray:

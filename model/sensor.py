@@ -1,5 +1,11 @@
-"""The sensor: electrons, noise, imperfections, and moments of the counts behind a polarizer."""
+"""The sensor behind a polarizer: from Stokes radiance at the aperture to mean and covariance of the counts.
 
+`Sensor` is lens, exposure and detector, `SensorNoise` what a photon-transfer calibration says of the detector, and
+`Imperfections` what a session adds: angles that scatter, pictures that shift, light that drifts. `channel_moments`
+takes the moments of the radiance through all of them. The law of the rounded counts is in `model.counts`.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +17,7 @@ from model.moments import Moments
 from model.numerics import ndtr
 from model.stokes import analyzer_row
 
-# Sensor: optics, exposure and detector behind a linear polarizer, and the detector's noise
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,18 +67,19 @@ class SensorNoise:
     quantisation: bool = True
 
     def __post_init__(self) -> None:
-        _require_positive(gain_dn_per_e=self.gain_dn_per_e)
+        _require("above 0", lambda value: value > 0.0, gain_dn_per_e=self.gain_dn_per_e)
         if self.saturation_e is not None:
-            _require_positive(saturation_e=self.saturation_e)
-        _require_not_negative(
+            _require("above 0", lambda value: value > 0.0, saturation_e=self.saturation_e)
+        _require(
+            "at least 0",
+            lambda value: value >= 0.0,
             read_noise_e=self.read_noise_e,
             dark_current_e_per_s=self.dark_current_e_per_s,
             prnu=self.prnu,
             dsnu_e=self.dsnu_e,
             noise_factor=self.noise_factor,
         )
-        if not np.isfinite(self.black_level_dn):
-            raise ValueError(f"black_level_dn = {self.black_level_dn} DN is not finite")
+        _require("any number", lambda _: True, black_level_dn=self.black_level_dn)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,13 +140,20 @@ class Sensor:
     saturates: bool = True
 
     def __post_init__(self) -> None:
-        _require_positive(
+        _require(
+            "above 0",
+            lambda value: value > 0.0,
             pixel_pitch_m=self.pixel_pitch_m,
             f_number=self.f_number,
             wavelength_m=self.wavelength_m,
             exposure_s=self.exposure_s,
         )
-        _require_fraction(optics_transmittance=self.optics_transmittance, quantum_efficiency=self.quantum_efficiency)
+        _require(
+            "above 0 and at most 1",
+            lambda value: 0.0 < value <= 1.0,
+            optics_transmittance=self.optics_transmittance,
+            quantum_efficiency=self.quantum_efficiency,
+        )
         if self.bit_depth not in range(1, 33):
             raise ValueError(f"bit_depth = {self.bit_depth}; allowed is 1 to 32 bits")
         analyzer_row(0.0, self.tau_parallel, self.tau_perpendicular)
@@ -165,40 +179,14 @@ def aperture_factor(sensor: Sensor) -> float:
     return vignetting / (4.0 * sensor.f_number**2)
 
 
-def _require_positive(**values: float) -> None:
+def _require(allowed: str, is_allowed: Callable[[float], bool], **values: float) -> None:
     for name, value in values.items():
-        if not (value > 0.0 and np.isfinite(value)):
-            raise ValueError(f"{name} = {value}; allowed is finite and above 0")
+        if not (np.isfinite(value) and is_allowed(value)):
+            raise ValueError(f"{name} = {value}; allowed is finite and {allowed}")
 
-
-def _require_not_negative(**values: float) -> None:
-    for name, value in values.items():
-        if not (value >= 0.0 and np.isfinite(value)):
-            raise ValueError(f"{name} = {value}; allowed is finite and at least 0")
-
-
-def _require_fraction(**values: float) -> None:
-    for name, value in values.items():
-        if not 0.0 < value <= 1.0:
-            raise ValueError(f"{name} = {value}; allowed is above 0 and at most 1")
-
-
-# Electrons of a pixel per radiance, and the wavelength that stands for a band
-
-FloatArray = NDArray[np.float64]
 
 # Exact by the definition of the units.
 _PLANCK_J_S, _LIGHT_M_PER_S = 6.62607015e-34, 299_792_458.0
-
-
-def photon_conversion(sensor: Sensor) -> float:
-    """Return pi A t sin^2 / (h c): electrons per radiance and wavelength of a pixel with unit efficiency.
-
-    [MK14] eq. (17), with pi.
-    """
-    irradiance = np.pi * aperture_factor(sensor)
-    energy = irradiance * sensor.pixel_pitch_m**2 * sensor.exposure_s
-    return float(energy / (_PLANCK_J_S * _LIGHT_M_PER_S))
 
 
 def electrons_per_radiance(sensor: Sensor) -> float:
@@ -209,8 +197,9 @@ def electrons_per_radiance(sensor: Sensor) -> float:
 
     [MK14] eq. (17).
     """
+    energy = np.pi * aperture_factor(sensor) * sensor.pixel_pitch_m**2 * sensor.exposure_s
     efficiency = sensor.optics_transmittance * sensor.quantum_efficiency
-    return photon_conversion(sensor) * efficiency * sensor.wavelength_m
+    return float(energy / (_PLANCK_J_S * _LIGHT_M_PER_S)) * efficiency * sensor.wavelength_m
 
 
 def counts_per_radiance(sensor: Sensor) -> float:
@@ -255,28 +244,16 @@ def effective_wavelength_m(wavelength_m: ArrayLike, weight: ArrayLike) -> float:
     ValueError
         If the samples do not increase, or no weight is positive.
     """
-    wavelength = _checked_wavelengths(wavelength_m)
-    weights = np.asarray(weight, dtype=np.float64) * _trapezoid_weights(wavelength)
+    wavelength = np.asarray(wavelength_m, dtype=np.float64)
+    if wavelength.ndim != 1 or wavelength.size < 2 or np.any(np.diff(wavelength) <= 0.0) or wavelength[0] <= 0:
+        raise ValueError("wavelength_m must be two or more increasing samples above 0 m")
+    steps = np.diff(wavelength)
+    reach = 0.5 * (np.append(0.0, steps) + np.append(steps, 0.0))
+    weights = np.asarray(weight, dtype=np.float64) * reach
     total = float(np.sum(weights))
     if np.any(weights < 0.0) or not total > 0.0:
         raise ValueError("weight must be >= 0 everywhere and > 0 somewhere")
     return float(np.sum(weights * wavelength)) / total
-
-
-def _checked_wavelengths(wavelength_m: ArrayLike) -> FloatArray:
-    wavelength = np.asarray(wavelength_m, dtype=np.float64)
-    if wavelength.ndim != 1 or wavelength.size < 2 or np.any(np.diff(wavelength) <= 0.0) or wavelength[0] <= 0:
-        raise ValueError("wavelength_m must be two or more increasing samples above 0 m")
-    return wavelength
-
-
-def _trapezoid_weights(nodes: FloatArray) -> FloatArray:
-    steps = np.diff(nodes)
-    weights: FloatArray = 0.5 * (np.concatenate([[0.0], steps]) + np.concatenate([steps, [0.0]]))
-    return weights
-
-
-# Imperfections of a session: angles that miss, pictures that shift, light that drifts, and what lies around
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -317,12 +294,12 @@ class Imperfections:
     off_axis_falloff: bool = False
 
     def __post_init__(self) -> None:
-        _require("polarizer_angle_std_rad", self.polarizer_angle_std_rad, 0.0, 0.5, "rad")
-        _require("misregistration_pixels", self.misregistration_pixels, 0.0, 1e6, "pixels")
-        _require("texture_correlation_pixels", self.texture_correlation_pixels, 1e-6, 1e6, "pixels")
-        _require("drift", self.drift, -1.0, 1.0, "")
+        _require("0 to 0.5 rad", lambda x: 0.0 <= x <= 0.5, polarizer_angle_std_rad=self.polarizer_angle_std_rad)
+        _require("0 to 1e6", lambda x: 0.0 <= x <= 1e6, misregistration_pixels=self.misregistration_pixels)
+        _require("1e-6 to 1e6", lambda x: 1e-6 <= x <= 1e6, texture_correlation_pixels=self.texture_correlation_pixels)
+        _require("-1 to 1", lambda x: -1.0 <= x <= 1.0, drift=self.drift)
         if self.surround_albedo is not None:
-            _require("surround_albedo", self.surround_albedo, 0.0, 1.0, "")
+            _require("0 to 1", lambda x: 0.0 <= x <= 1.0, surround_albedo=self.surround_albedo)
 
     @property
     def kept_polarization(self) -> float:
@@ -333,8 +310,6 @@ class Imperfections:
     def kept_correlation(self) -> float:
         """Correlation of texture between two frames of which each is shifted on its own.
 
-        Notes
-        -----
         The texture's autocorrelation is exp(-r^2 / 2 l^2); the difference of two shifts of deviation d has 2 d^2 along
         each axis, and the mean of the autocorrelation over it is 1 / (1 + 2 d^2 / l^2).
         """
@@ -342,15 +317,7 @@ class Imperfections:
         return 1.0 / (1.0 + 2.0 * ratio**2)
 
     def analyzed(self, rows: FloatArray) -> FloatArray:
-        """Return the rows by which an analyzer takes Stokes vectors, as the frames of this session have them.
-
-        What weakens or adds to the mean light of a frame acts here.
-
-        Parameters
-        ----------
-        rows
-            Of the analyzer at each angle's frame, shape (N, 3).
-        """
+        """Return the rows of an analyzer, shape (N, 3), as drift and scatter of the angles change their means."""
         factors = self.light_factors(len(rows))[:, None] if self.drift else 1.0
         kept = np.array([1.0, self.kept_polarization, self.kept_polarization])
         return np.asarray(rows * kept * factors)
@@ -400,17 +367,7 @@ def angle_variance(second_moment: FloatArray, *, angles_rad: FloatArray, std_rad
     return np.asarray(0.5 * u2 * lost**2 + 0.5 * w2 * crossed)
 
 
-def _require(name: str, value: float, least: float, most: float, unit: str) -> None:
-    if not (least <= value <= most and np.isfinite(value)):
-        raise ValueError(
-            f"{name} = {value} {unit}; allowed is {least:g} to {most:g} {unit}".replace(" ;", ";").rstrip()
-        )
-
-
 PERFECT = Imperfections()
-
-
-# Temporal noise of a pixel's counts, and the chance that a pixel is clipped
 
 
 def temporal_variance_dn2(signal_dn: ArrayLike, *, noise: SensorNoise, exposure_s: ArrayLike) -> FloatArray:
@@ -478,9 +435,6 @@ def _exceedance(mean: FloatArray, limit: float, var: FloatArray) -> FloatArray:
     return np.where(sigma > 0.0, ndtr((mean - limit) / np.where(sigma > 0.0, sigma, 1.0)), certain)
 
 
-# Mean and covariance of the counts behind a polarizer, from radiance at the aperture
-
-
 # Below this noise rounding is not dithered: its mean is off by exp(-2 pi^2 sigma^2) / pi, 0.05 counts here.
 _DITHER_LIMIT_DN = 0.3
 # Above this chance of clipping the linear model no longer gives mean and variance.
@@ -544,7 +498,8 @@ def channel_moments(
     [MK14] eq. (11)-(20), (32).
     """
     angles = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
-    to_dn = _counts_per_stokes(sensor, angles, imperfections)
+    rows = imperfections.analyzed(analyzer_row(angles, sensor.tau_parallel, sensor.tau_perpendicular))
+    to_dn = sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * rows
     signal = np.einsum("ij,...j->...i", to_dn, aperture.mean)
     signal = _without_negative_rounding(signal, aperture.mean[..., :1] * to_dn[:, 0])
     scene = _scene_covariance(aperture.cov, smooth_cov, to_dn, imperfections)
@@ -589,12 +544,6 @@ def _rounded(
     kept = np.sqrt(np.where(spread > 0.0, np.maximum(whole - own, 0.0) / np.where(spread > 0.0, spread, 1.0), 1.0))
     factor = kept[..., :, None] * kept[..., None, :]
     return temporal + own - unquantised - ROUNDING_VAR_DN2, scene * factor, pattern * factor
-
-
-def _counts_per_stokes(sensor: Sensor, angles_rad: FloatArray, imperfections: Imperfections) -> FloatArray:
-    """Mean counts of each channel per Stokes radiance, shape (N, 3)."""
-    rows = imperfections.analyzed(analyzer_row(angles_rad, sensor.tau_parallel, sensor.tau_perpendicular))
-    return np.asarray(sensor.noise.gain_dn_per_e * electrons_per_radiance(sensor) * rows)
 
 
 def _scene_covariance(

@@ -1,4 +1,10 @@
-"""Light over a field of view: tiles, falloff toward the corners, and light from the surroundings."""
+"""Light of a region over the part of the field of view that it fills.
+
+A wide region is seen at many angles. `light_over_field` looks at its centre and the middles of its edges; where they
+differ, the region is cut into tiles, each with its own view of level ground (`tiles`), and mean and covariance over the
+pixels are sums over the tiles. `cosine_fourth` is the falloff of a lens toward the corners, `with_surroundings` the
+light of near surroundings that the air mixes into the line of sight.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,8 +20,6 @@ from model.moments import Moments
 from model.numerics import gauss_legendre
 from model.scene.panel import ApertureLight, Rules, View
 from model.scene.sky_light import Illumination
-
-# Field of view: tiles of the focal plane, each with its own view of level ground
 
 FloatArray = NDArray[np.float64]
 TileRule = Literal["gauss-legendre", "midpoint"]
@@ -160,11 +164,6 @@ def middle(part: FieldPart) -> tuple[float, float]:
     return across, upward
 
 
-def half_diagonal_rad(part: FieldPart) -> float:
-    """Return half of the angle between opposite corners of a part, as in a plane [rad]."""
-    return 0.5 * float(np.hypot(part.right_rad - part.left_rad, part.top_rad - part.bottom_rad))
-
-
 def off_axis(view: View, *, right: float, up: float) -> View:
     """Return the view of the ground that a camera sees beside its axis."""
     return views_off_axis(view, right=np.array([right]), up=np.array([up]))[0]
@@ -179,7 +178,12 @@ def views_off_axis(view: View, *, right: FloatArray, up: FloatArray) -> tuple[Vi
     camera_up = np.cross(toward, camera_right)
     back = toward - right[:, np.newaxis] * camera_right - up[:, np.newaxis] * camera_up
     back = back / np.linalg.norm(back, axis=-1, keepdims=True)
-    _require_ground(view, back, up)
+    above = back[:, 2] <= 0.0
+    if np.any(above):
+        raise ValueError(
+            f"field of view: it reaches above the horizon ({np.degrees(np.arctan(up[above][0])):.4g} deg above the "
+            f"axis, which is {np.degrees(view.zenith_rad):.4g} deg from straight down)"
+        )
     azimuth = np.where(np.hypot(back[:, 0], back[:, 1]) > 0.0, np.arctan2(back[:, 0], back[:, 1]), view.azimuth_rad)
     seen_right = camera_right - (back @ camera_right)[:, np.newaxis] * back
     own_level = geometry.horizontal_axis(azimuth, travels_to_target=False)
@@ -192,15 +196,6 @@ def views_off_axis(view: View, *, right: FloatArray, up: FloatArray) -> tuple[Vi
     )
 
 
-def _require_ground(view: View, back: FloatArray, up: FloatArray) -> None:
-    above = back[:, 2] <= 0.0
-    if np.any(above):
-        raise ValueError(
-            f"field of view: it reaches above the horizon ({np.degrees(np.arctan(up[above][0])):.4g} deg above the "
-            f"axis, which is {np.degrees(view.zenith_rad):.4g} deg from straight down)"
-        )
-
-
 def _nodes(per_side: int, rule: TileRule) -> tuple[FloatArray, FloatArray]:
     """Nodes in (0, 1) and weights that sum to 1."""
     if rule == "gauss-legendre":
@@ -209,8 +204,6 @@ def _nodes(per_side: int, rule: TileRule) -> tuple[FloatArray, FloatArray]:
         raise ValueError(f"field of view: rule = {rule!r}; allowed are {', '.join(map(repr, TILE_RULES))}")
     return (np.arange(per_side) + 0.5) / per_side, np.full(per_side, 1.0 / per_side)
 
-
-# Off-axis falloff: mean and variance of the fourth power of the cosine over a part of the field
 
 # cos^4 is smooth: 12 nodes along each side give 1e-12 up to 60 deg from the axis.
 _NODES = 24
@@ -241,8 +234,6 @@ def cosine_fourth(part: FieldPart) -> Falloff:
     mean = float(weight @ share @ weight)
     return Falloff(mean=mean, var=float(weight @ (share - mean) ** 2 @ weight))
 
-
-# Light of a region over the part of the field of view that it fills: mean and covariance over its pixels
 
 Source = Literal["total", "reflected", "reflected_sun", "reflected_sky", "path"]
 SOURCES: tuple[Source, ...] = get_args(Source)
@@ -364,7 +355,12 @@ def light_over_field(
     spread = _spread(centre.total, [light.total for light in at_edges])
     if spread < negligible:
         return FieldLight(lights=(centre,), weights=(1.0,), spread=spread)
-    return _over_tiles(lights_at, tiles(part, view, per_side=per_side, rule=rule), centre.rules, spread)
+    found = tiles(part, view, per_side=per_side, rule=rule)
+    return FieldLight(
+        lights=lights_at(tuple(tile.view for tile in found), centre.rules),
+        weights=tuple(tile.weight for tile in found),
+        spread=spread,
+    )
 
 
 def lights_over_tiles(
@@ -414,19 +410,16 @@ def lights_by_rules(
         FieldLight(
             lights=tuple(islice(lights, len(one))),
             weights=tuple(tile.weight for tile in one),
-            spread=_unknown_spread(part),
+            spread=0.0 if part is None else np.nan,
         )
         for one, (_, part) in zip(seen, fields, strict=True)
     )
 
 
 def known_rules(several: Sequence[FieldLight]) -> Rules:
-    """Return rules by which a region in several neighbouring scenes can be computed: the finest of what suffices there.
+    """Return rules by which a region in several neighbouring scenes can be computed: the finest of those that suffice.
 
-    Parameters
-    ----------
-    several
-        Its light, one or more, as `lights_over_tiles` gives it.
+    `several` is the light of the region in each scene, as `lights_over_tiles` gives it.
     """
     used = [one.lights[0].rules for one in several]
     return Rules(
@@ -441,24 +434,6 @@ def _seen(view: View, part: FieldPart | None, *, per_side: int, rule: TileRule) 
     return (Tile(view=view, weight=1.0),) if part is None else tiles(part, view, per_side=per_side, rule=rule)
 
 
-def _unknown_spread(part: FieldPart | None) -> float:
-    """Spread of light that was not looked at in five directions."""
-    return 0.0 if part is None else np.nan
-
-
-def _over_tiles(
-    lights_at: Callable[[tuple[View, ...], Rules | None], tuple[ApertureLight, ...]],
-    found: tuple[Tile, ...],
-    rules: Rules,
-    spread: float,
-) -> FieldLight:
-    return FieldLight(
-        lights=lights_at(tuple(tile.view for tile in found), rules),
-        weights=tuple(tile.weight for tile in found),
-        spread=spread,
-    )
-
-
 def _spread(centre: FloatArray, edges: list[FloatArray]) -> float:
     """Deviation over a field and shift of its mean, over S0; infinite with light at the edges alone."""
     left, right, bottom, top = edges
@@ -469,8 +444,6 @@ def _spread(centre: FloatArray, edges: list[FloatArray]) -> float:
         return 0.0
     return largest / float(centre[0]) if centre[0] > 0.0 else np.inf
 
-
-# Light of near surroundings, unlike the ground's mean, that the air mixes into the line of sight
 
 # Share of the light that air takes out of a beam which it sends back: one half of what molecules scatter, some 0.15 of
 # what aerosol does. The rest goes on forward, and that of the surroundings comes up.

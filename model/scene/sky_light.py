@@ -168,12 +168,19 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
-    probes = _probes(sky, sun_zenith_rad=sun_zenith_rad, step_rad=np.pi / azimuths)
+    beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
+    steps_rad = np.pi / azimuths * np.array(_PROBED_STEPS)
+    zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), steps_rad)
+    exact = sky(zenith_rad=zenith, phi_rad=phi)
+    lit = exact[..., 0] > 0.0
+
+    def with_error(sampled: SampledSky) -> SampledSky:
+        apart = np.max(np.abs(sampled(zenith_rad=zenith, phi_rad=phi) - exact), axis=-1)
+        return replace(sampled, relative_error=float(np.max(apart[lit] / exact[lit, 0], initial=0.0)))
 
     def best(aureoles: Iterable[Aureole], depths: Iterable[float]) -> SampledSky:
         found = [_over(aureole, depth, nodes_rad, phi_rad, samples) for aureole in aureoles for depth in depths]
-        every = (replace(one, relative_error=probes.largest(one)) for one in found)
-        return min(every, key=lambda one: one.relative_error)
+        return min(map(with_error, found), key=lambda sampled: sampled.relative_error)
 
     # Without an aureole what is divided out may bend the sky more than the sky itself; so may the brightening.
     aureole = aureole_of(sky, sun_zenith_rad)
@@ -245,27 +252,6 @@ def _cosines(samples: FloatArray, *, axis: int) -> FloatArray:
     modes = np.fft.rfft(np.concatenate([first, first[-2:0:-1]]), axis=0).real / (len(first) - 1)
     modes[[0, -1]] *= 0.5
     return np.moveaxis(modes, 0, axis)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Probes:
-    """A sky itself at directions between those of its grid."""
-
-    zenith_rad: FloatArray
-    phi_rad: FloatArray
-    exact: FloatArray
-
-    def largest(self, sampled: SampledSky) -> float:
-        """Largest difference of the grid, over the sky's S0."""
-        apart = sampled(zenith_rad=self.zenith_rad, phi_rad=self.phi_rad) - self.exact
-        lit = self.exact[..., 0] > 0.0
-        return float(np.max(np.max(np.abs(apart), axis=-1)[lit] / self.exact[lit, 0], initial=0.0))
-
-
-def _probes(sky: Sky, *, sun_zenith_rad: float, step_rad: float) -> _Probes:
-    beside = np.clip(sun_zenith_rad + _PROBED_BESIDE_SUN_RAD, 0.0, 0.5 * np.pi)
-    zenith, phi = np.meshgrid(np.concatenate([beside, _PROBED_ZENITH_RAD]), step_rad * np.array(_PROBED_STEPS))
-    return _Probes(zenith_rad=zenith, phi_rad=phi, exact=sky(zenith_rad=zenith, phi_rad=phi))
 
 
 # Diffuse radiance that falls on a panel beside the beam, and quadrature over the directions from which it comes

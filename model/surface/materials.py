@@ -1,7 +1,12 @@
-"""Materials: properties of surfaces, each with its source and its confidence."""
+"""Materials: properties of surfaces, each with its uncertainty, its source and its confidence.
+
+A `Material` has a `Property` for each number of a `Surface`, constant or as a table over wavelength; `surface_of` takes
+them at one wavelength. A measured material is a table of geometries instead (`tabulated`). `MATERIALS` are those to
+begin with: most of their values are assumed. Replace them by what was measured.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -11,8 +16,6 @@ import numpy as np
 from model.surface.facets import Shadowing
 from model.surface.pbrdf import DiffuseKind, Surface
 from model.surface.table import MeasuredTable, TabulatedBrdf
-
-# Materials of surfaces: each property with its uncertainty, its source and how far it can be trusted
 
 Confidence = Literal["high", "medium", "low"]
 # 700 nm and 700e-9 m may differ by the rounding of a factor, which must not put an end of a table outside of it.
@@ -55,7 +58,15 @@ class Property:
     assumed: bool
 
     def __post_init__(self) -> None:
-        _require_table(self.values, self.wavelengths_m)
+        if len(self.values) != (len(self.wavelengths_m) or 1):
+            raise ValueError(
+                f"{len(self.values)} values and {len(self.wavelengths_m)} wavelengths; allowed is one value alone, or "
+                "as many of each"
+            )
+        if not np.all(np.isfinite((*self.values, *self.wavelengths_m))):
+            raise ValueError(f"values = {self.values} at {self.wavelengths_m} m; allowed are finite numbers")
+        if np.any(np.diff((0.0, *self.wavelengths_m)) <= 0.0):
+            raise ValueError(f"wavelengths_m = {self.wavelengths_m} m; allowed is ascending from above 0")
         if not (math.isfinite(self.standard_uncertainty) and self.standard_uncertainty >= 0.0):
             raise ValueError(f"standard_uncertainty = {self.standard_uncertainty}; allowed is 0 and above")
         if self.confidence not in CONFIDENCE:
@@ -162,10 +173,7 @@ class Material:
 def tabulated(name: str, table: MeasuredTable) -> Material:
     """Return the material that a table of measured geometries describes.
 
-    Returns
-    -------
-    Material
-        Its properties are the errors of the table, which a prediction counts like those of other materials.
+    Its properties are the errors of the table, which a prediction counts like those of other materials.
     """
     error = constant(
         0.0,
@@ -180,23 +188,7 @@ def tabulated(name: str, table: MeasuredTable) -> Material:
 def constant(
     value: float, *, standard_uncertainty: float, source: str, confidence: Confidence, assumed: bool
 ) -> Property:
-    """Return a property that is the same at all wavelengths.
-
-    Parameters
-    ----------
-    standard_uncertainty, source, confidence, assumed
-        As in `Property`.
-
-    Returns
-    -------
-    Property
-        The property.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite or a word not allowed.
-    """
+    """Return a property that is the same at all wavelengths; arguments as in `Property`."""
     return Property(
         values=(float(value),),
         standard_uncertainty=standard_uncertainty,
@@ -243,23 +235,7 @@ def surface_of(
 
 
 def surface_here(here: Material, *, shadowing: Shadowing = "v-cavity", diffuse: DiffuseKind | None = None) -> Surface:
-    """Return the surface of a material whose properties are those of one wavelength, as `Material.at` gives them.
-
-    Parameters
-    ----------
-    shadowing, diffuse
-        As in `surface_of`.
-
-    Returns
-    -------
-    Surface
-        Ready for `mueller`.
-
-    Raises
-    ------
-    ValueError
-        If the values form no possible surface.
-    """
+    """Return the surface of a material whose properties are those of one wavelength, as `Material.at` gives them."""
     values: dict[str, Any] = {name: found.values[0] for name, found in properties(here).items()}
     if isinstance(here.table, TabulatedBrdf):
         values |= {"table": here.table, "n": 1.0, "slope_rms": _TABLE_SLOPE, "specular_weight": 0.0}
@@ -272,41 +248,15 @@ def surface_here(here: Material, *, shadowing: Shadowing = "v-cavity", diffuse: 
 
 
 def properties(material: Material) -> dict[str, Property]:
-    """Return the properties that a material has, by name, in the order of its fields.
-
-    Returns
-    -------
-    dict
-        Name to property; those that may be None only where there is one.
-    """
+    """Return the properties that a material has, by name, in the order of its fields."""
     named = {field.name: getattr(material, field.name) for field in fields(material)}
     return {name: value for name, value in named.items() if isinstance(value, Property)}
 
 
 def assumed_properties(material: Material) -> tuple[str, ...]:
-    """Return the names of the properties that are assumed, to be shown wherever the material is.
-
-    Returns
-    -------
-    tuple of str
-        Field names.
-    """
+    """Return the names of the properties that are assumed, to be shown wherever the material is."""
     return tuple(name for name, value in properties(material).items() if value.assumed)
 
-
-def _require_table(values: Sequence[float], wavelengths_m: Sequence[float]) -> None:
-    expected = len(wavelengths_m) if wavelengths_m else 1
-    if len(values) != expected:
-        raise ValueError(
-            f"{len(values)} values and {len(wavelengths_m)} wavelengths; allowed is one value alone, or as many of each"
-        )
-    if not np.all(np.isfinite(values)) or not np.all(np.isfinite(wavelengths_m)):
-        raise ValueError(f"values = {tuple(values)} at {tuple(wavelengths_m)} m; allowed are finite numbers")
-    if wavelengths_m and (wavelengths_m[0] <= 0.0 or np.any(np.diff(wavelengths_m) <= 0.0)):
-        raise ValueError(f"wavelengths_m = {tuple(wavelengths_m)} m; allowed is ascending from above 0")
-
-
-# Materials to begin with. Most of their values are assumed: replace them by what was measured
 
 _BINDER = (
     "acrylic binder: 1.4946 at 550 nm, Zhang et al. (2020), via refractiveindex.info; urethanes about 1.48 to 1.50"
@@ -511,27 +461,7 @@ MATERIALS: Mapping[str, Material] = MappingProxyType(
 
 
 def material(name: str) -> Material:
-    """Return a material of the library.
-
-    Parameters
-    ----------
-    name
-        One of `MATERIALS`.
-
-    Returns
-    -------
-    Material
-        The record.
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name.
-
-    References
-    ----------
-    Each property names its source.
-    """
+    """Return a material of the library; raise ValueError if there is none of that name."""
     if name not in MATERIALS:
         raise ValueError(f"material {name!r} is not known; allowed are {', '.join(MATERIALS)}")
     return MATERIALS[name]

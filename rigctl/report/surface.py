@@ -10,13 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.surface.materials import properties
-from rigctl.report.drawing import (
-    MEASURED,
-    PREDICTED,
-    legend_beside,
-    png,
-)
+from rigctl.report.drawing import MEASURED, PREDICTED, legend_beside, png
 from rigctl.report.table import Column, Table
+from rigctl.scene.reflected_light import CURVE_DEG, RINGS_DEG, ROUND_DEG
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +20,7 @@ if TYPE_CHECKING:
 
     from model.surface.materials import Material, Property
     from rigctl.console.json_text import Json
-    from rigctl.scene.reflected_light import PropertyValue, Reflectance, ReflectedLight, ReflectedMaps, SurfaceSheet
+    from rigctl.scene.reflected_light import Reflectance, ReflectedLight, SurfaceSheet
 
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +28,18 @@ FloatArray = NDArray[np.float64]
 
 def surface_json(sheet: SurfaceSheet) -> dict[str, Json]:
     """Return all that is said of a material as plain data."""
-    found = asdict(replace(sheet, surface=replace(sheet.surface, table=None)))
+    found = asdict(replace(sheet, surface=replace(sheet.surface, table=None), properties={}))
+    found["properties"] = [
+        {
+            "name": name,
+            "value": given.values[0],
+            "std": given.standard_uncertainty,
+            "assumed": given.assumed,
+            "confidence": given.confidence,
+            "source": given.source,
+        }
+        for name, given in sheet.properties.items()
+    ]
     table = sheet.surface.table
     return found if table is None else found | {"table": table.source}
 
@@ -44,15 +51,15 @@ def surface_tables(sheet: SurfaceSheet) -> Iterable[Table[Any]]:
     yield _reflectance(sheet)
 
 
-def _properties(sheet: SurfaceSheet) -> Table[PropertyValue]:
+def _properties(sheet: SurfaceSheet) -> Table[tuple[str, Property]]:
     surface = sheet.surface
-    columns: tuple[Column[PropertyValue], ...] = (
-        Column(title="property", text=lambda given: given.name, left=True, unbroken=True),
-        Column(title="value", text=lambda given: f"{given.value:.5g}", unbroken=True),
-        Column(title="± std", text=lambda given: f"{given.std:.2g}", unbroken=True),
-        Column(title="basis", text=_basis, left=True, unbroken=True),
-        Column(title="confidence", text=lambda given: given.confidence, left=True, unbroken=True),
-        Column(title="source", text=lambda given: given.source, left=True),
+    columns: tuple[Column[tuple[str, Property]], ...] = (
+        Column(title="property", text=lambda row: row[0], left=True, unbroken=True),
+        Column(title="value", text=lambda row: f"{row[1].values[0]:.5g}", unbroken=True),
+        Column(title="± std", text=lambda row: f"{row[1].standard_uncertainty:.2g}", unbroken=True),
+        Column(title="basis", text=lambda row: _basis(row[1]), left=True, unbroken=True),
+        Column(title="confidence", text=lambda row: row[1].confidence, left=True, unbroken=True),
+        Column(title="source", text=lambda row: row[1].source, left=True),
     )
     title = (
         f"{sheet.material} at {sheet.wavelength_nm:g} nm, shadowing {surface.shadowing}, "
@@ -60,7 +67,7 @@ def _properties(sheet: SurfaceSheet) -> Table[PropertyValue]:
         if surface.table is None
         else f"{sheet.material} at {sheet.wavelength_nm:g} nm, as measured"
     )
-    return Table(title=title, columns=columns, rows=sheet.properties)
+    return Table(title=title, columns=columns, rows=tuple(sheet.properties.items()))
 
 
 def materials_table(found: Mapping[str, Material]) -> Table[tuple[str, str, Property]]:
@@ -70,7 +77,7 @@ def materials_table(found: Mapping[str, Material]) -> Table[tuple[str, str, Prop
         Column(title="property", text=lambda row: row[1], left=True, unbroken=True),
         Column(title="value", text=lambda row: _ends(row[2]), unbroken=True),
         Column(title="± std", text=lambda row: f"{row[2].standard_uncertainty:.2g}", unbroken=True),
-        Column(title="basis", text=lambda row: "assumed" if row[2].assumed else "measured", left=True, unbroken=True),
+        Column(title="basis", text=lambda row: _basis(row[2]), left=True, unbroken=True),
         Column(title="source", text=lambda row: row[2].source, left=True),
     )
     rows = tuple((name, key, given) for name, one in found.items() for key, given in properties(one).items())
@@ -160,7 +167,7 @@ def _reflectance(sheet: SurfaceSheet) -> Table[Reflectance]:
     return Table(title=title, columns=columns, rows=sheet.reflectance)
 
 
-def _basis(given: PropertyValue) -> str:
+def _basis(given: Property) -> str:
     return "assumed" if given.assumed else "measured"
 
 
@@ -177,17 +184,16 @@ _MARGIN = 1.2
 _LEAST_DEGREE = 0.01
 
 
-def surface_picture(sheet: SurfaceSheet, maps: ReflectedMaps) -> bytes:
+def surface_picture(sheet: SurfaceSheet, stokes: FloatArray) -> bytes:
     """Return F00 and DoLP in the principal plane, and reflectance against the angle of incidence."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.5, 3.9), layout="constrained")
     intensity, polarization, reflectance = figure.subplots(1, 3)
-    stokes = maps.curve_stokes
-    intensity.semilogy(maps.curve_deg, _positive(stokes[:, 0]), color=_UNPOLARISED)
+    intensity.semilogy(CURVE_DEG, _positive(stokes[:, 0]), color=_UNPOLARISED)
     intensity.set_ylim(*_shown_range(stokes[:, 0], _DECADES_OF_CURVE))
     intensity.set_ylabel("F00 [1/sr]")
-    polarization.plot(maps.curve_deg, _degree(stokes), color=_UNPOLARISED)
+    polarization.plot(CURVE_DEG, _degree(stokes), color=_UNPOLARISED)
     polarization.set_ylabel("DoLP of unpolarised light")
     polarization.set_ylim(-0.02, 1.02)
     for ax in (intensity, polarization):
@@ -218,13 +224,13 @@ def surfaces_picture(sheets: Sequence[SurfaceSheet]) -> bytes:
     return png(figure)
 
 
-def hemisphere_picture(sheet: SurfaceSheet, maps: ReflectedMaps) -> bytes:
+def hemisphere_picture(sheet: SurfaceSheet, stokes: FloatArray) -> bytes:
     """Return F00 and DoLP over all directions of the camera, seen from above, the sun's azimuth at the top."""
     from matplotlib.colors import LogNorm, Normalize
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
-    azimuth_rad, stokes = np.deg2rad(maps.azimuth_deg), maps.hemisphere_stokes
+    azimuth_rad = np.deg2rad(ROUND_DEG)
     brightness, degree = _positive(stokes[..., 0]), _degree(stokes)
     panels = (
         (brightness, LogNorm(*_shown_range(stokes[..., 0], _DECADES_OF_HEMISPHERE)), "F00 [1/sr]", "viridis"),
@@ -232,7 +238,7 @@ def hemisphere_picture(sheet: SurfaceSheet, maps: ReflectedMaps) -> bytes:
     )
     axes = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     for ax, (values, norm, label, cmap) in zip(axes, panels, strict=True):
-        shown = ax.pcolormesh(azimuth_rad, maps.zenith_deg, values, norm=norm, cmap=cmap, shading="gouraud")
+        shown = ax.pcolormesh(azimuth_rad, RINGS_DEG, values, norm=norm, cmap=cmap, shading="gouraud")
         _finish_hemisphere(ax, sheet.sun_zenith_deg)
         figure.colorbar(shown, ax=ax, label=label, shrink=0.8, extend="min" if isinstance(norm, LogNorm) else "neither")
     figure.suptitle(_title(sheet))
@@ -297,6 +303,6 @@ def _degree(stokes: FloatArray) -> FloatArray:
 
 
 def _title(sheet: SurfaceSheet) -> str:
-    assumed = [given.name for given in sheet.properties if given.assumed]
+    assumed = [name for name, given in sheet.properties.items() if given.assumed]
     note = f"; assumed: {', '.join(assumed)}" if assumed else ""
     return f"{sheet.material} at {sheet.wavelength_nm:g} nm, sun at {sheet.sun_zenith_deg:g} deg{note}"

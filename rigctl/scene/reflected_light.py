@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from model.stokes import dolp
 from model.surface.facets import lobe_reflectance
-from model.surface.materials import Material, properties
+from model.surface.materials import Material, Property, properties
 from model.surface.pbrdf import Surface, findings, hemispherical_reflectance, mueller
 from rigctl.files.materials import NM_PER_M
 
@@ -18,9 +18,9 @@ FloatArray = NDArray[np.float64]
 _CAMERA_ZENITHS_DEG = np.arange(-85.0, 86.0, 5.0)
 _SUN_ZENITHS_DEG = np.append(np.arange(0.0, 81.0, 10.0), [85.0, 89.0])
 # As fine as a figure shows it.
-_CURVE_DEG = np.linspace(-89.0, 89.0, 713)
-_RINGS_DEG = np.linspace(0.0, 89.0, 179)
-_ROUND_DEG = np.linspace(-180.0, 180.0, 361)
+CURVE_DEG = np.linspace(-89.0, 89.0, 713)
+RINGS_DEG = np.linspace(0.0, 89.0, 179)
+ROUND_DEG = np.linspace(-180.0, 180.0, 361)
 # Of a standard uncertainty: a difference quotient.
 _STEP = 0.1
 
@@ -49,18 +49,6 @@ class Reflectance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PropertyValue:
-    """A property of the material at the wavelength, and how far to trust it."""
-
-    name: str
-    value: float
-    std: float
-    assumed: bool
-    confidence: str
-    source: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class SurfaceSheet:
     """All that is said of a material at one wavelength and one angle of the sun."""
 
@@ -68,21 +56,10 @@ class SurfaceSheet:
     surface: Surface  #: What the material makes at the wavelength.
     wavelength_nm: float  #: At which.
     sun_zenith_deg: float
-    properties: tuple[PropertyValue, ...]  #: Every value that went into it.
+    properties: dict[str, Property]  #: Every value that went into it, at the wavelength.
     principal_plane: tuple[ReflectedLight, ...]  #: In the plane of sun and normal.
     reflectance: tuple[Reflectance, ...]  #: Over angles of incidence.
     findings: tuple[str, ...]  #: What no real surface does, in words.
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ReflectedMaps:
-    """Unpolarised light after reflection: Stokes radiance by irradiance [sr^-1], as finely as a figure shows it."""
-
-    curve_deg: FloatArray  #: Over the camera's zenith angle in the principal plane, as `ReflectedLight` counts it.
-    curve_stokes: FloatArray
-    zenith_deg: FloatArray  #: Over all directions of the camera; azimuth from the sun's, clockwise from above.
-    azimuth_deg: FloatArray
-    hemisphere_stokes: FloatArray
 
 
 def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float, sun_zenith_deg: float) -> SurfaceSheet:
@@ -98,32 +75,29 @@ def surface_sheet(material: Material, surface: Surface, *, wavelength_nm: float,
         surface=surface,
         wavelength_nm=wavelength_nm,
         sun_zenith_deg=sun_zenith_deg,
-        properties=_property_values(material, wavelength_nm / NM_PER_M),
+        properties=properties(material.at(wavelength_nm / NM_PER_M)),
         principal_plane=tuple(_light(angle, row) for angle, row in zip(cameras_deg, stokes, strict=True)),
         reflectance=_reflectances(surface),
         findings=findings(surface),
     )
 
 
-def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> ReflectedMaps:
-    """Return the light that a surface reflects into the principal plane and over the hemisphere."""
+def reflected_maps(surface: Surface, *, sun_zenith_deg: float) -> tuple[FloatArray, FloatArray]:
+    """Return Stokes radiance by irradiance of unpolarised light, as finely as a figure shows it [sr^-1].
+
+    In the principal plane, at `CURVE_DEG`; and over all directions of the camera, at zenith angles `RINGS_DEG` and
+    azimuths `ROUND_DEG` from the sun's, clockwise from above. NaN where a table has nothing measured.
+    """
     sun_zenith_rad = float(np.deg2rad(sun_zenith_deg))
-    azimuth_rad, zenith_rad = np.meshgrid(np.deg2rad(_ROUND_DEG), np.deg2rad(_RINGS_DEG))
+    azimuth_rad, zenith_rad = np.meshgrid(np.deg2rad(ROUND_DEG), np.deg2rad(RINGS_DEG))
     # Compass azimuths run clockwise from above; phi is the sun's less the camera's.
     matrix = mueller(sun_zenith_rad, zenith_rad, -azimuth_rad, surface=surface)
-    curve = principal_plane(surface, np.deg2rad(_CURVE_DEG), sun_zenith_rad=sun_zenith_rad)
+    curve = principal_plane(surface, np.deg2rad(CURVE_DEG), sun_zenith_rad=sun_zenith_rad)
     if surface.table is not None:
-        # Figures are empty where nothing was measured.
         matrix[~surface.table.covers(np.full(zenith_rad.shape, sun_zenith_rad), zenith_rad)] = np.nan
-        seen = np.abs(np.deg2rad(_CURVE_DEG))
+        seen = np.abs(np.deg2rad(CURVE_DEG))
         curve[~surface.table.covers(np.full(seen.shape, sun_zenith_rad), seen)] = np.nan
-    return ReflectedMaps(
-        curve_deg=_CURVE_DEG,
-        curve_stokes=curve,
-        zenith_deg=_RINGS_DEG,
-        azimuth_deg=_ROUND_DEG,
-        hemisphere_stokes=matrix[..., 0],
-    )
+    return curve, matrix[..., 0]
 
 
 def principal_plane(surface: Surface, camera_zenith_rad: FloatArray, *, sun_zenith_rad: float) -> FloatArray:
@@ -167,20 +141,6 @@ def readings_at(
                 continue
         variance += np.mean(slopes, axis=0) ** 2 if slopes and given.standard_uncertainty else 0.0
     return found, np.sqrt(variance)
-
-
-def _property_values(material: Material, wavelength_m: float) -> tuple[PropertyValue, ...]:
-    return tuple(
-        PropertyValue(
-            name=name,
-            value=found.at(wavelength_m),
-            std=found.standard_uncertainty,
-            assumed=found.assumed,
-            confidence=found.confidence,
-            source=found.source,
-        )
-        for name, found in properties(material).items()
-    )
 
 
 def _light(camera_zenith_deg: float, stokes: FloatArray) -> ReflectedLight:

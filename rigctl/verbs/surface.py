@@ -237,12 +237,12 @@ class SurfaceResult(Result):
         from rigctl.report.surface import hemisphere_picture, surface_picture
         from rigctl.scene.reflected_light import reflected_maps
 
-        maps = reflected_maps(self.sheet.surface, sun_zenith_deg=self.sheet.sun_zenith_deg)
+        curve, hemisphere = reflected_maps(self.sheet.surface, sun_zenith_deg=self.sheet.sun_zenith_deg)
         return write_folder(
             folder,
             {
-                "surface.png": surface_picture(self.sheet, maps),
-                "hemisphere.png": hemisphere_picture(self.sheet, maps),
+                "surface.png": surface_picture(self.sheet, curve),
+                "hemisphere.png": hemisphere_picture(self.sheet, hemisphere),
                 "surface.json": json_file(self.as_json()),
             },
         )
