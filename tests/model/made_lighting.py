@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.atmosphere.sky import analytic_sky
-from model.scene.sky_light import DiffuseRadiance
+from model.scene.sky_light import DiffuseRadiance, illuminate
 
 SUN_AZIMUTH_RAD = np.radians(200.0)
 
@@ -48,3 +48,13 @@ class MadeLighting:
         zenith, phi = np.broadcast_arrays(zenith_rad, phi_rad)
         added = 20.0 * (1.0 - self.transmittance(height_m=height_m, zenith_rad=zenith))
         return np.stack([added, 0.1 * added * np.cos(phi), 0.05 * added * np.sin(phi)], axis=-1)
+
+
+def illumination(*, zenith_deg=50.0, azimuth_deg=200.0, albedo=0.1, **more):
+    return illuminate(
+        MadeLighting(),
+        sun_zenith_rad=np.radians(zenith_deg),
+        sun_azimuth_rad=np.radians(azimuth_deg),
+        ground_albedo=albedo,
+        **more,
+    )

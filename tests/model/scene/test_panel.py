@@ -1,15 +1,17 @@
+"""Light of one panel: the beam, the sky over the hemisphere by rules with their error, and the air before a camera."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from model.scene.panel import PanelLight, Rules, View, reflected_by_rules, reflected_diffuse
-from model.stokes import dolp
-from model.surface.facets import lobe_reflectance
+from model.scene.panel import PanelLight, Rules, View, aperture_lights, reflected_by_rules, reflected_diffuse
+from model.stokes import aolp_rad, dolp, rotate_frame
+from model.surface.facets import lobe_reflectance, mueller_elements
 from model.surface.materials import surface_of
 from model.surface.pbrdf import Surface, Tilt, hemispherical_reflectance, mueller
 from rigctl.files.materials import load_material
-from tests.model.made_lighting import SUN_AZIMUTH_RAD, even_sky, polarized_sky, skylight
+from tests.model.made_lighting import SUN_AZIMUTH_RAD, even_sky, illumination, polarized_sky, skylight
 from tests.rigctl.example_files import EXAMPLES
 
 GLOSSY = Surface(n=1.5, slope_rms=0.15)
@@ -17,12 +19,12 @@ PAINT = Surface(n=1.5, slope_rms=0.15, dhr=0.05)
 LEVEL = Tilt(tilt_rad=0.0)
 
 
-def view(zenith_deg, azimuth_deg=70.0):
-    return View(zenith_rad=np.radians(zenith_deg), azimuth_rad=np.radians(azimuth_deg))
+def camera_at(zenith_deg, azimuth_deg=70.0, **more):
+    return View(zenith_rad=np.radians(zenith_deg), azimuth_rad=np.radians(azimuth_deg), **more)
 
 
 def panel(zenith_deg, *, surface=PAINT, tilt=LEVEL, azimuth_deg=70.0):
-    return PanelLight(surface=surface, tilt=tilt, views=(view(zenith_deg, azimuth_deg),))
+    return PanelLight(surface=surface, tilt=tilt, views=(camera_at(zenith_deg, azimuth_deg),))
 
 
 def reflected(one, light, **how):
@@ -56,7 +58,7 @@ def test_a_lambertian_panel_shows_its_reflectance_of_an_even_sky():
 @pytest.mark.parametrize(("zenith_deg", "azimuth_deg"), [(0.0, 10.0), (50.0, 110.0), (70.0, 20.0)])
 def test_against_the_integral_written_out(zenith_deg, azimuth_deg):
     surface = replace(PAINT, slope_rms=0.3)
-    camera = view(zenith_deg, azimuth_deg)
+    camera = camera_at(zenith_deg, azimuth_deg)
     node, weight = np.polynomial.legendre.leggauss(300)
     theta = 0.25 * np.pi * (node + 1.0)
     around = 2.0 * np.pi * np.arange(600) / 600
@@ -139,26 +141,16 @@ def test_a_panel_leaning_sideways_turns_the_polarization():
     assert 0.0 < dolp(found) < 1.0
 
 
-def test_a_panel_that_turns_its_back_is_refused():
-    with pytest.raises(ValueError, match="turns its back"):
-        panel(80.0, tilt=Tilt(tilt_rad=np.radians(30.0), azimuth_rad=np.radians(250.0)))
-
-
 def test_the_skys_own_error_is_passed_on():
     exact = reflected(panel(50.0), skylight())
     doubted = reflected(panel(50.0), skylight(relative_error=0.01))
     assert doubted.error - exact.error == pytest.approx(0.01 * exact.stokes[0])
 
 
-def test_a_tolerance_of_nothing_is_refused():
-    with pytest.raises(ValueError, match="tolerance"):
-        reflected(panel(50.0), skylight(), tolerance=0.0)
-
-
 @pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
 def test_several_cameras_at_once_see_what_each_sees_alone(tilt_deg):
     tilt, light = Tilt(tilt_rad=np.radians(tilt_deg), azimuth_rad=2.0), skylight(ground_radiance=5.0)
-    views = tuple(view(*at) for at in ((0.0, 0.0), (22.0, 20.0), (53.0, 110.0), (61.0, 250.0)))
+    views = tuple(camera_at(*at) for at in ((0.0, 0.0), (22.0, 20.0), (53.0, 110.0), (61.0, 250.0)))
     # Enough nodes for more than one block of them.
     rules = Rules(lobe=32, diffuse=21)
     together = reflected_by_rules(PanelLight(surface=PAINT, tilt=tilt, views=views), light, rules)
@@ -168,7 +160,7 @@ def test_several_cameras_at_once_see_what_each_sees_alone(tilt_deg):
 
 
 def test_rules_are_refined_until_they_suffice_for_the_worst_camera():
-    light, easy, hard = skylight(), view(80.0, 200.0), view(0.0, 0.0)
+    light, easy, hard = skylight(), camera_at(80.0, 200.0), camera_at(0.0, 0.0)
     alone, other, both = (
         reflected_diffuse(PanelLight(surface=PAINT, tilt=LEVEL, views=views), light, tolerance=1e-4).rules.lobe
         for views in ((easy,), (hard,), (easy, hard))
@@ -189,16 +181,123 @@ def test_a_panel_that_was_seen_before_reflects_the_light_that_is_there_now(tilt_
     np.testing.assert_allclose(by_rules(panel(53.0, tilt=tilt), skylight(both), rules), of_first + of_other, rtol=1e-12)
 
 
+def measured_surface():
+    return surface_of(load_material(EXAMPLES / "measured-panel.csv"), wavelength_m=550e-9)
+
+
 def test_a_measured_panel_shows_its_reflectance_of_an_even_sky():
-    surface = surface_of(load_material(EXAMPLES / "measured-panel.csv"), wavelength_m=550e-9)
+    surface = measured_surface()
     found = reflected(panel(40.0, surface=surface), skylight(even_sky), tolerance=1e-3)
     total = hemispherical_reflectance(np.radians(40.0), surface=surface)
     np.testing.assert_allclose(found.stokes[:2], [total.s0, total.s1], atol=2e-3)
 
 
-def test_a_measured_panel_is_not_seen_beyond_its_measured_angles():
-    surface = surface_of(load_material(EXAMPLES / "measured-panel.csv"), wavelength_m=550e-9)
-    with pytest.raises(ValueError, match="outside of the measured range"):
-        panel(80.0, surface=surface)
-    with pytest.raises(ValueError, match="outside of the measured range"):
-        panel(40.0, surface=surface).sun(zenith_rad=np.radians(80.0), azimuth_rad=0.0, irradiance=1.0)
+def light(camera, *, surface=PAINT, tilt=LEVEL, sun=None, **more):
+    return aperture_lights(sun or illumination(), surface=surface, tilt=tilt, views=(camera,), **more)[0]
+
+
+def test_sign_of_s2_by_compass_azimuths():
+    # Sun in the south, camera in the east: phi = 180 - 90 = +90 deg. A facet mirrors 43 deg into 53 deg.
+    sun = illumination(zenith_deg=43.0, azimuth_deg=180.0)
+    found = light(camera_at(53.0, 90.0), surface=replace(PAINT, dhr=None, slope_rms=0.3), sun=sun).reflected_sun
+    assert found[2] / found[0] == pytest.approx(0.440, abs=5e-4)
+    # No more polarized than the facet's Fresnel reflection: unpolarized light, so exactly as much.
+    m00, m01, _ = mueller_elements(
+        cos2_psi=np.array([0.5 * (1.0 + np.cos(np.radians(43.0)) * np.cos(np.radians(53.0)))]), n=1.5, k=0.0
+    )
+    assert dolp(found) == pytest.approx(float(m01[0] / m00[0]), rel=1e-9)
+
+
+def test_the_beam_is_reflected_by_the_first_column():
+    found = light(camera_at(40.0, 20.0)).reflected_sun
+    f = mueller(np.radians(50.0), np.radians(40.0), np.radians(180.0), surface=PAINT)
+    np.testing.assert_allclose(found, 300.0 * np.cos(np.radians(50.0)) * f[:, 0], rtol=1e-10, atol=1e-12)
+
+
+def test_parts_add_up():
+    found = light(camera_at(40.0, 100.0, height_m=3000.0))
+    np.testing.assert_array_equal(found.total, found.reflected_sun + found.reflected_sky + found.path)
+    assert np.all(np.array([found.reflected_sun[0], found.reflected_sky[0], found.path[0]]) > 0.0)
+
+
+def test_air_dims_what_is_reflected_and_adds_its_own():
+    near, far = (light(camera_at(40.0, 100.0, height_m=height)) for height in (0.0, 5000.0))
+    through = np.exp(-0.5 / np.cos(np.radians(40.0)))
+    assert far.transmittance == pytest.approx(through)
+    np.testing.assert_allclose(far.reflected, through * near.reflected)
+    assert far.error == pytest.approx(through * near.error)
+    np.testing.assert_array_equal(near.path, 0.0)
+    assert far.path[0] == pytest.approx(20.0 * (1.0 - through))
+
+
+def test_roll_turns_the_frame_of_every_part():
+    straight = light(camera_at(40.0, 100.0, height_m=3000.0))
+    rolled = light(camera_at(40.0, 100.0, height_m=3000.0, roll_rad=0.3))
+    for part in ("reflected_sun", "reflected_sky", "path"):
+        expected = rotate_frame(getattr(straight, part), 0.3)
+        np.testing.assert_allclose(getattr(rolled, part), expected, atol=1e-12)
+    lowered = (aolp_rad(straight.total) - aolp_rad(rolled.total)) % np.pi
+    assert lowered == pytest.approx(0.3)  # axes turned counter-clockwise lower the angle
+
+
+def test_a_panel_that_turns_from_the_sun_shows_sky_alone():
+    away = Tilt(tilt_rad=np.radians(60.0), azimuth_rad=np.radians(20.0))
+    found = light(camera_at(50.0, 20.0), tilt=away)
+    np.testing.assert_array_equal(found.reflected_sun, 0.0)
+    assert found.reflected_sky[0] > 0.0
+
+
+def test_a_tilted_panel_sees_the_ground_by_its_albedo():
+    wall = Tilt(tilt_rad=np.radians(90.0), azimuth_rad=np.radians(20.0))
+    dark, bright = (
+        light(camera_at(80.0, 20.0), tilt=wall, sun=illumination(albedo=albedo)).reflected_sky[0]
+        for albedo in (0.0, 0.5)
+    )
+    assert bright > dark
+
+
+def test_rules_of_a_similar_view_give_the_same_light_to_the_tolerance():
+    views = (camera_at(40.0, 100.0), camera_at(42.0, 101.0))
+    alone = [light(one, tolerance=1e-5) for one in views]
+    together = aperture_lights(
+        illumination(), surface=PAINT, tilt=LEVEL, views=views, tolerance=1e-5, rules=alone[0].rules
+    )
+    for one, same in zip(alone, together, strict=True):
+        np.testing.assert_allclose(same.total, one.total, rtol=0, atol=same.error + one.error)
+        assert same.error == pytest.approx(alone[0].rules.error * one.reflected_sky[0], rel=1e-3)
+        assert same.rules == alone[0].rules
+    (coarse,) = aperture_lights(
+        illumination(), surface=PAINT, tilt=LEVEL, views=views[:1], rules=Rules(lobe=4, diffuse=3)
+    )
+    assert coarse.reflected_sky[0] != pytest.approx(alone[0].reflected_sky[0], rel=1e-6)
+
+
+def sun_beyond_the_measured_angles():
+    panel(40.0, surface=measured_surface()).sun(zenith_rad=np.radians(80.0), azimuth_rad=0.0, irradiance=1.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "word"),
+    [
+        (lambda: panel(80.0, tilt=Tilt(tilt_rad=np.radians(30.0), azimuth_rad=np.radians(250.0))), "turns its back"),
+        (lambda: reflected(panel(50.0), skylight(), tolerance=0.0), "tolerance"),
+        (lambda: panel(80.0, surface=measured_surface()), "outside of the measured range"),
+        (sun_beyond_the_measured_angles, "outside of the measured range"),
+        (
+            lambda: aperture_lights(
+                illumination(),
+                surface=PAINT,
+                tilt=LEVEL,
+                views=(camera_at(40.0), camera_at(40.0, height_m=10.0)),
+            ),
+            "one height",
+        ),
+        (lambda: camera_at(91.0), "camera"),
+        (lambda: camera_at(10.0, np.nan), "camera"),
+        (lambda: camera_at(10.0, roll_rad=np.inf), "camera"),
+        (lambda: camera_at(10.0, height_m=-1.0), "height = -1.0 m"),
+    ],
+)
+def test_what_cannot_be_seen_is_refused(call, word):
+    with pytest.raises(ValueError, match=word):
+        call()
