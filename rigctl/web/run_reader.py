@@ -588,7 +588,7 @@ def _step(frame: FrameRecord) -> str:
     words: list[str] = [frame.kind]
     words += [] if frame.round is None else [f"round {frame.round + 1}"]
     words += [] if frame.cycle is None else [f"cycle {frame.cycle + 1}"]
-    words += [] if frame.polarizer_angle_deg is None else [f"{frame.polarizer_angle_deg:.2f} deg"]
+    words += [] if frame.polarizer_angle_deg is None else [f"{round(frame.polarizer_angle_deg, 2) % 180.0:.2f} deg"]
     return ", ".join(words)
 
 

@@ -126,14 +126,6 @@ def test_devices_are_seen_live_and_given_back(act: Page) -> None:
     assert act.ask("/api/dark", {})[0] == 422
 
 
-def test_regions_are_written_and_the_old_ones_kept(act: Page, folder: Path) -> None:
-    for name in ("first", "second"):
-        regions = {"regions": [{"name": name, "polygon": [[1, 1], [9, 1], [9, 9]]}]}
-        assert act.ask("/api/regions", regions) == (200, {"file": "regions.toml"})
-    assert "second" in (folder / "runs" / "regions.toml").read_text()
-    assert "first" in (folder / "runs" / "regions.toml.bak").read_text()
-
-
 def test_a_session_is_planned_started_asked_for_hands_and_finished(act: Page, folder: Path) -> None:
     assert "5 frames (1 dark, 0 flat, 4 scene)" in act.ask("/api/plan", {"session": "short.toml"})[1]["plan"]
     status, answer = act.ask("/api/start", {"session": "short.toml"})

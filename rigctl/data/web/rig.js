@@ -30,7 +30,7 @@ function showRig(state) {
   $("no-sessions").hidden = names !== ""; $("start").disabled = $("plan").disabled = names === "";
 }
 
-// What the devices do and see, told with every picture: whoever turns the lens looks at the number.
+// State of the devices, with every picture: a person who turns the lens looks at the sharpness.
 function tellRig(rig) {
   seenTask = rig.task;
   // Settings that others began with, the first time that there are any.
@@ -38,7 +38,7 @@ function tellRig(rig) {
   if (rig.task !== "rest") for (const name of SETTINGS) if (!$(name).dataset.told) { $(name).dataset.told = "yes"; $(name).value = settings[name]; }
   for (const button of document.querySelectorAll("[data-task]")) button.setAttribute("aria-pressed", button.dataset.task === rig.task);
   const words = [rig.problem || (rig.task === "rest" ? "" : `${rig.exposure_ms.toPrecision(4)} ms${rig.is_automatic ? " (automatic)" : ""}, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${percent(rig.clipped)} saturated`)];
-  if (rig.angle_deg !== null) words.push(`polarizer ${rig.angle_deg.toFixed(2)} deg`);
+  if (rig.angle_deg !== null) words.push(`polarizer ${(Math.round(100 * rig.angle_deg) / 100 % 180).toFixed(2)} deg`);
   if (rig.cycles_per_min !== null) words.push(`${rig.cycles_per_min.toFixed(1)} cycles a minute`);
   if (rig.task === "polarimetry") words.push(rig.dark_dn === null ? "no dark level taken: DoLP reads too low" : `dark level ${rig.dark_dn.toFixed(1)} DN`);
   const text = words.filter(Boolean).join("; ");

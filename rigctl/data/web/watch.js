@@ -31,7 +31,7 @@ function connect() {
   own.onclose = () => lost(own);
   setTimeout(() => { if (own.readyState === WebSocket.CONNECTING) lost(own); }, STALL_MS);
 }
-// Where a network swallows everything the browser does not hear of it: whoever is not answered says so.
+// A network may swallow everything without an error of the browser: a missing answer is reported.
 setInterval(() => {
   const since = waiting ? Date.now() - waiting.asked : 0;
   if (since > LATE_MS) tellLost();
@@ -39,8 +39,7 @@ setInterval(() => {
 }, 500);
 function tellLost() {
   if (isOver) return;
-  const since = lastHeard ? `nothing heard since ${here(new Date(lastHeard))}` : "no connection";
-  sayLost(`${since}; trying again. What is shown is old.`);
+  sayLost(lastHeard ? `nothing heard since ${here(new Date(lastHeard))}; trying again. What is shown is old.` : "no connection; trying again.");
 }
 function sayLost(text, isAgain = false) { $("lost").textContent = text; $("lost").classList.toggle("again", isAgain); $("lost").hidden = false; }
 // A server that is back after a restart is asked anew; one with new tokens does not know this page any more.
@@ -125,6 +124,7 @@ function show(state) {
   const canAct = state.right === "act" && state.hands;
   $("advice").textContent = canAct ? state.advice.replace(/; then go on: .*/, "; then press Continue") : state.advice; $("advice").hidden = !state.advice;
   facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
+  for (const part of [document.querySelector("#maps .maps"), $("dolp-top").parentNode]) part.hidden = !state.maps_of;
   $("maps-of").textContent = state.maps_of ? `of the last cycle: ${state.maps_of}` : "No maps yet: they need a whole cycle.";
   $("events").replaceChildren(); for (const one of state.events) put($("events"), "li", `${utc(one.utc)}  ${one.event}  ${one.facts}`);
   $("problems").replaceChildren(); for (const one of state.problems) put($("problems"), "li", one);
@@ -172,6 +172,7 @@ function angles(frames) {
   }
   for (const button of $("angles").children) button.setAttribute("aria-selected", button.dataset.name === selected);
   const one = frames.find((frame) => frame.name === selected);
+  $("frame").hidden = !one; $("frame-text").className = one ? "" : "empty";
   $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : one.exposure_ms.toPrecision(4) + " ms"}, ${percent(one.clipped)} saturated (striped red); stretched for the eye` : "No frame yet.";
 }
 
@@ -180,6 +181,7 @@ function hands(state) {
   $("hands").hidden = state.right !== "act" || !state.hands || state.state === "finished";
   $("hold").disabled = !going || state.state === "holding"; $("stop").disabled = !going;
   $("resume").disabled = !["holding", "stopped", "interrupted"].includes(state.state);
+  $("resume").classList.toggle("main", !$("resume").disabled); // the next step
 }
 for (const name of ["hold", "resume", "stop"]) {
   $(name).onclick = async () => {
@@ -189,7 +191,7 @@ for (const name of ["hold", "resume", "stop"]) {
       if ($("ask").returnValue !== "yes") return;
     }
     const response = await fetch(`/api/${name}?run=${encodeURIComponent(run)}`, { method: "POST" });
-    $("done").textContent = response.ok ? { hold: "It holds after this frame.", resume: "It goes on.", stop: "It stops after this frame." }[name] : `${name}: ${(await response.text()).slice(0, 200)}`;
+    $("done").textContent = response.ok ? { hold: "It holds after this frame.", resume: "It continues.", stop: "It stops after this frame." }[name] : `${name}: ${(await response.text()).slice(0, 200)}`;
   };
 }
 
@@ -211,6 +213,7 @@ function histogram(head, id = "histogram") {
 }
 function curves(found) {
   if (!found) return;
+  $("curves").hidden = !found.time_s.length && !found.left_out;
   $("read").textContent = found.frames_read < found.frames_there ? `(${found.frames_read} of ${found.frames_there} frames read)` : "";
   $("left-out").textContent = found.left_out ? `Excluded frames are left out of curves and maps: ${found.left_out}` : "";
   const bySun = $("against").value === "sun" && found.sun_zenith_deg.some((z) => z !== null);

@@ -20,6 +20,7 @@ from tests.rigctl.made_runs import at, make_run
         ("dolp > 1; drop table runs", "cannot be read"),
         ("1) ; drop table runs --", "cannot be read"),
         ("name = '\0'", "cannot be read"),
+        (" or ".join(["frames > 1"] * 5000), "too large"),
         ("(" * 2000 + "dolp > 1" + ")" * 2000, "cannot be read"),
         ("randomblob(1e9) > 1", "not authorized to use function: randomblob"),
         ("load_extension('x')", "not authorized"),

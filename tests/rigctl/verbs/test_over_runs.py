@@ -179,6 +179,7 @@ def test_without_dask_the_command_says_what_to_install(root, monkeypatch, capsys
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["archive", "verify", str(root), "--out", str(root.parent / "out"), "--workers", "1"]) == 2
     assert "rigctl archive verify needs dask.distributed" in capsys.readouterr().err
+    assert not (root.parent / "out").exists()
     assert main(["archive", "recalibrate", str(root), "--out", str(root.parent / "out")]) == 2
     assert "give --regions FILE" in capsys.readouterr().err
 

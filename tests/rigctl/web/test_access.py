@@ -1,10 +1,12 @@
-"""Who is let through to a page, request by request, without a network."""
+"""Access to a page, request by request, without a network."""
 
 import asyncio
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import cv2
+import numpy as np
 import pytest
 from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse
@@ -18,6 +20,7 @@ from rigctl.web.server import (
     PageServer,
     Place,
     names_of_this_machine,
+    qr_text,
 )
 
 ACCESS = Access()
@@ -74,69 +77,65 @@ def cookie(token: str) -> str:
     return f"rigctl-8765={token}"
 
 
-def test_nobody_looks_without_a_token() -> None:
-    assert answer()[0] == 401
-    assert answer(cookie=cookie("guessed"))[0] == 401
-    assert answer(kind="websocket", path="/ws")[0] == 401
+LOOKS, ACTS = {"cookie": cookie(ACCESS.look)}, {"cookie": cookie(ACCESS.act)}
+SOCKET = {"kind": "websocket", "path": "/ws"}
+FOREIGN = {"origin": "http://evil.example"}
+
+
+@pytest.mark.parametrize(
+    ("request_", "status"),
+    [
+        # without a valid token
+        ({}, 401),
+        ({"cookie": cookie("guessed")}, 401),
+        (SOCKET, 401),
+        # the token for looking does not act
+        ({"method": "POST", **LOOKS}, 403),
+        ({"method": "POST", **ACTS}, 200),
+        # a page of others neither acts nor opens a socket
+        ({"method": "POST", **ACTS, **FOREIGN}, 403),
+        ({**SOCKET, **ACTS, **FOREIGN}, 403),
+        ({**SOCKET, **LOOKS, "origin": f"http://{HOST}"}, 101),
+        # a large body, or one of no stated length, is refused before it is read
+        *(
+            ({"method": "POST", **ACTS, "content_length": length}, 413)
+            for length in (str(MOST_BODY_BYTES + 1), "99999999999999999999", "-1", "many")
+        ),
+        ({"method": "POST", **ACTS, "transfer_encoding": "chunked"}, 413),
+        # names of this machine, and of others
+        *(({**LOOKS, "host": host}, 200) for host in ("localhost:8765", "127.0.0.1:8765", "[::1]:8765", "LOCALHOST")),
+        *(
+            ({**LOOKS, "host": host}, 421)
+            for host in ("evil.example", "evil.example:8765", "127.0.0.1.evil.example", "", "[", "localhost.evil")
+        ),
+    ],
+)
+def test_requests_are_answered_or_refused(request_: dict[str, str], status: int) -> None:
+    assert answer(**request_)[0] == status
 
 
 def test_the_token_of_the_address_becomes_a_cookie_that_no_script_reads() -> None:
-    status, headers, _ = answer(query=f"token={ACCESS.look}")
-    assert status == 303
-    assert headers["location"] == "/api/x"
+    status, headers, _ = answer("/", query=f"token={ACCESS.look}&run=a%20b")
+    assert (status, headers["location"]) == (303, "/?run=a+b")
     assert {"HttpOnly", "SameSite=strict"} <= set(headers["set-cookie"].replace(";", " ").split())
-    assert answer(cookie=cookie(ACCESS.look))[2] == "look"
+    assert answer(**LOOKS)[2] == "look"
+    assert answer(authorization=f"Bearer {ACCESS.act}")[2] == "act"
 
 
-def test_a_wrong_token_in_the_address_takes_no_cookie_away() -> None:
-    status, headers, text = answer(query="token=garbage", cookie=cookie(ACCESS.act))
+def test_a_wrong_token_in_the_address_does_not_replace_the_cookie() -> None:
+    status, headers, text = answer(query="token=garbage", **ACTS)
     assert (status, text, "set-cookie" in headers) == (200, "act", False)
 
 
 @pytest.mark.parametrize("path", ["//evil.example/..", "///evil.example", "/\\evil.example"])
-def test_a_token_leads_nobody_to_another_host(path: str) -> None:
+def test_a_token_redirects_to_no_other_host(path: str) -> None:
     status, headers, _ = answer(path, query=f"token={ACCESS.look}")
-    assert status == 303
-    assert urlsplit(headers["location"]).netloc == ""
+    assert (status, urlsplit(headers["location"]).netloc) == (303, "")
     assert headers["location"].startswith("/evil.example")
 
 
-def test_the_two_tokens_give_two_rights() -> None:
-    assert answer(cookie=cookie(ACCESS.look), method="POST")[0] == 403
-    assert answer(cookie=cookie(ACCESS.act), method="POST")[0] == 200
-    assert answer(authorization=f"Bearer {ACCESS.act}")[2] == "act"
-
-
-@pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8765", "127.0.0.1.evil.example", "", "[", "localhost.evil"]
-)
-def test_a_name_that_is_not_this_machine_is_misdirected(host: str) -> None:
-    assert answer(cookie=cookie(ACCESS.look), host=host)[0] == 421
-
-
-@pytest.mark.parametrize("host", ["localhost:8765", "127.0.0.1:8765", "[::1]:8765", "LOCALHOST"])
-def test_names_of_this_machine_are_answered(host: str) -> None:
-    assert answer(cookie=cookie(ACCESS.look), host=host)[0] == 200
-
-
-def test_a_foreign_page_neither_acts_nor_opens_a_socket() -> None:
-    words = {"cookie": cookie(ACCESS.act), "origin": "http://evil.example"}
-    assert answer(method="POST", **words)[0] == 403
-    assert answer(kind="websocket", path="/ws", **words)[0] == 403
-    assert answer(kind="websocket", path="/ws", cookie=cookie(ACCESS.look), origin=f"http://{HOST}")[0] == 101
-
-
-@pytest.mark.parametrize("length", [str(MOST_BODY_BYTES + 1), "99999999999999999999", "-1", "many"])
-def test_a_large_body_is_refused_before_it_is_read(length: str) -> None:
-    assert answer(method="POST", cookie=cookie(ACCESS.act), content_length=length)[0] == 413
-
-
-def test_a_body_of_no_stated_length_is_refused() -> None:
-    assert answer(method="POST", cookie=cookie(ACCESS.act), transfer_encoding="chunked")[0] == 413
-
-
 def test_every_answer_forbids_scripts_of_others() -> None:
-    for headers in (answer()[1], answer(cookie=cookie(ACCESS.look))[1]):
+    for headers in (answer()[1], answer(**LOOKS)[1]):
         assert "script-src 'self'" in headers["content-security-policy"]
         assert "unsafe" not in headers["content-security-policy"]
         assert headers["x-content-type-options"] == "nosniff"
@@ -161,10 +160,25 @@ def test_tokens_and_port_outlive_a_server_for_this_user_alone(tmp_path: Path) ->
     assert _addresses(tmp_path / "nowhere").look_url
 
 
-def test_a_look_link_keeps_what_it_asks_for() -> None:
-    assert answer("/", query=f"token={ACCESS.look}&run=a%20b")[1]["location"] == "/?run=a+b"
-
-
 def test_a_page_for_others_that_is_not_encrypted_is_doubtful(caplog: pytest.LogCaptureFixture) -> None:
     with PageServer(APP, Place(host="0.0.0.0"), can_act=False):
         assert "not encrypted" in caplog.text
+
+
+def read_back(text: str) -> str:
+    """Return the text of a QR code that a terminal shows light on dark."""
+    rows = [[c in halves for c in line] for line in text.split("\n") for halves in ("▀█", "▄█")]
+    picture = np.pad((np.array(rows) * 255).astype(np.uint8), 4, constant_values=255)
+    return cv2.QRCodeDetector().detectAndDecode(np.kron(picture, np.ones((8, 8), np.uint8)))[0]
+
+
+@pytest.mark.parametrize(
+    "address", ["http://10.0.0.7:8765/?token=zwabWfcelqs1POFMsnTPwADs", "https://[fd00::1]:1/?token=a"]
+)
+def test_a_phone_reads_the_address_from_its_qr_code(address: str) -> None:
+    assert read_back(qr_text(address)) == address
+
+
+def test_an_address_too_long_for_a_qr_code_is_refused() -> None:
+    with pytest.raises(ValueError, match="too many"):
+        qr_text("x" * 5000)

@@ -1,4 +1,4 @@
-"""The page on which regions are drawn, as a browser meets it."""
+"""The page for drawing regions, and the file that is written."""
 
 import json
 import threading
@@ -6,14 +6,17 @@ from collections.abc import Iterator
 from contextlib import closing
 from http.client import HTTPConnection
 from importlib.resources import files
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
 from rigctl.errors import DataError
-from rigctl.files.regions import Region
-from rigctl.web.regions_page import RegionsPage
+from rigctl.files.regions import Region, RegionsFile
+from rigctl.files.toml import load
+from rigctl.web.regions_page import RegionsPage, write_regions
+from tests.rigctl.marked_pictures import panels
 
 REGION = {"name": "panel", "edge_px": 2, "rectangle": {"x": 1, "y": 2, "width": 30, "height": 40}}
 
@@ -87,13 +90,33 @@ def test_wrong_regions_are_refused_and_the_page_stays(page: RegionsPage, answer:
     assert answer.thread.is_alive()
 
 
-def test_an_address_without_the_token_finds_nothing(page: RegionsPage, answer: Answer) -> None:
-    root = page.address.replace("token=", "token=x")
-    assert asked(root, "/")[0] == 401
-    assert asked(root, "/api/regions", {"regions": [REGION]})[0] == 401
-    assert answer.thread.is_alive()
-
-
-def test_nobody_draws() -> None:
+def test_waiting_for_regions_ends_in_time() -> None:
     with pytest.raises(DataError, match=r"no regions were sent from http://127.0.0.1:.* within 0.001"):
         page_of([]).wait(seconds=0.06)
+
+
+BODY = b'{"regions": [{"name": "panel", "polygon": [[1, 1], [9, 1], [9, 9]]}]}'
+
+
+def test_markers_of_the_live_picture_are_written_down_with_the_regions(tmp_path: Path) -> None:
+    assert (
+        write_regions(tmp_path / "regions.toml", BODY, panels(markers={3: (60, 50), 7: (360, 260)})) == "regions.toml"
+    )
+    written = load(tmp_path / "regions.toml", RegionsFile)
+    assert [marker.id for marker in written.markers.seen] == [3, 7]
+
+
+def test_an_existing_file_is_kept_and_wrong_regions_change_nothing(tmp_path: Path) -> None:
+    file = tmp_path / "regions.toml"
+    file.write_text("# by hand\n")
+    for _ in range(3):
+        write_regions(file, BODY, None)
+    write_regions(file, BODY.replace(b"panel", b"other"), panels(markers={}))
+    assert load(file, RegionsFile).markers is None
+    kept = {path.name: path.read_text() for path in tmp_path.glob("regions.toml.bak*")}
+    assert kept["regions.toml.bak"] == "# by hand\n"
+    assert "panel" in kept["regions.toml.bak2"]
+    assert len(kept) == 2
+    with pytest.raises(DataError):
+        write_regions(file, b'{"regions": [{"name": "<b>"}]}', None)
+    assert "other" in file.read_text()

@@ -196,6 +196,11 @@ def test_calibrations_beside_a_run_say_whether_they_hold_for_it(tmp_path: Path) 
         (tmp_path / f"{name}.json").write_text(json.dumps(noise | {"made_for": made}))
     (tmp_path / "runs" / "axis.json").write_text('{"kind": "polarizer", "half": ')
     (tmp_path / "runs" / "else.json").write_text('{"kind": "chair"}')
+    (tmp_path / "runs" / "lock.json").symlink_to("nowhere")
+    (tmp_path / "runs" / "folder.json").mkdir()
+    os.mkfifo(tmp_path / "runs" / "pipe.json")
+    with (tmp_path / "runs" / "large.json").open("wb") as file:
+        file.truncate(6_000_000_000)
     found = {one["file"]: one for one in RunReader(tmp_path / "runs" / "run").calibrations()}
     assert {name: (one["kind"], one["verdict"]) for name, one in found.items()} == {
         "ours.json": ("noise", "holds"),
