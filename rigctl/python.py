@@ -330,7 +330,7 @@ class Run:
 
 def _read(folder: Path, record: FrameRecord) -> NDArray[Any]:
     """Return a frame as a picture of a stack, once its checksum was found right."""
-    return read_frame(folder, record).counts[None]
+    return read_frame(folder, record)[None]
 
 
 def _frames(

@@ -22,7 +22,7 @@ from rigctl.base.durable import (
     write_durably,
 )
 from rigctl.errors import DataError, RunFolderError
-from rigctl.runs.fits import decode_frame, record_from_header
+from rigctl.runs.fits import decode_record
 from rigctl.runs.folder import (
     ANNOTATIONS_FILE,
     FRAMES_FOLDER,
@@ -277,7 +277,7 @@ def _unnamed_problem(path: Path, file: str) -> str | None:
         return None
     try:
         data = read_bounded(path / file, MOST_OWN_FRAME_BYTES)
-        record_from_header(decode_frame(data), file=file, checksum=file_checksum(data))
+        decode_record(data, file=file, checksum=file_checksum(data))
     except (DataError, OSError) as error:
         text = error.strerror if isinstance(error, OSError) else error
         return f"not in the manifest, and no whole frame: {text}"
@@ -353,7 +353,7 @@ class _Repairer:
         final = name.removesuffix(PART_SUFFIX)
         try:
             data = read_bounded(file, MOST_OWN_FRAME_BYTES)
-            record = record_from_header(decode_frame(data), file=final, checksum=file_checksum(data))
+            record, _ = decode_record(data, file=final, checksum=file_checksum(data))
         except (DataError, OSError) as error:
             self._move_aside(name, str(error))
             return

@@ -5,7 +5,6 @@ From the headers alone a lost manifest can be made again.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any
 
@@ -160,15 +159,6 @@ _STATED_SUM = re.compile(rb"DATASUM = '([0-9]+) *'")
 _BEGIN, _END = b"SIMPLE  =", b"END".ljust(CARD_LENGTH)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitsFrame:
-    """A frame's header values as text, and its samples."""
-
-    #: Value by keyword; numbers as they stand in the file, ``None`` where a keyword has no value.
-    values: dict[str, str | None]
-    counts: NDArray[Any]  #: Samples in DN, first row on top: of 16 bits without sign, or in single precision.
-
-
 def encode_frame(counts: NDArray[Any], cards: Mapping[str, tuple[CardValue, str]]) -> bytes:
     """Return the bytes of a FITS file that holds one frame: of 16 bits without sign, or in single precision.
 
@@ -179,7 +169,17 @@ def encode_frame(counts: NDArray[Any], cards: Mapping[str, tuple[CardValue, str]
     FITS standard 4.0 (doi:10.1051/0004-6361/201015362), sections 4.4 and 5.2.5, appendix J.
     """
     plain = counts.astype(">f4").tobytes() if counts.dtype == np.float32 else _to_signed(counts)
-    return _whole_file(_size_cards(counts), cards, plain)
+    is_real, (height, width) = counts.dtype == np.float32, counts.shape
+    sizes: list[tuple[str, CardValue, str]] = [
+        ("SIMPLE", True, "FITS standard 4.0"),
+        ("BITPIX", -32 if is_real else 16, "bits of a stored sample"),
+        ("NAXIS", 2, ""),
+        ("NAXIS1", width, "columns"),
+        ("NAXIS2", height, "rows"),
+        *(() if is_real else (("BZERO", 32768, "samples are unsigned"), ("BSCALE", 1, ""))),
+        ("ROWORDER", "TOP-DOWN", "the first row is the top of the picture"),
+    ]
+    return _whole_file(sizes, cards, plain)
 
 
 def encode_image(
@@ -199,13 +199,19 @@ def encode_image(
         *((("PCOUNT", 0, ""), ("GCOUNT", 1, "")) if is_extension else ()),
     ]
     swapped = image.astype(image.dtype.newbyteorder(">"))
-    said = "".join(f"COMMENT {line:<72}" for text in comments for line in wrap(text, 72))
-    return _whole_file("".join(make_card(*size) for size in sizes), cards, swapped.tobytes(), said)
+    text = "".join(f"COMMENT {line:<72}" for comment in comments for line in wrap(comment, 72))
+    return _whole_file(sizes, cards, swapped.tobytes(), text)
 
 
-def _whole_file(sizes: str, cards: Mapping[str, tuple[CardValue, str]], samples: bytes, comments: str = "") -> bytes:
+def _whole_file(
+    sizes: Iterable[tuple[str, CardValue, str]],
+    cards: Mapping[str, tuple[CardValue, str]],
+    samples: bytes,
+    comments: str = "",
+) -> bytes:
     data = _fill_block(samples, b"\0")
-    text = sizes + "".join(make_card(key, *card) for key, card in cards.items()) + comments
+    text = "".join(make_card(*size) for size in sizes)
+    text += "".join(make_card(key, *card) for key, card in cards.items()) + comments
     text += make_card("DATASUM", str(ones_complement_sum(data)), "sum of the data, 32 bit")
     unsummed = _header(text, NO_CHECKSUM)
     total = ones_complement_sum(unsummed + data)
@@ -214,21 +220,6 @@ def _whole_file(sizes: str, cards: Mapping[str, tuple[CardValue, str]], samples:
 
 def _header(text: str, checksum: str) -> bytes:
     return _fill_block((text + make_card("CHECKSUM", checksum, "sum of the whole file")).encode("ascii") + _END, b" ")
-
-
-def _size_cards(counts: NDArray[Any]) -> str:
-    height, width = counts.shape
-    is_real = counts.dtype == np.float32
-    values: list[tuple[str, CardValue, str]] = [
-        ("SIMPLE", True, "FITS standard 4.0"),
-        ("BITPIX", -32 if is_real else 16, "bits of a stored sample"),
-        ("NAXIS", 2, ""),
-        ("NAXIS1", width, "columns"),
-        ("NAXIS2", height, "rows"),
-        *(() if is_real else (("BZERO", 32768, "samples are unsigned"), ("BSCALE", 1, ""))),
-        ("ROWORDER", "TOP-DOWN", "the first row is the top of the picture"),
-    ]
-    return "".join(make_card(*value) for value in values)
 
 
 def _to_signed(counts: NDArray[np.uint16]) -> bytes:
@@ -243,10 +234,11 @@ def _padded(length: int) -> int:
     return length + (-length % _BLOCK)
 
 
-def decode_frame(data: bytes | memoryview) -> FitsFrame:
-    """Return a frame from the bytes of a file that ``encode_frame`` made.
+def decode_frame(data: bytes | memoryview) -> tuple[dict[str, str | None], NDArray[Any]]:
+    """Return header values and samples from the bytes of a file that ``encode_frame`` made, and of no other FITS file.
 
-    Reads what this program writes, and no other kind of FITS.
+    Values are the texts of the file by keyword, None for a keyword without a value. Samples are in DN, first row on
+    top, as 16-bit integers without sign or in single precision.
     """
     end = _find_end(data)
     header_length = _padded(end + CARD_LENGTH)
@@ -259,8 +251,8 @@ def decode_frame(data: bytes | memoryview) -> FitsFrame:
         raise DataError(f"{len(data)} bytes are not what {height} rows of {width} samples take")
     if is_real:
         real = np.frombuffer(data, dtype=">f4", count=height * width, offset=header_length)
-        return FitsFrame(values=values, counts=real.astype(np.float32).reshape(height, width))
-    return FitsFrame(values=values, counts=_from_signed(data, (height, width), offset=header_length))
+        return values, real.astype(np.float32).reshape(height, width)
+    return values, _from_signed(data, (height, width), offset=header_length)
 
 
 def _find_end(data: bytes | memoryview) -> int:
@@ -363,21 +355,18 @@ def header_cards(record: FrameRecord) -> dict[str, tuple[CardValue, str]]:
     return cards | {"SWVER": (f"rigctl {VERSION}", "program")}
 
 
-def record_from_header(frame: FitsFrame, *, file: str, checksum: str) -> FrameRecord:
-    """Return the record that a frame's own header stands for."""
-    values: dict[str, object] = {field: frame.values.get(keyword) for field, keyword, _ in _KEYWORDS}
+def decode_record(data: bytes | memoryview, *, file: str, checksum: str) -> tuple[FrameRecord, NDArray[Any]]:
+    """Return the record in the header of a frame's file, and the samples."""
+    header, counts = decode_frame(data)
+    values: dict[str, object] = {field: header.get(keyword) for field, keyword, _ in _KEYWORDS}
     for field in _TIMES:
         values[field] = f"{values[field]}Z" if values[field] is not None else None
-    height, width = frame.counts.shape
+    height, width = counts.shape
     values |= {"height": height, "width": width, "file": file, "checksum": checksum}
-    values["remarks"] = _remarks(frame.values)
+    remarks = (f"{_REMARK}{number}" for number in range(1, _MOST_REMARKS + 1))
+    values["remarks"] = tuple(header[name] or "" for name in remarks if name in header)
     try:
-        # The values are text still; each field's type reads its own.
-        return FRAME_RECORD.validate_python(values, strict=False)
+        # Values are still text; the type of each field reads its own.
+        return FRAME_RECORD.validate_python(values, strict=False), counts
     except ValidationError as error:
         raise DataError(f"{file}: the header does not describe a frame: {explain_invalid(error)}") from error
-
-
-def _remarks(values: dict[str, str | None]) -> tuple[str, ...]:
-    names = (f"{_REMARK}{i}" for i in range(1, _MOST_REMARKS + 1))
-    return tuple(values[name] or "" for name in names if name in values)

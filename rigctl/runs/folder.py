@@ -43,7 +43,7 @@ from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import SessionFile
 from rigctl.files.toml import describe
-from rigctl.runs.fits import FitsFrame, decode_frame, record_from_header
+from rigctl.runs.fits import decode_record
 from rigctl.runs.records import (
     FRAME_RECORD,
     SESSION_FILE,
@@ -94,7 +94,7 @@ class Run:
         """Return the samples of a frame, once its checksum has been found right."""
         if record.sequence in self.written_angles_deg:
             record = replace(record, polarizer_angle_deg=self.written_angles_deg[record.sequence])
-        return read_frame(self.path, record).counts
+        return read_frame(self.path, record)
 
 
 def read_run(path: Path) -> Run:
@@ -112,14 +112,13 @@ def read_run(path: Path) -> Run:
     return _run(path, description, contents.frames)
 
 
-def read_frame(path: Path, record: FrameRecord) -> FitsFrame:
-    """Return a frame, once its checksum and its header agree with its line in the manifest."""
-    frame = decode_frame(_checked(path, record))
-    stated = record_from_header(frame, file=record.file, checksum=record.checksum)
+def read_frame(path: Path, record: FrameRecord) -> NDArray[Any]:
+    """Return the samples of a frame, if its checksum and its header agree with its line in the manifest."""
+    stated, counts = decode_record(_checked(path, record), file=record.file, checksum=record.checksum)
     if stated != record:
         other = [f.name for f in fields(record) if getattr(record, f.name) != getattr(stated, f.name)]
         raise RunFolderError(f"{path / record.file}: manifest and header contradict each other: {', '.join(other)}")
-    return frame
+    return counts
 
 
 def annotated(run: Run, *, ignore_exclusions: bool = False) -> Run:

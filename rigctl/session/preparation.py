@@ -23,7 +23,7 @@ from rigctl.rig.simulation import rehearse, with_simulation
 from rigctl.runs.writer import require_new_folder
 from rigctl.session.numbers import noise_numbers
 from rigctl.session.plan import Step, grouping_cost, missing_axes, plan_steps, round_times_ns
-from rigctl.session.take import Outcome, require_hands, take_session
+from rigctl.session.take import Outcome, require_person, take_session
 from rigctl.session.timing import SessionClock, clock_of
 from rigctl.session.trace import Trace
 
@@ -132,7 +132,7 @@ def require_takeable(
         raise ConfigError(
             f"{axes}. Add angles, or write polarimetry = false in the session file to take them all the same"
         )
-    require_hands(steps, are_asked=rig_file.is_simulated or asks_by_hold)
+    require_person(steps, are_asked=rig_file.is_simulated or asks_by_hold)
     require_drivers(rig_file)
     doubts = _calibration_doubts(prepared, made_for_rig(rig_file, now_utc=utc_text(now_ns)))
     if rig_file.simulation is None:

@@ -85,7 +85,7 @@ def take_session(
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
     with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
-        require_hands(steps, are_asked=rig.origin != "device" or asks_by_hold)
+        require_person(steps, are_asked=rig.origin != "device" or asks_by_hold)
         inputs = read_inputs(rig_file, files)
         description = _description(rig, rig_file, session, files, inputs) | {
             "rounds_ns": list(rounds),
@@ -131,7 +131,7 @@ def resume_session(
     opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
     with notices(_notices_of(run), path) as notifier, ExitStack() as devices:
         rig = devices.enter_context(opener())
-        require_hands(left, are_asked=rig.origin != "device" or asks_by_hold)
+        require_person(left, are_asked=rig.origin != "device" or asks_by_hold)
         _require_same_devices(rig, run)
         with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
             if notifier is not None:
@@ -152,7 +152,7 @@ def resume_session(
             return replace(loop.take(rig, devices, title=session.name), repair=repair)
 
 
-def require_hands(steps: Sequence[Step], *, are_asked: bool) -> None:
+def require_person(steps: Sequence[Step], *, are_asked: bool) -> None:
     """Refuse a session that needs a person at the rig if there is no terminal to ask at."""
     kinds = sorted({step.kind for step in steps})
     if not are_asked and len(kinds) > 1 and not sys.stdin.isatty():

@@ -195,7 +195,7 @@ def _frames(run_path: Path, scrubber: Scrubber, count: int) -> Iterator[tuple[st
         return
     for record in _spread(run, count):
         try:
-            counts = read_frame(run.path, record).counts
+            counts = read_frame(run.path, record)
         except DataError:
             continue
         yield record.file, encode_frame(counts, header_cards(_without_names(record, scrubber)))

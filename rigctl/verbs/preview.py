@@ -103,15 +103,15 @@ def _report(where: str) -> None:
 def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callable[[str], None]) -> Lines:
     """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
     from rigctl.rig.focus import Focus
-    from rigctl.web.page import Hands, camera_acts, page_app
+    from rigctl.web.page import Actions, camera_acts, page_app
     from rigctl.web.rig import REST, LiveRig
     from rigctl.web.run_reader import NoRuns
     from rigctl.web.server import PageServer
 
     rig, seen = LiveRig(camera, camera_only=True), 0
     name = Path(camera).name if camera.endswith(_RIG_FILE) else camera
-    hands = Hands(view=rig, acts=camera_acts(rig), title=f"preview {name}")
-    with PageServer(page_app(NoRuns(), hands), place, can_act=True) as server:
+    actions = Actions(view=rig, acts=camera_acts(rig), title=f"preview {name}")
+    with PageServer(page_app(NoRuns(), actions), place, can_act=True) as server:
         opened(server.addresses.act_url or "")
         rig.begin(task)
         try:

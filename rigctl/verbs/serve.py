@@ -143,7 +143,7 @@ class ServedPage(Result):
 
 def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place", *, new_tokens: bool) -> "PageServer":
     """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
-    from rigctl.web.page import Hands, camera_acts, page_app, region_acts, session_acts, stage_acts
+    from rigctl.web.page import Actions, camera_acts, page_app, region_acts, session_acts, stage_acts
     from rigctl.web.regions_page import write_regions
     from rigctl.web.rig import LiveRig
     from rigctl.web.run_reader import RunsOfFolder
@@ -160,8 +160,8 @@ def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place", *, new_tok
     regions = runs / _REGIONS_FILE
     drawing = region_acts(lambda body: write_regions(regions, body, live.newest_counts()))
     acts = {**camera_acts(live), **stage_acts(live), **session_acts(own, live), **drawing}
-    hands = Hands(view=live, acts=acts, session_names=own.names, drawn=own.drawn, regions_file=regions.name)
-    page = page_app(RunsOfFolder(runs), hands)
+    actions = Actions(view=live, acts=acts, session_names=own.names, drawn=own.drawn, regions_file=regions.name)
+    page = page_app(RunsOfFolder(runs), actions)
     return PageServer(page, place, can_act=True, kept=runs / _TOKENS_FILE, is_new=new_tokens)
 
 

@@ -70,7 +70,7 @@ class View(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hands:
+class Actions:
     """The actions of a page; it shows only what belongs to them."""
 
     view: View
@@ -83,9 +83,9 @@ class Hands:
     is_once: bool = False  #: The page ends as soon as regions are written.
 
 
-def page_app(source: Source, hands: Hands | None = None) -> Starlette:
+def page_app(source: Source, actions: Actions | None = None) -> Starlette:
     """Return the page."""
-    page = _Page(source, hands)
+    page = _Page(source, actions)
     routes = [
         *(Route(path, _file(name)) for path, name in _FILES.items()),
         Route("/api/state", page.state),
@@ -94,7 +94,7 @@ def page_app(source: Source, hands: Hands | None = None) -> Starlette:
         WebSocketRoute("/ws", page.socket),
         *(
             Route(f"/api/{name}", _answering(act), methods=["POST"])
-            for name, act in ({} if hands is None else hands.acts).items()
+            for name, act in ({} if actions is None else actions.acts).items()
         ),
     ]
     return Starlette(routes=routes)
@@ -209,8 +209,8 @@ def _file(name: str) -> Callable[[Request], Response]:
 class _Page:
     """Answers, each made in a thread of its own where it reads from the disk."""
 
-    def __init__(self, source: Source, hands: Hands | None) -> None:
-        self._source, self._hands, self._sockets = source, hands, Sockets()
+    def __init__(self, source: Source, actions: Actions | None) -> None:
+        self._source, self._actions, self._sockets = source, actions, Sockets()
         self._began_ns = time.time_ns()
 
     async def state(self, request: Request) -> Response:
@@ -264,8 +264,8 @@ class _Page:
     async def _newer_picture(self, question: Mapping[str, Any]) -> bytes:
         """Return the newest picture behind a head of JSON; only the head where the one that is known is the newest."""
         head: dict[str, Any] = {"name": str(question.get("name", ""))}
-        if question.get("of") == "rig" and self._hands is not None:
-            head["rig"] = asdict(self._hands.view.look())
+        if question.get("of") == "rig" and self._actions is not None:
+            head["rig"] = asdict(self._actions.view.look())
         try:
             found = await asyncio.to_thread(self._picture, question)
         except DataError as error:
@@ -278,7 +278,7 @@ class _Page:
 
     def _state(self, question: Mapping[str, Any]) -> dict[str, Any] | None:
         name = str(question.get("run", ""))
-        content: dict[str, Any] = {"rigctl": VERSION, "began": self._began_ns, **self._of_hands()}
+        content: dict[str, Any] = {"rigctl": VERSION, "began": self._began_ns, **self._of_actions()}
         rows = self._source.rows()
         if rows is not None and not name:
             return content | {"runs": rows}
@@ -295,24 +295,24 @@ class _Page:
             problems = [*content["problems"], *({str(error)} - set(content["problems"]))]
             return content | {"curves": NO_CURVES, "curves_key": "none", "problems": problems}
 
-    def _of_hands(self) -> dict[str, Any]:
-        if self._hands is None:
+    def _of_actions(self) -> dict[str, Any]:
+        if self._actions is None:
             return {"hands": False}
-        hands = self._hands
+        actions = self._actions
         return {
             "hands": True,
-            "title": hands.title,
-            "acts": list(hands.acts),
-            "rig": asdict(hands.view.look()),
-            "sessions": hands.session_names(),
-            "drawn": [region.model_dump(mode="json", exclude_none=True) for region in hands.drawn()],
-            "regions_file": hands.regions_file,
-            "is_once": hands.is_once,
+            "title": actions.title,
+            "acts": list(actions.acts),
+            "rig": asdict(actions.view.look()),
+            "sessions": actions.session_names(),
+            "drawn": [region.model_dump(mode="json", exclude_none=True) for region in actions.drawn()],
+            "regions_file": actions.regions_file,
+            "is_once": actions.is_once,
         }
 
     def _picture(self, question: Mapping[str, Any]) -> tuple[int, Picture] | None:
-        is_live = question.get("of") == "rig" and self._hands is not None
-        reader = self._hands.view if is_live and self._hands else self._source.reader(str(question.get("run", "")))
+        is_live = question.get("of") == "rig" and self._actions is not None
+        reader = self._actions.view if is_live and self._actions else self._source.reader(str(question.get("run", "")))
         name = str(question.get("name", ""))
         sequence = None if reader is None else reader.newest_sequence(name)
         if reader is None or sequence is None:

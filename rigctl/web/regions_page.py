@@ -12,7 +12,7 @@ from rigctl.errors import DataError
 from rigctl.files.regions import Markers, Region, RegionsFile, regions_text
 from rigctl.files.toml import describe
 from rigctl.outlines import search_markers, stretched
-from rigctl.web.page import Hands, page_app, region_acts
+from rigctl.web.page import Actions, page_app, region_acts
 from rigctl.web.rig import StillPicture
 from rigctl.web.run_reader import NoRuns
 from rigctl.web.server import PageServer, Place
@@ -25,7 +25,7 @@ class RegionsPage:
         self, picture: NDArray[np.uint8], *, drawn: list[Region], title: str, file: str, port: int = 0
     ) -> None:
         self._file, self._sent = file, queue.SimpleQueue[RegionsFile]()
-        hands = Hands(
+        actions = Actions(
             view=StillPicture(picture),
             acts=region_acts(self._take),
             title=title,
@@ -33,7 +33,7 @@ class RegionsPage:
             regions_file=file,
             is_once=True,
         )
-        self._server = PageServer(page_app(NoRuns(), hands), Place(port=port), can_act=True)
+        self._server = PageServer(page_app(NoRuns(), actions), Place(port=port), can_act=True)
 
     @property
     def address(self) -> str:

@@ -12,13 +12,13 @@ from hypothesis.extra import numpy as hnp
 from rigctl.errors import DataError
 from rigctl.runs.fits import (
     decode_frame,
+    decode_record,
     encode_checksum,
     encode_frame,
     header_cards,
     make_card,
     ones_complement_sum,
     read_cards,
-    record_from_header,
 )
 from tests.rigctl.run_samples import FULL_RECORD, make_record, noisy_counts
 
@@ -29,7 +29,7 @@ SAMPLE = encode_frame(noisy_counts(), header_cards(FULL_RECORD))
 @settings(deadline=None, max_examples=60)
 @given(counts=FRAMES)
 def test_own_reader_gives_back_every_count(counts):
-    np.testing.assert_array_equal(decode_frame(encode_frame(counts, {})).counts, counts)
+    np.testing.assert_array_equal(decode_frame(encode_frame(counts, {}))[1], counts)
 
 
 @settings(deadline=None, max_examples=60)
@@ -44,13 +44,13 @@ def test_astropy_gives_back_every_count_and_finds_the_checksums_right(counts):
 def test_all_65536_counts_survive():
     counts = np.arange(65536, dtype=np.uint16).reshape(128, 512)
     data = encode_frame(counts, {})
-    np.testing.assert_array_equal(decode_frame(data).counts, counts)
+    np.testing.assert_array_equal(decode_frame(data)[1], counts)
     np.testing.assert_array_equal(fits.getdata(io.BytesIO(data)), counts)
 
 
 def test_view_with_strides_is_stored_as_it_looks():
     counts = noisy_counts(shape=(8, 6))[::-1, 1::2]
-    np.testing.assert_array_equal(decode_frame(encode_frame(counts, {})).counts, counts)
+    np.testing.assert_array_equal(decode_frame(encode_frame(counts, {}))[1], counts)
 
 
 @settings(deadline=None, max_examples=300)
@@ -132,13 +132,12 @@ def test_plain_text_is_readable_in_a_header():
 @given(value=st.floats(allow_nan=False, allow_infinity=False))
 def test_every_digit_of_a_number_survives_in_both_readers(value):
     data = encode_frame(noisy_counts(), {"EXPTIME": (value, "[s] exposure")})
-    assert float(decode_frame(data).values["EXPTIME"]) == value
+    assert float(decode_frame(data)[0]["EXPTIME"]) == value
     assert fits.getheader(io.BytesIO(data))["EXPTIME"] == value
 
 
 def test_header_tells_the_whole_record():
-    frame = decode_frame(encode_frame(noisy_counts(), header_cards(FULL_RECORD)))
-    record = record_from_header(frame, file="", checksum="")
+    record, _ = decode_record(encode_frame(noisy_counts(), header_cards(FULL_RECORD)), file="", checksum="")
     height, width = noisy_counts().shape
     assert record == replace(FULL_RECORD, height=height, width=width)
 

@@ -12,7 +12,7 @@ import pytest
 from rigctl.base.durable import write_durably
 from rigctl.errors import RunFolderError
 from rigctl.runs.check import verify_run
-from rigctl.runs.fits import decode_frame, record_from_header
+from rigctl.runs.fits import decode_record
 from rigctl.runs.folder import file_checksum, read_run
 from rigctl.runs.writer import RunWriter
 from tests.rigctl.run_samples import make_record, noisy_counts, write_run
@@ -52,7 +52,7 @@ def test_manifest_can_be_made_again_from_the_frames(tmp_path):
     for file in sorted((path / "frames").iterdir()):
         data = file.read_bytes()
         name = file.relative_to(path).as_posix()
-        made_again.append(record_from_header(decode_frame(data), file=name, checksum=file_checksum(data)))
+        made_again.append(decode_record(data, file=name, checksum=file_checksum(data))[0])
     assert tuple(made_again) == read_run(path).frames
 
 

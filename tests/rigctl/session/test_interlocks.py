@@ -131,11 +131,20 @@ def test_what_stays_wrong_stops_after_the_retries(tmp_path, name, error, faults,
 
 
 @pytest.mark.parametrize(
-    ("name", "faults"), [("black", {"camera_faults": {3: np.zeros_like}}), ("fault", {"stage_faults": {3: stalled()}})]
+    ("name", "faults"),
+    [
+        ("black", {"camera_faults": {3: np.zeros_like}}),
+        ("fault", {"stage_faults": {3: stalled()}}),
+        ("temperature", {}),
+    ],
 )
-def test_hold_waits_until_somebody_says_to_go_on(tmp_path, name, faults):
+def test_hold_waits_until_the_session_is_continued_or_the_reason_has_gone(tmp_path, name, faults):
     world = MadeWorld(**faults)
-    due_ns = after(world, 60, lambda: ask(tmp_path / "run", "go on"))
+    if name == "temperature":
+        world.camera.temperature_c = 70.0
+        due_ns = after(world, 60, lambda: setattr(world.camera, "temperature_c", 40.0))
+    else:
+        due_ns = after(world, 60, lambda: ask(tmp_path / "run", "go on"))
     take_watched(world, tmp_path, **{name: "hold"})
     names = names_of(tmp_path)
     assert names.index("hold") < names.index("go on")
@@ -187,25 +196,54 @@ def test_a_first_frame_that_is_far_too_bright_stops_or_is_warned_of(tmp_path, mo
     assert_whole(tmp_path)
 
 
-def test_too_little_light_stops_where_that_is_asked_for(tmp_path):
-    with pytest.raises(DataError, match=r"have less than 205 DN.*expose longer"):
-        take_watched(MadeWorld(dn_per_s=1.0), tmp_path, low_signal="stop", low_signal_level=0.05)
+def with_camera(**state):
+    return lambda world: vars(world.camera).update(state)
+
+
+@pytest.mark.parametrize(
+    ("prepare", "locks", "error", "match"),
+    [
+        (
+            with_camera(_dn_per_s=1.0),
+            {"low_signal": "stop", "low_signal_level": 0.05},
+            DataError,
+            "less than 205 DN.*lon",
+        ),
+        (
+            with_camera(temperature_c=-31.0),
+            {"temperature": "stop"},
+            LimitError,
+            r"at -31\.0 deg C, allowed are -20 to 60",
+        ),
+        (with_camera(lies_s=0.005), {}, LimitError, r"asked for an exposure of 0\.01 s"),
+        (lambda world: setattr(world.stage, "is_homed", False), {}, LimitError, "reference mark"),
+        (lambda world: setattr(world.time, "problem", "off"), {"synchronised": "stop"}, DataError, "clock is off"),
+    ],
+    ids=["low_signal", "temperature", "settings", "homed", "synchronised"],
+)
+def test_an_interlock_stops_before_the_first_frame_is_stored(tmp_path, prepare, locks, error, match):
+    world = MadeWorld()
+    prepare(world)
+    with pytest.raises(error, match=match):
+        take_watched(world, tmp_path, **locks)
+    assert_whole(tmp_path, frames=0)
+
+
+def test_interlocks_note_and_the_frames_keep_the_remarks(tmp_path):
+    world = MadeWorld()
+    world.camera.lies_s, world.camera.temperature_c, world.time.problem = 0.005, 71.5, "not synchronised"
+    take_watched(world, tmp_path, settings="note")
+    trips = trips_of(tmp_path)
+    assert set(trips) == {("settings", "note"), ("temperature", "note"), ("synchronised", "note")}
+    assert trips.count(("temperature", "note")) == 1
+    frames = read_run(tmp_path / "run").frames
+    assert all("asked for an exposure" in record.remarks[0] for record in frames)
+    assert {record.camera_temperature_c for record in frames} == {71.5}
 
 
 def test_off_does_not_look(tmp_path):
     take_watched(MadeWorld(camera_faults={3: np.zeros_like}), tmp_path, black="off", sum_rule="off")
     assert trips_of(tmp_path) == []
-
-
-def test_a_camera_that_takes_other_settings_stops_the_session_or_is_noted(tmp_path):
-    world = MadeWorld()
-    world.camera.lies_s = 0.005
-    with pytest.raises(LimitError, match=r"asked for an exposure of 0\.01 s"):
-        take_watched(world, tmp_path)
-    (tmp_path / "noted").mkdir()
-    take_watched(world, tmp_path / "noted", settings="note")
-    assert set(trips_of(tmp_path / "noted")) == {("settings", "note")}
-    assert all("asked for an exposure" in r.remarks[0] for r in read_run(tmp_path / "noted" / "run").frames)
 
 
 def test_settings_that_change_by_themselves_stop_the_session(tmp_path):
@@ -279,12 +317,10 @@ def test_the_sum_rule_finds_light_that_changes_within_a_cycle(tmp_path):
     take_watched(MadeWorld(camera_faults={1: brighter}), tmp_path)
     assert trips_of(tmp_path) == [("sum_rule", "note")]
     assert [record.sequence for record in read_run(tmp_path / "run").frames if record.remarks] == [3]
-
-
-def test_a_sum_rule_that_stops_keeps_the_whole_cycle(tmp_path):
+    (tmp_path / "stops").mkdir()
     with pytest.raises(DataError, match=r"I0 \+ I90"):
-        take_watched(MadeWorld(camera_faults={1: brighter}), tmp_path, sum_rule="stop")
-    assert_whole(tmp_path, frames=4)
+        take_watched(MadeWorld(camera_faults={1: brighter}), tmp_path / "stops", sum_rule="stop")
+    assert_whole(tmp_path / "stops", frames=4)  # the whole cycle is kept
 
 
 def test_what_noise_allows_widens_the_sum_rule(tmp_path):
@@ -385,48 +421,6 @@ def test_a_clock_that_is_set_again_and_again_fills_no_header(tmp_path):
     take_watched(world, tmp_path, take={"cycles": 30})
     assert_whole(tmp_path, frames=120)
     assert len(read_run(tmp_path / "run").frames[-1].remarks) == 5
-
-
-def test_a_clock_that_follows_no_time_server_is_noted_or_refused(tmp_path):
-    world = MadeWorld()
-    world.time.problem = "not synchronised"
-    take_watched(world, tmp_path)
-    assert trips_of(tmp_path) == [("synchronised", "note")]
-    (tmp_path / "refused").mkdir()
-    with pytest.raises(DataError, match="not synchronised"):
-        take_watched(world, tmp_path / "refused", synchronised="stop")
-
-
-def test_a_camera_too_warm_is_noted_once_and_its_temperature_stands_in_every_frame(tmp_path):
-    world = MadeWorld()
-    world.camera.temperature_c = 71.5
-    take_watched(world, tmp_path)
-    assert trips_of(tmp_path) == [("temperature", "note")]
-    assert {record.camera_temperature_c for record in read_run(tmp_path / "run").frames} == {71.5}
-
-
-def test_a_camera_too_cold_stops_where_that_is_asked_for(tmp_path):
-    world = MadeWorld()
-    world.camera.temperature_c = -31.0
-    with pytest.raises(LimitError, match=r"at -31\.0 deg C, allowed are -20 to 60"):
-        take_watched(world, tmp_path, temperature="stop")
-
-
-def test_a_camera_too_warm_holds_until_it_has_cooled(tmp_path):
-    world = MadeWorld()
-    world.camera.temperature_c = 70.0
-    due_ns = after(world, 120, lambda: setattr(world.camera, "temperature_c", 40.0))
-    take_watched(world, tmp_path, temperature="hold")
-    assert world.time.monotonic_ns > due_ns
-    assert_whole(tmp_path)
-
-
-def test_a_stage_that_lies_about_its_reference_mark_stops_the_session(tmp_path):
-    world = MadeWorld()
-    world.stage.is_homed = False
-    with pytest.raises(LimitError, match="reference mark"):
-        take_watched(world, tmp_path)
-    assert_whole(tmp_path, frames=0)
 
 
 def free_bytes(monkeypatch, free):
