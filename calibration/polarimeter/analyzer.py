@@ -17,11 +17,11 @@ _TERMS = 3
 _WORST_CONDITION = 1e3
 # Whole turns in equal steps have sqrt 2; half a turn has hundreds.
 _APART_CONDITION = 3.0
-# What the residual of Malus' law shows, by cycles a turn.
+# Harmonics of the residual of Malus' law [cycles a turn].
 _HARMONIC_ORDERS = (1, 3, 4, 5, 6)
 _ROUNDING = 1e-12
-# Effects beside the law: least frames, terms of the drift, wander of a wedge over its size, usual size of a harmonic
-# over the mean, probability that there is one, and the probability of the models that make the covariance.
+# Effects in addition to the law: least frames, terms of the drift, wander of a wedge over its size, usual size of a
+# harmonic over the mean, probability that there is one, and the probability of the models that make the covariance.
 _LEAST_MODELLED, _DRIFT_TERMS, _WEDGE_WANDER, _USUAL_HARMONIC, _P_HARMONIC, _KEPT = 16, 8, 0.25, 0.02, 0.3, 0.9
 # An amplitude of noise alone is larger than this many standard errors of its parts in 1 of 1000 cases.
 SEEN_SIGMAS = 3.717
@@ -43,7 +43,7 @@ class FourierFit:
         return phase
 
     def at(self, angles_rad: FloatArray) -> FloatArray:
-        """Return what the law says of one pixel at other angles."""
+        """Return the law of one pixel at other angles."""
         law: FloatArray = _design(angles_rad, (2,)) @ self.terms
         return law
 
@@ -179,7 +179,7 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     grid, log_prior = _effect_grid(float(np.clip(_USUAL_HARMONIC * mean / noise, 3.0, 1000.0)))
     repeats = [2] * len(_HARMONIC_ORDERS) + [wedge.shape[1], drift.shape[1]]
     design = np.column_stack([_design(angles_rad, (2,)), harmonics, wedge, drift])
-    # What the law leaves is fitted: of the whole intensity rounding would be larger than the noise.
+    # The residual of the law is fitted: rounding of the whole intensity would be larger than the noise.
     rest = values - law.at(angles_rad)
     weight, terms, covariance = _averaged(design, rest, np.repeat(grid, repeats, axis=1), log_prior)
     best = grid[int(np.argmax(weight))]
@@ -241,7 +241,7 @@ def _noise(design: FloatArray, values: FloatArray) -> float:
 
 
 def _harmonics(angles_rad: FloatArray, values: FloatArray, drift: FloatArray) -> tuple[Harmonic, ...]:
-    """Return the harmonics beside Malus' law: all together over a whole turn, else each alone beside the law."""
+    """Return the harmonics in addition to Malus' law: all together over a whole turn, else each alone with the law."""
     together = harmonics_are_told_apart(angles_rad)
     found = []
     for order in _HARMONIC_ORDERS:

@@ -1,4 +1,8 @@
-"""The result of EMVA 1288 to its letter, to set beside data sheets; `calibration.sensor.noise` has the better one."""
+"""EMVA Standard 1288, Release 4.0 Linear, to the letter, for comparison with data sheets.
+
+The standard fits unweighted straight lines and asks for no standard errors; `calibration.sensor.noise` has better
+estimates of the same numbers. Errors here are by leaving out one level after another (jackknife).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -203,9 +207,6 @@ def _linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
     line = np.polyval(np.polyfit(light, signal, 1, w=1.0 / signal), light)
     deviation: FloatArray = signal / line - 1.0
     return deviation
-
-
-# The result of EMVA 1288 to its letter, to set beside data sheets; `calibration.sensor.noise` has the better one
 
 
 # The standard's numbers by name, with its own symbol.

@@ -1,4 +1,10 @@
-"""Least squares for points with unknown extra scatter, and the influence of single points in closed form."""
+"""Least squares for points with unknown extra scatter, and the influence of single points in closed form.
+
+Points of a real sensor scatter by more than their sampling errors. `fit_with_scatter` estimates the extra scatter and
+adds it to the error of each point. `point_influence` finds points that do not follow the smooth curve of all others: it
+fits several curves, leaves out the furthest point again and again, and chooses the curve by a cost that counts the
+misfit, the number of terms and the number of points left out.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,12 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-# Linear least squares with points that may scatter more than their own errors say
-
 FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-_STEPS = 100
-_CONVERGED = 1e-9
+# Steps of the scatter and the relative change at which they end: of a fit, and of one of many curves.
+_STEPS, _CONVERGED = 100, 1e-9
+_CURVE_STEPS, _CURVE_CONVERGED = 30, 1e-3
+# A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
+_ODDS_COST = 2.0 * np.log(100.0)
+# Odds of less than 1 to 10 between two curves do not decide which it is.
+_AS_WELL = 2.0 * np.log(10.0)
+# A point that is off by ten of its own errors is measured to be off by more than this.
+_FAR_SIGMA = 6.0
+# Largest share of points that are left out, and least degrees of freedom of the others.
+_LARGEST_SHARE, _LEAST_FREEDOM = 0.25, 3
+# A point that decides the curve more than this is hardly compared with any other.
+_LARGEST_LEVERAGE = 1.0 - 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,10 +38,10 @@ class ScatterFit:
     """A fitted linear model."""
 
     parameters: FloatArray
-    covariance: FloatArray
-    response: FloatArray
-    scatter: float
-    chi2_per_dof: float | None
+    covariance: FloatArray  #: of the parameters
+    response: FloatArray  #: derivative of each parameter by each value
+    scatter: float  #: extra standard deviation, in units of the shape of the scatter
+    chi2_per_dof: float | None  #: without the extra scatter; None without degrees of freedom
 
 
 def fit_with_scatter(
@@ -90,28 +106,20 @@ def _response(design: FloatArray, covariance: FloatArray) -> FloatArray:
     return response
 
 
-# A smooth curve that points may follow, fitted to some of them
-
-Mask = NDArray[np.bool_]
-
-_SCATTER_STEPS = 30
-_CONVERGED_CURVE_MODEL = 1e-3
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveModel:
     """One smooth curve that points may follow."""
 
-    design: FloatArray
-    scatter_shape: FloatArray
-    first_term_std: float | None = None
-    term_sizes: FloatArray | None = None
-    is_usual: bool = True
-    is_through_zero: bool = False
+    design: FloatArray  #: (points, terms)
+    scatter_shape: FloatArray  #: (points,): scatter of each point relative to the others
+    first_term_std: float | None = None  #: how well the first term is known beforehand to be 0; None is not at all
+    term_sizes: FloatArray | None = None  #: largest plausible size of each term
+    is_usual: bool = True  #: unusual curves are tried only where all usual ones leave points out
+    is_through_zero: bool = False  #: it has no offset
 
     @property
     def n_free(self) -> int:
-        """Number of terms of which nothing is expected."""
+        """Number of terms of which nothing is known beforehand."""
         return int(self.design.shape[1]) - (self.first_term_std is not None)
 
     @property
@@ -126,7 +134,7 @@ class CurveModel:
 
     @cached_property
     def terms_of_basis(self) -> FloatArray:
-        """What one of each column of the basis is in the terms."""
+        """Terms of the curve by the columns of the basis."""
         return np.linalg.inv(np.linalg.qr(self.design, mode="r"))
 
 
@@ -142,7 +150,7 @@ class CurveFit:
 
     @property
     def leverage(self) -> FloatArray:
-        """How much each point decides the curve where it stands, in (0, 1) where it is one of the used."""
+        """Share of each point in the curve at its own place, in (0, 1) for the used points."""
         return self.curve_variance / self.variance
 
 
@@ -154,7 +162,7 @@ def _fit_curve(
     shape_variance = np.square(model.scatter_shape)
     shape, known, freedom = shape_variance[used], _known_of_terms(model), len(y) - model.n_free
     scatter = start
-    for _ in range(_SCATTER_STEPS):
+    for _ in range(_CURVE_STEPS):
         weight = 1.0 / (own + scatter * shape)
         weighted: FloatArray = basis.T * weight
         information: FloatArray = weighted @ basis + known
@@ -162,7 +170,7 @@ def _fit_curve(
         parameters = covariance @ (weighted @ y)
         of_each = np.square(y - basis @ parameters) * weight
         chi2 = float(of_each.sum())
-        if abs(chi2 - freedom) <= _CONVERGED_CURVE_MODEL * freedom or (scatter == 0.0 and chi2 < freedom):
+        if abs(chi2 - freedom) <= _CURVE_CONVERGED * freedom or (scatter == 0.0 and chi2 < freedom):
             break
         scatter = _scatter_step(scatter, chi2=chi2, fall=float(of_each @ (weight * shape)), freedom=freedom)
     return CurveFit(
@@ -175,7 +183,7 @@ def _fit_curve(
 
 
 def _known_of_terms(model: CurveModel) -> FloatArray:
-    """Return what is known of the first term beforehand, as information about the columns of the basis."""
+    """Return the prior knowledge of the first term as information about the columns of the basis."""
     first = model.terms_of_basis[0] / (np.inf if model.first_term_std is None else model.first_term_std)
     known: FloatArray = np.outer(first, first)
     return known
@@ -196,37 +204,21 @@ def _cost_of_terms(model: CurveModel, fit: CurveFit) -> float:
     return float(np.linalg.slogdet(before)[1] - np.linalg.slogdet(left)[1])
 
 
-# Points that stand off a smooth curve which all others follow: influence of each in closed form
-
-
-# A point more that is taken to be wrong has to explain as much as odds of 1 to 100 against it.
-_ODDS_COST = 2.0 * np.log(100.0)
-# Odds of less than 1 to 10 between two curves do not tell which it is.
-_AS_WELL = 2.0 * np.log(10.0)
-# A point that is off by ten of its own errors is seen to be off by more than this.
-_FAR_SIGMA = 6.0
-# A wrong point may be anywhere within its own size.
-_LARGEST_SHARE = 0.25
-_LEAST_FREEDOM = 3
-# A point that decides the curve more than this has hardly another beside it.
-_LARGEST_LEVERAGE = 1.0 - 1e-6
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointInfluence:
-    """Each point beside the curve through the others that are not outlying."""
+    """Each point compared with the curve through all others that are not outlying."""
 
     abscissa: FloatArray
     values: FloatArray
-    variance: FloatArray
+    variance: FloatArray  #: by sampling alone
     outlying: Mask
-    deviation: FloatArray
+    deviation: FloatArray  #: of each point from the others, and its standard error
     std_error: FloatArray
-    scatter: float
-    model: CurveModel
-    cost: float
+    scatter: float  #: beyond sampling, in units of the shape of the curve's scatter
+    model: CurveModel  #: the curve
+    cost: float  #: minus twice the logarithm of its probability, and the part of each point
     cost_of_each: FloatArray
-    rival: Optional["PointInfluence"] = None
+    rival: Optional["PointInfluence"] = None  #: another curve, as likely, that leaves points out
 
 
 def point_influence(
@@ -237,10 +229,10 @@ def point_influence(
     abscissa: FloatArray,
     p_false: float,
 ) -> PointInfluence | None:
-    """Return which points stand off the simplest curve that explains the others; None with too few points.
+    """Return which points are off the simplest curve that explains the others; None with too few points.
 
-    Points are taken out one by one, each time the one that is furthest off the others in units of its own error, up
-    to a quarter of them; outlying are all up to the last that is off by more than its limit, so that two wrong points
+    Points are left out one after another, each time the point furthest off the others in units of its own error, up
+    to a quarter of them. All up to the last that is off by more than its limit are outlying, so that two wrong points
     do not hide one another. Residuals of the others come from the diagonal of the hat matrix, no fit is repeated.
     Limits are quantiles of the normal law for the part of an error that is sampling and of Student's for the part that
     is estimated from the scatter of the other points, each for one of n points.
@@ -261,19 +253,20 @@ def _cheapest(found: Sequence[PointInfluence]) -> PointInfluence:
 
 
 def _with_rival(best: PointInfluence, found: Sequence[PointInfluence]) -> PointInfluence:
-    """Return the best curve with another that has outlying points, where that explains all, or all others, as well."""
+    """Return the best curve, with a rival that has outlying points if it explains all, or all others, as well."""
     if best.outlying.any():
         return best
     rivals = [
         one
         for one in found
-        if one.outlying.any() and (one.cost < best.cost + _AS_WELL or (one.model.is_usual and _speaks_alone(one, best)))
+        if one.outlying.any()
+        and (one.cost < best.cost + _AS_WELL or (one.model.is_usual and _alone_decides(one, best)))
     ]
     return replace(best, rival=_cheapest(rivals)) if rivals else best
 
 
-def _speaks_alone(points: PointInfluence, best: PointInfluence) -> bool:
-    """Return whether a single point, far off the curve of the others, is all that speaks for the best curve."""
+def _alone_decides(points: PointInfluence, best: PointInfluence) -> bool:
+    """Return whether the best curve is better because of one point alone that is far off the curve of the others."""
     if np.count_nonzero(points.outlying) != 1:
         return False
     own = np.sqrt(points.variance + np.square(points.scatter * points.model.scatter_shape))[points.outlying]
@@ -294,7 +287,7 @@ def _eliminate(
             break
         worst = _furthest(fit, values, sampling, active, freedom)
         if fit.leverage[worst] >= _LARGEST_LEVERAGE:
-            # No other point says anything of any of these.
+            # None of these points can be compared with another.
             break
         active = active.copy()
         active[worst] = False
@@ -303,10 +296,10 @@ def _eliminate(
         if off > limit:
             chosen = active
         elif fit.scatter_variance == 0.0:
-            # Sampling alone explains all: nothing is hidden behind a scatter.
+            # Sampling alone explains all: no scatter hides a wrong point.
             break
         fit = others
-    return _beside_the_others(model, values, sampling, abscissa, chosen)
+    return _compared(model, values, sampling, abscissa, chosen)
 
 
 def _furthest(fit: CurveFit, values: FloatArray, sampling: FloatArray, active: Mask, freedom: int) -> int:
@@ -322,7 +315,7 @@ def _furthest(fit: CurveFit, values: FloatArray, sampling: FloatArray, active: M
 def _distance(
     others: CurveFit, values: FloatArray, sampling: FloatArray, point: int, *, freedom: int, p_one: float
 ) -> tuple[float, float]:
-    """Return how far a point is off the fit through others in its own standard errors, and how far it may be.
+    """Return how far a point is off the fit through others in its own standard errors, and the limit of that.
 
     The scatter is that of the others alone: where points have unlike errors, that of a wrong one hides it.
     """
@@ -333,7 +326,7 @@ def _distance(
     return abs(float(values[point] - others.curve[point])) / error, limit
 
 
-def _beside_the_others(
+def _compared(
     model: CurveModel, values: FloatArray, sampling: FloatArray, abscissa: FloatArray, sound: Mask
 ) -> PointInfluence:
     fit = _fit_curve(model, values, sampling, used=sound)

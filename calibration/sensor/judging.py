@@ -237,9 +237,9 @@ def _dark_variances(
 ) -> PointInfluence | None:
     temporal = column(darks, "temporal_variance_dn2")
     spatial = pattern_variances(darks)
-    seen = np.maximum(temporal, _LEAST_VARIANCE_DN2)
-    relative = np.maximum(column(darks, "temporal_std_error_dn2") / seen, _LEAST_RELATIVE)
-    own = np.square(relative * np.maximum(_line_of_all(exposures, temporal), seen.min()))
+    measured = np.maximum(temporal, _LEAST_VARIANCE_DN2)
+    relative = np.maximum(column(darks, "temporal_std_error_dn2") / measured, _LEAST_RELATIVE)
+    own = np.square(relative * np.maximum(_line_of_all(exposures, temporal), measured.min()))
     own += np.square(variance_rounding_error_dn2(least_noise_dn2(temporal, spatial), spatial))
     models = _dark_models(exposures, temporal, own)
     means = by_mean.values - np.where(by_mean.outlying, by_mean.deviation, 0.0)
@@ -311,8 +311,8 @@ def _dark_flag(dark: LevelStatistics, row: int, by_mean: PointInfluence, by_vari
     )
     cause = "light got in, or the sensor was warmer" if off > 0.0 else "it is of another exposure"
     message = (
-        f"{name}: its mean is {mean} DN and its temporal variance {variance} DN^2 off what all other darks say of its "
-        f"exposure: {cause}, or its frames are others; it is left out: take it again"
+        f"{name}: its mean is {mean} DN and its temporal variance {variance} DN^2 off the values that all other darks "
+        f"give for its exposure: {cause}, or its frames are of something else; it is left out: take it again"
     )
     return Flag(name="wrong_dark", level=name, message=message)
 
@@ -471,7 +471,7 @@ def _words(variance_off: _Offset | None, mean_off: _Offset | None, light: _Light
         if variance_off is not None and variance_off[0] > 0.0
         else "frames that repeat or were averaged, compression, another gain, or the onset of saturation",
         "noise_fits": "" if variance_off is None else f", while its noise fits its mean ({variance})",
-        "left_out": "it is brighter than what the numbers are taken from, none of them has it"
+        "left_out": "it is too bright for the fits, and in none of the numbers"
         if variance_off is None
         else "it is left out of linearity and quantum efficiency, and stays in the gain",
     }

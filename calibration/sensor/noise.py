@@ -142,7 +142,7 @@ def calibrate_noise(
     stated : StatedExposures
         Where the exposures are from, for advice on their unit.
     black_level_dn : Estimate or None
-        Black level [DN] in place of dark levels, which there must be none of then. The result has gain, linearity and
+        Black level [DN] in place of dark levels, if there are none. The result has gain, linearity and
         saturation; read noise, dark current, PRNU and DSNU are None.
 
     Raises
@@ -159,8 +159,8 @@ def calibrate_noise(
     good to a few per cent of themselves when the relative errors are below 10 %.
 
     PRNU and DSNU are those of a population from which this sensor's pixels are drawn, taken from the levels
-    with the most frames, of those the flat nearest to half of saturation. What is smooth across the picture is taken
-    off the PRNU: uneven light and shading of a lens cannot be told from a sensor's own.
+    with the most frames, of those the flat nearest to half of saturation. Smooth structure across the picture is
+    subtracted from the PRNU: uneven light and shading of a lens cannot be distinguished from a sensor's own.
 
     References
     ----------
@@ -239,7 +239,7 @@ def calibrate_noise(
 
 
 def with_pattern(calibration: NoiseCalibration, pattern: FixedPattern | None) -> NoiseCalibration:
-    """Return a calibration with what its fixed pattern says, without a dark current where darks may have seen light.
+    """Return a calibration with the findings of its fixed pattern, without a dark current if light may be in the darks.
 
     Parameters
     ----------

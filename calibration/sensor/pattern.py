@@ -59,7 +59,7 @@ def _defect_map(dark: LevelPicture, flat: LevelPicture, *, n_dark_frames: int) -
     deviation, which defects do not widen. Noisy: temporal variance in the dark, against the law of chi-squared with the
     degrees of freedom of consecutive differences. Jumping: a difference of two frames beyond 6 standard deviations,
     which may be a cosmic hit. Less than one count is no defect. The more frames a stack has, the smaller the defects
-    that are seen.
+    that are found.
 
     Definition. EMVA Standard 1288, Release 4.0 Linear, leaves the limits to the application.
     """
@@ -133,7 +133,7 @@ _SIDE = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PatternHistogram:
-    """Counts of pixels by their deviation, beside those of a normal law of the same width."""
+    """Counts of pixels by their deviation, and those of a normal law of the same width."""
 
     centres: FloatArray  #: (n,): middle of each bin, in the unit of the deviation
     counts: NDArray[np.int64]  #: (n,): pixels
@@ -157,7 +157,7 @@ def _pattern_histogram(picture: NDArray[np.float32], *, quantum: float) -> Patte
     """Return the histogram of how far each pixel is from the mean of the 5 x 5 pixels around it.
 
     EMVA Standard 1288, Release 4.0 Linear, histograms: high-pass of 5 x 5 pixels, 256 bins or fewer, logarithmic
-    counts, a normal law beside.
+    counts, and a normal law.
     """
     kernel = (_SIDE, _SIDE)
     # The pixel itself is one of 25: without this its deviation would be 4 % too small.

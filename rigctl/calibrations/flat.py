@@ -1,6 +1,6 @@
 """Flat fields, one for each polarizer angle: from the frames of a run, and as ``flat.npz`` holds them.
 
-The file has a picture of the response and of its error for each angle, and facts as JSON beside them.
+The file has a picture of the response and of its error for each angle, and facts as JSON.
 """
 
 import io
@@ -60,7 +60,7 @@ class RunFlat:
         ]
 
     def content(self, run: Run, *, valid_days: float | None = None) -> dict[str, Json]:
-        """Return what the file says beside its pictures."""
+        """Return the facts of the file, without its pictures."""
         header = header_of(
             "flat", SCHEMA_VERSION, source=source_of_run(run), run=run, records=self.records, valid_days=valid_days
         )
@@ -138,7 +138,7 @@ def _dark_dn(run: Run, flat: FrameRecord) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class FlatFacts(CalibrationRecord):
-    """Facts of the file beside its pictures, as far as the program uses them."""
+    """Facts of the file without its pictures, as far as the program uses them."""
 
     KIND = "flat"
     MADE_BY = "a flat field is made by `rigctl calibrate flat`"

@@ -1,6 +1,6 @@
-"""The content of ``noise.json``, of a calibration and the frames that it was made from.
+"""A noise calibration from its frames (`calibrate_frames`) to the content of its file, ``noise.json``.
 
-A noise calibration from its frames to its file.
+Levels are measured in threads, a few at a time, so that memory does not grow with their number.
 """
 
 import os
@@ -24,7 +24,7 @@ from rigctl.console.json_text import Json
 from rigctl.errors import DataError
 from rigctl.version import VERSION
 
-# So many defects are listed one by one; the map has all.
+# Number of defects in the list; the map has all.
 _LISTED = 1000
 
 
@@ -185,9 +185,9 @@ LevelDone = Callable[[int, int], None]
 class FrameCalibration:
     """A noise calibration, and the frames that it was made from."""
 
-    noise: NoiseCalibration  #: The numbers.
-    pattern: FixedPattern | None  #: The fixed pattern pixel by pixel; None where no flat is brighter than its dark.
-    frames: FrameSet  #: What it was made from.
+    noise: NoiseCalibration
+    pattern: FixedPattern | None  #: the fixed pattern pixel by pixel; None where no flat is brighter than its dark
+    frames: FrameSet
 
     def as_json(self, *, created_ns: int) -> dict[str, Json]:
         """Return the content of noise.json, made at a time [ns since 1970 UTC]."""
@@ -206,9 +206,9 @@ def calibrate_frames(frames: FrameSet, *, level_done: LevelDone | None = None) -
         raise RefusedFramesError(frames.flags)
     groups = [group for group in frames.groups if len(group.loaders) > 1]
     levels, workers = [], _workers(groups)
-    # Reading and arithmetic both let go of the interpreter; a level in work holds a few pictures.
+    # Reading and arithmetic both release the interpreter; a level in work holds a few pictures.
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        # What a thread has freed stays its own: large frames are measured without.
+        # Memory that a thread frees is not returned: large frames are measured without threads.
         of_each = pool.map if workers > 1 else map
         measured = of_each(_measure, groups, [_is_the_stack(group, groups) for group in groups])
         for done, level in enumerate(measured, start=1):

@@ -1,8 +1,8 @@
 """Dark and flat frames for a noise calibration: out of a run, an EMVA 1288 data set, a folder of images or a table.
 
-Each source lists its frames with kind, exposure and, where it is known, light and temperature. Frames that differ by
+Each source lists its frames with kind, exposure and, where they are known, light and temperature. Frames that differ by
 noise only make a group (`FrameGroup`), which becomes a level of the calibration. Dark frames of several temperatures
-are no one set: those that are nearest to the flats are used, and a flag names the others.
+are not one set: those nearest to the temperature of the flats are used, and a flag names the others.
 """
 
 import hashlib
@@ -204,7 +204,7 @@ _NS_PER_S, _LEAST_SPACING = 1e9, 0.5
 
 
 def record_flags(records: Sequence[FrameRecord]) -> tuple[Flag, ...]:
-    """Return what is odd in how frames were taken."""
+    """Return the findings in the times and temperatures of frames."""
     found = (_too_close(records), _temperature_drift(records))
     return tuple(flag for flag in found if flag is not None)
 
@@ -252,10 +252,10 @@ def _of_one_temperature(
     if len(sets) < 2 or any(kind == "dark" and one is None for kind, one in known):
         return list(items), ()
     used = min(sets, key=lambda one: abs(fmean(one) - median(flats))) if flats else max(sets, key=len)
-    told = " and ".join(f"{fmean(one):.1f} C ({len(one)} frames)" for one in sets)
+    named = " and ".join(f"{fmean(one):.1f} C ({len(one)} frames)" for one in sets)
     why = f"nearest to the flats ({median(flats):.1f} C)" if flats else "the most"
     message = (
-        f"dark frames were taken at {told}: dark current doubles every 6 to 8 K, so that they are no one set; those "
+        f"dark frames were taken at {named}: dark current doubles every 6 to 8 K, so they are not one set; those "
         f"at {fmean(used):.1f} C are used, {why}, the others are left out: give each temperature as a set of its own, "
         f"and compare them by `rigctl calibrate doubling`"
     )
@@ -286,7 +286,7 @@ def emva_frames(
 
 
 def read_emva_descriptor(path: Path, *, unit_s: float = 1e-9) -> tuple[int, tuple[int, int], list[ListedImage]]:
-    """Return bit depth, rows and columns, and images of a descriptor, once all of it has been found right.
+    """Return bit depth, rows and columns, and images of a descriptor; ConfigError names every problem.
 
     A line `n` has bits, width and height; `b EXPOSURE PHOTONS` and `d EXPOSURE` begin a level of bright and dark
     images, `i FILE` adds an image. EMVA1288/emva1288 on GitHub, data set format.
@@ -313,10 +313,10 @@ def read_emva_descriptor(path: Path, *, unit_s: float = 1e-9) -> tuple[int, tupl
     )
     if problems:
         count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
-        told = [
+        lines_of = [
             f"line {line}: {said}" if line else said for line, said in sorted(problems, key=lambda one: one[0] or 1e9)
         ]
-        raise ConfigError("\n  ".join([f"{path}: {count}", *told]))
+        raise ConfigError("\n  ".join([f"{path}: {count}", *lines_of]))
     bits, width, height = map(int, size)
     return bits, (height, width), images
 
@@ -441,7 +441,7 @@ def folder_frames(
     """Return the dark and flat frames of a folder of images, subfolders included."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder")
-    # Names that begin with a point are what other systems leave behind beside an image.
+    # Other systems leave files whose names begin with a point.
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     _refuse_lossy([path for path in paths if path.suffix.lower() in _LOSSY_SUFFIXES])
     images, problems = [], []
@@ -461,7 +461,7 @@ def folder_frames(
         bit_depth=bit_depth,
         reading=reading,
         source=partial(FrameSource, kind="folder", path=str(folder), sha256=digest),
-        # Names may have a unit beside each number, headers have seconds.
+        # Names may have a unit after each number, headers have seconds.
         stated=StatedExposures(where="the names or headers of the images"),
     )
 
@@ -480,7 +480,7 @@ def _shortened(problems: Sequence[str]) -> list[str]:
     """Return problems, the first of many and how many there are."""
     if len(problems) <= _LISTED_PROBLEMS:
         return list(problems)
-    return [*problems[:3], f"and {len(problems) - 3} more files of which the same is to be said"]
+    return [*problems[:3], f"and {len(problems) - 3} more files with such problems"]
 
 
 def _listed(path: Path, inside: Path, reading: ImageReading, unit: ExposureUnit | None) -> ListedImage:
@@ -552,7 +552,7 @@ def table_frames(
     rows = csv_rows(path)
     columns = list(rows[0]) if rows else []
     problems = [f"column {name!r} is missing" for name in _NEEDED if name not in columns]
-    problems += [f"column {name!r} is none of {', '.join(_ALLOWED)}" for name in columns if name not in _ALLOWED]
+    problems += [f"column {name!r} is not one of {', '.join(_ALLOWED)}" for name in columns if name not in _ALLOWED]
     unit_s = _S_PER_MS if exposure_unit is None else SECONDS_PER_UNIT[exposure_unit]
     images = []
     for line, row in enumerate([] if problems else rows, start=2):

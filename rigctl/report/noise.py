@@ -1,4 +1,4 @@
-"""A noise calibration as people read it: numbers, EMVA 1288 summary sheet, curves, fixed pattern, history, page."""
+"""A noise calibration for people: table of numbers, EMVA 1288 summary sheet, figures, history, and the report page."""
 
 from __future__ import annotations
 
@@ -83,13 +83,13 @@ _ROWS: tuple[tuple[str, str, float, str | None, str | None], ...] = (
 class CalibrationRow:
     """A quantity with its numbers as text, each to the digits that its error allows."""
 
-    title: str  #: What it is called, and its unit.
+    title: str
     unit: str
-    #: What the model uses, its standard error, and from how many frames; empty where only the standard has it.
+    #: value that the model uses, standard error, and number of frames; empty where only the standard has the quantity
     value: str
     error: str
     frames: str
-    emva_value: str  #: The same of EMVA 1288, and its symbol; empty where the standard has none.
+    emva_value: str  #: the same of EMVA 1288, and its symbol; empty where the standard lacks the quantity
     emva_error: str
     emva_frames: str
     symbol: str
@@ -135,7 +135,7 @@ def calibration_rows(noise: NoiseCalibration) -> list[CalibrationRow]:
 
 
 def unknown_lines(noise: NoiseCalibration) -> list[str]:
-    """Return a line for each number that is not known: why, and what would tell."""
+    """Return a line for each reason why numbers are not known, with what to do about it."""
     reasons = not_known(noise)
     titles: dict[str, list[str]] = {}
     for title, _, _, key, emva_key in _ROWS:
@@ -294,7 +294,12 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     figure, (left, right) = subplots(1, 2, size=(9.6, 4.4))
     dark, shown_s = calibration.dark, np.linspace(0.0, time_s.max(), 50)
     left.plot(_MS_PER_S * time_s, dark.means_dn, "o", ms=5, color=MEASURED, label="dark levels")
-    left.plot(_MS_PER_S * shown_s, dark.mean_at(shown_s), color=PREDICTED, label=_mean_label(calibration))
+    left.plot(
+        _MS_PER_S * shown_s,
+        dark.mean_at(shown_s),
+        color=PREDICTED,
+        label=_line_label(calibration, calibration.dark_current_e_per_s),
+    )
     left.set(ylabel="mean [DN]", title="Dark signal")
     errors = np.array([level.temporal_std_error_dn2 for level in calibration.darks])
     right.errorbar(
@@ -308,7 +313,8 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
     )
     fitted = dark.variance_at(shown_s)
     if fitted is not None:
-        right.plot(_MS_PER_S * shown_s, fitted, color=PREDICTED, label=_variance_label(calibration))
+        label = _line_label(calibration, calibration.performance.dark_current_variance_e_per_s)
+        right.plot(_MS_PER_S * shown_s, fitted, color=PREDICTED, label=label)
     right.set(ylabel="variance in time [DN$^2$]", title="Dark noise")
     for axes in (left, right):
         axes.set_xlabel("exposure time [ms]")
@@ -317,14 +323,6 @@ def dark_png(calibration: NoiseCalibration) -> bytes | None:
         axes.grid(alpha=0.3, which="both", lw=0.4)
         legend_below(axes)
     return png(figure)
-
-
-def _mean_label(calibration: NoiseCalibration) -> str:
-    return _line_label(calibration, calibration.dark_current_e_per_s)
-
-
-def _variance_label(calibration: NoiseCalibration) -> str:
-    return _line_label(calibration, calibration.performance.dark_current_variance_e_per_s)
 
 
 def _line_label(calibration: NoiseCalibration, dark_current_e_per_s: Estimate | None) -> str:
@@ -401,17 +399,17 @@ def photon_transfer_png(calibration: NoiseCalibration) -> bytes:
 
 def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
     transfer = calibration.transfer
-    points, seen = transfer.points, transfer.points.signal_dn > 0.0
+    points, lit = transfer.points, transfer.points.signal_dn > 0.0
     total_dn2 = points.flat_variance_dn2
     dark_dn2 = max(float(np.median(total_dn2 - points.variance_dn2)), 0.0)
-    signal_dn = np.geomspace(min(points.signal_dn[seen].min() / 2.0, 2.0), points.signal_dn.max(), 300)
+    signal_dn = np.geomspace(min(points.signal_dn[lit].min() / 2.0, 2.0), points.signal_dn.max(), 300)
     fit_dn2 = dark_dn2 + transfer.variance_at(signal_dn)
     noisy = total_dn2 > 0.0
     named = np.array([level.cause is not None for level in calibration.influence])
     for chosen, marker, colour, label in (
         (transfer.used & noisy, "o", MEASURED, "flats used"),
-        (~transfer.used & seen & noisy, "x", _GREY, "flats left out"),
-        (named & seen & noisy, "s", "black", "flats named as wrong"),
+        (~transfer.used & lit & noisy, "x", _GREY, "flats left out"),
+        (named & lit & noisy, "s", "black", "flats named as wrong"),
     ):
         if not chosen.any():
             continue
@@ -425,7 +423,9 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
             label=label,
         )
     rising = (fit_dn2 > 0.0) & (signal_dn <= 1.3 * transfer.top_dn)
-    axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=_fit_label(calibration))
+    gain = calibration.gain_dn_per_e
+    label = f"fit: gain {gain.value:.4g} ± {gain.std_error:.2g} DN/e- at no signal"
+    axes.plot(signal_dn[rising], np.sqrt(fit_dn2[rising]), color=PREDICTED, label=label)
     _draw_regimes(axes, calibration, signal_dn, dark_dn=float(np.sqrt(dark_dn2)))
     axes.set(xscale="log", yscale="log", ylabel="noise of a pixel in time [DN]", title="Photon transfer")
     few_log_labels(axes.yaxis)
@@ -446,7 +446,8 @@ def _left_dn(calibration: NoiseCalibration) -> float:
 def _draw_regimes(axes: Axes, calibration: NoiseCalibration, signal_dn: FloatArray, *, dark_dn: float) -> None:
     gain = calibration.gain_dn_per_e.value
     if calibration.darks:
-        axes.plot(signal_dn, np.full_like(signal_dn, dark_dn), color=_GREY, ls=":", lw=1.2, label=_dark_label(dark_dn))
+        label = f"dark noise, slope 0: {dark_dn:.3g} DN"
+        axes.plot(signal_dn, np.full_like(signal_dn, dark_dn), color=_GREY, ls=":", lw=1.2, label=label)
     axes.plot(
         signal_dn,
         np.sqrt(gain * signal_dn),
@@ -462,15 +463,6 @@ def _draw_regimes(axes: Axes, calibration: NoiseCalibration, signal_dn: FloatArr
     if saturation is not None:
         low, high = (saturation.signal_dn + sign * 3.0**0.5 * saturation.std_error_dn for sign in (-1.0, 1.0))
         axes.axvspan(low, high, color=_LIGHT_GREY, alpha=0.5, lw=0, label="saturation lies here")
-
-
-def _dark_label(dark_dn: float) -> str:
-    return f"dark noise, slope 0: {dark_dn:.3g} DN"
-
-
-def _fit_label(calibration: NoiseCalibration) -> str:
-    gain = calibration.gain_dn_per_e
-    return f"fit: gain {gain.value:.4g} ± {gain.std_error:.2g} DN/e- at no signal"
 
 
 def _draw_residuals(axes: Axes, calibration: NoiseCalibration) -> None:
@@ -656,7 +648,7 @@ def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) ->
     axes.semilogy(
         found.frequency_per_pixel, factor * found.amplitude, color=MEASURED, lw=0.9, label="fixed pattern and noise"
     )
-    axes.axhline(factor * noise, color=PREDICTED, ls="--", lw=1.2, label="what is left of noise in time")
+    axes.axhline(factor * noise, color=PREDICTED, ls="--", lw=1.2, label="rest of the noise in time")
     axes.axhline(factor * found.median, color="0.45", ls=":", lw=1.2, label="median: independent pixels")
     axes.grid(alpha=0.3, which="both", lw=0.4)
     few_log_labels(axes.yaxis)
@@ -666,9 +658,9 @@ def _spectrogram(axes: Axes, found: Spectrogram, factor: float, noise: float) ->
 _DECIBEL = 20.0
 _MADE_FOR = ("camera_model", "camera_serial", "gain_db", "pixel_format", "binning")
 _NUMBERS = (
-    "Left what the model uses (best: weighted fits, response of the sensor taken into account); right the fits of EMVA "
-    "Standard 1288, Release 4.0 Linear, to set beside data sheets. Errors are standard errors; those of the standard's "
-    "numbers are by leaving out one level after the other."
+    "Left the values that the model uses (best: weighted fits with the response of the sensor); right the fits of EMVA "
+    "Standard 1288, Release 4.0 Linear, for comparison with data sheets. Errors are standard errors; those of the "
+    "standard's numbers are by leaving out one level after the other."
 )
 _TRANSFER = (
     "Noise in time against signal: dark noise, noise of photons and fixed pattern as lines; below, how far the "
@@ -711,7 +703,7 @@ def calibration_report(calibration: FrameCalibration, *, created_utc: str) -> Re
         source=_facts(calibration.frames.source, created_utc),
         sections=[
             Section(title="Numbers", blocks=(*numbers, Bullets(items=tuple(remarks))) if remarks else numbers),
-            Section(title="What is to be known of the frames", blocks=(_flags(noise.flags),)),
+            Section(title="Findings in the frames", blocks=(_flags(noise.flags),)),
             *_curves(noise),
             *_pattern(calibration.pattern),
             Section(
@@ -774,7 +766,7 @@ def _facts(source: FrameSource, created_utc: str) -> str:
 
 
 def _remarks(best: Performance) -> list[str]:
-    """Return numbers in other units, and what two ways to one number say of each other."""
+    """Return numbers in other units, and the comparison of two estimates of the dark current."""
     found = []
     if best.dynamic_range is not None:
         found.append(f"dynamic range {_decibels_and_bits(best.dynamic_range.value)}")

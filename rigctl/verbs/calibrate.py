@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3
-# A pattern of less is none.
+# A pattern below this is rounding.
 _LEAST_PATTERN = 1e-4
 # Causes of an error that are printed, and the least share of one.
 _MOST_CAUSES, _LEAST_SHARE = 6, 0.01
@@ -152,9 +152,9 @@ def noise(
     try:
         source = _noise_frames(
             run=None if run is None else Path(run),
-            emva=_maybe_path(emva),
-            folder=_maybe_path(folder),
-            table=_maybe_path(table),
+            emva=None if emva is None else Path(emva),
+            folder=None if folder is None else Path(folder),
+            table=None if table is None else Path(table),
             bit_depth=bit_depth,
             reading=ImageReading(plane=plane, most_bytes=most_bytes),
             exposure_unit=exposure_unit,
@@ -211,10 +211,6 @@ class NoiseResult(Result):
         return self.calibration.as_json(created_ns=self.created_ns)
 
 
-def _maybe_path(given: FilePath | None) -> Path | None:
-    return None if given is None else Path(given)
-
-
 def _require_folders(paths: Iterable[Path]) -> None:
     missing = [f"{path}: there is no folder {path.parent}" for path in paths if not path.parent.is_dir()]
     if missing:
@@ -241,9 +237,7 @@ def _noise_frames(
         )
     if run is not None:
         if exposure_unit is not None:
-            raise ConfigError(
-                "--exposure-unit: a run folder has its exposures in seconds, as they were taken; leave it"
-            )
+            raise ConfigError("--exposure-unit: a run folder records its exposures in seconds; leave it out")
         return run_frames(run, ignore_exclusions=ignore_exclusions)
     if emva is not None:
         return emva_frames(emva, exposure_unit=exposure_unit, most_bytes=reading.most_bytes)
@@ -279,7 +273,7 @@ def _with_black_level(
     if len(given) > 1:
         raise ConfigError(f"{' and '.join(given)}: give one of them")
     if given and any(group.kind == "dark" for group in frames.groups):
-        raise ConfigError(f"{given[0]}: there are dark frames, which tell the black level; leave it")
+        raise ConfigError(f"{given[0]}: there are dark frames, which give the black level; leave it out")
     if box is not None:
         return with_overscan(frames, box)
     if level_dn is None:
@@ -314,7 +308,7 @@ def doubling(
     files : path
         Noise calibrations of one camera, two or more.
     temperature_c : sequence of float
-        Temperature of each file, where the frames do not say it. Repeatable.
+        Temperature of each file, where the frames do not record it. Repeatable.
     by_variance : bool
         Take the dark current by variance: for cameras that clamp their black level.
 
@@ -375,7 +369,9 @@ class DoublingResult(Result):
 def _temperature_c(path: Path, found: "NoiseParameters") -> float:
     known = None if found.made_for is None else found.made_for.temperature_c
     if known is None:
-        raise ConfigError(f"{path}: its frames did not say how warm the camera was: give --temperature-c for each file")
+        raise ConfigError(
+            f"{path}: its frames do not record the temperature of the camera: give --temperature-c for each file"
+        )
     return known
 
 
@@ -448,7 +444,7 @@ class FlatResult(Result):
 
     @property
     def doubt(self) -> str | None:
-        """That flats have more noise than pattern; None where they do not."""
+        """Warning that flats have more noise than pattern; None where they do not."""
         worse = [one for one in self.found.flats if one.noise_rms > one.pattern_rms]
         if not worse:
             return None
@@ -734,17 +730,17 @@ class RegistrationResult(Result):
 
     found: "RunRegistration"
     file: dict[str, Json]
-    is_refused: bool  #: the pictures are not plainly shifted; no file was written
+    is_refused: bool  #: the pictures differ by more than a shift; no file was written
 
     @property
     def exit_code(self) -> int:
-        """4 where it was refused."""
+        """4 for a registration that is refused."""
         from rigctl.console.failures import EXIT_DATA
 
         return EXIT_DATA if self.is_refused else 0
 
     def content(self) -> Iterable[Part]:
-        """Return the shift of each angle, edges that it leaves apart, and the circle of a wedge."""
+        """Return the shift of each angle, the residual of the edges, and the circle of a wedge."""
         from rigctl.calibrations.registration import before_and_after
         from rigctl.report.table import Column, Table
 

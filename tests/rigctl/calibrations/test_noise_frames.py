@@ -370,7 +370,7 @@ def test_images_want_a_bit_depth(tmp_path: Path, capsys: pytest.CaptureFixture[s
             "file,kind,exposure_ms\na.png,grey,1\nb.png,dark,1\na.png,flat,long\n",
             r"line 2: kind is 'grey'(.|\n)*line 3: there is no file(.|\n)*line 4: exp",
         ),
-        ("file,sort\na.png,dark\n", r"'kind' is missing(.|\n)*'sort' is none of"),
+        ("file,sort\na.png,dark\n", r"'kind' is missing(.|\n)*'sort' is not one of"),
     ],
 )
 def test_every_problem_of_a_table_is_named(tmp_path: Path, text: str, problems: str) -> None:
