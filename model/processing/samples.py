@@ -1,13 +1,16 @@
 """Moments of the pixels of a region with standard errors: repeatability, texture and distribution.
 
-Every standard error here is taken from the scatter of the pixels themselves, not from an assumed distribution, and
-holds for pixels that are independent of each other: `effective_pixels` says how far they are. What the means of a
-region do not repeat from cycle to cycle, beyond the noise of the pixels, is `Repeatability`. Pixels that a cosmic ray
-or a jumping offset has hit in single frames are found by `find_hits`. The texture of a region is what is left of the
-spread of its pixels when the noise is taken off.
+Every standard error comes from the scatter of the pixels themselves, not from an assumed distribution. It holds for
+pixels that are independent of each other; `effective_pixels` counts how many independent pixels a region is worth.
+
+- `repeated` and `RunningPixels` take the cycles of a region. Means that differ from cycle to cycle by more than the
+  noise of the pixels have an error of their own (`Repeatability`); light that drifts is divided out.
+- `find_hits` and `find_single_hits` find pixels that a cosmic ray or a jumping offset has hit in single frames.
+- `estimate_texture` gives the spread of the light over the pixels: the spread of the pixels less the noise.
+- `check_dolp_distribution` compares the DoLP of pixels with the law that follows from their moments.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -201,27 +204,13 @@ def effective_pixels(image: FloatArray, inside: NDArray[np.bool_]) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repeatability:
-    """Relative standard errors of the mean of all cycles.
+    """Relative standard errors of the mean of all cycles."""
 
-    Attributes
-    ----------
-    own
-        Of each angle by itself; ratios of angles have it too.
-    common
-        Of all angles alike, as of light that wanders; ratios have none of it.
-    drift
-        Relative change of the light from one cycle to the next that was divided out; 0 where it is no more than chance.
-    drift_error
-        What the error of that is to each angle, by its place in the cycle, shape (N,), or 0.
-    own_freedom, common_freedom
-        Degrees of freedom from which `own` and `common` are known: few where cycles are few.
-    """
-
-    own: float = 0.0
-    common: float = 0.0
-    drift: float = 0.0
-    drift_error: FloatArray | float = 0.0
-    own_freedom: float = np.inf
+    own: float = 0.0  #: of each angle by itself; ratios of angles have it too
+    common: float = 0.0  #: of all angles alike, as of light that wanders; ratios have none of it
+    drift: float = 0.0  #: change of the light from one cycle to the next that was divided out; 0 if by chance
+    drift_error: FloatArray | float = 0.0  #: error of each angle by that of the drift, shape (N,), or 0
+    own_freedom: float = np.inf  #: degrees of freedom that `own` is known from: few where cycles are few
     common_freedom: float = np.inf
 
     def cov(self, mean: FloatArray) -> FloatArray:
@@ -244,29 +233,14 @@ class Repeatability:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RepeatedPixels:
-    """Pixels of a region over all cycles.
-
-    Attributes
-    ----------
-    cycles : int
-        How many.
-    first, mean : (N, P) array
-        Of the first cycle, and the mean over all.
-    stokes_first, stokes_mean : (3, P) array
-        Stokes parameters of the same.
-    repeatability : Repeatability
-        What the means over the pixels do not repeat.
-    temporal, temporal_stokes : tuple of Sample
-        Deviation of a pixel from cycle to cycle, of each channel and each Stokes parameter; none with one cycle. Noise
-        that neighbours share is in their errors.
-    """
+    """Pixels of a region over all cycles."""
 
     cycles: int
-    first: FloatArray
-    mean: FloatArray
-    stokes_first: FloatArray
-    stokes_mean: FloatArray
-    repeatability: Repeatability
+    first: FloatArray  #: of the first cycle, shape (N, P)
+    mean: FloatArray  #: over all cycles
+    repeatability: Repeatability  #: of the means over the pixels
+    #: Deviation of a pixel from cycle to cycle, of each channel and each Stokes parameter; none with one cycle. Noise
+    #: that neighbours share is in their errors.
     temporal: tuple[Sample, ...]
     temporal_stokes: tuple[Sample, ...]
 
@@ -279,20 +253,20 @@ def repeated(
     times: FloatArray | None = None,
     noise_inflation: float = 1.0,
 ) -> RepeatedPixels:
-    """Return what the numbers of a region need of its pixels, all of which are held at once.
+    """Return the pixels of a region over all cycles, all of which are held at once.
 
     Parameters
     ----------
     pixels
-        Cycles, angles, pixels, shape (C, N, P), P >= 4; dark level off.
+        Cycles, angles, pixels, shape (C, N, P), P >= 4; dark level subtracted.
     inverse
         From the angles to Stokes parameters, shape (3, N).
     inside
-        Where the pixels are, shape (H, W), P of them: noise that neighbours share is then seen.
+        Where the pixels are, shape (H, W), P of them, to find noise that neighbours share.
     times
-        When each frame was taken, in cycles, shape (C, N), where that is known: light that drifts is then divided out.
+        When each frame was taken, in cycles, shape (C, N), to divide out light that drifts.
     noise_inflation
-        By how much neighbours that are known to share noise enlarge the variance of its mean, at least.
+        Least factor on the variance of the mean by noise that neighbours share.
     """
     running = RunningPixels(inverse, inside=inside, times=times, noise_inflation=noise_inflation)
     for cycle in pixels:
@@ -301,9 +275,9 @@ def repeated(
 
 
 class RunningPixels:
-    """Takes cycle after cycle, and keeps what does not grow with them but for the means over the pixels.
+    """Takes the pixels of a region cycle by cycle, in memory that does not grow with the cycles.
 
-    Some 50 numbers a pixel at four angles.
+    It keeps some 50 numbers a pixel at four angles, and the mean over the pixels of each cycle.
     """
 
     def __init__(
@@ -334,13 +308,7 @@ class RunningPixels:
             self._squares += off * (pixels - self._channels.mean)
 
     def result(self) -> RepeatedPixels:
-        """Return what the numbers of a region need.
-
-        Raises
-        ------
-        ValueError
-            Nothing was taken.
-        """
+        """Return the pixels over all cycles that were taken."""
         if self._squares is None:
             raise ValueError("there are no cycles")
         means, pixels = np.array(self._means), self._squares.shape[1]
@@ -356,15 +324,13 @@ class RunningPixels:
             cycles=cycles,
             first=first,
             mean=mean,
-            stokes_first=np.asarray(self._inverse @ first),
-            stokes_mean=np.asarray(self._inverse @ mean),
             repeatability=repeatability,
             temporal=self._channels.temporal(cycles, of_deviation),
             temporal_stokes=self._stokes.temporal(cycles, of_deviation),
         )
 
     def _shared_noise(self) -> tuple[float, float]:
-        """Return by how much noise that neighbours share enlarges the variance of its mean and of its deviation."""
+        """Return the factors of the variance of mean and deviation by noise that neighbours share."""
         if self._inside is None or self._squares is None:
             return 1.0, 1.0
         off = self._channels.first - self._channels.mean
@@ -379,29 +345,21 @@ class RunningPixels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hits:
-    """Pixels that something else than light has hit in single frames.
+    """Pixels of a region that something else than light has hit in single frames.
 
-    Attributes
-    ----------
-    pixels : (P,) array of bool
-        Which.
-    left, left_error : (N,) array
-        What hits too small to be found leave in the mean of each angle, by how many are found that are hardly larger;
-        and its standard error, by the Poisson law and for the guess that small ones are as many.
-    left_var, left_var_error : (N,) array
-        What they leave in the variance of the pixels of one frame, of any size up to the limit; and its error.
+    Hits too small to be found stay: those hardly larger than the limit tell how many there are.
     """
 
-    pixels: NDArray[np.bool_]
-    left: FloatArray
-    left_error: FloatArray
-    left_var: FloatArray
+    pixels: NDArray[np.bool_]  #: shape (P,)
+    left: FloatArray  #: what small hits leave in the mean of each angle, shape (N,)
+    left_error: FloatArray  #: its standard error, by the Poisson law and for the guess that small hits are as many
+    left_var: FloatArray  #: what they leave in the variance of the pixels of one frame
     left_var_error: FloatArray
 
 
 # Chance that any of the numbers of a region is taken for hit although nothing was.
 _FALSE_HIT = 0.01
-# Where noise itself reaches far, it does to both sides. More pixels than this share are no hits but a scene that moves.
+# Noise that reaches far does so to both sides. More pixels than this share are not hits: the scene moves.
 _ONE_SIDED, _MOST_HIT = 4.0, 0.3
 # Where more than this share lies far below its neighbours, edges and texture do, and what lies above is no hit.
 _FAR, _MOST_FAR = 3.0, 0.004
@@ -421,8 +379,9 @@ def find_hits(pixels: FloatArray) -> Hits | None:
 
     Notes
     -----
-    A frame's pixel is held against the mean of its repeats, the median of the region taken off each frame. A cosmic ray
-    or a pixel that jumps is above; of two repeats, both of which are off their mean, the sum tells.
+    A pixel of a frame is compared with the mean of its repeats, after the median of the region is subtracted from each
+    frame. A cosmic ray or a pixel that jumps is above. Two repeats are equally far from their mean: there their sum
+    decides.
     """
     cycles, angles, count = pixels.shape
     if cycles < 2:
@@ -488,29 +447,16 @@ def _hits(
 
 @dataclass(frozen=True, kw_only=True)
 class Texture:
-    """Covariance of the light over a region's pixels, estimated.
+    """Covariance of the light over a region's pixels, estimated; in the square of the pixels' unit."""
 
-    Parameters
-    ----------
-    cov
-        Estimate, shape (n, n), positive semi-definite; in the square of the pixels' unit.
-    std_error
-        Standard error of each element, shape (n, n), before any repair.
-    rank_one_share
-        Largest eigenvalue over the trace: 1 where all components vary together, as for a common factor such as albedo;
-        1/n where they vary alike and independently. Not a number where there is no texture.
-    common_factor_rms
-        Relative rms of a factor common to all components that explains the spread along the mean; the rest of `cov`
-        is what such a factor does not explain.
-    removed_variance
-        Sum of the negative eigenvalues that were set to zero, as a positive number: 0 where nothing was repaired.
-    """
-
-    cov: FloatArray
-    std_error: FloatArray
+    cov: FloatArray  #: shape (n, n), positive semi-definite
+    std_error: FloatArray  #: of each element, before any repair
+    #: Largest eigenvalue over the trace: 1 where all components vary together, as for a common factor such as albedo;
+    #: 1/n where they vary alike and independently. Not a number where there is no texture.
     rank_one_share: float
+    #: Relative rms of a factor common to all components that explains the spread along the mean.
     common_factor_rms: float
-    removed_variance: float
+    removed_variance: float  #: sum of the negative eigenvalues that were set to zero, as a positive number
 
     @property
     def remark(self) -> str:
@@ -531,7 +477,8 @@ def estimate_texture(
     Parameters
     ----------
     pixels_of_mean
-        Channels or Stokes parameters of each pixel in the mean of all repeats, shape (n, P), P >= 4; dark level off.
+        Channels or Stokes parameters of each pixel in the mean of all repeats, shape (n, P), P >= 4; dark level
+        subtracted.
     noise_cov
         Covariance that temporal noise gives one repeat, shape (n, n): diag(sigma_n^2), or W diag(sigma_n^2) W'.
     repeats
@@ -592,7 +539,7 @@ class DistributionCheck:
 def check_dolp_distribution(
     frame_stokes: ArrayLike, mean_stokes: ArrayLike, added_cov: ArrayLike
 ) -> dict[str, DistributionCheck]:
-    """Return mean, deviation and SNR of the pixels' DoLP beside those of the Gaussian distribution of their moments.
+    """Return mean, deviation and SNR of the pixels' DoLP, and those of the Gaussian distribution of their moments.
 
     Parameters
     ----------
@@ -772,44 +719,20 @@ def _repeatability(means: FloatArray, noise: FloatArray, times: FloatArray | Non
     level = means.mean(axis=0)
     if len(means) < 2 or not float(level @ level) > 0.0:
         return Repeatability()
-    steady = _differences(means, noise, np.arange(float(len(means)))[:, None])
     if times is not None and len(means) >= _LEAST_CYCLES:
-        drift, off = _differences(means, noise, times).slope, times - times.mean()
-        left = _differences(means / (1.0 + drift * off), noise, times, freedom=len(means) - 2)
-        if drift**2 > _SURELY**2 * left.slope_variance:
-            return Repeatability(
-                own=float(np.sqrt(left.own)),
-                common=float(np.sqrt(left.common)),
-                drift=drift,
-                drift_error=np.sqrt(left.slope_variance) * off.mean(axis=0),
-                own_freedom=left.own_freedom,
-                common_freedom=left.common_freedom,
-            )
-    slope, variance = steady.slope, steady.slope_variance
+        (_, drift, _), off = _differences(means, noise, times), times - times.mean()
+        left, _, variance = _differences(means / (1.0 + drift * off), noise, times, freedom=len(means) - 2)
+        if drift**2 > _SURELY**2 * variance:
+            return replace(left, drift=drift, drift_error=np.sqrt(variance) * off.mean(axis=0))
+    steady, slope, variance = _differences(means, noise, np.arange(float(len(means)))[:, None])
     drifted = 0.0 if _is_chance(slope**2, variance, 1) else max(slope**2 - variance, 0.0) / 12.0
-    return Repeatability(
-        own=float(np.sqrt(steady.own + drifted * (1.0 - level.size**-2.0))),
-        common=float(np.sqrt(steady.common)),
-        own_freedom=steady.own_freedom,
-        common_freedom=steady.common_freedom,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Differences:
-    """Relative variances of the mean by what each angle and all together do not repeat, and the slope of the light."""
-
-    own: float
-    common: float
-    slope: float
-    slope_variance: float
-    own_freedom: float
-    common_freedom: float
+    return replace(steady, own=float(np.sqrt(steady.own**2 + drifted * (1.0 - level.size**-2.0))))
 
 
 def _differences(
     means: FloatArray, noise: FloatArray, times: FloatArray, *, freedom: int | None = None
-) -> _Differences:
+) -> tuple[Repeatability, float, float]:
+    """Return what angles do not repeat, the slope of the light over the cycles, and the variance of the slope."""
     cycles, angles = means.shape
     level = means.mean(axis=0)
     light, share = float(level @ level), float(np.sum(level**4)) / float(level @ level) ** 2
@@ -823,7 +746,7 @@ def _differences(
         if not _is_chance(squares, noise_left, of_own) and squares > noise_left:
             own = (squares - noise_left) / (light * (1.0 - share))
             own_freedom = of_own * (1.0 - noise_left / squares) ** 2
-    # Of the factor's variance, what the angles' own errors and the noise leave.
+    # Of the factor's variance, the part that the angles' own errors and the noise leave.
     of_others = noise_of_factor + own * share
     freedom = cycles - 1 if freedom is None else freedom
     common, common_freedom, spread = 0.0, np.inf, float(np.sum((factor - factor.mean()) ** 2)) / freedom
@@ -832,14 +755,13 @@ def _differences(
         common_freedom = freedom * (1.0 - of_others / spread) ** 2
     apart = times - times.mean(axis=0)
     weight = float(np.sum((level * apart) ** 2))
-    return _Differences(
-        own=own / cycles,
-        common=common / cycles,
-        slope=float(np.sum(level * apart * means)) / weight,
-        slope_variance=(of_others + common) * light / weight,
+    found = Repeatability(
+        own=float(np.sqrt(own / cycles)),
+        common=float(np.sqrt(common / cycles)),
         own_freedom=own_freedom,
         common_freedom=common_freedom,
     )
+    return found, float(np.sum(level * apart * means)) / weight, (of_others + common) * light / weight
 
 
 def _is_chance(variance: float, noise: float, freedom: int) -> bool:
@@ -851,17 +773,8 @@ def _is_chance(variance: float, noise: float, freedom: int) -> bool:
     )
 
 
-def _deviation_of_squares(per_pixel: FloatArray) -> Sample:
-    """Return the deviation from frame to frame by half the mean squared difference of consecutive repeats, shape (P,).
-
-    The mean over the pixels was taken off each difference. Differences that share a frame are correlated; the error is
-    taken over pixels, and needs no knowledge of that. EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs).
-    """
-    return _root_of_mean(per_pixel, correction=per_pixel.size / (per_pixel.size - 1))
-
-
 class _Running:
-    """First, mean and squared steps of vectors of pixels."""
+    """First, mean and squared steps of vectors of pixels; the mean over the pixels is subtracted from each step."""
 
     def __init__(self) -> None:
         self._cycles = 0
@@ -879,10 +792,16 @@ class _Running:
         self._before = values
 
     def temporal(self, cycles: int, inflation: float) -> tuple[Sample, ...]:
+        """Return deviations from frame to frame, by half the mean squared difference of consecutive repeats.
+
+        Differences that share a frame are correlated; the error is taken over pixels, and needs no knowledge of that.
+        EMVA Standard 1288, Release 4.0 Linear, section 6.6 (pairs).
+        """
         if cycles < 2:
             return ()
-        found = (_deviation_of_squares(steps / (cycles - 1) / 2.0) for steps in self._steps)
-        return tuple(Sample(value=one.value, std_error=one.std_error * float(np.sqrt(inflation))) for one in found)
+        correction = self._steps.shape[1] / (self._steps.shape[1] - 1)
+        found = (_root_of_mean(steps / (cycles - 1) / 2.0, correction=correction) for steps in self._steps)
+        return tuple(replace(one, std_error=one.std_error * float(np.sqrt(inflation))) for one in found)
 
 
 # Pairs (i, j) of a symmetric 3 x 3 matrix that are free.

@@ -1,9 +1,9 @@
-"""Faults that a run shows of itself, by the redundancy of its angles; and the run corrected by them.
+"""Faults that a run shows of itself, by the redundancy of its angles; and the run corrected for them.
 
 Four angles or more over-determine the Stokes parameters. `diagnose_run` tells faults apart that leave a residual:
-throughput, dark level, shift, response and others (`model.processing.diagnosis`). `diagnosed` is a run measured,
-diagnosed, and corrected by what was found where that is asked for. `recalibrated` is a run as if it had been taken
-with other calibrations.
+throughput, dark level, shift, response and others (`model.processing.diagnosis`). `diagnosed` measures a run, diagnoses
+it, and corrects it for the faults that were found, on request. `recalibrated` is a run as if it had been taken with
+other calibrations.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,10 +37,10 @@ _LEAST_SIDE_PIXELS = 8
 _MOST_FRAMES = 16
 # A first look takes squares of larger pictures as one pixel, and reads no more counts than this.
 QUICK_PIXELS, _MOST_COUNTS = 350_000, 60_000_000
-# What walks leaves the mean of an even region where it is: its slopes tell.
+# Shifts leave the mean of an even region as it is; its slopes give the change.
 _OF_EDGES = ("shift", "wobble", "planes of a mosaic")
 _OF_PAIRS = "throughput of pairs"
-# Of a whole picture, whose DoLP has no error: what four decimals do not show.
+# Change of the DoLP of a whole picture, which has no error, that four decimals do not show.
 _UNSEEN_SHIFT = 5e-5
 _DEG_PER_RAD = float(np.degrees(1.0))
 # Angles that are nearer than this are the same.
@@ -49,13 +49,13 @@ _SAME_RAD = float(np.radians(1.0))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunDiagnosis:
-    """What a run says of itself."""
+    """Faults that a run shows."""
 
-    terms: tuple[FaultTerm, ...]  #: Those named first, the strongest at the front.
-    reason: str  #: Why nothing is testable; empty otherwise.
-    angles_deg: tuple[float, ...]  #: Of the frames that were looked at.
-    found: Diagnosis  #: As the model has it.
-    dolp_errors: Mapping[str, float] = field(default_factory=dict)  #: Standard error of each region's DoLP.
+    terms: tuple[FaultTerm, ...]  #: the named ones first, the strongest at the front
+    reason: str  #: why nothing is testable; empty otherwise
+    angles_deg: tuple[float, ...]  #: of the frames
+    found: Diagnosis  #: in the units of the model
+    dolp_errors: Mapping[str, float] = field(default_factory=dict)  #: standard error of each region's DoLP
 
     @property
     def named(self) -> tuple[FaultTerm, ...]:
@@ -64,12 +64,12 @@ class RunDiagnosis:
 
     @property
     def mentioned(self) -> tuple[FaultTerm, ...]:
-        """Those that are worth a word: not what moves each region's DoLP by less than its error."""
+        """The named causes that move the DoLP of some region by more than its error."""
         return tuple(term for term in self.named if not self._is_harmless(term))
 
     @property
     def lines(self) -> list[str]:
-        """What the run shows of its faults, line by line."""
+        """The faults in words, line by line."""
         return fault_lines(self.mentioned, self.reason, harmless=len(self.named) - len(self.mentioned))
 
     def _is_harmless(self, term: FaultTerm) -> bool:
@@ -81,7 +81,7 @@ class RunDiagnosis:
 
     @property
     def first(self) -> FaultTerm | None:
-        """The strongest of them."""
+        """The strongest of the named causes."""
         return self.named[0] if self.named else None
 
     def term(self, name: str) -> FaultTerm | None:
@@ -90,7 +90,7 @@ class RunDiagnosis:
 
 
 def diagnose_run(measurement: Measurement, *, most_pixels: int | None = None) -> RunDiagnosis:
-    """Return what the redundancy of a run's angles says of its faults."""
+    """Return the faults that the redundancy of a run's angles shows."""
     plan, pictures, angles_rad, times = _frames(measurement)
     usable = ~(measurement.saturated | measurement.missing)
     means, slopes = dict(_means(measurement, pictures, usable)), dict(_slopes(measurement, pictures, usable))
@@ -123,7 +123,7 @@ def diagnose_pictures(
     slopes: Mapping[str, FloatArray] | None = None,
     side_pixels: int = 1,
 ) -> RunDiagnosis:
-    """Return what pictures say of their faults."""
+    """Return the faults that pictures show."""
     angles_deg = tuple(float(angle) for angle in np.degrees(angles_rad).round(6) % 360.0)
     if min(usable.shape) < _LEAST_SIDE_PIXELS:
         return replace(
@@ -132,7 +132,7 @@ def diagnose_pictures(
     try:
         found = diagnose(plan, pictures, usable, angles_rad=angles_rad, times=times, step=step)
     except (ValueError, ArithmeticError) as error:
-        # Frames such as no camera takes; what can be measured of them is measured all the same.
+        # Frames that no camera takes; they are measured all the same.
         return replace(undiagnosed(f"these frames give no joint fit: {error}"), angles_deg=angles_deg)
     found = replace(found, terms=_as_half_turns_show(found.terms, pictures, usable, angles_rad))
     terms = tuple(_term(term, found, plan, angles_deg, means, slopes or {}, side_pixels) for term in found.terms)
@@ -144,7 +144,7 @@ def diagnose_pictures(
     )
 
 
-# Shifts are taken for those that half turns show where they differ by more than this share, and three of its errors.
+# Shifts get the size that half turns show where they differ by more than this share and three of its errors.
 _AS_SHOWN = 0.2
 
 
@@ -153,7 +153,7 @@ def _as_half_turns_show(
 ) -> tuple[Term, ...]:
     """Return terms whose shifts have the size that half turns show directly.
 
-    Frames half a turn apart show the same light, and how far they lie apart needs no fit: where rounding and noise make
+    Frames half a turn apart show the same light, so that their distance needs no fit. Where rounding and noise make
     edges of their own, the fit finds shifts that are too large.
     """
     frames = len(pictures)
@@ -209,7 +209,7 @@ def _told_coarsely(terms: tuple[FaultTerm, ...]) -> tuple[FaultTerm, ...]:
 
 
 def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosis:
-    """Return what a run says of its faults at a first look; with a reason where it cannot be looked at."""
+    """Return the faults that a run shows at a first look, or the reason why it cannot be read."""
     scenes = [record for record in run.frames if record.kind == "scene"]
     if not scenes:
         return undiagnosed("there are no scene frames")
@@ -222,7 +222,7 @@ def quick_diagnosis(run: Run, *, most_pixels: int = QUICK_PIXELS) -> RunDiagnosi
 
 
 def undiagnosed(reason: str) -> RunDiagnosis:
-    """Return that nothing can be said of a run, and why."""
+    """Return a diagnosis without terms, with the reason."""
     nothing = Diagnosis(terms=(), reason=reason, light=0.0)
     return RunDiagnosis(terms=(), reason=reason, angles_deg=(), found=nothing)
 
@@ -312,18 +312,8 @@ def _largest(shifts: Iterable[float | None]) -> float | None:
     return max((shift for shift in shifts if shift is not None), key=abs, default=None)
 
 
-CORRECTABLE = ("throughput", "dark-level", "shift")
 # Faults that are smaller change nothing that is seen.
 _NOTHING = 1e-12
-
-
-def correctable(text: str) -> tuple[str, ...]:
-    """Return the names of a comma-separated list of what is to be corrected."""
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
-    unknown = [name for name in names if name not in CORRECTABLE]
-    if unknown or not names:
-        raise ConfigError(f"--correct: is {text!r}; allowed are {', '.join(CORRECTABLE)}, separated by commas")
-    return names
 
 
 def found_faults(grid: FrameGrid, diagnosis: RunDiagnosis, names: Sequence[str]) -> FoundCorrections:
@@ -388,11 +378,11 @@ def _numbers(values: FloatArray, digits: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiagnosedRun:
-    """What a run measured, and what it says of itself."""
+    """A run, measured and diagnosed."""
 
-    measurement: Measurement  #: After the corrections.
+    measurement: Measurement  #: after the corrections
     diagnosis: RunDiagnosis
-    remarks: tuple[str, ...]  #: What was corrected.
+    remarks: tuple[str, ...]  #: corrections in words
 
 
 def diagnosed(run: Run, regions: list[Region], given: RunCalibrations, *, correct: Sequence[str]) -> DiagnosedRun:
@@ -408,7 +398,7 @@ def diagnosed(run: Run, regions: list[Region], given: RunCalibrations, *, correc
 
 
 def _registered(measurement: Measurement, *, force: bool) -> tuple[str, ...]:
-    """Return what a registration that was given does to the edges of a run; it has to make them better."""
+    """Return the effect of a given registration on the edges of a run in words; it has to make them better."""
     if measurement.shifts is None:
         return ()
     text, is_better = moved_edges(measurement.run, measurement.grid, measurement.shifts)
@@ -430,7 +420,7 @@ def _helpful(measurement: Measurement, found: FoundCorrections, *, force: bool) 
     return replace(found, shifts=None, remarks=(*(text for text in found.remarks if ", shift:" not in text), said))
 
 
-# What a measurement can be made with.
+# Calibrations that a measurement can use.
 MEASURED_WITH: tuple[CalibrationKind, ...] = ("noise", "polarizer", "flat", "registration")
 
 

@@ -13,18 +13,17 @@ UNSEEN = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """What frames say of one fault, in the units of a report."""
+    """One fault of a run, in the units of a report."""
 
-    name: str  #: Such as "throughput".
-    angle_deg: float | None  #: Of the frame; None where it is of several.
-    value: float | None  #: Its size; None where it is not testable.
+    name: str  #: such as "throughput"
+    angle_deg: float | None  #: of the frame; None where it is of several
+    value: float | None  #: its size; None where it is not testable
     std_error: float | None
     unit: str  #: "share", "deg", "DN", "pixel", ...
-    testable: bool  #: Whether the run determines it.
-    reason: str  #: Why not.
-    confused_with: tuple[str, ...]  #: Faults that would do the same to this run.
-    #: What it does to the polarization of the region (or of the whole picture) that it moves most.
-    dolp_shift: float | None
+    testable: bool  #: whether the run determines it
+    reason: str  #: why it is not testable
+    confused_with: tuple[str, ...]  #: faults with the same effect on this run
+    dolp_shift: float | None  #: change of the polarization of the region (or picture) that it moves most
     aolp_shift_deg: float | None
 
     @property
@@ -35,16 +34,16 @@ class Fault:
 
 @dataclass(frozen=True, kw_only=True)
 class FaultTerm(Fault):
-    """A fault of a whole run, with what it does region by region."""
+    """A fault of a whole run, with its effect region by region."""
 
-    named: bool  #: Whether it is one of the causes that explain the run best.
-    by_region: dict[str, tuple[float | None, float | None]]  #: Region to (shift of DoLP, shift of AoLP in degrees).
+    named: bool  #: whether it is one of the causes that explain the run best
+    by_region: dict[str, tuple[float | None, float | None]]  #: region to change of DoLP and of AoLP [deg]
 
 
 def fault_lines(named: Sequence[Fault], reason: str, *, harmless: int = 0) -> list[str]:
-    """Return the faults that a run shows, line by line; why it shows none; or that nothing was found.
+    """Return the faults that a run shows, line by line, or the reason why it shows none.
 
-    `harmless` is how many were found and are not worth a word.
+    `harmless` is the number of faults that are left out, as they move DoLP by less than its error.
     """
     if named:
         return [f"the run shows {term_text(term)}" for term in named]
@@ -54,7 +53,7 @@ def fault_lines(named: Sequence[Fault], reason: str, *, harmless: int = 0) -> li
 
 
 def term_text(term: Fault) -> str:
-    """Return a fault in a line: its size, what it moves, and what it cannot be told from."""
+    """Return a fault in a line: its size, its effect, and faults with the same effect."""
     if term.value is None or term.std_error is None:
         return f"{term.title}: not testable, {term.reason}"
     size = f"{term.title}: {_number(term.value, term.unit)} +- {_number(term.std_error, term.unit).lstrip('+')}"
@@ -66,7 +65,7 @@ def term_text(term: Fault) -> str:
 
 
 def _listed(titles: Sequence[str]) -> str:
-    """Return faults in a few words: angles of one kind together."""
+    """Return faults in a few words, with the angles of each kind together."""
     by_name: dict[str, list[str]] = {}
     for title in titles:
         name, _, place = title.partition(" at ")

@@ -1,12 +1,13 @@
 """From the frames of a run to pictures of its Stokes parameters and numbers of its regions.
 
-`measure` reads every frame once, takes off the dark level, corrects, and averages over the cycles. Numbers of a region
-come from its pixels: means with their covariance, deviations over the pixels and over the cycles, DoLP and AoLP; their
-errors hold noise, texture that neighbours share, dark level, corrections, and what differs from cycle to cycle.
+`measure` reads every frame once, subtracts the dark level, applies corrections, and averages over the cycles. Numbers
+of a region come from its pixels: means with their covariance, deviations over the pixels and over the cycles, DoLP and
+AoLP. Their errors include noise, texture that neighbours share, the dark level, corrections, and differences from cycle
+to cycle.
 
 Pixels that something else than light has hit in single frames are left out. Where counts are cut off at 0, or noise
 does not reach over a count, means are those of the signal behind the counts (`model.counts`). Light that drifts is
-divided out. A number that is no larger than the rounding of the terms it is made of is 0.
+divided out. A number that is no larger than the rounding of its terms is 0.
 """
 
 from __future__ import annotations
@@ -81,73 +82,70 @@ MeasuredQuantities = dict[str, dict[str, Sample]]
 class MeasuredRegion:
     """A region by its pixels."""
 
-    #: Pixels used, pixels of the region left out as saturated or missing, and those left out along its border.
-    pixels: int
-    excluded: int
-    edge: int
-    #: Pixels left out since something else than light has hit them in single frames.
-    hit: int = 0
-    #: Largest shares of the counts of an angle that are 0, and saturated. Where that matters, or noise does not reach
-    #: over a count, means are by the law of counts (`is_by_law`), and deviations over clipped counts are none.
+    pixels: int  #: used
+    excluded: int  #: left out as saturated or missing
+    edge: int  #: left out along the border
+    hit: int = 0  #: left out since something else than light has hit them in single frames
+    #: Largest shares of the counts of an angle that are 0, and saturated.
     at_ends: tuple[float, float] = (0.0, 0.0)
+    #: Whether means are by the law of counts: where counts are cut off, or noise does not reach over a count.
     is_by_law: bool = False
-    #: How many independent ones they are worth for S0: errors of deviations take this number.
+    #: Number of independent pixels that S0 is worth; errors of deviations use it.
     independent_pixels: float
-    channels_mean: Moments  #: Mean of each angle over pixels and cycles, and the covariance of that mean.
-    scatter_cov: FloatArray  #: Of the mean of each angle by the scatter of the pixels alone.
-    channel_pixels: FloatArray  #: Counts of each pixel behind each angle, of the first cycle and of the mean of all.
-    channel_pixels_mean: FloatArray
-    stokes_pixels: FloatArray  #: Stokes parameters of each pixel, likewise.
-    stokes_pixels_mean: FloatArray
-    #: Every other pixel, as on a chessboard: what is estimated from one half can be tested on the other.
+    channels_mean: Moments  #: mean of each angle over pixels and cycles, and the covariance of that mean
+    scatter_cov: FloatArray  #: of the mean of each angle, by the scatter of the pixels alone
+    channel_pixels: FloatArray  #: counts of each pixel behind each angle, of the first cycle
+    channel_pixels_mean: FloatArray  #: of the mean of all cycles
+    stokes_pixels: FloatArray  #: Stokes parameters of each pixel, of the first cycle
+    stokes_pixels_mean: FloatArray  #: of the mean of all cycles
+    #: Every other pixel, as on a chessboard: an estimate from one half can be tested on the other.
     first_half: NDArray[np.bool_]
     inside: NDArray[np.bool_]
-    #: Relative errors of the means by what differs from cycle to cycle; 0 with one cycle.
-    repeatability: Repeatability
-    quantities: MeasuredQuantities  #: Everything a prediction is set beside.
+    repeatability: Repeatability  #: relative errors of the means by differences from cycle to cycle
+    quantities: MeasuredQuantities  #: everything that is compared with a prediction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
     """A run as it was measured."""
 
-    run: Run  #: Where it comes from.
-    grid: FrameGrid  #: Which frame is which angle of which cycle.
-    plan: Design  #: Measured polarizer angles and the inverse in use.
-    extinction_ratio: float  #: Of the polarizer, as taken; infinite where nobody states one: then it is assumed ideal.
-    dark_level: DarkLevel  #: What was taken off the counts, and whence.
-    channels: FloatArray  #: Mean of each angle over the cycles, dark level off [grid.unit].
-    saturated: NDArray[np.bool_]  #: Pixels that are so in any frame.
-    missing: NDArray[np.bool_]
-    at_zero: NDArray[np.bool_]  #: Pixels of no counts in any frame, the lower end of the camera's range.
-    light: FloatArray  #: Mean of all pixels of all angles, cycle by cycle, dark level off [grid.unit].
-    regions: dict[str, MeasuredRegion]  #: Name to what its pixels say.
-    unmeasured: dict[str, str] = field(default_factory=dict)  #: Name of each region that gives no numbers to why.
-    corrections: Corrections = NOTHING  #: What was done to frames after the dark level.
+    run: Run
+    grid: FrameGrid  #: which frame is which angle of which cycle
+    plan: Design  #: measured polarizer angles and the inverse in use
+    extinction_ratio: float  #: of the polarizer, as recorded; infinite (an ideal polarizer) without a record
+    dark_level: DarkLevel  #: subtracted from the counts, with its source
+    channels: FloatArray  #: mean of each angle over the cycles, dark level subtracted [grid.unit]
+    saturated: NDArray[np.bool_]  #: pixels that are saturated in any frame
+    missing: NDArray[np.bool_]  #: pixels that are missing in any frame
+    at_zero: NDArray[np.bool_]  #: pixels of 0 counts in any frame, the lower end of the camera's range
+    light: FloatArray  #: mean of all pixels of all angles, cycle by cycle, dark level subtracted [grid.unit]
+    regions: dict[str, MeasuredRegion]
+    unmeasured: dict[str, str] = field(default_factory=dict)  #: regions without numbers, with the reason
+    corrections: Corrections = NOTHING  #: applied to frames after the dark level
 
     @cached_property
     def images(self) -> PolarizationImages:
-        """Stokes parameters, DoLP and AoLP of every pixel; made when first asked for."""
+        """Stokes parameters, DoLP and AoLP of every pixel."""
         return polarization_images(self.plan, self.channels, unusable=self.saturated | self.missing)
 
     @property
     def clipped_shares(self) -> tuple[float, float]:
-        """Share of pixels that are clipped in one frame or more, at the upper end of the range and at 0."""
+        """Shares of pixels that are clipped in any frame, at the upper end of the range and at 0."""
         return float(self.saturated.mean()), float(self.at_zero.mean())
 
     @property
     def shifts(self) -> FrameShifts | None:
-        """Shifts by which frames were moved to lie on one another; None where they were not."""
+        """Shifts of the frames that a registration undid; None without one."""
         return self.corrections.shifts
 
     @property
     def flat(self) -> FlatDivision | None:
-        """Flat fields that frames were divided by; None where they were not."""
+        """Flat fields that frames were divided by; None without one."""
         return self.corrections.flat
 
     @property
     def noise_factor(self) -> FloatArray:
-        """Factor that means of several reads and the corrections put on the variance of noise, shape (N,)."""
+        """Factor of means of several reads and of the corrections on the variance of noise, shape (N,)."""
         return np.asarray(self.corrections.noise_factor(self.grid.angles) / self.grid.reads)
 
 
@@ -164,9 +162,16 @@ def measure(
 ) -> Measurement:
     """Return the Stokes pictures of a run and the numbers of its regions."""
     grid = arrange(run)
-    extinction_ratio = _extinction_ratio(run)
+    stated = run.session.polarizer.extinction_ratio
+    extinction_ratio = np.inf if stated is None else stated
     plan = _plan(run, grid, extinction_ratio)
-    dark_level = _with_found(find_dark_level(run, grid, noise), grid, found)
+    dark_level = find_dark_level(run, grid, noise)
+    if found is not None and found.dark is not None:
+        dark_level = replace(
+            dark_level,
+            level_dn=dark_level.level_dn + found.dark / grid.to_unit,
+            source=f"{dark_level.source}; and what the run itself shows of single angles",
+        )
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
     frames = CorrectedFrames(run, grid, dark_level, _corrections(run, grid, registration, flats, polarizer, found))
@@ -191,7 +196,7 @@ def measure(
 
 
 def signal_of_cycle(measurement: Measurement, cycle: int) -> FloatArray:
-    """Return the frames of one cycle, dark level off, shape (N, H, W) [grid.unit]."""
+    """Return the frames of one cycle, dark level subtracted, shape (N, H, W) [grid.unit]."""
     frames = CorrectedFrames(measurement.run, measurement.grid, measurement.dark_level, measurement.corrections)
     return np.stack([frames.read(cycle, angle) for angle in range(measurement.grid.angles)])
 
@@ -218,22 +223,6 @@ def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
         raise DataError(f"{run.path}: its polarizer angles do not give Stokes parameters: {error}") from error
 
 
-def _extinction_ratio(run: Run) -> float:
-    """Return what the rig file of the session says; infinite where there is none, as for imported images."""
-    stated = run.session.polarizer.extinction_ratio
-    return np.inf if stated is None else stated
-
-
-def _with_found(level: DarkLevel, grid: FrameGrid, found: FoundCorrections | None) -> DarkLevel:
-    if found is None or found.dark is None:
-        return level
-    return replace(
-        level,
-        level_dn=level.level_dn + found.dark / grid.to_unit,
-        source=f"{level.source}; and what the run itself shows of single angles",
-    )
-
-
 def _corrections(
     run: Run,
     grid: FrameGrid,
@@ -242,7 +231,7 @@ def _corrections(
     polarizer: PolarizerParameters | None,
     found: FoundCorrections | None,
 ) -> Corrections:
-    """Return what is done to frames by calibrations, and by what the run itself shows."""
+    """Return the corrections by calibrations, and by the faults that the run itself shows."""
     throughput = None if polarizer is None else throughput_of(grid, polarizer)
     shifts = None if found is None else found.shifts
     if shifts is None and registration is not None:
@@ -296,72 +285,81 @@ def _measured_regions(
     plan: Design,
     found: FoundCorrections | None,
 ) -> tuple[dict[str, MeasuredRegion], dict[str, str]]:
-    """Return what each region gives, and why others give nothing: one of them says nothing of the rest."""
-    usable, grid = ~(frames.saturated | frames.missing), frames.grid
-    channels = frames.sums / grid.cycles
+    """Return the numbers of each region, and why others have none."""
     measured: dict[str, MeasuredRegion] = {}
     unmeasured: dict[str, str] = {}
     for name, mask in inside.items():
-        own = mask & usable
-        excluded, edge = int(np.count_nonzero(mask & ~usable)), int(np.count_nonzero(outer[name] & ~mask))
         try:
-            require_pixels(name, int(np.count_nonzero(own)), excluded=excluded, edge=edge)
-            given = repeats(name, own)
-            error: FloatArray | float = 0.0 if found is None else found.level_error(channels, own)
-            signal, at_ends, hits = None, (float(np.mean(frames.at_zero[own])), 0.0), None
-            if isinstance(given, np.ndarray):
-                whole = mask & ~frames.missing
-                used = None
-                if _is_cut_off(frames, whole):
-                    used = _cleaned(name, np.asarray(repeats(name, whole)), whole, frames)
-                # What is saturated for another reason than noise is left out, and not estimated.
-                if used is None or used[2] is None:
-                    used = _cleaned(name, given, own, frames)
-                values, own, signal, rounding, at_ends, hits = used
-                error = np.hypot(error, rounding)
-                if hits is not None:
-                    error = np.hypot(error, hits.left_error)
-                excluded = int(np.count_nonzero(mask) - np.count_nonzero(own)) - _number(hits)
-                given = repeated(
-                    values,
-                    plan.inverse,
-                    inside=own,
-                    times=grid.times,
-                    noise_inflation=mean_inflation(frames.interpolation),
-                )
-            measured[name] = measure_region(
-                name=name,
-                pixels=given,
-                inside=own,
-                excluded=excluded,
-                edge=edge,
-                channel_names=grid.channel_names,
-                plan=plan,
-                level_std_error=frames.dark_level.std_error_dn * grid.to_unit,
-                relative_error=frames.corrections.relative_error(grid.angles),
-                own_error=error,
-                interpolation=frames.interpolation,
-                hits=hits,
-                signal=signal,
-                at_ends=at_ends,
-            )
+            measured[name] = _measured_region(name, outer[name], mask, frames, repeats, plan, found)
         except (DataError, ValueError, ArithmeticError) as error:
             unmeasured[name] = str(error)
     return measured, unmeasured
 
 
+def _measured_region(
+    name: str,
+    outer: NDArray[np.bool_],
+    mask: NDArray[np.bool_],
+    frames: CorrectedFrames,
+    repeats: _Repeats,
+    plan: Design,
+    found: FoundCorrections | None,
+) -> MeasuredRegion:
+    usable, grid = ~(frames.saturated | frames.missing), frames.grid
+    own = mask & usable
+    excluded, edge = int(np.count_nonzero(mask & ~usable)), int(np.count_nonzero(outer & ~mask))
+    require_pixels(name, int(np.count_nonzero(own)), excluded=excluded, edge=edge)
+    given = repeats(name, own)
+    error: FloatArray | float = 0.0 if found is None else found.level_error(frames.sums / grid.cycles, own)
+    signal, at_ends, hits = None, (float(np.mean(frames.at_zero[own])), 0.0), None
+    if isinstance(given, np.ndarray):
+        whole = mask & ~frames.missing
+        used = _cleaned(name, np.asarray(repeats(name, whole)), whole, frames) if _is_cut_off(frames, whole) else None
+        # Pixels that are saturated for another reason than noise are left out, and not estimated.
+        if used is None or used[2] is None:
+            used = _cleaned(name, given, own, frames)
+        values, own, signal, rounding, at_ends, hits = used
+        error = np.hypot(error, rounding)
+        if hits is not None:
+            error = np.hypot(error, hits.left_error)
+        excluded = int(np.count_nonzero(mask) - np.count_nonzero(own)) - _number(hits)
+        given = repeated(
+            values,
+            plan.inverse,
+            inside=own,
+            times=grid.times,
+            noise_inflation=mean_inflation(frames.interpolation),
+        )
+    return measure_region(
+        name=name,
+        pixels=given,
+        inside=own,
+        excluded=excluded,
+        edge=edge,
+        channel_names=grid.channel_names,
+        plan=plan,
+        level_std_error=frames.dark_level.std_error_dn * grid.to_unit,
+        relative_error=frames.corrections.relative_error(grid.angles),
+        own_error=error,
+        interpolation=frames.interpolation,
+        hits=hits,
+        signal=signal,
+        at_ends=at_ends,
+    )
+
+
 def _is_cut_off(frames: CorrectedFrames, inside: NDArray[np.bool_]) -> bool:
-    """Return whether so many pixels are saturated that leaving them out moves the mean of the others."""
+    """Return whether so many pixels are saturated that the mean of the others is moved."""
     share = float(np.mean(frames.saturated[inside])) if inside.any() else 0.0
     return frames.are_counts and _CLIPPED < share < _MOSTLY_CLIPPED
 
 
-# Pixels, where they are, what they stand for, errors by rounding, shares of counts at both ends, and what was hit.
+# Pixels, where they are, their signal by the law of counts, errors by rounding, shares at both ends, and hits.
 _Cleaned = tuple[FloatArray, NDArray[np.bool_], FloatArray | None, FloatArray, tuple[float, float], Hits | None]
 
 
 def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: CorrectedFrames) -> _Cleaned:
-    """Return pixels without those that were hit, and what they stand for by the law of counts."""
+    """Return pixels without those that were hit, and the signal behind them by the law of counts."""
     hits = _hits(pixels, inside, is_mosaic=frames.is_mosaic)
     kept = inside.copy()
     if hits is not None:
@@ -375,7 +373,7 @@ def _cleaned(name: str, pixels: FloatArray, inside: NDArray[np.bool_], frames: C
 def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> Hits | None:
     """Return the pixels of a region that something else than light has hit, by repeats or, without, by neighbours.
 
-    Behind polarizers on the pixels each angle has pixels of its own, of which an edge too may pass one alone.
+    In a mosaic of polarizers each angle has pixels of its own, so that an edge may look like a hit of one angle.
     """
     if len(pixels) > 1:
         return find_hits(pixels)
@@ -391,22 +389,22 @@ def _hits(pixels: FloatArray, inside: NDArray[np.bool_], *, is_mosaic: bool) -> 
     return find_single_hits(residual)
 
 
-# Share of counts at 0 that moves a mean by a tenth of its error, or more; and that of which too little is left.
+# Share of counts at 0 that moves a mean by a tenth of its error, or more; and the share that leaves too little.
 _CLIPPED, _MOSTLY_CLIPPED = 1e-3, 0.5
 
-# Misfits from which on the law is not that of the counts, where rounding moves a mean, and where the law has to give
-# what is cut off: there some electrons' own law, which is not quite normal, does no harm.
+# Misfits from which on the law does not describe the counts: where rounding moves a mean, and where counts are cut off.
+# There the law of few electrons, which is not quite normal, does no harm.
 _MISFIT_ROUNDED, _MISFIT_CLIPPED = 1e-3, 0.03
 
 
 def _signal_by_law(
     name: str, pixels: FloatArray, frames: CorrectedFrames
 ) -> tuple[FloatArray | None, FloatArray, tuple[float, float]]:
-    """Return what the pixels of each angle stand for by the law of counts, mean over the cycles.
+    """Return the signal behind the counts of each angle, errors of the angles by rounding, and shares at both ends.
 
-    None where noise dithers and hardly a count lies at an end, and where the law does not describe the counts of every
-    angle: texture that it does not know is in all of them, and counts of few kinds do not show it. Then the error of
-    each angle by rounding; and the largest shares of counts at 0 and at saturation.
+    The signal is the mean over the cycles by the law of counts. It is None where noise dithers and hardly a count lies
+    at an end, and where the law does not describe the counts of every angle: all angles have the same texture, and few
+    different counts do not show that the law lacks it.
     """
     grid, throughput = frames.grid, frames.corrections.throughput
     to_counts = 1.0 / grid.to_unit * (1.0 if throughput is None else throughput.value)
@@ -481,8 +479,10 @@ def measure_region(
     independent = effective_pixels(light, inside)
     inflation = count / independent
     scattered = region_mean_moments(pixels.mean if signal is None else signal, inside)
-    channels_mean = _with_level_errors(scattered, level_std_error, relative_error, own_error)
-    channels_mean = replace(channels_mean, cov=channels_mean.cov + pixels.repeatability.cov(channels_mean.mean))
+    mean = scattered.mean
+    of_angles = np.diag(np.square(mean * relative_error) + np.square(own_error))
+    of_level = np.outer(level_std_error, level_std_error)
+    channels_mean = replace(scattered, cov=scattered.cov + of_level + of_angles + pixels.repeatability.cov(mean))
     stokes_pixels = np.asarray(plan.inverse @ pixels.first)
     quantities = _of_vectors(
         pixels, channel_names, channels_mean, plan, inflation, deviation_inflation(interpolation)
@@ -515,17 +515,6 @@ def measure_region(
     )
 
 
-def _with_level_errors(
-    moments: Moments,
-    level_std_error: FloatArray,
-    relative_error: FloatArray,
-    own_error: FloatArray | float,
-) -> Moments:
-    own = np.square(moments.mean * relative_error) + np.square(own_error)
-    common = np.outer(level_std_error, level_std_error) + np.diag(own)
-    return Moments(mean=moments.mean, cov=moments.cov + common)
-
-
 def _number(hits: Hits | None) -> int:
     return 0 if hits is None else int(np.count_nonzero(hits.pixels))
 
@@ -533,7 +522,7 @@ def _number(hits: Hits | None) -> int:
 def _without_small_hits(
     quantities: MeasuredQuantities, hits: Hits, channel_names: Sequence[str], inverse: FloatArray, cycles: int
 ) -> MeasuredQuantities:
-    """Return numbers whose deviations are without what hits too small to be found leave in them."""
+    """Return numbers whose deviations are corrected for hits that are too small to be found."""
     found = {quantity: dict(statistics) for quantity, statistics in quantities.items()}
     squares = np.concatenate([np.eye(len(channel_names)), inverse]) ** 2
     for quantity, row in zip((*channel_names, "s0", "s1", "s2"), squares, strict=True):
@@ -578,7 +567,7 @@ def _of_vectors(
     inflation: float,
     of_noise: float,
 ) -> MeasuredQuantities:
-    """Return the numbers of channels and Stokes parameters, and of the mean Stokes vector."""
+    """Return means and deviations of channels and Stokes parameters, and the numbers of the mean Stokes vector."""
     stokes_mean = propagate_linear(channels_mean, plan.inverse)
     freedom_of = partial(pixels.repeatability.freedom, moments=channels_mean)
     counts = np.abs(channels_mean.mean)
@@ -598,7 +587,7 @@ def _of_vectors(
         ("s0", "s1", "s2"),
         stokes_mean,
         freedom_of(plan.inverse),
-        (pixels.stokes_first, pixels.stokes_mean, pixels.temporal_stokes),
+        (plan.inverse @ pixels.first, plan.inverse @ pixels.mean, pixels.temporal_stokes),
         rounding,
         inflation,
         of_noise,
@@ -686,7 +675,7 @@ def _of_mean_stokes(
 
 
 def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuantities:
-    """Return what the DoLP of single pixels gives; nothing where a pixel has no light, since it has none then."""
+    """Return mean, deviation and SNR of the DoLP of single pixels; nothing where a pixel has no light."""
     if np.any(stokes_pixels[0] <= 0.0):
         return {}
     values = np.asarray(degree_of_polarization(stokes_pixels.T))
@@ -704,7 +693,7 @@ def _of_pixel_dolp(stokes_pixels: FloatArray, inflation: float) -> MeasuredQuant
 
 
 def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
-    """Return what a region measured, with a ratio for each channel; none where there is no light."""
+    """Return the numbers of a region with a ratio for each channel, unless there is no light."""
     moments = region.channels_mean
     names = [name for name in region.quantities if is_counts(name)]
     if not moments.mean.mean() > 0.0:
@@ -716,7 +705,7 @@ def measured_with_ratios(region: MeasuredRegion) -> MeasuredQuantities:
 
 
 def _inflated(sample: Sample, inflation: float) -> Sample:
-    return Sample(value=sample.value, std_error=sample.std_error * float(np.sqrt(inflation)))
+    return replace(sample, std_error=sample.std_error * float(np.sqrt(inflation)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -779,21 +768,21 @@ def _residual(plan: Design, channels: FloatArray, dark: NDArray[np.bool_]) -> Fl
     return np.where(dark | (mean <= 0.0), np.nan, 2.0 * largest / np.where(mean > 0.0, mean, 1.0))
 
 
-# What a temporal deviation rests on, in the order of the vector that is varied.
+# Inputs of a temporal deviation, in the order of the vector that is varied.
 INPUTS = ("gain_dn_per_e", "read_noise_e", "dark_current_e_per_s")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TemporalNoise:
-    """The numbers of a calibration that temporal noise rests on."""
+    """Numbers of a calibration that give the temporal noise."""
 
     values: FloatArray  #: Gain [DN/e-], read noise [e-] and dark current [e-/s].
     cov: FloatArray  #: Their covariance.
-    remarks: tuple[str, ...]  #: What was set aside.
+    remarks: tuple[str, ...]  #: numbers that were replaced, with the reason
 
 
 def temporal_noise(noise: NoiseParameters) -> TemporalNoise:
-    """Return what temporal noise rests on, by a noise calibration."""
+    """Return the numbers of a noise calibration that give the temporal noise."""
     if noise.read_noise_e is None:
         raise DataError(
             "the noise calibration has no read_noise_e (it is not determined): it cannot predict a temporal deviation; "
