@@ -734,7 +734,8 @@ def _summary(comparison: Comparison) -> Section:
     regions = comparison.measurement.regions
     note = (
         "Means of the regions ± standard errors: of the measurement, and of the prediction by its inputs (0: they are "
-        "stated as exact). z: the difference in standard errors of both. Pixels: "
+        "stated as exact). z: the difference in standard errors, brought closer to 0 where the error "
+        "itself comes from few repeats. Pixels: "
         f"{', '.join(f'{name} {region.pixels}' for name, region in regions.items())}."
     )
     return Section(title="", blocks=(summary_table(comparison), Paragraph(text=note)))

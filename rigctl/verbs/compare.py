@@ -301,9 +301,12 @@ def _verdict(found: "Comparison") -> str:
         return not_judged(found.checks)
     if found.agrees:
         return f"Model and measurement agree{reserved}: {tests} numbers tested at alpha = {found.alpha:g}{not_counted}."
+    from rigctl.report.comparison import likeliest_cause
+
+    cause = likeliest_cause(found)
     return (
         f"Model and measurement DISAGREE in {len(found.disagreements)} of {tests} numbers (alpha = {found.alpha:g})"
-        f"{not_counted}."
+        f"{not_counted}{f'; likeliest cause: {cause}' if cause else ''}."
     )
 
 
