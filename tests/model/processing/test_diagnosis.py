@@ -122,11 +122,14 @@ def test_planes_of_a_mosaic_are_found_to_lie_half_a_pixel_apart_and_are_no_fault
     assert planes.value == pytest.approx(0.5, abs=4.0 * (planes.std_error or 0.0))
 
 
+def _diagnosed_pictures(pictures: np.ndarray, usable: np.ndarray | None = None) -> Diagnosis:
+    angles_rad = np.arange(len(pictures)) * np.pi / len(pictures)
+    good = np.ones(pictures.shape[1:]) if usable is None else usable
+    return diagnose(design(angles_rad), pictures, good, angles_rad=angles_rad, times=range(len(pictures)))
+
+
 def test_light_without_polarization_cannot_tell_a_response() -> None:
-    rng = np.random.default_rng(7)
-    frames = rng.poisson(1000.0, (4, 128, 128)).astype(np.float64)
-    angles_rad = np.radians([0.0, 45.0, 90.0, 135.0])
-    found = diagnose(design(angles_rad), frames, np.ones((128, 128)), angles_rad=angles_rad, times=range(4))
+    found = _diagnosed_pictures(np.random.default_rng(7).poisson(1000.0, (4, 128, 128)).astype(np.float64))
     term = _term(found, "response curvature", None)
     assert not term.is_testable
     assert term.value is None
@@ -134,34 +137,21 @@ def test_light_without_polarization_cannot_tell_a_response() -> None:
 
 
 def test_three_angles_fit_any_frames() -> None:
-    angles_rad = np.radians([0.0, 60.0, 120.0])
-    found = diagnose(
-        design(angles_rad), np.full((3, 64, 64), 9.0), np.ones((64, 64)), angles_rad=angles_rad, times=range(3)
-    )
+    found = _diagnosed_pictures(np.full((3, 64, 64), 9.0))
     assert found.terms == ()
     assert "three angles" in found.reason
 
 
 @pytest.mark.parametrize("usable_pixels", [0, 1, 40])
 def test_a_picture_with_hardly_a_usable_pixel_is_not_testable(usable_pixels: int) -> None:
-    angles_rad = np.radians([0.0, 45.0, 90.0, 135.0])
-    usable = np.arange(64 * 64).reshape(64, 64) < usable_pixels
-    found = diagnose(design(angles_rad), np.full((4, 64, 64), 9.0), usable, angles_rad=angles_rad, times=range(4))
+    found = _diagnosed_pictures(np.full((4, 64, 64), 9.0), np.arange(64 * 64).reshape(64, 64) < usable_pixels)
     assert found.reason
     assert found.first is None
 
 
 @pytest.mark.parametrize("angles", [4, 6, 12])
 def test_even_pictures_without_noise_show_nothing_and_end(angles: int) -> None:
-    angles_rad = np.arange(angles) * np.pi / angles
-    found = diagnose(
-        design(angles_rad),
-        np.full((angles, 64, 64), 77.0),
-        np.ones((64, 64)),
-        angles_rad=angles_rad,
-        times=range(angles),
-    )
-    assert found.first is None
+    assert _diagnosed_pictures(np.full((angles, 64, 64), 77.0)).first is None
 
 
 def test_edges_that_resampling_made_at_the_rim_do_not_hide_a_shift() -> None:
@@ -293,9 +283,8 @@ def test_a_shift_moves_the_polarization_of_a_slope_and_of_nothing_even() -> None
 
 
 def test_light_without_polarization_has_no_angle_to_move() -> None:
-    shift, turn_rad = consequence(PLAN.system, np.full(4, 100.0), _parameters("dark level", 0, 0.0), light=100.0)
-    assert shift == pytest.approx(0.0, abs=1e-15)
-    assert turn_rad is None
+    found = consequence(PLAN.system, np.full(4, 100.0), _parameters("dark level", 0, 0.0), light=100.0)
+    assert found == (pytest.approx(0.0, abs=1e-15), None)
 
 
 def test_texture_that_cancels_in_the_residual_makes_no_error() -> None:

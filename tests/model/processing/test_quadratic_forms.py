@@ -98,12 +98,6 @@ def test_leading_axes_broadcast() -> None:
             assert found[i, j] == upper_tail(threshold[j], weights[i, 0], [0.2, 1.0])
 
 
-def test_more_forms_than_a_block() -> None:
-    threshold = np.linspace(0.1, 40.0, 1000)
-    found = upper_tail(threshold, [1.0, 1.0], [0.0, 0.0])
-    assert_allclose(found, np.exp(-threshold / 2.0), rtol=ROUNDING)
-
-
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
 def test_tolerance_is_kept_and_the_estimate_says_so(tolerance: float) -> None:
     threshold = np.array([0.01, 0.5, 3.0, 8.0, 30.0, 90.0])
@@ -288,13 +282,12 @@ def test_quantile(degrees: int, p: float) -> None:
     assert abs(float(step)) < 1e-15
 
 
-def test_ends() -> None:
-    assert chi_square.upper_quantile(0.0, 3) == np.inf
-    assert chi_square.upper_quantile(1.0, 3) == 0.0
-
-
 @pytest.mark.parametrize("degrees", [200, 201, 500, 2000])
 @pytest.mark.parametrize("p", [1e-12, 1e-3, 0.5, 0.999])
 def test_many_degrees_of_freedom_have_quantiles(p, degrees):
     found = chi_square.upper_quantile(p, degrees)
     assert gammaincc(0.5 * degrees, 0.5 * found) == pytest.approx(p, rel=1e-9)
+
+
+def test_quantiles_at_both_ends() -> None:
+    assert [float(chi_square.upper_quantile(p, 3)) for p in (0.0, 1.0)] == [np.inf, 0.0]

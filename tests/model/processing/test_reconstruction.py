@@ -66,12 +66,6 @@ def test_condition_with_leakage(leak):
     assert design(MODIFIED_PICKERING_RAD, extinction).condition == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("angles_deg", [(0, 0, 90), (0, 180, 45), (0, 90, 180, 270), (5, 185, 95)])
-def test_angles_equal_modulo_180_do_not_count_twice(angles_deg):
-    with pytest.raises(ValueError, match="modulo 180 deg"):
-        design(np.deg2rad(angles_deg))
-
-
 def test_repeats_are_allowed_beside_three_angles():
     plan = design(np.deg2rad([0, 60, 120, 180]))
     np.testing.assert_allclose(plan.inverse[:, 0], plan.inverse[:, 3], atol=1e-15)
@@ -83,30 +77,35 @@ def test_nearly_equal_angles_are_flagged():
     assert "condition number" in plan.warnings[0]
 
 
-def test_condition_beyond_a_million_is_refused():
-    with pytest.raises(ValueError, match="allowed is at most 1e\\+06"):
-        design(np.deg2rad([0.0, 0.08, 0.16]))
+@pytest.mark.parametrize(
+    ("angles_deg", "extinction", "message"),
+    [
+        ((0, 0, 90), np.inf, "modulo 180 deg"),
+        ((0, 180, 45), np.inf, "modulo 180 deg"),
+        ((5, 185, 95), np.inf, "modulo 180 deg"),
+        ((0.0, 0.08, 0.16), np.inf, "allowed is at most 1e\\+06"),
+        ((0.0, 60.0), np.inf, "allowed"),
+        ((0.0, 60.0, np.nan), 10.0, "allowed"),
+        ((0.0, 45.0, 90.0), 1.0, "allowed"),
+    ],
+)
+def test_angles_that_give_no_stokes_parameters_are_refused(angles_deg, extinction, message):
+    with pytest.raises(ValueError, match=message):
+        design(np.deg2rad(angles_deg), extinction)
 
 
-@pytest.mark.parametrize(("angles", "extinction"), [((0.0, 1.0), np.inf), ((0.0, 1.0, np.nan), 10), (PICKERING_RAD, 1)])
-def test_arguments_out_of_range_are_refused(angles, extinction):
-    with pytest.raises(ValueError, match="allowed"):
-        design(angles, extinction)
-
-
-def test_pictures_have_their_angles_first():
+@pytest.mark.parametrize(
+    ("given", "found"), [(np.float64, np.float64), (np.float32, np.float32), (np.uint16, np.float64)]
+)
+def test_pictures_have_their_angles_first_and_single_precision_stays_single(given, found):
     plan = design(MODIFIED_PICKERING_RAD, 500.0)
-    stokes = np.random.default_rng(1).normal(size=(3, 5, 6))
-    channels = np.tensordot(plan.system, stokes, axes=1)
-    np.testing.assert_allclose(reconstruct(plan, channels), stokes, atol=1e-14)
-
-
-def test_single_precision_pictures_stay_single():
-    assert reconstruct(design(PICKERING_RAD), np.ones((3, 4, 4), dtype=np.float32)).dtype == np.float32
-
-
-def test_counts_are_no_integers_afterwards():
-    assert reconstruct(design(PICKERING_RAD), np.ones((3, 2), dtype=np.uint16)).dtype == np.float64
+    stokes = 1000.0 + 100.0 * np.random.default_rng(1).normal(size=(3, 5, 6))
+    channels = np.tensordot(plan.system, stokes, axes=1).astype(given)
+    result = reconstruct(plan, channels)
+    assert result.dtype == found
+    np.testing.assert_allclose(np.tensordot(plan.system, result, axes=1).mean(), channels.mean(), rtol=1e-3)
+    if given == np.float64:
+        np.testing.assert_allclose(result, stokes, rtol=1e-13)
 
 
 def test_wrong_number_of_channels_is_refused():

@@ -37,18 +37,16 @@ def _pseudo_inverse_stokes(run, *, black=0.0, extinction=np.inf):
     return np.einsum("kn,nij->kij", np.linalg.pinv(m), counts)
 
 
-def test_stokes_equal_an_independent_pseudo_inverse(tmp_path):
-    run = _run(tmp_path, [(0, 900), (45, 700), (90, 400), (135, 600)])
+@pytest.mark.parametrize(
+    ("levels", "extinction"),
+    [([(0, 900), (45, 700), (90, 400), (135, 600)], np.inf), ([(0, 900), (60, 700), (120, 400)], 10.0)],
+)
+def test_stokes_equal_an_independent_pseudo_inverse(tmp_path, levels, extinction):
+    rig = {} if np.isinf(extinction) else {"rig": {"polarizer": {"extinction_ratio": extinction}}}
+    run = _run(tmp_path, levels, **rig)
     found = measure(run, regions=[])
-    expected = _pseudo_inverse_stokes(run)
+    expected = _pseudo_inverse_stokes(run, extinction=extinction)
     # Counts below 1e3 and a condition of sqrt 2: rounding is some 1e-13 of S0.
-    assert np.max(np.abs(reconstruct(found.plan, found.channels) - expected)) < 1e-9 * expected[0].max()
-
-
-def test_the_extinction_ratio_of_the_rig_file_is_undone(tmp_path):
-    run = _run(tmp_path, [(0, 900), (60, 700), (120, 400)], rig={"polarizer": {"extinction_ratio": 10.0}})
-    found = measure(run, regions=[])
-    expected = _pseudo_inverse_stokes(run, extinction=10.0)
     assert np.max(np.abs(reconstruct(found.plan, found.channels) - expected)) < 1e-9 * expected[0].max()
 
 
@@ -75,12 +73,6 @@ def test_a_calibration_gives_the_dark_level_where_the_run_says_nothing(tmp_path)
     assert found.dark_level.level_dn == pytest.approx([65, 65, 65])
 
 
-def test_without_any_dark_level_nothing_is_made_up(tmp_path):
-    frames = [(at(a, black_level_dn=None), np.full(SIZE, 500)) for a in (0, 60, 120)]
-    with pytest.raises(DataError, match="without light"):
-        measure(make_run(tmp_path / "run", frames), regions=[])
-
-
 def test_saturated_and_missing_pixels_are_left_out_of_a_region_and_counted(tmp_path):
     frames = [(at(a, missing_dn=0.0), _picture(900, a)) for a in (0, 60, 120)]
     frames[1][1][6, 7] = 4095
@@ -93,21 +85,23 @@ def test_saturated_and_missing_pixels_are_left_out_of_a_region_and_counted(tmp_p
     assert found.missing.sum() == 2
 
 
-def test_too_few_pixels_left_are_refused(tmp_path):
-    frames = [(at(a), np.full(SIZE, 4095)) for a in (0, 60, 120)]
-    with pytest.raises(DataError, match="middle: 0 pixels are left of 900"):
-        measure(make_run(tmp_path / "run", frames), regions=[REGION])
+OUTSIDE = Region(name="far", rectangle=Rectangle(x=45, y=5, width=30, height=30))
 
 
-def test_singular_angles_are_refused_with_the_reason(tmp_path):
-    with pytest.raises(DataError, match=r"at 2 angles that differ.*0, 90 deg.*three"):
-        measure(_run(tmp_path, [(0, 900), (90, 700), (180, 900)]), regions=[])
-
-
-def test_a_region_outside_of_the_picture_is_refused(tmp_path):
-    outside = Region(name="far", rectangle=Rectangle(x=45, y=5, width=30, height=30))
-    with pytest.raises(ConfigError, match="far"):
-        measure(_run(tmp_path, [(0, 900), (60, 700), (120, 900)]), regions=[outside])
+@pytest.mark.parametrize(
+    ("frames", "regions", "error", "message"),
+    [
+        ([(at(a, black_level_dn=None), 500) for a in (0, 60, 120)], [], DataError, "without light"),
+        ([(at(a), 4095) for a in (0, 60, 120)], [REGION], DataError, "middle: 0 pixels are left of 900"),
+        ([(at(a), 900) for a in (0, 90, 180)], [], DataError, r"at 2 angles that differ.*0, 90 deg.*three"),
+        ([(at(a), 900) for a in (0, 60, 120)], [OUTSIDE], ConfigError, "far"),
+    ],
+    ids=["no dark level", "saturated", "singular angles", "outside"],
+)
+def test_a_run_that_cannot_be_measured_is_refused_with_the_reason(tmp_path, frames, regions, error, message):
+    run = make_run(tmp_path / "run", [(facts, np.full(SIZE, counts)) for facts, counts in frames])
+    with pytest.raises(error, match=message):
+        measure(run, regions=regions)
 
 
 def test_quantities_of_a_known_region(tmp_path):
