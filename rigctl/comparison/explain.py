@@ -1,7 +1,9 @@
-"""Residuals of a comparison attributed to its inputs: which input would explain them, and what it cannot be told from.
+"""Residuals of a comparison attributed to its inputs: the input that would explain them, and others that could as well.
 
 Each uncertain input is moved as far as it removes the residuals best (a Bayesian update, to first order). The rows that
 count are those that are not functions of one another, with the covariance of their measurement.
+
+`unstated_effects` does the same for effects of the light that the scene file does not state.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,13 +28,13 @@ FloatArray = NDArray[np.float64]
 _STOKES = ("s0", "s1", "s2")
 
 
-# An input of whose variance the data resolve less than this says nothing, and of which nothing is said.
+# An input is left out if the data resolve less than this share of its variance.
 _LEAST_SEEN = 1e-3
-# What is left after a move is acceptable where chance makes as much in one case of so many.
+# Residuals after a move are acceptable above this p-value.
 _ACCEPTED = 0.01
-# Residuals that chance makes as often, no input of which stands out by so many standard deviations.
+# Residuals need no explanation above this p-value, unless the score of an input is above so many standard deviations.
 _UNREMARKABLE, _WORTH_A_WORD = 0.05, 3.0
-# Inputs that often are the cause of a disagreement, in the order in which they are.
+# Inputs that often cause a disagreement, the most frequent first.
 _OFTEN_THE_CAUSE = (
     "sensor.f_number",
     "rig.polarizer_offset_deg",
@@ -41,33 +43,31 @@ _OFTEN_THE_CAUSE = (
     "sensor.quantum_efficiency",
     "sensor.extinction_ratio",
 )
-# More names than this say no more than that an input is hardly seen.
+# With more names than this, only their number is given.
 _NAMED = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class InputMove:
-    """One input, and what its move would do."""
+    """One input, and the effect of its move on the residuals."""
 
-    name: str  #: As in the scene file.
-    value: float  #: As stated, in the units of the file.
+    name: str  #: as in the scene file
+    value: float  #: as stated, in the units of the file
     std: float
-    #: How far it would have to move to remove what it can of the disagreement, in its own standard uncertainties.
-    move_std: float
-    moved_value: float  #: Where that is.
-    #: Standard normal where everything stated is right: the root of the fall in chi-square that the move makes.
-    score: float
-    p_value_left: float  #: Chance of what is left after the move.
-    removes: bool  #: Whether what is left is what chance makes.
-    seen: float  #: Share of its stated variance that the data resolve, 0 to 1.
-    #: Inputs that could look the same: were this one off by five standard uncertainties, they would outrank it in more
+    move_std: float  #: move that removes as much of the residuals as possible, in its standard uncertainties
+    moved_value: float  #: value after the move
+    score: float  #: root of the fall in chi-square by the move; standard normal if everything stated is right
+    p_value_left: float  #: p-value of the remaining residuals
+    removes: bool  #: whether the remaining residuals are acceptable
+    seen: float  #: share of its stated variance that the data resolve, 0 to 1
+    #: Inputs that could look the same: if this input is off by five standard uncertainties, they outrank it in more
     #: than 5 % of cases.
     indistinguishable_from: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FittedInput:
-    """One input after a joint update of all: fitted to this run, not measured otherwise."""
+    """One input after a joint update of all: fitted to this run, not measured in another way."""
 
     name: str
     value: float
@@ -79,13 +79,13 @@ class FittedInput:
 class InputAttribution:
     """Residuals of a comparison, attributed to inputs."""
 
-    chi_square: float  #: Of the residuals, in the errors of measurement and inputs together.
+    chi_square: float  #: of the residuals, in the errors of measurement and inputs together
     degrees_of_freedom: int
     p_value: float
-    moves: tuple[InputMove, ...]  #: The input that explains most first. Empty where no input has an uncertainty.
-    fitted: tuple[FittedInput, ...]  #: All inputs updated at once, each held by its stated uncertainty.
-    unseen: tuple[str, ...]  #: Inputs of which the data say nothing.
-    remark: str  #: What to know of it.
+    moves: tuple[InputMove, ...]  #: the input that explains most first
+    fitted: tuple[FittedInput, ...]  #: all inputs updated at once, each held by its stated uncertainty
+    unseen: tuple[str, ...]  #: inputs that the data do not resolve
+    remark: str  #: the result in a sentence
 
     @property
     def best(self) -> InputMove | None:
@@ -96,7 +96,7 @@ class InputAttribution:
 def attribute_residuals(
     rows: Sequence[Row], *, propagation: Propagation, inputs: Inputs, measurement: Measurement
 ) -> InputAttribution | None:
-    """Return what would explain the residuals of rows; None where no input has an uncertainty."""
+    """Return the inputs that would explain the residuals of rows; None where no input has an uncertainty."""
     if not inputs.names:
         return None
     places, cov = _evidence(rows, measurement)
@@ -112,6 +112,7 @@ def attribute_residuals(
     )
     moves = tuple(_move(found, inputs, std, k) for k in found.order if found.seen[k] >= _LEAST_SEEN)
     seen = {move.name for move in moves}
+    exact = {parameter.key for parameter in parameters(inputs.scene) if parameter.std == 0.0}
     return InputAttribution(
         chi_square=found.chi_square,
         degrees_of_freedom=found.degrees_of_freedom,
@@ -119,7 +120,7 @@ def attribute_residuals(
         moves=moves,
         fitted=tuple(_fitted(found, inputs, std)),
         unseen=tuple(name for name in inputs.names if name not in seen),
-        remark=_remark(moves, found.p_value, _exact(inputs)),
+        remark=_remark(moves, found.p_value, [key for key in _OFTEN_THE_CAUSE if key in exact]),
     )
 
 
@@ -174,13 +175,13 @@ def _fill_deviations(cov: FloatArray, position: dict[NumberKey, int], measuremen
             continue
         here = [position[key] for key in keys]
         errors = np.sqrt(np.diag(cov))[here]
-        # Without any spread of some parameter there is no correlation to speak of.
+        # Without any spread of some parameter there is no correlation.
         if np.all(np.ptp(region.stokes_pixels_mean, axis=1) > 0.0):
             cov[np.ix_(here, here)] = deviations_cov(errors, np.corrcoef(region.stokes_pixels_mean))
 
 
 def _straightened(rows: Sequence[Row]) -> tuple[FloatArray, FloatArray]:
-    """Return by what changes of rows have to be multiplied so that inputs move them in a straight line.
+    """Return factors on changes of rows that make the response to inputs a straight line.
 
     The light moves temporal variances in proportion, and deviations as its root: a deviation s counts as s^2, with the
     slope 2 s, taken at the prediction and at the measurement. Over five standard uncertainties of the light the bend of
@@ -217,50 +218,37 @@ def _fitted(found: bayesian_update.InputUpdate, inputs: Inputs, std: FloatArray)
         )
 
 
-def _exact(inputs: Inputs) -> tuple[str, ...]:
-    """Return inputs that often are the cause, and that the scene states as exact."""
-    exact = {found.key for found in parameters(inputs.scene) if found.std == 0.0}
-    return tuple(key for key in _OFTEN_THE_CAUSE if key in exact)
-
-
-def _remark(moves: Sequence[InputMove], p_value: float, exact: Sequence[str]) -> str:
+def _remark(moves: Sequence[InputMove], p_value: float, left_out: Sequence[str]) -> str:
     if not moves:
         return "no input that has a stated uncertainty acts on what was measured"
     best = moves[0]
     if p_value > _UNREMARKABLE and abs(best.score) < _WORTH_A_WORD:
         return "the residuals agree with the stated errors, so nothing has to be explained"
     if not best.removes:
-        return "none of the stated inputs" + _not_to_be_named(exact)
+        if left_out:
+            return f"none of the stated inputs; not considered, because no uncertainty is given: {', '.join(left_out)}"
+        return "none of the stated inputs; look at what the run shows of itself"
     text = (
         f"{best.name} would remove them by moving {best.move_std:+.1f} of its standard uncertainties, from "
         f"{best.value:.4g} to {best.moved_value:.4g}"
     )
-    return text + _told_from(best.indistinguishable_from)
-
-
-def _not_to_be_named(exact: Sequence[str]) -> str:
-    if not exact:
-        return "; look at what the run shows of itself"
-    return f"; not considered, because no uncertainty is given: {', '.join(exact)}"
-
-
-def _told_from(names: Sequence[str]) -> str:
-    if not names:
-        return ""
-    if len(names) > _NAMED:
-        return f"; these data hardly see it, {len(names)} other inputs could look the same"
-    return "; these data cannot tell it from " + ", ".join(names)
+    others = best.indistinguishable_from
+    if len(others) > _NAMED:
+        return f"{text}; these data hardly see it, {len(others)} other inputs could look the same"
+    return f"{text}; these data cannot tell it from {', '.join(others)}" if others else text
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnstatedEffect:
-    """An effect that nobody stated, against the rows of a comparison."""
+    """An effect that is not stated in the scene file, compared with the residuals."""
 
     effect: Effect
-    range: str  #: its usual one, or what the run shows, in words
+    range: str  #: its usual range, or the size that the run shows, in words
     is_shown: bool  #: whether the run shows its size
     errors: float  #: largest change of a tested number, over the standard error of that row
-    removes: float  #: share of the residuals' chi-square that it removes, at that size of its range which removes most
+    removes: (
+        float  #: share of the residuals' chi-square that it removes, at the size within its range that removes most
+    )
 
 
 # An effect that removes less of the residuals than this is not their cause.
@@ -273,7 +261,7 @@ def unstated_effects(
     others: Iterable[tuple[Effect, Mapping[str, RegionPrediction]]],
     shown: Mapping[Effect, tuple[float, float]],
 ) -> tuple[UnstatedEffect, ...]:
-    """Return what effects that nobody stated do to the tested rows of a comparison, the largest first.
+    """Return the effects that are not stated with their change of the tested rows, the largest first.
 
     Predictions are without them and with each at both ends of its range; `shown` is the size of those that the run
     shows, and its standard error.
@@ -305,7 +293,7 @@ def unstated_effects(
 
 
 def _removed(residual: FloatArray, changes: FloatArray, *, has_sign: bool) -> float:
-    """Share of a chi-square that changes remove, taken by the factor up to 1 that removes most."""
+    """Return the share of a chi-square that changes remove, at the factor up to 1 that removes most."""
     length, size = float(residual @ residual), float(changes @ changes)
     if length == 0.0 or size == 0.0:
         return 0.0
@@ -319,7 +307,7 @@ def _shown(value: float, error: float) -> str:
 
 
 def unstated_lines(found: Sequence[UnstatedEffect], *, disagrees: bool) -> Iterable[str]:
-    """Yield the effects that nobody stated and that could move a number beyond its error, or fit the residuals."""
+    """Yield the effects that are not stated and could move a number beyond its error, or fit the residuals."""
     large = [f"{one.effect} ({one.errors:.2g} standard errors for {one.range})" for one in found if one.errors > 1.0]
     if large:
         yield f"Not stated in the scene file, but able to move a tested number: {', '.join(large)}"

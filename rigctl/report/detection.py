@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,8 @@ from rigctl.report.drawing import (
 from rigctl.report.table import Column, Shown, Table
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from model.prediction import PairDetection
     from rigctl.comparison.detect import RxOnRun
     from rigctl.console.json_text import Json
@@ -33,46 +35,39 @@ DETECTION_SCHEMA = 1
 _Row = tuple[int, str, float, float, float]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RocPoint:
-    """A point of the measured and of the predicted ROC."""
-
-    p_false_alarm: float
-    threshold: float
-    p_detection_predicted: float
-    p_detection_measured: float
-    band_low: float
-    band_high: float
-    p_false_alarm_measured: float
+def measured_roc_table(found: RxOnRun) -> Table[int]:
+    """Return every point of the measured and of the predicted ROC."""
+    return Table(columns=_columns(found), rows=tuple(range(found.p_false_alarm.size)))
 
 
-_COLUMNS: tuple[Column[RocPoint], ...] = (
-    Column(title="P_FA", key="p_false_alarm", text=lambda point: f"{point.p_false_alarm:.1e}"),
-    Column(title="threshold", key="threshold", text=lambda point: f"{point.threshold:.2f}"),
-    Column(
-        title="P_D predicted",
-        key="p_detection_predicted",
-        text=lambda point: f"{point.p_detection_predicted:.4f}",
-        csv=lambda point: repr(point.p_detection_predicted),
-    ),
-    Column(title="P_D measured", key="p_detection_measured", text=lambda point: f"{point.p_detection_measured:.4f}"),
-    Column(key="band_low", shown=Shown.PROGRAMS),
-    Column(key="band_high", shown=Shown.PROGRAMS),
-    Column(title="95 % band", text=lambda point: f"{point.band_low:.4f} to {point.band_high:.4f}"),
-    Column(key="p_false_alarm_measured", shown=Shown.PROGRAMS),
-)
-
-
-def measured_roc_table(found: RxOnRun) -> Table[RocPoint]:
-    """Return every point of the curves."""
-    return Table(columns=_COLUMNS, rows=tuple(_point(found, k) for k in range(found.p_false_alarm.size)))
-
-
-def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[RocPoint]:
+def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[int]:
     """Return the points at round false alarm rates."""
     places = np.flatnonzero(np.isin(found.p_false_alarm, FALSE_ALARM_RATES)).tolist()
-    rows = tuple(_point(found, k) for k in places)
-    return Table(title=f"RX: {target} on {background}", columns=_COLUMNS, rows=rows)
+    return Table(title=f"RX: {target} on {background}", columns=_columns(found), rows=tuple(places))
+
+
+def _columns(found: RxOnRun) -> tuple[Column[int], ...]:
+    def column(key: str, values: NDArray[np.float64], title: str = "", digits: str = "") -> Column[int]:
+        def value(k: int) -> float:
+            return float(values[k])
+
+        if not title:
+            return Column(key=key, value=value, shown=Shown.PROGRAMS)
+        return Column(title=title, key=key, value=value, text=lambda k: format(value(k), digits))
+
+    predicted = found.predicted_p_detection
+    return (
+        column("p_false_alarm", found.p_false_alarm, "P_FA", ".1e"),
+        column("threshold", found.threshold, "threshold", ".2f"),
+        replace(
+            column("p_detection_predicted", predicted, "P_D predicted", ".4f"), csv=lambda k: repr(float(predicted[k]))
+        ),
+        column("p_detection_measured", found.empirical_p_detection, "P_D measured", ".4f"),
+        column("band_low", found.band_low),
+        column("band_high", found.band_high),
+        Column(title="95 % band", text=lambda k: f"{found.band_low[k]:.4f} to {found.band_high[k]:.4f}"),
+        column("p_false_alarm_measured", found.empirical_p_false_alarm),
+    )
 
 
 def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str, Json]:
@@ -90,18 +85,6 @@ def detection_json(found: RxOnRun, *, background: str, target: str) -> dict[str,
         "points": json_rows(round_roc_table(found, background=background, target=target)),
         "warnings": list(found.warnings),
     }
-
-
-def _point(found: RxOnRun, k: int) -> RocPoint:
-    return RocPoint(
-        p_false_alarm=float(found.p_false_alarm[k]),
-        threshold=float(found.threshold[k]),
-        p_detection_predicted=float(found.predicted_p_detection[k]),
-        p_detection_measured=float(found.empirical_p_detection[k]),
-        band_low=float(found.band_low[k]),
-        band_high=float(found.band_high[k]),
-        p_false_alarm_measured=float(found.empirical_p_false_alarm[k]),
-    )
 
 
 def roc_json(curves: Mapping[RocKind, Sequence[PairDetection]], shape: tuple[int, ...]) -> dict[str, Json]:
@@ -161,14 +144,14 @@ def _at(rate: float) -> Any:
     return lambda row: f"{row[1].p_detection[int(np.argmin(np.abs(row[1].p_false_alarm - rate)))]:.5g}"
 
 
-# What one background pixel in ten exceeds.
+# Logarithm of the statistic that one background pixel in ten exceeds.
 _LEAST_SHOWN = 0.8
-# More names than these fit no legend.
+# A legend has room for so many names.
 _MOST_NAMED = 12
 
 
 def statistic_picture(found: RxOnRun, *, background: str) -> bytes:
-    """Return the map of the statistic on a log scale, from what one background pixel in ten exceeds."""
+    """Return the map of the statistic on a log scale, from the value that one background pixel in ten exceeds."""
     values = np.log10(np.maximum(found.statistic, 1e-3))
     picture = DrawnPicture(
         values=values,

@@ -1,4 +1,4 @@
-"""What a run measured as maps and files: S0, DoLP, AoLP, residual of the fit, and detection on them."""
+"""A measured run as maps and files: S0, DoLP, AoLP, residual of the fit, and detection on them."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 AnyFloatArray = NDArray[np.floating]
 
-# An AoLP that is known worse than this fades: DoLP is below three of its errors.
+# An AoLP with a larger error than this fades: DoLP is below three of its errors.
 _KNOWN_DEG = 10.0
 # Pictures show from the 1st to the 99.5th percentile, so that a few bright pixels do not darken the rest.
 _SHOWN_PERCENTILES = (1.0, 99.5)
-# A grey: the cyclic colours are all saturated.
+# Grey, which is none of the cyclic colours.
 _UNKNOWN_GREY = 153
-# Of a picture that is the same all over, the bar is so wide for its value.
+# Least range of the colour bar, as a share of the values, for an even picture.
 _LEAST_SPAN = 1e-3
 
 
@@ -122,7 +122,7 @@ def _shown(image: AnyFloatArray, *, most: float = np.inf) -> tuple[float, float]
 def write_stokes(
     measurement: Measurement, regions: list[Region], out: Path, *, fits: bytes, numbers: Mapping[str, Json]
 ) -> tuple[str, ...]:
-    """Write all that a measurement gives into a folder; return the names of the files."""
+    """Write pictures and numbers of a measurement into a folder; return the names of the files."""
     images, unit = measurement.images, measurement.grid.unit
     contents = {
         "stokes.fits": fits,
@@ -141,7 +141,7 @@ def write_detection(found: RxOnRun, out: Path, *, background: str, target: str) 
     contents = {
         "rx.fits": fits_image(found.statistic, unit="", what=f"RX statistic D against {background}; NaN: no meaning"),
         "rx.png": statistic_picture(found, background=background),
-        # Lines end here as RFC 4180 has it.
+        # Line ends of RFC 4180.
         "roc.csv": csv_rows(measured_roc_table(found), line_end="\r\n"),
         "roc.png": roc_plot(found, background=background, target=target),
         "detection.json": json_file(detection_json(found, background=background, target=target)),

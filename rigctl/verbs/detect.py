@@ -76,7 +76,7 @@ def detect(
     Raises
     ------
     ConfigError, DataError
-        A file is wrong, a region is not there, or the run cannot give the detector what it needs.
+        A file is wrong, a region does not exist, or a region cannot serve as a background.
     """
     import numpy as np
 
