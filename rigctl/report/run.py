@@ -22,7 +22,6 @@ from rigctl.runs.records import (
     READINGS_EVENT,
     event_facts,
     host_clock_text,
-    monitor_line,
     pictures_lost,
     start_time_texts,
 )
@@ -146,7 +145,7 @@ def monitor_figure(traces: Sequence[MonitorTrace]) -> bytes:
     figure, axes = subplots(len(traces), 1, size=(8.8, 0.4 + 2.0 * len(traces)))
     for ax, trace in zip(axes, traces, strict=True):
         ax.plot([(time_s - first_s) / unit_s for time_s in trace.times_s], trace.values, ".-", markersize=4)
-        ax.set_ylabel(f"{trace.facts.monitor} [{trace.facts.unit}]")
+        ax.set_ylabel(f"{trace.monitor} [{trace.unit}]")
         ax.ticklabel_format(axis="y", useOffset=False)
     axes[-1].set_xlabel(f"time since the first reading [{unit}]")
     return png(figure)
@@ -261,7 +260,7 @@ def _monitors(session: SessionHistory) -> Iterable[Section]:
     """Yield what sensors beside the frames said, and what is left of the light's change where one follows it."""
     if not session.monitors:
         return
-    lines = [monitor_line(trace) for trace in session.monitors]
+    lines = [trace.line for trace in session.monitors]
     lines += [] if session.cycles is None else [f"{text}." for text in light_lines(session.cycles, session.monitors)]
     read = [trace for trace in session.monitors if trace.values]
     pictures = (Picture(png=monitor_figure(read)),) if read else ()

@@ -430,23 +430,13 @@ def closed_with(event: RunEvent) -> tuple[int, str] | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MonitorFacts:
-    """A sensor once it answers: its name in the rig file, its own name and unit, whether it follows the light."""
-
-    monitor: str
-    device: str
-    unit: str
-    follows_light: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
 class MonitorReadings:
-    """Readings beside one exposure."""
+    """Readings of all sensors for one exposure."""
 
     sequence: int  #: Of the exposure's first frame.
-    read_utc: str  #: When they were asked for.
-    readings: dict[str, float | None]  #: By the name in the rig file; None where there is none.
-    #: Why there is none, where that has changed since the last exposure.
+    read_utc: str  #: When they were requested.
+    readings: dict[str, float | None]  #: By the name in the rig file; None for a missing one.
+    #: Reasons of missing readings that have changed since the last exposure.
     problems: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -458,15 +448,18 @@ class MonitorReadings:
 class MonitorTrace:
     """Readings of one sensor over a run."""
 
-    facts: MonitorFacts  #: Which; its unit is empty where it never answered.
-    times_s: tuple[float, ...]  #: Seconds since 1970 (UTC), and what was read.
+    monitor: str  #: Its name in the rig file.
+    device: str = ""  #: Its own name and unit; empty if it never answered.
+    unit: str = ""
+    follows_light: bool = False
+    times_s: tuple[float, ...]  #: Seconds since 1970 (UTC).
     values: tuple[float, ...]
     missing: int  #: Exposures without a reading.
-    problems: tuple[str, ...]  #: Why, each once.
+    problems: tuple[str, ...]  #: Reasons, each once.
 
     @property
     def change_per_hour(self) -> float | None:
-        """Slope of a straight line through the readings; None of fewer than two times."""
+        """Slope of a straight line through the readings; None for fewer than two times."""
         count = len(self.times_s)
         if count < 2 or self.times_s[-1] <= self.times_s[0]:
             return None
@@ -476,46 +469,43 @@ class MonitorTrace:
         return slope * _S_PER_H
 
     def at(self, time_s: float) -> float | None:
-        """Return the reading nearest to a time; None where there is none within five minutes."""
+        """Return the reading nearest to a time; None if there is none within five minutes."""
         nearest = min(range(len(self.times_s)), key=lambda k: abs(self.times_s[k] - time_s), default=None)
         if nearest is None or abs(self.times_s[nearest] - time_s) > _NEAR_S:
             return None
         return self.values[nearest]
 
+    @property
+    def line(self) -> str:
+        """Range, mean, slope and missing readings in one line."""
+        count = len(self.values)
+        missing = f"; {self.missing} of {self.missing + count} readings missing" if self.missing else ""
+        why = f" ({'; '.join(self.problems)})" if self.problems else ""
+        if not count:
+            return f"{self.monitor}: never answered{missing}{why}"
+        slope = self.change_per_hour
+        steep = "" if slope is None else f", {slope:+.3g} an hour"
+        span = f"{min(self.values):.6g} to {max(self.values):.6g} {self.unit}, mean {sum(self.values) / count:.6g}"
+        return f"{self.monitor} ({self.device}): {span}{steep}{missing}{why}"
 
-_FACTS, _READINGS = TypeAdapter(MonitorFacts), TypeAdapter(MonitorReadings)
+
+_READINGS = TypeAdapter(MonitorReadings)
 
 
 def monitor_traces(events: Iterable[RunEvent]) -> tuple[MonitorTrace, ...]:
     """Return the readings of each sensor of a session, in the order of their rig file."""
-    facts: dict[str, MonitorFacts] = {}
-    readings: list[MonitorReadings] = []
+    facts: dict[str, Mapping[str, JsonValue]] = {}
+    rows: list[MonitorReadings] = []
     try:
         for event in events:
             if event.event == MONITOR_EVENT:
-                one = _FACTS.validate_python(event.facts)
-                facts[one.monitor] = one
+                facts[str(event.facts.get("monitor"))] = event.facts
             elif event.event == READINGS_EVENT:
-                readings.append(_READINGS.validate_python(event.facts))
+                rows.append(_READINGS.validate_python(event.facts))
     except ValidationError as error:
         raise RunFolderError(f"{EVENTS_FILE}: readings of a monitor: {explain_invalid(error)}") from error
-    names = dict.fromkeys(name for reading in readings for name in reading.readings)
-    return tuple(_trace(facts.get(name, MonitorFacts(monitor=name, device="", unit="")), readings) for name in names)
-
-
-def monitor_line(trace: MonitorTrace) -> str:
-    """Return the readings of a sensor in a line: range, mean, slope, and how many are missing."""
-    facts, count = trace.facts, len(trace.values)
-    missing = f"; {trace.missing} of {trace.missing + count} readings missing" if trace.missing else ""
-    why = f" ({'; '.join(trace.problems)})" if trace.problems else ""
-    if not count:
-        return f"{facts.monitor}: never answered{missing}{why}"
-    slope = trace.change_per_hour
-    steep = "" if slope is None else f", {slope:+.3g} an hour"
-    text = (
-        f"{min(trace.values):.6g} to {max(trace.values):.6g} {facts.unit}, mean {sum(trace.values) / count:.6g}{steep}"
-    )
-    return f"{facts.monitor} ({facts.device}): {text}{missing}{why}"
+    names = dict.fromkeys(name for row in rows for name in row.readings)
+    return tuple(_trace(name, facts.get(name, {}), rows) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -715,17 +705,19 @@ def _in_words(value: object) -> str:
     return str(value)
 
 
-def _trace(facts: MonitorFacts, readings: Iterable[MonitorReadings]) -> MonitorTrace:
-    mine = [reading for reading in readings if facts.monitor in reading.readings]
-    found = [(datetime.fromisoformat(one.read_utc).timestamp(), one.readings[facts.monitor]) for one in mine]
-    known = [(time_s, value) for time_s, value in found if value is not None]
-    problems = dict.fromkeys(one.problems[facts.monitor] for one in mine if facts.monitor in one.problems)
+def _trace(name: str, facts: Mapping[str, JsonValue], rows: Iterable[MonitorReadings]) -> MonitorTrace:
+    own = [row for row in rows if name in row.readings]
+    timed = [(datetime.fromisoformat(row.read_utc).timestamp(), row.readings[name]) for row in own]
+    known = [(time_s, value) for time_s, value in timed if value is not None]
     return MonitorTrace(
-        facts=facts,
+        monitor=name,
+        device=str(facts.get("device", "")),
+        unit=str(facts.get("unit", "")),
+        follows_light=facts.get("follows_light") is True,
         times_s=tuple(time_s for time_s, _ in known),
         values=tuple(value for _, value in known),
-        missing=len(found) - len(known),
-        problems=tuple(problems),
+        missing=len(timed) - len(known),
+        problems=tuple(dict.fromkeys(row.problems[name] for row in own if name in row.problems)),
     )
 
 

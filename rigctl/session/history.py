@@ -109,7 +109,7 @@ def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iter
     """Yield the change of the light in words, and how much of it the sensors explain that follow the light."""
     for trace in monitors:
         found = []
-        for look in history.looks if trace.facts.follows_light else ():
+        for look in history.looks if trace.follows_light else ():
             region, reading = look.regions.get(history.reference), trace.at(look.time_s)
             if region is not None and reading is not None and reading > 0.0 and region.light_dn_per_s > 0.0:
                 found.append((region.light_dn_per_s, reading))
@@ -121,7 +121,7 @@ def light_lines(history: CycleHistory, monitors: Sequence[MonitorTrace]) -> Iter
         reading = found[-1][1] / first_reading - 1.0
         yield (
             f"Light of {history.reference} changed by {percent(light[-1], sign=True)} over the run and by "
-            f"{percent(max(map(abs, light)))} at most, {trace.facts.monitor} by {percent(reading, sign=True)}; divided "
+            f"{percent(max(map(abs, light)))} at most, {trace.monitor} by {percent(reading, sign=True)}; divided "
             f"by it {percent(left[-1], sign=True)} is left, {percent(max(map(abs, left)))} at most"
         )
 

@@ -14,7 +14,7 @@ from rigctl.console.terminal import warn
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import MonitorSection
 from rigctl.rig.rig import find_driver
-from rigctl.runs.records import MONITOR_EVENT, READINGS_EVENT, MonitorFacts, MonitorReadings
+from rigctl.runs.records import MONITOR_EVENT, READINGS_EVENT, MonitorReadings
 
 _GROUP = "rigctl.monitors"
 # A reading may end by so much after its deadline before it is given up.
@@ -41,7 +41,8 @@ class _Reader:
 
     def __init__(self, section: MonitorSection, answer: Callable[[_Look, str, float | str], None]) -> None:
         self.section, self._answer = section, answer
-        self.facts: MonitorFacts | None = None
+        #: Content of the event that introduces it, once it has answered.
+        self.facts: dict[str, str | bool] | None = None
         self._asked: queue.Queue[_Look | None] = queue.Queue(maxsize=1)
         self._is_idle = threading.Event()
         self._is_idle.set()
@@ -80,12 +81,12 @@ class _Reader:
         if not math.isfinite(value):
             raise ValueError(f"says {value}, which is no number")
         if self.facts is None:
-            self.facts = MonitorFacts(
-                monitor=self.section.name,
-                device=str(self._opened.name),
-                unit=str(self._opened.unit),
-                follows_light=self.section.follows_light,
-            )
+            self.facts = {
+                "monitor": self.section.name,
+                "device": str(self._opened.name),
+                "unit": str(self._opened.unit),
+                "follows_light": self.section.follows_light,
+            }
         return value
 
     def _close(self) -> None:
@@ -159,7 +160,7 @@ class Monitors:
         for reader in self._readers:
             if reader.facts is not None and reader.section.name not in self._known:
                 self._known.add(reader.section.name)
-                self._write(MONITOR_EVENT, asdict(reader.facts))
+                self._write(MONITOR_EVENT, reader.facts)
         for look in complete:
             self._write(READINGS_EVENT, asdict(self._record(look)))
 

@@ -110,15 +110,6 @@ class LiveContent:
 
 @with_config(ConfigDict(allow_inf_nan=False))
 @dataclass(frozen=True, kw_only=True)
-class StepProgress:
-    """Progress of a session, and when it will end."""
-
-    last: dict[str, JsonValue]  #: The frame that was stored last: `sequence`, `kind`, `cycle`, `angle_deg`.
-    remaining_s: Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-    end_utc: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class LiveStatus:
     """Content of ``status.json``."""
 
@@ -126,11 +117,15 @@ class LiveStatus:
     frames_planned: int
     frames: int
     written_utc: str = ""
-    progress: StepProgress | None = None  #: None before the first frame.
-    numbers: LiveContent | None = None  #: None before the first frame.
+    #: The frame that was stored last: `sequence`, `kind`, `cycle`, `angle_deg`. None before the first frame, like the
+    #: three that follow.
+    last: dict[str, JsonValue] | None = None
+    remaining_s: Annotated[float, Field(ge=-LARGEST, le=LARGEST)] | None = None
+    end_utc: str | None = None
+    numbers: LiveContent | None = None
 
 
-_STATUS, _PROGRESS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(StepProgress), TypeAdapter(LiveContent)
+_STATUS, _NUMBERS = TypeAdapter(LiveStatus), TypeAdapter(LiveContent)
 
 
 def session_state(process: int | None, events: Sequence[RunEvent]) -> State:
@@ -150,8 +145,8 @@ def session_state(process: int | None, events: Sequence[RunEvent]) -> State:
 def status_json(status: LiveStatus) -> dict[str, JsonValue]:
     """Return a status as the file has it: without progress and numbers before the first frame."""
     content = asdict(status)
-    parts = (content.pop("progress"), content.pop("numbers"))
-    return content | {key: value for part in parts if part is not None for key, value in part.items()}
+    numbers = content.pop("numbers") or {}
+    return {key: value for key, value in content.items() if value is not None} | numbers
 
 
 def write_status(run: Path, status: LiveStatus) -> None:
@@ -168,12 +163,9 @@ def read_status(run: Path) -> LiveStatus | None:
         return None
     try:
         content = read_bounded(file, MOST_TEXT_BYTES)
-        head, keys = _STATUS.validate_json(content), set(json.loads(content))
-        return replace(
-            head,
-            progress=_PROGRESS.validate_json(content) if "last" in keys else None,
-            numbers=_NUMBERS.validate_json(content) if "angles" in keys else None,
-        )
+        status = _STATUS.validate_json(content)
+        has_numbers = "angles" in json.loads(content)
+        return replace(status, numbers=_NUMBERS.validate_json(content)) if has_numbers else status
     except OSError as error:
         raise RunFolderError(f"{file}: cannot be read: {error.strerror}") from error
     except ValidationError as error:

@@ -38,7 +38,7 @@ from rigctl.session.control import Control
 from rigctl.session.notices import notices
 from rigctl.session.numbers import LiveNumbers
 from rigctl.session.plan import Step, plan_steps, round_times_ns, step_times_ns
-from rigctl.session.status import LiveContent, LiveStatus, StepProgress, live_lines, write_status
+from rigctl.session.status import LiveContent, LiveStatus, live_lines, write_status
 from rigctl.session.timing import SessionClock, SessionContext, clock_of, session_context
 
 # What decides the numbers in a run; their versions go into it.
@@ -211,7 +211,7 @@ class Watch:
         is_last = frames == len(self._steps)
         if now_s - self._told_s >= _TELL_EACH_S or is_last:
             self._told_s = now_s
-            self._tell(frames=frames, progress=self._progress(step), numbers=self._numbers())
+            self._tell(frames=frames, numbers=self._numbers(), **self._progress(step))
         else:
             self._status = replace(self._status, frames=frames)
 
@@ -230,22 +230,20 @@ class Watch:
         lines = "" if numbers is None else "\n".join(live_lines(numbers))
         return Group(self._bar, Text(visible(lines)))
 
-    def _progress(self, step: Step) -> StepProgress:
+    def _progress(self, step: Step) -> dict[str, Any]:
         """Return the remaining time: that of the plan from this step to the last one."""
         now_ns = self._clock.utc_ns()
         end_ns = now_ns + self._planned_ns[-1] - self._planned_ns[step.sequence]
         if self._steps[-1].due_ns is not None:
             end_ns = max(end_ns, self._planned_ns[-1])
-        return StepProgress(
-            last={
-                "sequence": step.sequence,
-                "kind": step.kind,
-                "cycle": step.cycle,
-                "angle_deg": step.polarizer_angle_deg,
-            },
-            remaining_s=round((end_ns - now_ns) / NS_PER_S, 1),
-            end_utc=utc_text(end_ns),
-        )
+        last = {
+            "sequence": step.sequence,
+            "kind": step.kind,
+            "cycle": step.cycle,
+            "angle_deg": step.polarizer_angle_deg,
+        }
+        remaining_s = round((end_ns - now_ns) / NS_PER_S, 1)
+        return {"last": last, "remaining_s": remaining_s, "end_utc": utc_text(end_ns)}
 
     def _tell(self, **changes: Any) -> None:
         with self._lock:

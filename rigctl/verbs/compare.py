@@ -334,7 +334,7 @@ def compare_run(
     """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
     from rigctl.comparison.compare import compare_run_with_model
     from rigctl.measure.calibrations import correction_remarks
-    from rigctl.runs.records import monitor_line, monitor_traces, read_events
+    from rigctl.runs.records import monitor_traces, read_events
 
     require_possible(scene, regions, options)
     read = read_scene_run(run, scene, regions, options)
@@ -360,7 +360,7 @@ def compare_run(
             *given.doubts,
             *seen.remarks,
             *correction_remarks(seen.measurement, drawn),
-            *(monitor_line(trace) for trace in monitor_traces(read_events(seen.measurement.run.path))),
+            *(trace.line for trace in monitor_traces(read_events(seen.measurement.run.path))),
             *made.remarks,
         ),
         outlines=tuple(drawn),

@@ -171,14 +171,12 @@ def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]
     monitors.look(0)
     monitors.finish()
     for trace in monitor_traces(events):
-        facts = trace.facts
         if trace.values:
-            yield Finding(
-                what="monitor", found=f"{facts.monitor}: {trace.values[-1]:.6g} {facts.unit} ({facts.device})"
-            )
+            reading = f"{trace.monitor}: {trace.values[-1]:.6g} {trace.unit} ({trace.device})"
+            yield Finding(what="monitor", found=reading)
         else:
             advice = "mend its table in the rig file, or leave it out: frames are taken without it"
-            yield Finding(what="monitor", found=f"{facts.monitor}: {'; '.join(trace.problems)}", advice=advice)
+            yield Finding(what="monitor", found=f"{trace.monitor}: {'; '.join(trace.problems)}", advice=advice)
 
 
 def _notice_finding(section: "NotifySection") -> "Finding":

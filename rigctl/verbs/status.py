@@ -122,9 +122,9 @@ class SessionStatus(Result):
         yield f"{self.run}: {self.state}{'' if self.process is None else f' (process {self.process})'}"
         yield f"frames        {self.frames} of {'unknown' if live is None else live.frames_planned}"
         yield f"disk          {self.disk_free_mb:.0f} MB free"
-        if self.process is not None and live is not None and live.progress is not None:
-            minutes, seconds = divmod(round(live.progress.remaining_s), _S_PER_MINUTE)
-            yield f"remaining     {minutes} min {seconds} s, until {live.progress.end_utc[:_TO_SECONDS]}Z"
+        if self.process is not None and live is not None and live.remaining_s is not None:
+            minutes, seconds = divmod(round(live.remaining_s), _S_PER_MINUTE)
+            yield f"remaining     {minutes} min {seconds} s, until {(live.end_utc or '')[:_TO_SECONDS]}Z"
         if live is not None and live.numbers is not None:
             yield from live_lines(live.numbers)
         yield from map(event_line, self.events)

@@ -540,12 +540,11 @@ def _or_problem(read: Callable[[], T], problems: list[str]) -> T | None:
 
 
 def _of_plan(status: LiveStatus, *, is_going: bool) -> Look:
-    progress = status.progress if is_going else None
     return {
         "session": status.session,
         "frames_planned": status.frames_planned,
-        "remaining_s": None if progress is None else progress.remaining_s,
-        "end_utc": "" if progress is None else progress.end_utc,
+        "remaining_s": status.remaining_s if is_going else None,
+        "end_utc": (status.end_utc if is_going else None) or "",
     }
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from rigctl.report.run import cycle_figure, drift_line
 from rigctl.runs.folder import read_run
-from rigctl.runs.records import MonitorFacts, MonitorTrace, RunEvent, SessionNoise, monitor_line
+from rigctl.runs.records import MonitorTrace, RunEvent, SessionNoise
 from rigctl.session.history import CycleHistory, CycleLook, cycle_history, light_lines, region_means_of
 from rigctl.session.status import Estimate, RegionPolarization, read_status, session_state
 from tests.rigctl.session.made_rig import MadeWorld, take_watched
@@ -56,16 +56,16 @@ def _look(time_s, light):
 
 def test_light_is_divided_by_what_follows_it():
     history = CycleHistory(reference="picture", looks=(_look(0.0, 100.0), _look(60.0, 80.0), _look(120.0, 99.0)))
-    facts = MonitorFacts(monitor="sun", device="s", unit="W m-2", follows_light=True)
+    facts = {"monitor": "sun", "device": "s", "unit": "W m-2", "follows_light": True}
     trace = MonitorTrace(
-        facts=facts, times_s=(0.0, 60.0, 120.0), values=(500.0, 400.0, 500.0), missing=1, problems=("busy",)
+        **facts, times_s=(0.0, 60.0, 120.0), values=(500.0, 400.0, 500.0), missing=1, problems=("busy",)
     )
     (line,) = light_lines(history, [trace])
     assert line.startswith(
         "Light of picture changed by -1.0 % over the run and by 20 % at most, sun by 0 %; divided by it"
     )
     assert line.endswith("-1.0 % is left, 1.0 % at most")
-    assert monitor_line(trace) == "sun (s): 400 to 500 W m-2, mean 466.667, +0 an hour; 1 of 4 readings missing (busy)"
+    assert trace.line == "sun (s): 400 to 500 W m-2, mean 466.667, +0 an hour; 1 of 4 readings missing (busy)"
 
 
 @pytest.mark.parametrize(

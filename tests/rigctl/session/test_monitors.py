@@ -14,7 +14,7 @@ from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import MonitorSection, RigFile
 from rigctl.rig.rig import require_drivers
 from rigctl.runs.folder import read_run
-from rigctl.runs.records import MonitorFacts, RunEvent, monitor_traces, read_events
+from rigctl.runs.records import RunEvent, monitor_traces, read_events
 from rigctl.session.monitors import Monitors
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.doctor import monitor_findings
@@ -77,10 +77,10 @@ def test_each_exposure_has_its_readings(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, sun(), air(tmp_path))
     take_session(rig, small_session(), tmp_path / "run", files={})
     events = read_events(tmp_path / "run")
-    by_name = {trace.facts.monitor: trace for trace in monitor_traces(events)}
+    by_name = {trace.monitor: trace for trace in monitor_traces(events)}
     assert list(by_name) == ["sun", "air"]
     told = by_name["sun"]
-    assert told.facts == MonitorFacts(monitor="sun", device="made sun sensor", unit="W m-2", follows_light=True)
+    assert (told.device, told.unit, told.follows_light) == ("made sun sensor", "W m-2", True)
     # Ten exposures; one that came before the reading of the last was back is without.
     assert len(told.values) + told.missing == 10
     assert list(told.values) == [801.0 + k for k in range(len(told.values))]
@@ -105,7 +105,7 @@ def test_a_sensor_that_fails_costs_no_frame(
     outcome = take_session(rig, small_session(), tmp_path / "run", files={})
     assert outcome.is_finished
     assert outcome.frames == 10
-    by_name = {trace.facts.monitor: trace for trace in monitor_traces(read_events(tmp_path / "run"))}
+    by_name = {trace.monitor: trace for trace in monitor_traces(read_events(tmp_path / "run"))}
     assert by_name["sun"].values == ()
     assert any(words in problem for problem in by_name["sun"].problems)
     assert caplog.text.count(words) == 1
