@@ -37,7 +37,7 @@ def _left_out() -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_session_is_taken_without_what_reports_need(tmp_path: Path) -> None:
+def test_a_session_imports_no_modules_of_reports(tmp_path: Path) -> None:
     rig, session, run = str(EXAMPLES / "rig-sim.toml"), str(EXAMPLES / "session.toml"), str(tmp_path / "run")
     lines = [
         ["doctor", "--help"],

@@ -24,7 +24,7 @@ def undisturbed(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.05, 0.6, 1.4])
-def test_a_killed_session_is_gone_on_with_until_it_is_the_undisturbed_one(tmp_path, undisturbed, delay_s):
+def test_a_killed_and_resumed_session_equals_the_undisturbed_session(tmp_path, undisturbed, delay_s):
     files, run, truth = undisturbed
     killed_session(tmp_path / "run", files, delay_s=delay_s)
     assert problems_of(tmp_path / "run") == []

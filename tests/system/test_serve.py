@@ -99,13 +99,13 @@ def test_the_looking_token_does_not_act(pages: tuple[Page, Page]) -> None:
         ("hold?run=../x", {}),
     ],
 )
-def test_what_cannot_be_done_is_refused_in_words(act: Page, name: str, content: Any) -> None:
+def test_impossible_requests_are_refused_in_words(act: Page, name: str, content: Any) -> None:
     status, answer = act.ask(f"/api/{name}", content)
     assert status in (409, 422)
     assert answer["error"]
 
 
-def test_a_body_of_a_hundred_megabytes_is_refused_and_the_page_goes_on(act: Page) -> None:
+def test_a_body_of_a_hundred_megabytes_is_refused_and_the_page_still_answers(act: Page) -> None:
     assert act.ask("/api/regions", b"x" * 1_000_001)[0] == 413
     assert act.ask_raw("/api/regions", {"Content-Length": "100000000"}, b"") == 413
     assert act.ask_raw("/api/regions", {"Transfer-Encoding": "chunked"}, b"5\r\nhello\r\n") == 413

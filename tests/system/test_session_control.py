@@ -95,7 +95,7 @@ def test_a_signal_stops_between_frames(running, number, code):
 
 
 @pytest.mark.slow
-def test_two_who_resume_at_once_do_not_both_write(running):
+def test_of_two_simultaneous_resumes_only_one_writes(running):
     run, process = running
     process.kill()
     process.wait()

@@ -76,7 +76,7 @@ def test_all_that_the_page_loads_is_small_and_of_this_page(page: str) -> None:
     assert len(html) + sum(len(content) for _, content in files) < 400_000
 
 
-def test_nobody_gets_in_without_the_token(page: str) -> None:
+def test_without_the_token_nothing_is_answered(page: str) -> None:
     for path in ("/", "/api/state", "/watch.js", "/api/frame/45"):
         assert asked(page, path, Authorization="Bearer guessed")[0] == 401
     assert asked(page, "/api/state", Host="evil.example")[0] == 421
@@ -100,7 +100,7 @@ def test_the_socket_answers_pictures_only_where_they_are_new(page: str) -> None:
             socket.recv(timeout=20)
 
 
-def test_the_page_goes_on_beside_hundreds_of_idle_connections(page: str) -> None:
+def test_the_page_answers_in_spite_of_hundreds_of_idle_connections(page: str) -> None:
     place = urlsplit(page)
     token = place.query.removeprefix("token=")
     socket_words = {"additional_headers": {"Authorization": f"Bearer {token}"}, "open_timeout": 20, "close_timeout": 1}

@@ -59,7 +59,7 @@ def test_the_time_to_settle_is_that_of_the_creeping() -> None:
     assert result.is_settled
 
 
-def test_a_watch_that_is_too_short_is_said() -> None:
+def test_a_stage_that_was_watched_too_shortly_is_reported() -> None:
     assert not measured("sim:zaber?landing=0&creep=0.1", repeats=2, watch_s=0.15).is_settled
 
 

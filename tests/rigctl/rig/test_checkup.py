@@ -44,12 +44,12 @@ def test_a_disk_is_measured_and_left_as_it_was(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_written_is_said_so():
+def test_a_folder_that_cannot_be_written_is_reported():
     with pytest.raises(DataError, match="cannot be written"):
         disk(Path("/no/such/folder"), frame_bytes=10, period_s=1.0)
 
 
-def test_pictures_are_timed_and_what_the_camera_counts_is_told():
+def test_pictures_are_timed_and_the_counts_of_the_camera_reported():
     camera = small_camera()
     timed, stamps, samples, loss = camera_frames(camera, *timed_frames(camera, frames=3, timeout_s=1.0))
     assert timed.found.startswith("3 frames")
@@ -67,7 +67,7 @@ def session(*takes):
     return SessionFile.model_validate({"name": "s", "take": list(takes)})
 
 
-def test_the_disk_is_asked_for_what_the_fastest_stretch_needs(tmp_path):
+def test_the_disk_must_be_as_fast_as_the_fastest_stretch(tmp_path):
     # Eight dark frames of 5 ms one after the other; scene frames take a turn of 0.2 s each.
     dark, scene = ({"kind": kind, "exposure_ms": 5, "cycles": 8} for kind in ("dark", "scene"))
     frame_bytes, period_s, total_bytes = demand_of(
@@ -114,7 +114,7 @@ def test_devices_that_fail_are_a_line_and_the_machine_is_looked_at_all_the_same(
     assert "clock:" in told
 
 
-def test_the_session_decides_what_the_disk_is_held_against(tmp_path, capsys):
+def test_the_demand_on_the_disk_follows_from_the_session(tmp_path, capsys):
     files = [str(EXAMPLES / name) for name in ("rig-sim.toml", "session.toml")]
     assert main(["doctor", *files, "--frames", "2", "--folder", str(tmp_path)]) in (0, 3)
     told = capsys.readouterr().out
@@ -122,7 +122,7 @@ def test_the_session_decides_what_the_disk_is_held_against(tmp_path, capsys):
     assert "every 16.7 ms" not in told
 
 
-def test_what_stops_a_session_comes_first():
+def test_necessary_changes_come_first():
     findings = [
         Finding(what="clock", found="-", advice="set it"),
         Finding(what="MTU", found="-"),
@@ -135,7 +135,7 @@ def test_what_stops_a_session_comes_first():
     assert order == ["devices", "loss", "disk of /data", "clock", "something else"]
 
 
-def test_packets_that_are_lost_are_told_with_their_share(monkeypatch):
+def test_lost_packets_are_reported_with_their_share(monkeypatch):
     camera = small_camera()
     monkeypatch.setattr(
         camera, "tally", lambda: FrameTally(accepted=20, packets=10000, packets_lost=50, packets_resent=49)

@@ -25,7 +25,7 @@ def test_every_family_is_opened_by_its_entry_point_and_its_simulated_address(dri
         assert stage.identify().model == FAMILIES[driver]
 
 
-def test_a_driver_that_is_not_installed_is_told_with_those_that_are() -> None:
+def test_a_missing_driver_is_refused_with_the_installed_drivers() -> None:
     with (
         pytest.raises(ConfigError, match=r"no driver 'newport'; installed are: .*apt.*ellx.*zaber"),
         open_stage(section("newport", port="sim:ellx"), warn=pytest.fail),
@@ -39,7 +39,7 @@ def test_options_reach_the_driver() -> None:
         assert stage.identify().serial_number == "114821"
 
 
-def test_an_option_that_the_driver_does_not_take_is_told_with_those_that_it_takes() -> None:
+def test_an_unknown_option_of_a_driver_is_refused_with_the_known_ones() -> None:
     with (
         pytest.raises(ConfigError, match=r"driver 'ellx' has no option colour; it takes address, tolerance_deg"),
         open_stage(section(options={"colour": 3}), warn=pytest.fail),

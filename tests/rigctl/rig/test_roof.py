@@ -98,7 +98,7 @@ def test_a_clock_is_for_simulated_rigs():
         with_simulation(real, clock_ns=MORNING_NS, perturb=None)
 
 
-def test_the_record_says_what_it_proves(morning):
+def test_the_record_states_the_limits_of_a_simulated_run(morning):
     (proves,) = morning.record.caution
     assert "computed by the same model" in proves
     changed = replace(morning.record, perturbed="tilt: ...")

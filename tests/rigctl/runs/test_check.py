@@ -78,7 +78,7 @@ def test_a_damaged_manifest_line_and_session_are_found(written):
     assert set(findings(verify_run(written).bad)) >= {"session.json", "manifest.jsonl"}
 
 
-def test_what_a_kill_leaves_is_left_over_and_not_bad(tmp_path):
+def test_files_of_a_killed_writer_are_left_over_and_not_bad(tmp_path):
     run = write_run(tmp_path / "run", is_closed=False)
     lines = lines_of(run / "manifest.jsonl")
     (run / "manifest.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:50])
@@ -94,7 +94,7 @@ def test_what_a_kill_leaves_is_left_over_and_not_bad(tmp_path):
     assert leftovers["frames/000003_scene_a135.fits.part"] == "begun and not finished"
 
 
-def test_a_frame_file_that_the_manifest_does_not_name_is_said(run, caplog):
+def test_a_frame_file_that_is_not_in_the_manifest_is_reported(run, caplog):
     (run / "frames" / "999999_scene_a000.fits").write_bytes((run / "frames" / "000002_scene_a000.fits").read_bytes())
     with caplog.at_level(logging.WARNING, logger="rigctl"):
         assert len(used_run(run).frames) == 10
@@ -142,7 +142,7 @@ def test_a_session_that_has_finished_is_whole_and_without_its_last_word_unfinish
     assert "is unfinished" in caplog.text
 
 
-def test_what_an_earlier_kill_would_have_left_is_unfinished_and_its_steps_are_named(run):
+def test_a_run_as_after_an_earlier_kill_is_unfinished_and_its_steps_are_listed(run):
     (run / "events.jsonl").write_bytes(b"")
     assert verification_of(run).state == "unfinished"
     (run / "manifest.jsonl").write_bytes(b"".join(lines_of(run / "manifest.jsonl")[:-1]))
@@ -188,7 +188,7 @@ def test_a_repair_that_makes_the_manifest_again_leaves_a_whole_run(run):
 
 
 @pytest.mark.parametrize("name", ["session.json", "manifest.jsonl", "events.jsonl", "status.json", "writer.lock"])
-def test_a_pipe_in_the_place_of_a_file_hangs_nobody(written, name):
+def test_a_pipe_in_place_of_a_file_does_not_hang(written, name):
     (written / name).unlink(missing_ok=True)
     os.mkfifo(written / name)
     assert cli.main(["status", str(written)]) in (0, 4)

@@ -70,7 +70,7 @@ def test_astropy_too_finds_one_flipped_bit(place):
         fits.open(io.BytesIO(bytes(damaged)), checksum=True)[0].data  # noqa: B018
 
 
-def test_damage_is_told_apart():
+def test_damage_of_header_and_samples_is_distinguished():
     samples, header = bytearray(SAMPLE), bytearray(SAMPLE)
     samples[-2880] ^= 4
     header[SAMPLE.index(b"45.0023")] ^= 1
@@ -108,7 +108,7 @@ def test_any_text_survives_a_header(value):
     assert read_cards(card.encode("ascii")) == {"REMARK1": value}
 
 
-def test_escape_that_is_none_stays_as_it_stands():
+def test_text_that_only_looks_like_an_escape_stays():
     assert read_cards("PATH    = 'C:\\yes\\x5g'".ljust(80).encode("ascii")) == {"PATH": "C:\\yes\\x5g"}
 
 
@@ -142,7 +142,7 @@ def test_header_tells_the_whole_record():
     assert record == replace(FULL_RECORD, height=height, width=width)
 
 
-def test_header_of_the_least_record_leaves_out_what_is_not_known():
+def test_unknown_values_are_left_out_of_the_header():
     header = fits.getheader(io.BytesIO(encode_frame(noisy_counts(), header_cards(make_record()))))
     assert "EXPTIME" not in header
     assert "BLKLEVEL" not in header

@@ -18,7 +18,7 @@ def run_path(tmp_path):
     return write_run(tmp_path / "run")
 
 
-def test_a_run_is_what_was_written(run_path):
+def test_a_run_is_read_as_it_was_written(run_path):
     run = read_run(run_path)
     assert run.session == SessionRecord(origin="simulated")
     assert run.session_json == {"origin": "simulated"}
@@ -89,7 +89,7 @@ def test_a_record_that_is_wrong_is_refused(change, text):
         parse_record(json.dumps(content).encode())
 
 
-def test_what_is_no_run_is_refused(tmp_path):
+def test_other_folders_are_refused(tmp_path):
     with pytest.raises(RunFolderError, match="there is no such folder"):
         read_run(tmp_path / "none")
     with pytest.raises(RunFolderError, match="not a run folder"):

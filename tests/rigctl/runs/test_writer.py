@@ -37,7 +37,7 @@ def files_in(path):
     return sorted(file.name for file in (path / "frames").iterdir())
 
 
-def test_writer_fills_in_what_it_knows(tmp_path):
+def test_the_writer_adds_size_checksum_and_saturation(tmp_path):
     counts = np.array([[0, 4095, 4094], [4095, 1, 2]], dtype=np.uint16)
     with RunWriter.create(tmp_path / "run", {}) as writer:
         record = writer.write_frame(make_record(3, polarizer_angle_target_deg=-60.0), counts)
@@ -108,7 +108,7 @@ def test_several_frames_are_written_all_or_none(tmp_path):
 
 
 @pytest.mark.parametrize("counts", [np.zeros((2, 2)), np.zeros(4, np.uint16), np.zeros((0, 3), np.uint16)])
-def test_what_is_no_frame_is_refused(tmp_path, counts):
+def test_arrays_that_are_not_frames_are_refused(tmp_path, counts):
     with RunWriter.create(tmp_path / "run", {}) as writer, pytest.raises(ValueError, match="array of uint16"):
         writer.write_frame(make_record(), counts)
 

@@ -82,7 +82,7 @@ def test_a_failure_reaches_the_session_and_nothing_is_stored_after_it():
     assert store.stored == [0]
 
 
-def test_an_error_of_the_session_still_stores_what_was_taken():
+def test_after_an_error_of_the_session_taken_frames_are_still_stored():
     store = Store()
 
     def put_and_fail():
@@ -134,7 +134,7 @@ def test_a_disk_that_hangs_ends_the_session_in_time(goes_on, frames, monkeypatch
     assert len(told) <= 1
 
 
-def test_somebody_says_it_even_where_the_session_itself_is_held(goes_on, monkeypatch):
+def test_a_hanging_disk_is_reported_even_if_the_session_itself_is_blocked(goes_on, monkeypatch):
     told = threading.Event()
     monkeypatch.setattr(acquisition, "warn", lambda text: told.set())
     with suppress(RunFolderError), WriterThread(hanging(goes_on), disk=DiskCalls(stalled_s=0.1)) as thread:

@@ -45,7 +45,7 @@ def block_means(counts):
 
 
 @pytest.mark.parametrize("option", ["lost=1.5", "lost=much", "lost=-0.1", "die=1", "hang_s=-1", "hang=3&hang=4"])
-def test_a_fault_that_is_none_is_refused_with_what_is_allowed(option):
+def test_a_wrong_fault_is_refused_with_the_allowed_values(option):
     with pytest.raises(ConfigError, match=f"{option.split('=')[0]}=.*must be one"):
         split_faults(option)
 
@@ -57,7 +57,7 @@ def test_faults_are_for_the_simulation_and_the_rest_is_for_the_driver():
 
 
 @pytest.mark.slow
-def test_a_part_of_a_run_that_is_gone_on_with_has_noise_of_its_own(tmp_path):
+def test_a_resumed_part_of_a_run_has_new_noise(tmp_path):
     # In the dark nothing but noise tells one frame from another. The camera dies at its fifth picture, twice.
     rig_file = small_rig(tmp_path)
     address = "sim:gige?pixel_format=Mono12&die=5"

@@ -124,7 +124,7 @@ def test_a_camera_that_lost_its_settings_gets_them_back_before_a_frame_counts(tm
 
 
 @pytest.mark.slow
-def test_a_camera_that_hangs_for_a_while_is_gone_on_with(tmp_path):
+def test_a_session_continues_after_a_camera_hung_for_a_while(tmp_path):
     # Longer than the library asks for; the timeout of a frame is 5 s.
     take(tmp_path, session(cycles=2), faults=GigeFaults(hang=7, hang_s=2.8))
     run = read_run(tmp_path / "run")

@@ -19,7 +19,7 @@ def _history(tmp_path, *, faults=None, noise=None, **take):
     return cycle_history(run, region_means_of(run))
 
 
-def test_its_last_cycle_is_the_one_that_was_seen_live(tmp_path):
+def test_the_last_cycle_of_the_history_equals_the_live_numbers(tmp_path):
     history = _history(tmp_path, cycles=3, noise=_NOISE)
     last, live = history.looks[-1], read_status(tmp_path / "run").numbers
     assert last.cycle == live.cycle["cycle"] == 2
@@ -40,7 +40,7 @@ def test_every_order_has_its_cycles(tmp_path, order):
     assert [look.regions["picture"].dolp.value for look in history.looks] == pytest.approx([0.25] * 3, abs=5e-4)
 
 
-def test_a_jump_of_the_light_is_said(tmp_path):
+def test_a_jump_of_the_light_is_reported(tmp_path):
     brighter = dict.fromkeys((8, 9, 10, 11), lambda counts: (counts * 1.1).astype(np.uint16))
     history = _history(tmp_path, cycles=3, faults=brighter)
     changes = [look.drift.change for look in history.looks[1:]]
@@ -54,7 +54,7 @@ def _look(time_s, light):
     return CycleLook(round=None, cycle=0, time_s=time_s, sum_rule=None, regions={"picture": region}, drift=None)
 
 
-def test_light_is_divided_by_what_follows_it():
+def test_light_is_divided_by_a_sensor_that_follows_it():
     history = CycleHistory(reference="picture", looks=(_look(0.0, 100.0), _look(60.0, 80.0), _look(120.0, 99.0)))
     facts = {"monitor": "sun", "device": "s", "unit": "W m-2", "follows_light": True}
     trace = MonitorTrace(

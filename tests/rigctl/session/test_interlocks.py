@@ -106,7 +106,7 @@ def test_a_picture_sent_twice_is_taken_again(tmp_path):
         ({}, DeviceFaultError, "mechanical", {"stage_faults": {3: stalled()}}),
     ],
 )
-def test_stop_ends_the_session_and_a_resume_goes_on(tmp_path, locks, error, match, faults):
+def test_stop_ends_the_session_and_resume_continues(tmp_path, locks, error, match, faults):
     world = MadeWorld(**faults)
     with pytest.raises(error, match=match):
         take_watched(world, tmp_path, **locks)
@@ -123,7 +123,7 @@ def test_stop_ends_the_session_and_a_resume_goes_on(tmp_path, locks, error, matc
         ("fault", DeviceFaultError, {"stage_faults": {k: stalled() for k in range(3, 99)}}, 2),
     ],
 )
-def test_what_stays_wrong_stops_after_the_retries(tmp_path, name, error, faults, frames):
+def test_a_lasting_violation_stops_after_the_retries(tmp_path, name, error, faults, frames):
     with pytest.raises(error):
         take_watched(MadeWorld(**faults), tmp_path, retries=2, **{name: "retry"})
     assert trips_of(tmp_path) == [(name, "retry")] * 3
@@ -153,7 +153,7 @@ def test_hold_waits_until_the_session_is_continued_or_the_reason_has_gone(tmp_pa
 
 
 @pytest.mark.parametrize(("name", "dn_per_s"), [("saturated", 20_000.0), ("low_signal", 1.0)])
-def test_what_a_scene_is_like_is_noted_once_and_in_every_frame(tmp_path, name, dn_per_s):
+def test_properties_of_the_scene_are_one_event_and_a_remark_in_every_frame(tmp_path, name, dn_per_s):
     take_watched(MadeWorld(dn_per_s=dn_per_s), tmp_path, low_signal="note", low_signal_level=0.05, sum_rule="off")
     assert trips_of(tmp_path) == [(name, "note")]
     assert all("of the pixels" in record.remarks[0] for record in read_run(tmp_path / "run").frames)
@@ -323,7 +323,7 @@ def test_the_sum_rule_finds_light_that_changes_within_a_cycle(tmp_path):
     assert_whole(tmp_path / "stops", frames=4)  # the whole cycle is kept
 
 
-def test_what_noise_allows_widens_the_sum_rule(tmp_path):
+def test_noise_widens_the_limit_of_the_sum_rule(tmp_path):
     # Read noise of 1000 DN in 192 pixels: 72 DN in a mean, 144 DN in the sum of four; five of that are far above 85 DN.
     noise = SessionNoise(gain_dn_per_e=0.1, read_noise_e=1e4, black_level_dn=100.0, dark_current_e_per_s=0.0)
     take_watched(MadeWorld(camera_faults={1: brighter}), tmp_path, noise=noise)
@@ -385,7 +385,7 @@ def test_gone_hold_waits_for_as_long_as_it_takes(tmp_path):
     assert_whole(tmp_path)
 
 
-def test_another_device_on_the_same_port_is_not_taken_for_the_one_that_went_away(tmp_path):
+def test_another_device_on_the_same_port_is_refused(tmp_path):
     world = MadeWorld(camera_faults={2: unplugged()})
     world.serial_numbers = ["1", "2"]
     with pytest.raises(NotConnectedError, match=r"serial number 2, and this run began with stand-in, 1"):
@@ -437,7 +437,7 @@ def test_a_disk_that_is_nearly_full_holds_until_there_is_room(tmp_path, monkeypa
     assert_whole(tmp_path)
 
 
-def test_a_disk_that_will_be_full_before_the_end_is_told_at_the_start(tmp_path, monkeypatch, caplog):
+def test_a_disk_without_room_for_all_frames_gives_a_warning_at_the_start(tmp_path, monkeypatch, caplog):
     free_bytes(monkeypatch, iter([20_000] * 100))
     take_watched(MadeWorld(), tmp_path)
     # A frame has 12 * 16 * 2 bytes of pixels, 5760 of header and about 1024 of manifest: 7168.
@@ -468,7 +468,7 @@ def test_a_full_disk_keeps_the_frame_in_hand_until_it_can_be_written(tmp_path, m
 
 
 @pytest.mark.parametrize(("code", "locks"), [(errno.EROFS, {}), (errno.ENOSPC, {"disk": "stop"})])
-def test_a_disk_that_cannot_be_written_stops_and_a_resume_goes_on(tmp_path, monkeypatch, code, locks):
+def test_a_disk_that_cannot_be_written_stops_and_resume_continues(tmp_path, monkeypatch, code, locks):
     world, broken = MadeWorld(), [True]
     fail_writes(monkeypatch, code, lambda name: "000003" in name and bool(broken))
     with pytest.raises(RunFolderError, match="cannot be written"):
@@ -479,7 +479,7 @@ def test_a_disk_that_cannot_be_written_stops_and_a_resume_goes_on(tmp_path, monk
     assert_whole(tmp_path)
 
 
-def test_a_slow_disk_makes_the_session_wait_says_so_and_loses_nothing(tmp_path, monkeypatch):
+def test_a_session_waits_for_a_slow_disk_notes_it_and_loses_nothing(tmp_path, monkeypatch):
     is_noted = threading.Event()
     write, event = run_writer.write_durably, run_writer.RunWriter.event
 

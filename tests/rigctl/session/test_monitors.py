@@ -114,7 +114,7 @@ def test_a_sensor_that_fails_costs_no_frame(
 
 
 @pytest.mark.usefixtures("plug_in")
-def test_nobody_waits_for_a_sensor_that_hangs() -> None:
+def test_no_frame_waits_for_a_hanging_sensor() -> None:
     events: list[str] = []
     section = MonitorSection.model_validate(sun(deadline_s=60.0, options={"fault": "hangs"}))
     monitors = Monitors([section], lambda event, **_: events.append(event), time.time_ns)

@@ -280,7 +280,7 @@ class _RealMosaic:
 
 
 @pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of real frames (imx250_fruits, ...)")
-def test_a_real_frame_gives_live_what_its_import_gives(tmp_path: Path) -> None:
+def test_a_real_frame_gives_the_same_live_and_imported(tmp_path: Path) -> None:
     file = Path(REAL_DATA or "") / "imx250_fruits" / "fruits_IMX250MZR.png"
     picture = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED))[800:1000, 1000:1300].astype(np.uint16)
     rig = RigFile.model_validate(

@@ -44,7 +44,7 @@ def heard() -> Iterator[tuple[str, list[dict[str, str]]]]:
         thread.join()
 
 
-def test_the_end_of_a_session_is_told(tmp_path: Path, heard: tuple[str, list[dict[str, str]]]) -> None:
+def test_the_end_of_a_session_gives_a_notice(tmp_path: Path, heard: tuple[str, list[dict[str, str]]]) -> None:
     address, taken = heard
     section = NotifySection(webhook=address)
     rig = small_rig(tmp_path).model_copy(update={"notify": section})
@@ -53,7 +53,7 @@ def test_the_end_of_a_session_is_told(tmp_path: Path, heard: tuple[str, list[dic
     assert "frames: 6" in taken[0]["text"]
 
 
-def test_an_error_that_ends_a_session_is_told(tmp_path: Path, heard: tuple[str, list[dict[str, str]]]) -> None:
+def test_an_error_that_ends_a_session_gives_a_notice(tmp_path: Path, heard: tuple[str, list[dict[str, str]]]) -> None:
     address, taken = heard
     with pytest.raises(ValueError, match="broken"), notices(NotifySection(webhook=address), tmp_path / "run"):
         raise ValueError("broken")
@@ -118,7 +118,9 @@ def test_a_receiver_that_never_answers_delays_nothing(tmp_path: Path) -> None:
     assert time.monotonic() - start_s < 30.0  # the receiver sleeps for 60 s
 
 
-def test_a_command_gets_the_notice_and_a_failure_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_gets_the_notice_and_a_failure_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "told.json"
     program = f"import sys; open({str(out)!r}, 'w').write(sys.stdin.read())"
     base = (EXAMPLES / "rig-sim.toml").read_text().replace("scene-panels.toml", str(EXAMPLES / "scene-panels.toml"))

@@ -140,7 +140,7 @@ def _due_ns(tmp_path):
     return [unix_ns(datetime.fromisoformat(e["facts"]["due_utc"])) for e in events if e["event"] == "round"]
 
 
-def test_a_round_whose_time_has_gone_by_is_left_out_and_said_so(tmp_path):
+def test_a_round_whose_time_has_passed_is_left_out_with_an_event(tmp_path):
     world = MadeWorld(start_ns=MORNING_NS)
     schedule = {"every_min": 10, "duration_h": 1, "start": "2026-05-04T10:45:00Z"}
     _run(tmp_path, schedule, world)
@@ -164,7 +164,7 @@ def test_a_clock_set_back_does_not_stall_the_schedule(tmp_path):
     assert len(read_run(tmp_path / "run").frames) == 24
 
 
-def test_a_stop_while_waiting_is_answered_and_a_resume_goes_on(tmp_path):
+def test_a_stop_while_waiting_is_answered_and_resume_continues(tmp_path):
     world = MadeWorld(start_ns=MORNING_NS)
 
     def stop():
@@ -235,7 +235,7 @@ def test_orders_of_angles(tmp_path, take, angles, cycles):
     assert [step.sequence for step in steps if step.ends_cycle] == wanted
 
 
-def test_grouping_says_what_drift_costs_it(tmp_path):
+def test_grouping_states_its_false_dolp_by_drift(tmp_path):
     grouped = _session(tmp_path, 'order = "grouped"\ncycles = 8')
     assert grouping_cost(_session(tmp_path, "cycles = 8")) is None
     cost, instead = (false_dolp(plan_steps(session)) for session in (grouped, _session(tmp_path, "cycles = 8")))
@@ -294,7 +294,7 @@ def test_exposures_are_in_seconds_and_numbers_run_on_over_takes(tmp_path):
         ('[[take]]\nkind = "flat"\nexposure_ms = [1, 2]\nangles_deg = [0, 90]', r"second \[\[take\]\].*one angle"),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path, text, match):
+def test_contradictory_takes_are_refused(tmp_path, text, match):
     with pytest.raises(ConfigError, match=match):
         _session(tmp_path, text)
 

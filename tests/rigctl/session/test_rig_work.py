@@ -34,7 +34,7 @@ def test_the_brightest_angle_comes_near_the_target(brightest_per_s):
     ],
     ids=["contrast", "too much light", "darkness"],
 )
-def test_what_one_exposure_cannot_do_is_said(slopes_per_s, exposure_s, words):
+def test_metering_remarks_on_angles_that_one_exposure_cannot_serve(slopes_per_s, exposure_s, words):
     found_s, _, remark = metered(slopes_per_s)
     assert found_s == pytest.approx(exposure_s, rel=0.15)
     assert words in remark

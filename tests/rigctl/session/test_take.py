@@ -152,7 +152,7 @@ def _contents(run):
     return {path: path.read_bytes() for path in run.rglob("*") if path.is_file() and path.name != "writer.lock"}
 
 
-def test_a_resumed_run_of_a_simulated_clock_goes_on_at_its_own_time(tmp_path, undisturbed):
+def test_a_resumed_run_continues_at_its_simulated_time(tmp_path, undisturbed):
     run = _cut_after(tmp_path, 3, begins=unix_ns(datetime.fromisoformat("2010-05-25T14:09:40Z")))
     assert resume_session(run).is_finished
     found = read_run(run)

@@ -88,7 +88,7 @@ def test_nothing_secret_is_in_it(run: Path, tmp_path: Path) -> None:
         assert leaked == [], name
 
 
-def test_what_is_needed_is_in_it(run: Path, tmp_path: Path) -> None:
+def test_a_bundle_contains_the_files_of_a_fault_report(run: Path, tmp_path: Path) -> None:
     bundle(run, out=tmp_path / "fault.zip", frames=2)
     found = contents(tmp_path / "fault.zip")
     assert {"session.json", "events.jsonl", "manifest.jsonl", "versions.json", "verify.txt", "doctor.txt"} <= set(found)

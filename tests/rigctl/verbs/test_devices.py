@@ -45,7 +45,7 @@ def test_cameras_are_in_the_json(installed, capsys):
     }  # fmt: skip
 
 
-def test_whoever_asks_for_one_port_is_told_of_no_cameras(installed, tmp_path, capsys):
+def test_probing_one_port_lists_no_cameras(installed, tmp_path, capsys):
     (tmp_path / "port").touch()
     assert cli.main(["devices", "--port", str(tmp_path / "port")]) == 0
     assert "camera" not in capsys.readouterr().out

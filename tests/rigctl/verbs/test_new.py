@@ -45,7 +45,7 @@ _FOUND = SimpleNamespace(
 )
 
 
-def test_what_a_person_noted_behind_a_number_stays_with_it_and_the_change_is_told(tmp_path):
+def test_comments_after_a_number_stay_and_the_change_is_reported(tmp_path):
     new(tmp_path, simulated=True)
     path = tmp_path / "rig.toml"
     text = path.read_text().replace(
@@ -59,7 +59,7 @@ def test_what_a_person_noted_behind_a_number_stays_with_it_and_the_change_is_tol
     assert "+ sense = -1    # rigctl calibrate axis" in changes
 
 
-def test_placeholders_are_said_until_a_calibration_is_written(tmp_path):
+def test_placeholders_give_a_warning_until_a_calibration_is_written(tmp_path):
     new(tmp_path, simulated=True)
     path = tmp_path / "rig.toml"
     assert "placeholders" in placeholder_doubt(load_rig(path))

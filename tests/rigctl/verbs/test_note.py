@@ -72,7 +72,7 @@ def test_excluded_frames_are_in_no_number_and_frames_do_not_change(run):
     assert after == before
 
 
-def test_ignore_exclusions_takes_them_and_says_so(run, tmp_path, capsys):
+def test_ignore_exclusions_reads_excluded_frames_with_a_warning(run, tmp_path, capsys):
     _exclude(run, "8-11")
     assert cli.main(["stokes", str(run), "--out", str(tmp_path / "a"), "--json"]) == 0
     said = capsys.readouterr()
@@ -106,7 +106,7 @@ def test_include_takes_them_in_again(run):
     assert arrange(used_run(run)).cycles == 3
 
 
-def test_what_is_excluded_already_is_a_remark_and_no_line(run):
+def test_excluding_a_frame_again_gives_a_remark_and_no_line(run):
     _exclude(run, "8-9")
     assert _exclude(run, "8").annotation is None
     again = _exclude(run, "9-10")
@@ -136,14 +136,14 @@ def test_frames_that_are_not_there_are_refused(run, frames, said):
     assert cli.main(["note", str(run), f"--exclude={frames}", "x"]) == 2
 
 
-def test_a_reason_has_to_be_said(run):
+def test_a_reason_is_required(run):
     with pytest.raises(ConfigError, match="the reason: is empty"):
         _exclude(run, "1", reason=None)
     with pytest.raises(ConfigError, match="control characters"):
         _exclude(run, "1", reason="a \x1b[2J")
 
 
-def test_an_angle_without_frames_is_said_and_the_rest_is_measured(run):
+def test_an_angle_without_frames_gives_a_remark_and_the_rest_is_measured(run):
     found = _exclude(run, "1,5,9")
     assert any("no frame at 45 deg is left" in remark for remark in found.remarks)
     grid = arrange(used_run(run))
@@ -151,7 +151,7 @@ def test_an_angle_without_frames_is_said_and_the_rest_is_measured(run):
     assert any("does not tell S0, S1 and S2" in remark for remark in _exclude(run, "0,4,8").remarks)
 
 
-def test_all_frames_excluded_is_said_then_and_when_they_are_used(run):
+def test_a_run_with_all_frames_excluded_gives_a_remark_and_is_refused(run):
     assert "no scene frame is left" in _exclude(run, "0-11").remarks[0]
     assert cli.main(["stokes", str(run), "--out", str(run.parent / "out")]) == 4
 
@@ -180,7 +180,7 @@ def test_a_time_is_that_of_the_run_s_own_day(run, at_time, utc):
 
 
 @pytest.mark.parametrize("at_time", ["25:00", "noon", "2026-05-04T10:00", ""])
-def test_what_is_no_time_is_refused(run, at_time):
+def test_a_wrong_time_is_refused(run, at_time):
     with pytest.raises(ConfigError, match="--at: "):
         note(run, "x", at=at_time, by="ann")
 
@@ -207,7 +207,7 @@ def _spoil(run, change):
         lambda data: b"\x00" + data[1:],
     ],
 )
-def test_a_damaged_line_is_said_by_verify_and_no_number_is_made(run, change):
+def test_a_damaged_line_is_reported_by_verify_and_the_run_is_not_measured(run, change):
     _exclude(run, "8")
     _exclude(run, "9")
     assert verification_of(run).state == "whole"
@@ -239,7 +239,7 @@ def test_many_at_once_lose_no_line(run):
     assert len({one.text for one in read_annotations(run)}) == 15
 
 
-def test_what_is_noted_stands_in_log_info_summary_and_the_live_page(run, tmp_path, capsys):
+def test_notes_are_shown_in_log_contents_summary_and_on_the_page(run, tmp_path, capsys):
     note(run, "a cloud passed", at="10:01", by="ann")
     _exclude(run, "8-11")
     assert cli.main(["status", "--log", str(run), "--only", "note"]) == 0

@@ -42,7 +42,7 @@ def test_the_number_does_not_change_with_the_exposure():
     assert focus_of(counts_of(SCENE / 2.0), bit_depth=12).sharpness == pytest.approx(one, rel=0.004)
 
 
-def test_range_and_saturation_are_told():
+def test_range_and_saturation_are_printed():
     counts = counts_of(SCENE)
     counts[:4] = 4095
     focus = focus_of(counts, bit_depth=12)
@@ -123,7 +123,7 @@ def test_so_many_pictures_are_numbered_on_a_page(capsys):
     assert "the picture is at http://127.0.0.1:" in told.err
 
 
-def test_a_port_that_is_taken_is_said_so():
+def test_a_port_in_use_is_reported():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         place = Place(port=taken.getsockname()[1])
         pictures = preview_on_page("sim:gc780", TASK, place, opened=str)
@@ -140,6 +140,6 @@ def test_the_command_writes_pictures_and_numbers(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("listen", ["8765", "127.0.0.1:x", "127.0.0.1:99999"])
-def test_a_place_to_listen_that_is_none_is_refused(listen, capsys):
+def test_a_wrong_address_to_listen_at_is_refused(listen, capsys):
     assert main(["preview", "sim:gc780", "--listen", listen]) == 2
     assert "127.0.0.1:8765" in capsys.readouterr().err

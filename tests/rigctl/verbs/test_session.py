@@ -55,7 +55,7 @@ def test_status_in_json_has_them_as_numbers(run, capsys):
     assert {"per_min", "sigma_per_min", "region"} <= set(live["drift"])
 
 
-def test_the_log_tells_what_happened_in_words(run, capsys):
+def test_the_log_prints_events_in_words(run, capsys):
     lines = _said(capsys, "status", "--log", run).out.splitlines()
     assert lines[0].startswith("2026-05-04T13:06:40Z  homed")
     assert any("interlock: gone; action: retry; message: stand-in: it has gone away" in line for line in lines)
@@ -134,12 +134,12 @@ def test_the_disk_of_a_real_camera_is_that_of_its_pictures(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("frame", ["782", "0x582", "ax582"])
-def test_a_size_that_is_none_is_refused(frame, capsys):
+def test_a_wrong_frame_size_is_refused(frame, capsys):
     assert main(["plan", str(EXAMPLES / "rig-sim.toml"), str(EXAMPLES / "session.toml"), "--frame", frame]) == 2
     assert "--frame" in capsys.readouterr().err
 
 
-def test_a_planned_scene_is_what_is_measured_then(tmp_path):
+def test_a_planned_scene_is_measured_as_predicted(tmp_path):
     rig_file = small_rig(tmp_path)
     session = SessionFile.model_validate({"name": "x", "take": [{"kind": "scene", "exposure_ms": 0.03}]})
     planned = plan_session(rig_file, session, now_ns=START_NS)

@@ -78,7 +78,9 @@ def test_devices_without_probe_does_not_ask_a_port_of_unknown_kind(
     assert cli.main(["devices", "--port", str(tmp_path / "none"), "--json"]) == 2
 
 
-def test_characterise_writes_what_a_session_uses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_file_of_a_characterisation_is_used_by_a_session(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text((EXAMPLES / "rig-sim.toml").read_text().replace("speed=20", "speed=50"))
     (tmp_path / "scene-panels.toml").write_text((EXAMPLES / "scene-panels.toml").read_text())

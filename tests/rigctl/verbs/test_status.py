@@ -40,13 +40,13 @@ def test_readback_is_given_as_a_span(run_path):
     assert contents_of(read_run(run_path)).groups[0].polarizer_angle_deg == pytest.approx((-0.02, 0.01), abs=1e-9)
 
 
-def test_what_was_noted_is_counted(run_path):
+def test_remarks_and_events_are_counted(run_path):
     summary = contents_of(read_run(run_path))
     assert summary.remarks["button pressed"] == 2
     assert summary.events == {"paused": 2}
 
 
-def test_devices_and_time_are_told(run_path):
+def test_devices_and_times_are_printed(run_path):
     summary = contents_of(read_run(run_path))
     assert summary.stages == ("ELL14 11400001",)
     assert summary.start_utc == FULL_RECORD.start_utc
@@ -56,7 +56,7 @@ def test_devices_and_time_are_told(run_path):
 @pytest.mark.parametrize(
     ("error_s", "told"), [(0.012, "within 12 ms of UTC"), (None, "was not synchronised")], ids=["good", "none"]
 )
-def test_how_well_starts_are_known_is_told_by_their_source(tmp_path, capsys, error_s, told):
+def test_errors_of_starts_are_printed_by_their_source(tmp_path, capsys, error_s, told):
     path = tmp_path / "run"
     starts = [("ptp", 2.5e-7), ("trigger", 0.004), ("ptp", 1.2e-6), ("driver", None), ("driver", 0.033), ("file", None)]
     with RunWriter.create(path, {"origin": "device"}) as writer:
@@ -107,7 +107,7 @@ def test_a_readback_on_the_other_side_of_0_is_near_its_target(tmp_path):
 
 
 @pytest.mark.parametrize("command", [["status", "--contents"], ["status", "--page", "page.html"]])
-def test_placeholders_of_sense_and_offset_are_said(tmp_path, monkeypatch, capsys, command):
+def test_placeholders_of_sense_and_offset_give_a_warning(tmp_path, monkeypatch, capsys, command):
     monkeypatch.chdir(tmp_path)
     rig = {"polarizer": {"sense": 1, "offset_deg": 0.0, "placeholder": True}}
     with RunWriter.create(tmp_path / "run", {"origin": "simulated", "rig": rig}) as writer:

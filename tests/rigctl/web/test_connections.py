@@ -56,7 +56,7 @@ def answer(one: socket.socket) -> bytes:
 
 
 @pytest.mark.parametrize("begin", [b"", b"GET / HTTP/1.1\r\nHost: x\r\n"])
-def test_one_too_many_closes_whoever_has_been_silent_for_longest(place: tuple[str, int], begin: bytes) -> None:
+def test_beyond_the_limit_the_longest_silent_connection_is_closed(place: tuple[str, int], begin: bytes) -> None:
     silent = []
     for _ in range(3):
         silent.append(socket.create_connection(place))
@@ -69,7 +69,7 @@ def test_one_too_many_closes_whoever_has_been_silent_for_longest(place: tuple[st
         one.close()
 
 
-def test_who_does_not_end_a_request_is_closed_however_it_goes_on(place: tuple[str, int]) -> None:
+def test_a_request_that_does_not_end_in_time_is_closed(place: tuple[str, int]) -> None:
     with socket.create_connection(place) as slow, socket.create_connection(place) as quick:
         slow.sendall(ASK[:10])
         quick.sendall(ASK)
@@ -89,7 +89,7 @@ def certificate(tmp_path: Path) -> tuple[Path, Path]:
     return files
 
 
-def test_half_a_handshake_locks_nobody_out_and_ends_in_time(
+def test_unfinished_handshakes_are_counted_and_end_in_time(
     certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rigctl.web.server.HANDSHAKE_S", HEAD_S)
@@ -113,7 +113,7 @@ def test_half_a_handshake_locks_nobody_out_and_ends_in_time(
             one.close()
 
 
-def test_of_too_many_sockets_the_one_that_asks_least_gives_its_place() -> None:
+def test_of_too_many_sockets_the_longest_silent_is_closed() -> None:
     async def whole() -> list[str]:
         sockets, told = Sockets(most=2), []
 

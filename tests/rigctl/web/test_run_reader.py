@@ -34,7 +34,7 @@ def frames(*, angles: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0), cycles: int 
     return found
 
 
-def test_a_run_that_is_yet_to_come_is_waited_for(tmp_path: Path) -> None:
+def test_a_run_that_does_not_exist_yet_is_waited_for(tmp_path: Path) -> None:
     reader = RunReader(tmp_path / "run")
     assert reader.look()["state"] == "waiting"
     assert reader.picture("0") is None
@@ -44,7 +44,7 @@ def test_a_run_that_is_yet_to_come_is_waited_for(tmp_path: Path) -> None:
     assert reader.picture("0") is not None
 
 
-def test_each_state_of_a_session_is_told(tmp_path: Path) -> None:
+def test_each_state_of_a_session_is_shown(tmp_path: Path) -> None:
     path, reader = tmp_path / "run", RunReader(tmp_path / "run")
     with RunWriter.create(path, {"origin": "import"}) as writer:
         assert reader.look()["state"] == "live"
@@ -134,7 +134,7 @@ def _curves(reader: RunReader) -> dict:
     return curves
 
 
-def test_excluded_frames_leave_curves_and_maps_while_somebody_looks(tmp_path: Path) -> None:
+def test_excluded_frames_leave_curves_and_maps_of_an_open_page(tmp_path: Path) -> None:
     run = tmp_path / "run"
     take_session(small_rig(tmp_path), small_session(cycles=3), run, files={})
     reader = RunReader(run)
@@ -152,7 +152,7 @@ def test_excluded_frames_leave_curves_and_maps_while_somebody_looks(tmp_path: Pa
     assert _curves(reader) == before
 
 
-def test_curves_are_refused_where_nobody_knows_what_is_excluded(tmp_path: Path) -> None:
+def test_curves_are_refused_if_exclusions_cannot_be_read(tmp_path: Path) -> None:
     run = tmp_path / "run"
     take_session(small_rig(tmp_path), small_session(cycles=2), run, files={})
     note(run, "a bird", exclude="1", by="ann")
@@ -165,7 +165,7 @@ def test_curves_are_refused_where_nobody_knows_what_is_excluded(tmp_path: Path) 
     assert (reader.look()["maps_of"], reader.picture("0") is not None) == ("", True)
 
 
-def test_a_folder_lists_its_runs_with_what_lies_beside_them(tmp_path: Path) -> None:
+def test_a_folder_lists_its_runs_with_verdicts_and_pages(tmp_path: Path) -> None:
     make_run(tmp_path / "run", frames())
     make_run(tmp_path / "other", frames(cycles=1))
     (tmp_path / "compared").mkdir()
