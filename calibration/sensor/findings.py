@@ -170,8 +170,9 @@ _MISSING_CODES, _STRETCHED = 0.05, 0.5
 _UNSTEADY, _MIXED = 0.01, 0.1
 # Means of whole frames of coarse counts differ by this much from rounding alone.
 _ROUNDING_DN = 0.3
-# A level whose spread is below this many times that of the other flats is not mixed: they all flicker.
-_USUAL_SPREAD = 8.0
+# A level whose spread is below this many times that of the other flats is not mixed: they all flicker. If fewer than
+# the second share of the flats are steady, they do not flicker: all of them are mixed.
+_USUAL_SPREAD, _STEADY_SHARE = 8.0, 0.1
 _FLICKER = 0.0015
 _OUTLIER_SHARE = 1e-5
 _UNEVEN_SHARE = 0.25
@@ -580,6 +581,11 @@ def _relative_spread(level: LevelStatistics) -> float:
 
 def _mixed_levels(frames: _Frames) -> list[LevelStatistics]:
     """Return the levels whose frames are of different exposure, gain or lamp setting."""
+    flats = [flat for flat in frames.open_flats if flat.mean_dn > frames.dark_dn]
+    # The beat of a lamp spares exposures of whole periods: where nearly all flats differ, it is another light.
+    spreads = [_spread_dn(flat) / (flat.mean_dn - frames.dark_dn) for flat in flats if _relative_spread(flat) > 0.0]
+    if len(spreads) >= _LEAST_LEVELS and len(spreads) == len(flats) and np.quantile(spreads, _STEADY_SHARE) > _MIXED:
+        return flats
     return [one for one in frames.levels if _relative_spread(one) > _MIXED and not _is_usual_spread(frames, one)]
 
 

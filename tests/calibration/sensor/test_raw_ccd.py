@@ -95,13 +95,14 @@ def test_the_headline_of_a_line_is_its_error() -> None:
     )
 
 
-def test_flats_that_differ_within_a_level_are_refused_for_that_alone() -> None:
+@pytest.mark.parametrize("mixed", [{9}, set(range(12))], ids=["one level", "every level"])
+def test_flats_that_differ_within_a_level_are_refused_for_that_alone(mixed: set[int]) -> None:
     draws, levels = np.random.default_rng(7), []
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, SHAPE[1]), np.linspace(-1.0, 1.0, SHAPE[0]))
     response = (1.0 - 0.2 * (x**2 + y**2)) * (1.0 + 0.01 * draws.standard_normal(SHAPE))
     for place, light_e in enumerate(LIGHT_E.tolist()):
         for kind, charge_e in (("flat", light_e), ("dark", 0.0)):
-            lamp = [1.12 if place == 9 and number == 1 else 1.0 for number in range(3)]
+            lamp = [1.12 if place in mixed and number == 1 else 1.0 for number in range(3)]
             frames = [
                 BLACK_DN + GAIN * (draws.poisson(charge_e * one * response) + READ_E * draws.standard_normal(SHAPE))
                 for one in lamp
