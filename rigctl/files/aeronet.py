@@ -18,22 +18,23 @@ import numpy as np
 
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
+from rigctl.files.number_table import refuse
 
 _DEPTH = re.compile(r"AOD_(\d+)nm$")
 _INVERTED_DEPTH = re.compile(r"(?:AOD_Coincident_Input|AOD_Extinction-Total)\[(\d+)nm\]$")
 _REAL = re.compile(r"Refractive_Index-Real_Part\[(\d+)nm\]$")
 _IMAGINARY = re.compile(r"Refractive_Index-Imaginary_Part\[(\d+)nm\]$")
 _RADIUS = re.compile(r"\d+\.\d+$")
+_MEASURED = (_DEPTH, _INVERTED_DEPTH, _REAL, _IMAGINARY, _RADIUS)
 _EXPONENT, _OZONE = "440-870_Angstrom_Exponent", "Ozone(Dobson)"
 _LEVEL = re.compile(r"Level (\d\.\d)")
 _LEVELS = ("1.5", "2.0")
-# Rows further than this from the time of the scene say nothing of it; daily averages are of their day.
+# Rows further than this from the time of the scene are not used; daily averages are of their day.
 _FURTHEST, _FURTHEST_DAILY = timedelta(hours=3), timedelta(hours=24)
 # Of optical depth from a field instrument: Giles et al. (2019), doi:10.5194/amt-12-169-2019.
 _DEPTH_STD = 0.01
-# Between which wavelengths two are taken for Angstrom's law, and those that are liked best.
+# Angstrom's law is taken from two wavelengths in this range, preferably from these.
 _LEAST_NM, _MOST_NM, _BEST_NM = 380.0, 1020.0, (440.0, 870.0)
-_MOST_PROBLEMS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,15 +73,16 @@ def read_aeronet(paths: Sequence[Path], *, near: datetime | None) -> Aeronet:
     indices = _by_number(found, _REAL)
     absorbing = _by_number(found, _IMAGINARY)
     sizes = {float(name): value for name, (value, _) in found.items() if _RADIUS.match(name)}
+    indexed_nm = sorted(indices.keys() & absorbing.keys())
     result = Aeronet(
         source="; ".join(dict.fromkeys(sources)),
         depths=_depths(found),
         ozone_du=found[_OZONE][0] if _OZONE in found else None,
         radius_um=tuple(sorted(sizes)),
         volume_per_log_radius=tuple(max(sizes[radius], 0.0) for radius in sorted(sizes)),
-        index_wavelength_nm=tuple(sorted(indices.keys() & absorbing.keys())),
-        n=tuple(indices[nm][0] for nm in sorted(indices.keys() & absorbing.keys())),
-        k=tuple(absorbing[nm][0] for nm in sorted(indices.keys() & absorbing.keys())),
+        index_wavelength_nm=tuple(indexed_nm),
+        n=tuple(indices[nm][0] for nm in indexed_nm),
+        k=tuple(absorbing[nm][0] for nm in indexed_nm),
     )
     if not result.depths:
         names = ", ".join(map(str, paths))
@@ -95,8 +97,10 @@ def _row(path: Path, near: datetime | None) -> tuple[dict[str, tuple[float, floa
     """Return values and spread of the row next to a time, or of all, without missing ones; and where they are from."""
     head, names, rows = _table(path)
     columns = {name: k for k, name in enumerate(names)}
-    date, time = (_column(columns, start) for start in ("Date", "Time"))
-    wanted = [name for name in names if _is_wanted(name)]
+    date, time = (
+        next((k for name, k in columns.items() if name.startswith(start)), None) for start in ("Date", "Time")
+    )
+    wanted = [name for name in names if name in (_EXPONENT, _OZONE) or any(one.match(name) for one in _MEASURED)]
     if date is None or time is None or not wanted:
         raise ConfigError(
             f"{path}: is no AERONET AOD or inversion file: its columns need Date(dd:mm:yyyy), Time(hh:mm:ss), and "
@@ -118,9 +122,7 @@ def _row(path: Path, near: datetime | None) -> tuple[dict[str, tuple[float, floa
         values.append([math.nan if number is None else number for number in numbers])
     if not rows:
         problems.append("has no row of numbers")
-    if problems:
-        more = [f"and {len(problems) - _MOST_PROBLEMS} more"] if len(problems) > _MOST_PROBLEMS else []
-        raise ConfigError(f"{path}:\n  " + "\n  ".join([*problems[:_MOST_PROBLEMS], *more]))
+    refuse(path, problems)
     table = np.array(values)
     site = head[1].strip() if len(head) > 1 else path.stem
     words = f"AERONET {site}, level {_level(path, head)}"
@@ -130,7 +132,7 @@ def _row(path: Path, near: datetime | None) -> tuple[dict[str, tuple[float, floa
         mean = {name: (float(np.mean(c)), float(np.std(c))) for name, c in used if c.size}
         return mean, f"{words}, mean of {len(times)} rows"
     furthest = _FURTHEST_DAILY if any("Daily" in line for line in head) else _FURTHEST
-    # Rows without any value are not near anything.
+    # Rows without any value do not count.
     apart = [
         abs(when - near) if np.any(np.isfinite(row)) else timedelta.max for when, row in zip(times, table, strict=True)
     ]
@@ -166,15 +168,6 @@ def _level(path: Path, head: Sequence[str]) -> str:
     if found not in _LEVELS:
         raise ConfigError(f"{path}: is of level {found}; needed is {' or '.join(_LEVELS)}, free of clouds")
     return found
-
-
-def _column(columns: Mapping[str, int], start: str) -> int | None:
-    return next((k for name, k in columns.items() if name.startswith(start)), None)
-
-
-def _is_wanted(name: str) -> bool:
-    patterns = (_DEPTH, _INVERTED_DEPTH, _REAL, _IMAGINARY, _RADIUS)
-    return name in (_EXPONENT, _OZONE) or any(pattern.match(name) for pattern in patterns)
 
 
 def _cell(row: Sequence[str], place: int) -> str:

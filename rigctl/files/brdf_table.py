@@ -3,13 +3,10 @@
 Two layouts are understood by their first line. That of NIST (Germer 2017): wavelength [um], incidence and its azimuth,
 reflection and its azimuth [deg], f_r11 [1/sr], and further elements of the Mueller matrix over f_r11; rows of outgoing
 light count from axes that do not turn with its azimuth. And the project's own: columns incidence_deg, reflection_deg,
-azimuth_deg (180 is forward), wavelength_nm, f00_per_sr, and over it all of m01 to m22, or s1 and s2, or dolp. Lines
-that begin with # are skipped.
+azimuth_deg (180 is forward), wavelength_nm, f00_per_sr, and over it all of m01 to m22, or s1 and s2, or dolp.
 """
 
-import csv
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +14,8 @@ from numpy.typing import NDArray
 
 from model.stokes import rotation
 from model.surface.table import MeasuredTable
-from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
+from rigctl.files.number_table import Columns, Problem, columns_of, csv_lines, header_of
 
 FloatArray = NDArray[np.float64]
 
@@ -26,12 +23,8 @@ _NIST = ("lambda", "thetai", "phi", "thetar", "phir", "f_r11")
 _OWN = ("incidence_deg", "reflection_deg", "azimuth_deg", "wavelength_nm", "f00_per_sr")
 _ELEMENTS = tuple((i, j) for i in range(3) for j in range(3))
 _MATRIX = tuple(f"m{i}{j}" for i, j in _ELEMENTS[1:])
-_MOST_PROBLEMS = 20
 # An element over f00 cannot exceed 1 but for noise.
 _RATIO_MOST = 1.2
-
-_Problem = tuple[str, NDArray[np.bool_], str]
-_Check = Callable[[dict[str, FloatArray]], Iterator[_Problem]]
 
 
 def read_brdf_table(path: Path) -> MeasuredTable:
@@ -42,11 +35,11 @@ def read_brdf_table(path: Path) -> MeasuredTable:
     ConfigError
         The file cannot be read or its layout is not known; else with all rows that are wrong, up to twenty.
     """
-    rows = _cells(path)
-    header = [name.strip() for name in rows[0][1]] if rows else []
+    lines = csv_lines(path)
+    header = header_of(lines)
     if set(_NIST) <= set(header):
         needs = (*_NIST, *(f"f_r{i + 1}{j + 1}/f_r11" for i, j in _ELEMENTS[1:]))
-        return _of_nist(path, _columns(path, header, rows[1:], needs, _nist_problems))
+        return _of_nist(path, columns_of(path, lines, needs=needs, problems_of=_nist_problems))
     optional: tuple[str, ...] = ()
     for names in (_MATRIX, ("s1", "s2"), ("dolp",)):
         if set(names) <= set(header):
@@ -59,61 +52,11 @@ def read_brdf_table(path: Path) -> MeasuredTable:
             f"{path}: its first line lacks {lacking}; allowed are {','.join(_OWN)} with m01 to m22, s1 and s2, or dolp "
             f"(all over f00), or the layout of NIST, {','.join(_NIST)},f_r12/f_r11,..."
         )
-    return _of_own(path, _columns(path, header, rows[1:], (*_OWN, *optional), _own_problems), optional)
+    columns = columns_of(path, lines, needs=(*_OWN, *optional), problems_of=_own_problems)
+    return _of_own(path, columns, optional)
 
 
-def _cells(path: Path) -> list[tuple[int, list[str]]]:
-    try:
-        lines = csv.reader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines())
-        return [(k, row) for k, row in enumerate(lines, start=1) if "".join(row).strip() and not row[0].startswith("#")]
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: is no text of commas and lines: {error}") from error
-
-
-def _columns(
-    path: Path,
-    header: Sequence[str],
-    rows: Sequence[tuple[int, list[str]]],
-    needs: Sequence[str],
-    problems_of: _Check,
-) -> dict[str, FloatArray]:
-    missing = [name for name in needs if name not in header]
-    if missing:
-        raise ConfigError(f"{path}: lacks the column {', '.join(missing)}")
-    if not rows:
-        raise ConfigError(f"{path}: has no row of numbers under its first line")
-    places = [header.index(name) for name in needs]
-    numbers, problems = np.empty((len(rows), len(needs))), []
-    for k, (line, row) in enumerate(rows):
-        for j, (name, place) in enumerate(zip(needs, places, strict=True)):
-            text = row[place].strip() if place < len(row) else ""
-            numbers[k, j] = _number(text)
-            if not math.isfinite(numbers[k, j]):
-                problems.append(f"line {line}: {name} is {text or 'empty'!r}, must be a finite number")
-    columns = dict(zip(needs, numbers.T, strict=True))
-    lines = [line for line, _ in rows]
-    problems += [
-        f"line {lines[k]}: {name} is {columns[name][k]:g}, must {words}"
-        for name, wrong, words in problems_of(columns)
-        for k in np.flatnonzero(wrong & np.isfinite(columns[name]))
-    ]
-    if problems:
-        shown = problems[:_MOST_PROBLEMS]
-        more = [f"and {len(problems) - len(shown)} more"] if len(problems) > len(shown) else []
-        raise ConfigError(f"{path}:\n  " + "\n  ".join([*shown, *more]))
-    return columns
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
-
-
-def _nist_problems(columns: dict[str, FloatArray]) -> Iterator[_Problem]:
+def _nist_problems(columns: Columns) -> Iterator[Problem]:
     yield "lambda", columns["lambda"] <= 0.0, "be above 0 [um]"
     yield "thetai", np.abs(columns["thetai"]) >= 90.0, "lie between -90 and 90"
     yield "phi", columns["phi"] != 0.0, "be 0: incidence in the plane of the instrument"
@@ -124,7 +67,7 @@ def _nist_problems(columns: dict[str, FloatArray]) -> Iterator[_Problem]:
         yield name, np.abs(columns[name]) > _RATIO_MOST, f"lie within -{_RATIO_MOST:g} and {_RATIO_MOST:g}"
 
 
-def _own_problems(columns: dict[str, FloatArray]) -> Iterator[_Problem]:
+def _own_problems(columns: Columns) -> Iterator[Problem]:
     for name in ("incidence_deg", "reflection_deg"):
         yield name, (columns[name] < 0.0) | (columns[name] >= 90.0), "lie in [0, 90)"
     for name in ("wavelength_nm", "f00_per_sr"):
@@ -135,7 +78,7 @@ def _own_problems(columns: dict[str, FloatArray]) -> Iterator[_Problem]:
         yield "dolp", columns["dolp"] < 0.0, "not be below 0"
 
 
-def _of_nist(path: Path, columns: dict[str, FloatArray]) -> MeasuredTable:
+def _of_nist(path: Path, columns: Columns) -> MeasuredTable:
     """Return rows of NIST: forward is phir = 0 for thetai below 0, and 180 deg for thetai above."""
     turned = np.where(columns["thetai"] > 0.0, 180.0, 0.0)
     around = np.deg2rad(columns["phir"] + turned)
@@ -154,7 +97,7 @@ def _of_nist(path: Path, columns: dict[str, FloatArray]) -> MeasuredTable:
     )
 
 
-def _of_own(path: Path, columns: dict[str, FloatArray], names: Sequence[str]) -> MeasuredTable:
+def _of_own(path: Path, columns: Columns, names: Sequence[str]) -> MeasuredTable:
     ratios = np.full((columns["f00_per_sr"].size, 3, 3), np.nan)
     ratios[:, 0, 0] = 1.0
     places = {"s1": (1, 0), "s2": (2, 0), "dolp": (1, 0)} | {f"m{i}{j}": (i, j) for i, j in _ELEMENTS}

@@ -32,7 +32,7 @@ def _listed(given: object) -> object:
 class PropertySection(Section):
     """One property: a plain number, ``{value, std, ...}``, or lists of the same length as a table over wavelength.
 
-    Whoever gives no source has not measured: such a value counts as assumed unless the file says otherwise.
+    A value without a source counts as assumed unless the file says otherwise.
     """
 
     value: Annotated[list[Number], BeforeValidator(_listed)]
@@ -46,7 +46,7 @@ class PropertySection(Section):
     confidence: Confidence = "low"
     """How far the source is trusted. Example: `"medium"`."""
     assumed: bool = True
-    """Nobody measured it of this surface. Example: `false`."""
+    """Not measured on this surface. Example: `false`."""
 
     @model_validator(mode="before")
     @classmethod

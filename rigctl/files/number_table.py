@@ -1,8 +1,11 @@
-"""Tables of numbers that people write as CSV: a header line, then numbers."""
+"""Tables of numbers that people write as CSV: a header line, then numbers. Lines that begin with # are skipped.
+
+All wrong cells are reported at once, each with its line, up to twenty.
+"""
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +14,83 @@ from numpy.typing import NDArray
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
 
+Columns = dict[str, NDArray[np.float64]]
+#: Rows of a table with the numbers of their lines; the first one names the columns.
+Lines = list[tuple[int, list[str]]]
+#: Name of a column, rows in which its number is wrong, and the words that follow "must".
+Problem = tuple[str, NDArray[np.bool_], str]
+_MOST_PROBLEMS = 20
 
-def read_number_table(
-    path: Path, *, needs: Sequence[str], may_have: Sequence[str] = ()
-) -> dict[str, NDArray[np.float64]]:
+
+def read_number_table(path: Path, *, needs: Sequence[str], may_have: Sequence[str] = ()) -> Columns:
     """Return the columns of a CSV file by name; columns of other names are left out.
 
     Raises
     ------
     ConfigError
-        The file cannot be read, lacks a column or a row, or a cell is not a finite number.
+        The file cannot be read, lacks a column or a row, or cells are not finite numbers.
     """
+    return columns_of(path, csv_lines(path), needs=needs, may_have=may_have)
+
+
+def csv_lines(path: Path) -> Lines:
+    """Return the lines of a CSV file that are neither empty nor comments."""
     try:
-        lines = list(csv.reader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines()))
+        rows = csv.reader(read_bounded(path, MOST_TEXT_BYTES).decode("utf-8-sig").splitlines())
+        return [(k, row) for k, row in enumerate(rows, start=1) if "".join(row).strip() and not row[0].startswith("#")]
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: is no text of commas and lines: {error}") from error
-    header = [name.strip() for name in lines[0]] if lines else []
+
+
+def header_of(lines: Lines) -> list[str]:
+    """Return the names of the columns."""
+    return [name.strip() for name in lines[0][1]] if lines else []
+
+
+def columns_of(
+    path: Path,
+    lines: Lines,
+    *,
+    needs: Sequence[str],
+    may_have: Sequence[str] = (),
+    problems_of: Callable[[Columns], Iterable[Problem]] = lambda _: (),
+) -> Columns:
+    """Return columns as numbers; `problems_of` says which of the numbers are outside of their range."""
+    header, rows = header_of(lines), lines[1:]
     lacking = [name for name in needs if name not in header]
     if lacking:
         raise ConfigError(f"{path}: lacks the column {', '.join(lacking)}; its first line must name {','.join(needs)}")
-    at = [(name, header.index(name)) for name in (*needs, *may_have) if name in header]
-    rows = [[_number(path, k, name, row, i) for name, i in at] for k, row in enumerate(lines[1:], start=2) if row]
     if not rows:
         raise ConfigError(f"{path}: has no row of numbers under its first line")
-    return dict(zip((name for name, _ in at), np.array(rows).T, strict=True))
+    problems: list[str] = []
+
+    def number(line: int, row: Sequence[str], name: str) -> float:
+        place = header.index(name)
+        text = row[place].strip() if place < len(row) else ""
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            problems.append(f"line {line}: {name} is {text or 'empty'!r}, must be a finite number")
+        return value
+
+    names = [name for name in (*needs, *may_have) if name in header]
+    numbers = [[number(line, row, name) for name in names] for line, row in rows]
+    columns = dict(zip(names, np.array(numbers).T, strict=True))
+    problems += [
+        f"line {rows[k][0]}: {name} is {columns[name][k]:g}, must {words}"
+        for name, wrong, words in problems_of(columns)
+        for k in np.flatnonzero(wrong & np.isfinite(columns[name]))
+    ]
+    refuse(path, problems)
+    return columns
 
 
-def _number(path: Path, line: int, name: str, row: Sequence[str], index: int) -> float:
-    text = row[index].strip() if index < len(row) else ""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise ConfigError(f"{path}, line {line}: {name} is {text or 'empty'!r}, must be a finite number")
-    return number
+def refuse(path: Path, problems: Sequence[str]) -> None:
+    """Raise ConfigError if there are any problems, with the first twenty."""
+    if problems:
+        more = [f"and {len(problems) - _MOST_PROBLEMS} more"] if len(problems) > _MOST_PROBLEMS else []
+        raise ConfigError(f"{path}:\n  " + "\n  ".join([*problems[:_MOST_PROBLEMS], *more]))
