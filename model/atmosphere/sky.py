@@ -1,8 +1,10 @@
 """Light of the sun and the sky in a band: from solved atmospheres, by formula or from a table.
 
-`Lighting` is what a scene asks for; `compute_lighting` makes it with the effort of a level of fidelity. The radiance
-over the solar spectrum is smooth in the wavelength, the solar spectrum is not; so the spectrum is the measure, the
-radiance the function that is integrated, and few wavelengths by Gauss's rule for that measure do (`spectral_rule`).
+A scene needs a `Lighting`: the beam, the sky, and what the air does to light on its way to the camera.
+`compute_lighting` makes it, with the effort of a level of fidelity. `TableLighting` reads it from a user's table.
+
+The radiance per solar irradiance is smooth in the wavelength, the solar spectrum is not. The band is therefore
+integrated by a Gauss rule with the spectrum as its weight, for which few wavelengths suffice (`spectral_rule`).
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -26,6 +28,7 @@ from model.atmosphere.layers import (
     truncated_by_absorption,
 )
 from model.atmosphere.solver import Solution, gauss_nodes, solve
+from model.stokes import rotate_frame
 
 FloatArray = NDArray[np.float64]
 Number = TypeVar("Number", float, NDArray[np.float64])
@@ -179,8 +182,7 @@ class _SolverFor(Protocol[Light]):
         ...
 
 
-# The solver itself, or a store of its solutions that an application puts in its place; and, where only the light
-# counts, also another engine.
+# The solver itself or a store of its solutions; and, where only the light counts, another engine too.
 Solver = _SolverFor[Solution]
 LightSolver = _SolverFor[DiffuseLight]
 
@@ -216,7 +218,7 @@ class SolverSettings:
     face_m: float = 0.0
 
 
-# Regions of a scene are looked at along the same lines of sight, one after another.
+# Lines of sight whose light is kept: regions of a scene share them.
 _KEPT = 64
 
 
@@ -286,7 +288,7 @@ class BandLighting:
         return self._once(("transmittance", height_m, mu.shape, mu.tobytes()), computed)
 
     def _once(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Return an array of its own, computed where none of the last ones is the same."""
+        """Return a copy of the array kept under a key, computed at the first call."""
         found = self._kept.get(key)
         if found is None:
             found = compute()
@@ -315,10 +317,7 @@ class AnalyticLighting:
         return self.path_and_beam.direct_irradiance
 
     def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
-
-        definition: see `analytic_sky`
-        """
+        """Stokes radiance of the sky by `analytic_sky`, shape (..., 3) [W m-2 sr-1]."""
         return analytic_sky(
             mu0=self.mu0,
             zenith_radiance=self.zenith_radiance,
@@ -340,14 +339,12 @@ class AnalyticLighting:
 class FidelityFacts:
     """Accuracy of a fidelity level, for views up to 80 degrees and a sun up to 75 degrees from the zenith.
 
-    Of spheres it holds ten degrees and more from the sun (three, but for dust); of dust, the radiance is off by 5 times
-    as much in FAST and 40 times in STANDARD, the degree of polarization by 2 and 3 times. Their scattering matrix costs
-    up to a second more for each wavelength, once.
+    For spheres it holds ten degrees and more from the sun (three, except for dust). For dust the error of the radiance
+    is 5 times as large in FAST and 40 times in STANDARD, that of the degree of polarization 2 and 3 times.
     """
 
     accuracy: str
-    seconds: float
-    settings: SolverSettings | None
+    settings: SolverSettings | None  #: None for levels that call no solver
 
 
 STANDARD_SETTINGS = SolverSettings(fine_layers=True, nodes=12, element_depth=0.05, tolerance=1e-5)
@@ -357,30 +354,25 @@ FIDELITY_LEVELS: Mapping[Fidelity, FidelityFacts] = MappingProxyType(
         Fidelity.ANALYTIC: FidelityFacts(
             accuracy="geometry of the polarization only: no neutral points, angle of polarization off by up to "
             "8 deg, degree as given, radiance low by up to a factor 4",
-            seconds=0.02,
             settings=None,
         ),
         Fidelity.SINGLE: FidelityFacts(
             accuracy="light scattered once is exact; the rest is missing: radiance low by a factor 0.25 to 0.94, "
             "degree of polarization too high by up to 0.33",
-            seconds=0.02,
             settings=None,
         ),
         Fidelity.FAST: FidelityFacts(
             accuracy="radiance 0.3 % rms, 0.7 % at most; degree of polarization 1e-3",
-            seconds=0.02,
             settings=SolverSettings(
                 fine_layers=False, nodes=6, element_depth=0.1, tolerance=1e-3, matrix_tolerance=3e-3
             ),
         ),
         Fidelity.STANDARD: FidelityFacts(
             accuracy="radiance 2e-4, degree of polarization 1e-4",
-            seconds=0.08,
             settings=STANDARD_SETTINGS,
         ),
         Fidelity.TABLE: FidelityFacts(
             accuracy="that of the table; between its nodes Stokes parameters are linear",
-            seconds=0.0,
             settings=None,
         ),
     }
@@ -401,7 +393,11 @@ def compute_lighting(
     solver: LightSolver = solve,
     settings: SolverSettings | None = None,
 ) -> BandLighting | AnalyticLighting:
-    """Light of one sun position in a band."""
+    """Return the light of one sun position in a band.
+
+    So many `wavelengths` are computed; `split_at_kinks` divides the band where the aerosol's tables have kinks.
+    `dolp_max` is the largest degree of polarization of the sky by formula. `settings` replace those of the level.
+    """
     if fidelity is Fidelity.TABLE:
         raise ValueError("compute_lighting: tier 'table' is not computed; build a TableLighting from the table")
     kind = AerosolKind(aerosol)
@@ -449,7 +445,7 @@ class UnlitSolution:
 
 
 def unlit_solution(layers: Sequence[Layer], *, mu0: float, **_: Any) -> UnlitSolution:
-    """Return an atmosphere of the depth of these layers that scatters nothing; called like the solver."""
+    """Return an atmosphere of the depth of these layers that scatters no light; called like the solver."""
     return UnlitSolution(mu0=mu0, depth=float(sum(layer.full_depth for layer in layers)))
 
 
@@ -458,15 +454,13 @@ MATRIX_DEGREE = 17
 
 
 def single_solution(layers: Sequence[Layer], *, mu0: float, albedo: float, **_: object) -> Solution:
-    """Diffuse light scattered once, and the beam's light off the ground, unscattered since; called like the solver.
+    """Diffuse light scattered once, and the beam's light from the ground; called like the solver.
 
-    Exact for what it contains; the radiance lacks light scattered more often, a quarter to three quarters of it. Its
-    error is not estimated here and stated as 1.
+    Exact for light scattered once. Light scattered more often, a quarter to three quarters of the radiance, is missing;
+    the error is stated as 1.
 
     Chandrasekhar, Radiative Transfer (1950), section 7.
     """
-    if not (0.0 < mu0 <= 1.0 and 0.0 <= albedo <= 1.0):
-        raise ValueError(f"single_solution: mu0 = {mu0!r} must be above 0 to 1, albedo = {albedo!r} from 0 to 1")
     merged = merge_alike(layers)
     # The sky's irradiance is that of a matrix without its peak, and the peak's.
     smooth = truncated_by_absorption(merged, degree=MATRIX_DEGREE)
@@ -524,14 +518,15 @@ class TableLighting:
             raise ValueError(
                 f"TableLighting: direct_irradiance = {self.direct_irradiance!r} W m-2, but it must be 0 or more"
             )
-        for name, axis, least in (("zenith_rad", self.zenith_rad, 2), ("height_m", self.height_m, 1)):
+        for name, least in (("zenith_rad", 2), ("phi_rad", 2), ("height_m", 1)):
+            axis = getattr(self, name)
             if axis.ndim != 1 or axis.size < least or not np.all(np.diff(axis) > 0.0):
                 raise ValueError(f"TableLighting: {name} must hold {least} or more increasing numbers")
-        _check_azimuths(self.phi_rad)
-        self._check_shapes()
-
-    def _check_shapes(self) -> None:
-        """Refuse tables that do not fit their axes, or hold what is no number."""
+        first, last = self.phi_rad[[0, -1]]
+        if abs(first) > _ROUNDING_RAD or min(abs(last - _TURN), abs(last - np.pi)) > _ROUNDING_RAD:
+            raise ValueError(
+                f"TableLighting: phi_rad runs from {first:.6g} to {last:.6g} rad, but it must run from 0 to pi or 2 pi"
+            )
         heights, zeniths, azimuths = self.height_m.size, self.zenith_rad.size, self.phi_rad.size
         wanted = {
             "sky_stokes": (zeniths, azimuths, 3),
@@ -544,48 +539,18 @@ class TableLighting:
                 raise ValueError(f"TableLighting: {name} must be finite and of shape {shape}, not {table.shape}")
 
     def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1].
-
-        Raises
-        ------
-        ValueError
-            A zenith angle outside the table.
-
-        References
-        ----------
-        definition: linear interpolation
-        """
+        """Stokes radiance of the sky, shape (..., 3) [W m-2 sr-1]; ValueError outside of the table."""
         return _read_directions(
             self.zenith_rad, *_whole_turn(self.phi_rad, self.sky_stokes), zenith_rad, phi_rad, looking="up"
         )
 
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
-        """Transmittance from the ground to a sensor.
-
-        Raises
-        ------
-        ValueError
-            A height or a zenith angle outside the table.
-
-        References
-        ----------
-        definition: linear interpolation
-        """
+        """Transmittance from the ground to a sensor; ValueError outside of the table."""
         table = self._at_height(self.path_transmittance, height_m)
         return _interpolate((self.zenith_rad,), table, np.asarray(zenith_rad, dtype=float)[..., np.newaxis])
 
     def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
-        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1].
-
-        Raises
-        ------
-        ValueError
-            A height or a zenith angle outside the table.
-
-        References
-        ----------
-        definition: linear interpolation
-        """
+        """Stokes radiance added below a sensor, shape (..., 3) [W m-2 sr-1]; ValueError outside of the table."""
         table = self._at_height(self.path_stokes, height_m)
         return _read_directions(self.zenith_rad, *_whole_turn(self.phi_rad, table), zenith_rad, phi_rad, looking="down")
 
@@ -604,8 +569,8 @@ class TableLighting:
 class MixedLighting:
     """Two lights mixed linearly; a `model.atmosphere.sky.Lighting`.
 
-    No atmosphere is such a mixture, but for light scattered once: the share makes the choice between two atmospheres
-    one number, with a derivative and a standard uncertainty.
+    Only light scattered once mixes so in a real atmosphere. The share turns the choice between two atmospheres into one
+    number, with a derivative and a standard uncertainty.
     """
 
     first: Lighting
@@ -615,49 +580,28 @@ class MixedLighting:
     @property
     def direct_irradiance(self) -> float:
         """Irradiance of the beam at the ground on a plane normal to it [W m-2]."""
-        return float(self._mixed(np.array(self.first.direct_irradiance), np.array(self.second.direct_irradiance)))
+        return float(self._mixed(lambda light: np.array(light.direct_irradiance)))
 
     def sky(self, *, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
         """Stokes radiance of the sky; arguments as in `Lighting.sky`."""
-        each = (light.sky(zenith_rad=zenith_rad, phi_rad=phi_rad) for light in (self.first, self.second))
-        return self._mixed(*each)
+        return self._mixed(lambda light: light.sky(zenith_rad=zenith_rad, phi_rad=phi_rad))
 
     def transmittance(self, *, height_m: float, zenith_rad: ArrayLike) -> NDArray[np.float64]:
         """Transmittance to a sensor; arguments as in `Lighting.transmittance`."""
-        each = (light.transmittance(height_m=height_m, zenith_rad=zenith_rad) for light in (self.first, self.second))
-        return self._mixed(*each)
+        return self._mixed(lambda light: light.transmittance(height_m=height_m, zenith_rad=zenith_rad))
 
     def path(self, *, height_m: float, zenith_rad: ArrayLike, phi_rad: ArrayLike) -> NDArray[np.float64]:
         """Stokes radiance added below a sensor; arguments as in `Lighting.path`."""
-        each = (
-            light.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad) for light in (self.first, self.second)
-        )
-        return self._mixed(*each)
+        return self._mixed(lambda light: light.path(height_m=height_m, zenith_rad=zenith_rad, phi_rad=phi_rad))
 
-    def _mixed(self, first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray((1.0 - self.share) * first + self.share * second)
+    def _mixed(self, part: Callable[[Lighting], NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.asarray((1.0 - self.share) * part(self.first) + self.share * part(self.second))
 
 
 def distance_factor(*, day_of_year: float) -> float:
     """Irradiance outside the atmosphere over that at the mean distance of the Sun, (R0/R)^2.
 
-    Parameters
-    ----------
-    day_of_year
-        1 on the first of January, up to 367.
-
-    Raises
-    ------
-    ValueError
-        The day is outside its range.
-
-    Notes
-    -----
-    Within 1e-3 of an ephemeris.
-
-    References
-    ----------
-    Spencer, Search 2 (1971) 172.
+    The day counts from 1 on the first of January. Within 1e-3 of an ephemeris: Spencer, Search 2 (1971) 172.
     """
     if not 1.0 <= day_of_year < 367.0:
         raise ValueError(f"day_of_year = {day_of_year!r}, allowed is 1 to 367")
@@ -737,7 +681,7 @@ def solve_column(
 def analytic_lighting(path_and_beam: BandLighting, *, mu0: float, dolp_max: float) -> AnalyticLighting:
     """Return a sky by formula that has the radiance of another at the zenith.
 
-    definition: see `model.atmosphere.sky`
+    See `analytic_sky`.
     """
     zenith = float(path_and_beam.sky(zenith_rad=0.0, phi_rad=0.0)[0])
     return AnalyticLighting(path_and_beam=path_and_beam, mu0=mu0, zenith_radiance=zenith, dolp_max=dolp_max)
@@ -932,15 +876,6 @@ _TURN = 2.0 * np.pi
 _ROUNDING_RAD = 1e-9
 
 
-def _check_azimuths(phi_rad: NDArray[np.float64]) -> None:
-    """Refuse azimuths that cover neither a half nor a whole turn."""
-    rising = phi_rad.ndim == 1 and phi_rad.size >= 2 and bool(np.all(np.diff(phi_rad) > 0.0))
-    if not rising or abs(phi_rad[0]) > _ROUNDING_RAD:
-        raise ValueError("TableLighting: phi_rad must increase from 0")
-    if min(abs(phi_rad[-1] - _TURN), abs(phi_rad[-1] - np.pi)) > _ROUNDING_RAD:
-        raise ValueError(f"TableLighting: phi_rad ends at {phi_rad[-1]:.6g} rad, but it must end at pi or 2 pi")
-
-
 def _read_directions(
     zenith_axis_rad: NDArray[np.float64],
     phi_axis_rad: NDArray[np.float64],
@@ -960,9 +895,7 @@ def _read_directions(
 
 def _turned(stokes: NDArray[np.float64], angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Stokes parameters with their vibration turned counter-clockwise."""
-    cosine, sine = np.cos(2.0 * angle_rad), np.sin(2.0 * angle_rad)
-    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
-    return np.stack([s0 + 0.0 * cosine, cosine * s1 - sine * s2, sine * s1 + cosine * s2], axis=-1)
+    return rotate_frame(stokes, -angle_rad)
 
 
 def _interpolate(

@@ -1,8 +1,8 @@
-"""The light of a scene: from its record, in the units of the file, to the records of the model, and skies kept on disk.
+"""The light of a scene: its record, in the units of the file, becomes the records of the model.
 
-`build_scenario` gives what the model predicts from; `SceneLight` computes and keeps the light of materials. Solved
-skies are kept between runs in the user's cache folder (`SkyStore`), by a hash of all inputs and of the solver's source.
-A user's own sky is a numpy archive (`read_sky_table`).
+`lit_scene` and `build_scenario` give what the model predicts from; `SceneLight` computes the light of materials and
+keeps it. Solved skies are kept between runs in the user's cache folder (`SkyStore`), each under a hash of all inputs
+and of the solver's source. A user's own sky is a numpy archive (`read_sky_table`).
 """
 
 import contextlib
@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from model.accuracy.chain import Settings, scenario_of, settings_of_fidelity
+from model.accuracy.chain import LightStore, Settings, scenario_of, settings_of_fidelity
 from model.atmosphere.aerosols import angstrom_law
-from model.atmosphere.air import AtmosphereState
+from model.atmosphere.air import AtmosphereState, column
 from model.atmosphere.layers import AerosolKind, Layer, ScatteringMatrix
 from model.atmosphere.sky import FIDELITY_LEVELS, Fidelity, Solver, TableLighting
 from model.atmosphere.solver import ModeBlock, Solution, solve
@@ -35,20 +35,19 @@ from model.scene.field import FieldPart, part_of_picture, whole_field
 from model.scene.panel import View
 from model.scene.scene import Air, LitRegion, LitScene, Readout, Scenario
 from model.sensor import Imperfections, Sensor, SensorNoise
-from model.surface.materials import Material, surface_here
-from model.surface.pbrdf import Surface, Tilt
+from model.surface.materials import surface_here
+from model.surface.pbrdf import Tilt
 from rigctl.base.arrays import read_arrays
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
 from rigctl.base.numbers import wrapped
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import Engine
-from rigctl.files.scene_file import COVARIANCE_PAIRS, NoiseSection, SceneRegion
+from rigctl.files.scene_file import COVARIANCE_PAIRS, NoiseSection
 from rigctl.files.toml import Uncertain
 from rigctl.scene.scene import Scene, acting_effects
 from rigctl.scene.sun import band_points, response_band
 
 if TYPE_CHECKING:
-    from model.accuracy.chain import LightStore
     from model.atmosphere.aerosols import AerosolChoice
     from model.atmosphere.sky import DiffuseLight, HowToSolve, Lighting, LightSolver
     from model.scene.field import FieldLight, Source
@@ -70,15 +69,18 @@ def require_engine(engine: Engine, *, tier: Fidelity | None = None) -> None:
         )
 
 
+# Records of numbers as bytes
+
+
 _CONTENT = "content"
 
 
 class NotStorableError(Exception):
-    """A record holds something that this codec does not know."""
+    """A record holds a value that cannot be stored."""
 
 
 def fingerprint(value: object) -> str:
-    """Return a hash of a record: the same for records of the same numbers, put together the same way."""
+    """Return a hash of a record, equal for records of equal numbers and structure."""
     writer = _Writer()
     root = writer.tree(value)
     digest = hashlib.sha256(json.dumps([root, writer.records]).encode())
@@ -88,7 +90,7 @@ def fingerprint(value: object) -> str:
 
 
 def encode(value: object) -> bytes:
-    """Return a record as bytes; what is one object in it is written once."""
+    """Return a record as bytes; an object that occurs several times is written once."""
     writer = _Writer()
     content = json.dumps({"root": writer.tree(value), "records": writer.records}).encode()
     buffer = io.BytesIO()
@@ -109,7 +111,7 @@ def decode(data: bytes, kinds: Mapping[str, type]) -> Any:
 
 
 class _Writer:
-    """Walks a record; a record or an array that is met again is referred to."""
+    """Writes a record as JSON and arrays; a record or array that occurs again becomes a reference."""
 
     def __init__(self) -> None:
         self.records: list[Any] = []
@@ -145,7 +147,7 @@ class _Writer:
             self.records.append([type(value).__name__, parts])
         else:
             raise NotStorableError(type(value).__name__)
-        self._alive.append(value)  # an id is good as long as its object lives
+        self._alive.append(value)  # an id is unique as long as its object lives
         self._known[id(value)] = reference
         return reference
 
@@ -161,6 +163,9 @@ def _decoded(tree: Any, made: list[Any], arrays: Mapping[str, NDArray[Any]]) -> 
     if kind == "range":
         return range(*content)
     return arrays[content] if kind == "array" else made[content]
+
+
+# A user's own sky
 
 
 # The sun of the scene may differ from the table's by this much.
@@ -186,11 +191,16 @@ def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
     except DataError as error:
         raise ConfigError(str(error)) from error
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{path}: holds what is no number: {error}") from error
+        raise ConfigError(f"{path}: holds a value that is not a number: {error}") from error
     missing = [f"{name} {shape}" for name, shape in ARRAYS.items() if name not in arrays]
     if missing:
         raise ConfigError("\n  ".join([f"{path}: a table of the sky also needs", *missing]))
-    _require_same_sun(path, arrays["sun_zenith_deg"], sun_zenith_rad)
+    table_deg, scene_deg = arrays["sun_zenith_deg"], float(np.degrees(sun_zenith_rad))
+    if table_deg.shape != () or abs(float(table_deg) - scene_deg) > _SAME_SUN_DEG:
+        raise ConfigError(
+            f"{path}: is of a sun at {table_deg} deg from the zenith, the scene's stands at {scene_deg:.2f} deg; "
+            f"allowed is a difference of {_SAME_SUN_DEG} deg"
+        )
     try:
         return TableLighting(
             direct_irradiance=float(arrays["direct_irradiance"]),
@@ -205,13 +215,7 @@ def read_sky_table(path: Path, *, sun_zenith_rad: float) -> TableLighting:
         raise ConfigError(f"{path}: {error}") from error
 
 
-def _require_same_sun(path: Path, table_deg: NDArray[np.float64], sun_zenith_rad: float) -> None:
-    scene_deg = float(np.degrees(sun_zenith_rad))
-    if table_deg.shape != () or abs(float(table_deg) - scene_deg) > _SAME_SUN_DEG:
-        raise ConfigError(
-            f"{path}: is of a sun at {table_deg} deg from the zenith, the scene's stands at {scene_deg:.2f} deg; "
-            f"allowed is a difference of {_SAME_SUN_DEG} deg"
-        )
+# Skies kept between runs
 
 
 _MAGIC = b"rigctl sky 1 sha256 "
@@ -228,10 +232,10 @@ def user_cache_folder() -> Path:
 
 
 class SkyStore:
-    """Solves an atmosphere, or takes the solution from the folder; stands in for `model.atmosphere.solver.solve`.
+    """Solves an atmosphere, or takes the solution from the folder; called like `model.atmosphere.solver.solve`.
 
-    What is taken is checked against its own checksum first; what fails is computed anew. The name of an entry is the
-    hash of every input and of the solver's source code.
+    The name of an entry is the hash of every input and of the solver's source code. An entry that does not match its
+    own checksum is computed again.
     """
 
     def __init__(self, folder: Path, *, solver: Solver = solve, limit_bytes: int = LIMIT_BYTES) -> None:
@@ -242,10 +246,9 @@ class SkyStore:
 
     def __call__(self, layers: tuple[Layer, ...], **settings: Any) -> Solution:
         """Return the solution of an atmosphere; arguments as `model.atmosphere.solver.solve`."""
-        try:
-            path = self._folder / f"{_key(layers, settings)}.sky"
-        except NotStorableError:
-            return self._compute(layers, settings)
+        # Another version of the solver takes nothing from this one.
+        key = hashlib.sha256((_code_hash() + fingerprint((layers, settings))).encode()).hexdigest()
+        path = self._folder / f"{key}.sky"
         kept = self._read(path)
         if kept is not None:
             self.taken += 1
@@ -301,14 +304,9 @@ class SkyStore:
             path.unlink()
 
 
-def _key(layers: tuple[Layer, ...], settings: dict[str, Any]) -> str:
-    """Hash of the inputs and of the code that turns them into a solution."""
-    return hashlib.sha256((_code_hash() + fingerprint((layers, settings))).encode()).hexdigest()
-
-
 @cache
 def _code_hash() -> str:
-    """Hash of the sources of the atmosphere: another version of the solver takes nothing from this one."""
+    """Return a hash of the sources of the atmosphere."""
     digest = hashlib.sha256()
     for name, source in sorted(solver_sources().items()):
         digest.update(name.encode() + b"\0" + source.read_bytes() + b"\0")
@@ -343,7 +341,10 @@ def _checked(data: bytes) -> Solution | None:
     return found if isinstance(found, Solution) else None
 
 
-# South: the sun's azimuth where the scene file states phi alone, and nothing depends on it.
+# The scene as records of the model
+
+
+# South: the sun's azimuth where the scene file states phi alone; no result depends on it.
 _ANY_AZIMUTH_DEG = 180.0
 _M_PER_DU, _PA_PER_HPA = 1e-5, 100.0
 
@@ -381,7 +382,7 @@ def air_of(scene: "Scene") -> Air:
 
 
 def state_of(air: "AtmosphereSection") -> AtmosphereState | None:
-    """Return the state of the air; None for a table of somebody's own."""
+    """Return the state of the air; None for a user's own table."""
     return None if air.tier is Fidelity.TABLE else _state(air, lower=air.lower, upper=air.upper)
 
 
@@ -432,7 +433,8 @@ def lit_region(scene: "Scene", region: "SceneRegionRecord") -> LitRegion:
     try:
         return LitRegion(
             name=region.name,
-            surface=_surface(region.material, given),
+            # Its properties are those at the sensor's wavelength already.
+            surface=surface_here(region.material, shadowing=given.shadowing, diffuse=given.diffuse),
             tilt=Tilt(tilt_rad=radians(given.tilt_deg), azimuth_rad=radians(given.tilt_azimuth_deg)),
             part=field_part(scene, region),
             texture_rms=texture_rms,
@@ -474,11 +476,6 @@ def _picture_part(scene: "Scene", region: "SceneRegionRecord", field: "FieldSect
         pixel_pitch_m=scene.sensor.pixel_pitch_um.value * 1e-6,
         focal_length_m=field.focal_length_mm.value * 1e-3,
     )
-
-
-def _surface(material: Material, given: SceneRegion) -> Surface:
-    """Return what a region is made of; its properties are those at the sensor's wavelength already."""
-    return surface_here(material, shadowing=given.shadowing, diffuse=given.diffuse)
 
 
 def _texture_covariance(region: "SceneRegionRecord") -> NDArray[np.float64]:
@@ -546,7 +543,7 @@ class SceneLight:
 
     def __init__(
         self,
-        store: "SkyStore | None" = None,
+        store: SkyStore | None = None,
         *,
         engine: Engine = "own",
         is_kept_between_runs: bool = True,
@@ -554,30 +551,29 @@ class SceneLight:
     ) -> None:
         """Set where solved skies are kept, and what solves them; those of another program are not kept between runs.
 
-        Studies keep none: thousands of skies would be written to throw out those of others. `tell` is told the optical
+        Studies keep none, since their thousands of skies would displace all others. `tell` is called with the optical
         depth of each wavelength before it is solved, which takes seconds where the air is deep.
         """
         require_engine(engine)
         self._engine = engine
-        self._given, self._is_kept, self._tell = store, is_kept_between_runs, tell
-
-    # What solves a sky takes a tenth of a second to import, and is not wanted where every radiance is stated.
-
-    @cached_property
-    def _solved(self) -> "SkyStore":
-
-        return SkyStore(user_cache_folder()) if self._given is None else self._given
+        self._solved = SkyStore(user_cache_folder()) if store is None else store
+        self._is_kept, self._tell = is_kept_between_runs, tell
 
     @cached_property
-    def lights(self) -> "LightStore":
+    def lights(self) -> LightStore:
         """The store in which the model keeps its lights."""
-        from model.accuracy.chain import LightStore
         from model.atmosphere.sasktran2_engine import sasktran2_solution
-        from model.atmosphere.solver import solve
 
         own = self._solved if self._is_kept else solve
         solver: LightSolver = own if self._engine == "own" else sasktran2_solution
-        return LightStore(solver=solver if self._tell is None else _telling(solver, self._tell))
+        tell = self._tell
+
+        def told(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
+            if tell is not None:
+                tell(sum(layer.full_depth for layer in layers))
+            return solver(layers, **how)
+
+        return LightStore(solver=told)
 
     def illumination(self, scene: "Scene") -> "Illumination":
         """Return sun, sky and air of a scene."""
@@ -605,7 +601,7 @@ class SceneLight:
             return self.lights.light(request)
 
     def remarks(self, scene: "Scene") -> tuple[str, ...]:
-        """Return what is to be said of the atmosphere: its depth, its effort, and what is least known of it."""
+        """Return the depth of the atmosphere, the effort of its solution, and its largest uncertainty, in words."""
         if scene.atmosphere is None or scene.sun is None or not scene.sensor.has_band:
             return ()
         by_engine = () if self._engine == "own" else (_BY_SASKTRAN2,)
@@ -618,22 +614,12 @@ def _parts(scene: "Scene") -> "LightParts":
     return acting_parts(acting_effects(scene))
 
 
-def _telling(solver: "LightSolver", tell: Callable[[float], None]) -> "LightSolver":
-    def told(layers: "tuple[Layer, ...]", **how: "Unpack[HowToSolve]") -> "DiffuseLight":
-        tell(sum(layer.full_depth for layer in layers))
-        return solver(layers, **how)
-
-    return told
-
-
 def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
     facts = FIDELITY_LEVELS[air.tier]
     state = state_of(air)
     if state is None:
         yield f"atmosphere: tier table ({facts.accuracy}), from {air.table}; its optical depth is the table's own"
         return
-    from model.atmosphere.air import column
-
     at_550 = column(state, wavelength_m=_REFERENCE_M)
     yield (
         f"atmosphere: optical depth at 550 nm {at_550.depth:.3f}, of it aerosol {at_550.tau_aerosol:.3f} and molecules "
@@ -645,10 +631,6 @@ def _of_atmosphere(air: "AtmosphereSection") -> Iterable[str]:
         "is 0.18 with a depolarizing aerosol, 0.23 with a polarizing one, 0.41 with spheres (rural, 23 km, 550 nm, "
         "black ground, sun 25 deg from the zenith). For this scene: rigctl sky SCENE.toml --compare-aerosols"
     )
-    yield from _of_spheres(air)
-
-
-def _of_spheres(air: "AtmosphereSection") -> Iterable[str]:
     if air.own_aerosol is not None:
         yield f"atmosphere: spheres below 2 km: {air.own_aerosol.name}, {air.own_aerosol.source}"
 
@@ -685,7 +667,7 @@ def build_scenario(
 
 
 def lit_scene(scene: "Scene", *, sensor: Sensor, readout: Readout, source: "Source" = "total") -> LitScene:
-    """Return all that a scene is, as one record of the model."""
+    """Return a scene as one record of the model."""
     with as_config_error(f"scene {scene.name}"):
         lit = scene.has_materials
         return LitScene(
@@ -732,7 +714,7 @@ def sensor_of(scene: "Scene", exposure_s: float) -> Sensor:
 
 
 def imperfections_of(scene: "Scene", *, frames: int) -> Imperfections:
-    """Return what the session adds; angles of the file are in the order of time, those of the readout rise."""
+    """Return the imperfections of the session; the file has angles in the order of time, the readout rising."""
     errors = scene.errors
     angles_deg = np.mod(scene.acquisition.angles_deg, 180.0)
     in_time = tuple(np.argsort(angles_deg, kind="stable").tolist()) if scene.rig is None else scene.rig.frame_order
