@@ -1,8 +1,7 @@
-"""Every fault of a simulated GigE camera and its network, at every call: what the driver makes of it, and when.
+"""Every fault of a simulated GigE camera and its network, at every call: how does the driver react, and when?
 
-A cell is right when its call ends in a picture that is bit for bit one that was sent, or in an error of the right type,
-within its deadline and half a second. `python -m benchmarks.trials.fault_matrix` prints the table; `python -m
-benchmarks.trials.camera_faults --serve` is the camera's own process.
+A cell is right if its call ends in a picture that is bit for bit one that was sent, or in an error of the right type,
+within its deadline and half a second. Run as a program, this module is the camera's own process.
 """
 
 import signal
@@ -23,6 +22,7 @@ from sim_devices.cameras.gige_server import GigeFaults, serve_behind_network, se
 
 ADDRESS = "127.0.0.1"
 GRACE_S = 0.5
+Cell = tuple[str, bool]  # how the call ended, and whether that is right
 _OPTIONS = "pixel_format=Mono12Packed&retakes=5"
 _EXPOSURE_S = 0.002
 # What each call is allowed; taking a picture is told by the caller, the others by the driver.
@@ -32,24 +32,12 @@ _GONE = (NotConnectedError, DeviceTimeoutError)
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFault:
-    """A fault.
-
-    Attributes
-    ----------
-    name : str
-        For people.
-    strikes : callable or None
-        What happens to the camera's process just before the call; None: it is there from the start.
-    faults : GigeFaults
-        What its network does; these cameras are served in this process.
-    errors : tuple of type
-        Those that are right; of an empty one every call has to succeed.
-    """
+    """A fault; it strikes the camera's process just before the call, or is in its network from the start."""
 
     name: str
     strikes: Callable[["CameraProcess"], None] | None = None
-    faults: GigeFaults | None = None
-    errors: tuple[type[DeviceError], ...] = ()
+    faults: GigeFaults | None = None  #: of the network; such cameras are served in this process
+    errors: tuple[type[DeviceError], ...] = ()  #: the right errors; if empty, every call has to succeed
 
 
 class CameraProcess:
@@ -60,7 +48,7 @@ class CameraProcess:
 
     def start(self) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.trials.camera_faults", "--serve"], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-m", "benchmarks.trials.camera_faults"], stdout=subprocess.PIPE, text=True
         )
         if self._process.stdout is None or self._process.stdout.readline() != "ready\n":
             raise RuntimeError("the camera's process did not start")
@@ -167,21 +155,14 @@ def _judged(fault: CameraFault, call: str, make: Callable[[], None]) -> CameraOu
     return CameraOutcome(word=word, duration_s=duration_s, is_right=is_right and duration_s <= CALLS[call] + GRACE_S)
 
 
-def camera_table() -> tuple[list[str], int, int]:
-    """Return the lines of the table, how many cells it has, and how many of them are wrong."""
-    lines = [f"| fault | {' | '.join(CALLS)} |", f"| --- |{' --- |' * len(CALLS)}"]
-    cells = wrong = 0
+def camera_rows() -> Iterator[tuple[str, list[Cell]]]:
+    """Yield each fault with its cells."""
     for fault in CAMERA_FAULTS:
-        texts = []
-        for call in CALLS:
-            outcome = run_camera_cell(fault, call)
-            cells += 1
-            text = "not reached" if outcome is None else f"{outcome.word}; {outcome.duration_s:.1f} s"
-            is_right = outcome is None or outcome.is_right
-            wrong += not is_right
-            texts.append(text if is_right else f"**{text}**")
-        lines.append(f"| {fault.name} | {' | '.join(texts)} |")
-    return lines, cells, wrong
+        outcomes = [run_camera_cell(fault, call) for call in CALLS]
+        yield (
+            fault.name,
+            [("not reached", True) if o is None else (f"{o.word}; {o.duration_s:.1f} s", o.is_right) for o in outcomes],
+        )
 
 
 def _serve() -> None:
@@ -191,5 +172,5 @@ def _serve() -> None:
         signal.pause()
 
 
-if __name__ == "__main__" and sys.argv[1:] == ["--serve"]:
+if __name__ == "__main__":
     _serve()

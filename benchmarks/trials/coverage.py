@@ -1,19 +1,13 @@
 """Trial of intervals and verdicts at the edges of the law of a count: clipped, rounded, hit and unpolarized pixels.
 
-Usage: python -m benchmarks.trials.coverage [CASE ...] [--seeds 100] [--first-seed 0] [--processes 2] [--verdicts 0]
-
 Frames are drawn here with numpy alone, from the definition of a count: photons, electrons of the readout, gain, whole
 numbers, both ends of the range. Each case is measured, and its 68 and 95 % intervals are held against the light that
 was drawn; `--verdicts` of the seeds are compared with the scene that they were drawn from, and with themselves.
 """
 
-import argparse
 import json
-import os
-import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from math import erfc
@@ -22,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
-from scipy.special import bdtrc
 
+from benchmarks.trials.harness import is_low_enough, over, scratch
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import MeasuredRegion, measure
@@ -160,8 +154,8 @@ NUMBERS = ("s0", "s1", "s2", "dolp", "aolp_deg")
 
 def covered(case: Case, seed: int) -> dict[str, tuple[float, bool, bool]] | str:
     """Return score, and whether the 68 and the 95 % interval hold the truth, of each number; or why there is none."""
-    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None) as folder:
-        run = run_of(case, seed, Path(folder) / "run")
+    with scratch() as folder:
+        run = run_of(case, seed, folder / "run")
         try:
             region = measure(run, regions=[REGION]).regions["paint"]
         except (ConfigError, DataError) as error:
@@ -250,8 +244,7 @@ class Verdict:
 
 def judged(case: Case, seed: int, *, drawn: Case | None = None) -> dict[str, Verdict]:
     """Compare a run, drawn from another case if one is given, with the scene of a case, and with itself."""
-    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None) as name:
-        folder = Path(name)
+    with scratch() as folder:
         run_of(drawn or case, seed, folder / "run")
         (folder / "scene.toml").write_text(scene_text(case))
         (folder / "noise.json").write_text(noise_text(case))
@@ -281,28 +274,21 @@ def two_sided(z: Array) -> Array:
 ALPHAS = (0.05, 1e-3)
 
 
-def run_coverage(
-    cases: Sequence[str], *, seeds: int, first_seed: int = 0, verdicts: int = 0, processes: int = 2
-) -> bool:
-    """Run the trial; return whether every interval covers at its rate and sound runs disagree no oftener than alpha."""
+def run_coverage(*cases: str, seeds: int = 1000, first_seed: int = 0, verdicts: int = 200) -> bool:
+    """Measure runs of each case, or of the named ones; compare the first `verdicts` of them with their scene."""
     sound = True
-    with ProcessPoolExecutor(processes) as pool:
-        for name in cases or CASES:
-            case, every = CASES[name], range(first_seed, first_seed + seeds)
-            sound &= _report_coverage(name, list(pool.map(partial(covered, case), every, chunksize=5)))
-            if verdicts:
-                some = every[:verdicts]
-                sound &= _report_verdicts(name, list(pool.map(partial(judged, case), some, chunksize=2)))
-        if verdicts and not cases:
-            plain = CASES["plain"]
-            for name, (light, degree, turn) in POWER.items():
-                drawn = replace(
-                    plain, s0_e=plain.s0_e * light, dolp=plain.dolp * degree, aolp_deg=plain.aolp_deg + turn
-                )
-                made = list(pool.map(partial(judged, plain, drawn=drawn), range(first_seed, first_seed + 40)))
-                seen = sum(one["scene"].verdict == "disagrees" for one in made)
-                print(f"{name}: found in {seen} of {len(made)}", flush=True)
-                sound &= seen == len(made)
+    for name in cases or CASES:
+        case, every = CASES[name], range(first_seed, first_seed + seeds)
+        sound &= _report_coverage(name, list(over(partial(covered, case), every, chunk=5)))
+        if verdicts:
+            sound &= _report_verdicts(name, list(over(partial(judged, case), every[:verdicts])))
+    plain = CASES["plain"]
+    for name, (light, degree, turn) in POWER.items() if verdicts and not cases else ():
+        drawn = replace(plain, s0_e=plain.s0_e * light, dolp=plain.dolp * degree, aolp_deg=plain.aolp_deg + turn)
+        made = list(over(partial(judged, plain, drawn=drawn), range(first_seed, first_seed + 40)))
+        disagree = sum(verdicts["scene"].verdict == "disagrees" for verdicts in made)
+        print(f"{name}: found in {disagree} of {len(made)}", flush=True)
+        sound &= disagree == len(made)
     return sound
 
 
@@ -343,11 +329,8 @@ def _report_verdicts(name: str, tried: list[dict[str, Verdict]]) -> bool:
         flags = Counter(flag for one in made for flag in one.flags)
         off = [sum(one.p_value is not None and one.p_value <= alpha for one in made) for alpha in ALPHAS]
         judged_runs = [one for one in made if one.verdict != "cannot_be_judged" and one.p_value is not None]
-        chances = [
-            float(bdtrc(count - 1, len(made), alpha)) if count else 1.0
-            for count, alpha in zip(off, ALPHAS, strict=True)
-        ]
-        is_off = bool(judged_runs) and min(chances) < 1e-3
+        are_rare = all(is_low_enough(count, len(made), alpha) for count, alpha in zip(off, ALPHAS, strict=True))
+        is_off = bool(judged_runs) and not are_rare
         rows = defaultdict(list)
         for one in judged_runs:
             for row, z in one.z.items():
@@ -365,26 +348,3 @@ def _report_verdicts(name: str, tried: list[dict[str, Verdict]]) -> bool:
         )
         sound &= not is_off
     return sound
-
-
-def main() -> int:
-    """Run the trial; return 1 where it fails."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cases", nargs="*", metavar="CASE")
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--verdicts", type=int, default=0)
-    chosen = parser.parse_args()
-    is_sound = run_coverage(
-        chosen.cases,
-        seeds=chosen.seeds,
-        first_seed=chosen.first_seed,
-        verdicts=chosen.verdicts,
-        processes=chosen.processes,
-    )
-    return 0 if is_sound else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -2,15 +2,11 @@
 
 Wanted: memory within 10 MB of what it was after the first hour, no handle and no thread more, and frames that do not
 take longer at the end than in the first hour.
-
-Usage: python -m benchmarks.trials.day [--cycles 18] [--folder DIR]
 """
 
-import argparse
 import itertools
 import os
 import statistics
-import sys
 import tempfile
 import threading
 import time
@@ -63,7 +59,7 @@ class Sample:
     processor_s: float
 
 
-def run_day(cycles: int, *, folder: Path | None = None) -> bool:
+def run_day(*, cycles: int = 35, folder: Path | None = None) -> bool:
     """Take a day of rounds of so many cycles; return whether memory and time per frame stayed as they were."""
     every = _ROUNDS_AN_HOUR * _ANGLES * cycles
     with tempfile.TemporaryDirectory(dir=folder) as scratch, _sampled(every) as samples:
@@ -126,16 +122,3 @@ def _sample(frames: int) -> Sample:
         threads=threading.active_count(),
         processor_s=time.process_time(),
     )
-
-
-def main() -> int:
-    """Run the trial; return 1 where memory or time grow."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cycles", type=int, default=18, help="Cycles of four frames in each of 144 rounds.")
-    parser.add_argument("--folder", type=Path, default=None, help="Where the run is made; /dev/shm spares the disk.")
-    arguments = parser.parse_args()
-    return 0 if run_day(arguments.cycles, folder=arguments.folder) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,8 +1,7 @@
-"""A disk that freezes in every phase of a session: it ends with that message, in time, and its frames are whole.
+"""A disk that freezes in every phase of a session: the session says so, in time, and its frames are whole.
 
-The disk is ext4 on a loop device, frozen for real by the kernel, which then holds whoever writes to it. Needs the right
-to mount. Phases are counted in flushes: the disk freezes before the n-th. The table is printed by
-`python -m benchmarks.trials.fault_matrix`.
+The disk is ext4 on a loop device that the kernel freezes; writers then wait. Needs the right to mount. Phases
+are counted in flushes: the disk freezes before the n-th.
 """
 
 import ctypes
@@ -13,11 +12,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 from unittest import mock
 
+from benchmarks.trials.camera_faults import GRACE_S, CameraOutcome, Cell
 from benchmarks.trials.loop_disk import ext4_image, mounted, why_not
 from drivers.caller import Caller
 from rigctl.base import durable as disk_calls
@@ -31,7 +30,6 @@ from rigctl.session.take import take_session
 
 Result = TypeVar("Result")
 
-GRACE_S = 0.5
 ALLOWED_S, _THAW_S = 0.5, 5.0
 _FREEZE, _THAW = 0xC0045877, 0xC0045878
 _THREADS = ("frame writer", "calls to the disk")
@@ -44,15 +42,6 @@ _SESSION = SessionFile.model_validate(
         "interlocks": {"disk_free_mb": 0},
     }
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiskOutcome:
-    """How a session ended, after how long [s], and whether that is right."""
-
-    word: str
-    duration_s: float
-    is_right: bool
 
 
 class FreezingDisk:
@@ -101,7 +90,7 @@ class FreezingDisk:
                 _control(self._place, _THAW)
 
 
-def run_disk_cell(rig_file: RigFile, before_flush: int | None) -> tuple[DiskOutcome, list[str]]:
+def run_disk_cell(rig_file: RigFile, before_flush: int | None) -> tuple[CameraOutcome, list[str]]:
     """Return how a session ended whose disk froze, and what was flushed until then."""
     with tempfile.TemporaryDirectory() as folder:
         image, place = ext4_image(Path(folder) / "disk.img", size_bytes=_DISK_BYTES), Path(folder) / "disk"
@@ -111,7 +100,7 @@ def run_disk_cell(rig_file: RigFile, before_flush: int | None) -> tuple[DiskOutc
             _await_left_behind()
             is_whole = _is_whole(place / "run")
     is_right = word in ("complete", "the disk hangs") and duration_s <= ALLOWED_S + GRACE_S and is_whole
-    return DiskOutcome(word=word, duration_s=duration_s, is_right=is_right), disk.flushes
+    return CameraOutcome(word=word, duration_s=duration_s, is_right=is_right), disk.flushes
 
 
 def _taken(rig_file: RigFile, run: Path, disk: FreezingDisk) -> tuple[str, float]:
@@ -169,18 +158,13 @@ def _control(place: Path, number: int) -> None:
         os.close(descriptor)
 
 
-def disk_table() -> tuple[list[str], int, int]:
-    """Return the lines of the table, how many cells it has, and how many of them are wrong."""
-    reason = why_not()
-    if reason is not None:
-        return [f"Not run: {reason}."], 0, 0
+def disk_rows() -> Iterator[tuple[str, list[Cell]]]:
+    """Yield each flush before which the disk freezes, with its cell."""
+    if (reason := why_not()) is not None:
+        print(f"not run: {reason}")
+        return
     rig_file = load_rig(_RIG)
     _, flushes = run_disk_cell(rig_file, None)
-    lines = ["| freezes before flushing | ends |", "| --- | --- |"]
-    wrong = 0
     for number, name in enumerate(flushes, 1):
         outcome, _ = run_disk_cell(rig_file, number)
-        wrong += not outcome.is_right
-        text = f"{outcome.word}; {outcome.duration_s:.1f} s"
-        lines.append(f"| {number}: `{name}` | {text if outcome.is_right else f'**{text}**'} |")
-    return lines, len(flushes), wrong
+        yield f"{number}: `{name}`", [(f"{outcome.word}; {outcome.duration_s:.1f} s", outcome.is_right)]

@@ -1,19 +1,16 @@
-"""Every fault of the simulated stages and cameras, at every operation, in every family: what the drivers make of it.
+"""Every fault of the simulated stages, cameras and disks, at every operation: how do drivers and sessions react?
 
-    python -m benchmarks.trials.fault_matrix
-
-A cell is right when its operation ends in the right angle, or in an error of the right type, within its deadline. All
-time of stages is simulated; for cameras see `camera_faults`. `tests/contracts/test_fault_matrix.py` runs the same cells
-of stages with fewer seeds.
+A cell is right if its operation ends in the right angle, or in an error of the right type, within its deadline. Time of
+stages is simulated. `tests/contracts/test_fault_matrix.py` tries the cells of stages with fewer seeds.
 """
 
-import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from benchmarks.trials.camera_faults import GRACE_S, camera_table
-from benchmarks.trials.disk_faults import ALLOWED_S, disk_table
+from benchmarks.trials.camera_faults import CALLS, Cell, camera_rows
+from benchmarks.trials.disk_faults import disk_rows
+from benchmarks.trials.lossy_network import why_no_camera
 from drivers.errors import (
     DeviceError,
     DeviceFaultError,
@@ -48,28 +45,15 @@ _LATE: Errors = (ProtocolError, DeviceTimeoutError)
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One fault.
-
-    Attributes
-    ----------
-    name : str
-        For people.
-    keys : dict
-        Family to what its address says; a family that is left out cannot have this fault. ``{n}`` becomes the number of
-        the operation's first command.
-    errors : dict
-        Operation to the errors that are right there; the operations left out must succeed.
-    or_succeeds : bool
-        Whether an operation with errors may also succeed.
-    is_random : bool
-        Whether seeds make a difference.
-    """
+    """A fault of stages."""
 
     name: str
-    keys: dict[str, str]
-    errors: dict[str, Errors] = field(default_factory=dict)
-    or_succeeds: bool = False
-    is_random: bool = False
+    keys: dict[
+        str, str
+    ]  #: family to the keys of its address, if it can have the fault; {n}: first command of an operation
+    errors: dict[str, Errors] = field(default_factory=dict)  #: operation to the right errors; all others must succeed
+    or_succeeds: bool = False  #: an operation with errors may also succeed
+    is_random: bool = False  #: tried with many seeds
 
 
 OPERATIONS = ("open", "home", "move", "position", "status", "stop")
@@ -292,63 +276,38 @@ def _cell_text(family: str, fault: Fault, operation: str) -> tuple[str, bool]:
     return f"{counted}; {longest_s:.1f} s", all(outcome.is_right for outcome in reached)
 
 
-def _table(family: str) -> tuple[list[str], int, int]:
-    """Return the lines of a family's table, how many cells it has, and how many of them are wrong."""
-    lines = [f"| fault | {' | '.join(OPERATIONS)} |", f"| --- |{' --- |' * len(OPERATIONS)}"]
-    cells = wrong = 0
-    for fault in (fault for fault in FAULTS if family in fault.keys):
-        texts = []
-        for operation in OPERATIONS:
-            text, is_right = _cell_text(family, fault, operation)
-            cells += 1
-            wrong += not is_right
-            texts.append(text if is_right else f"**{text}**")
-        lines.append(f"| {fault.name} | {' | '.join(texts)} |")
-    return lines, cells, wrong
-
-
-_HEAD = f"""# Fault matrix of rotation stages and cameras
-
-Printed by `python -m benchmarks.trials.fault_matrix`. Every fault that the simulated stages can have, at every
-operation, in every family. A cell says how the operation ended and how long that took at most, in simulated time.
-"right" means that the true angle of the simulated ring is where the driver says, within the tolerance of
-{TOLERANCE_DEG:g} deg. Else the driver raised an error of the type that belongs to the fault, with the device's own
-code. Faults that are random were tried with {_SEEDS} seeds; the numbers count how often each end came. "not reached":
-the fault struck before, where it is counted. A cell in **bold** is wrong."""
-_CAMERA_HEAD = f"""## GigE Vision cameras
-
-In seconds of the clock, over this machine's own network; a camera that falls silent is a process that is stopped.
-"right" means that the call ended as it should, a picture bit for bit as it was sent. Else the driver raised an error of
-a type that belongs to the fault, not later than {GRACE_S:g} s after its deadline: what the caller allows for a picture
-(2 s here), 5 s for settings, 3 s for telling its features, 2 s for closing, 30 s for opening. Calls that never return,
-to video devices too, are tried in tests/drivers/cameras/test_bounded_camera.py."""
-_DISK_HEAD = f"""## A disk that freezes
-
-A session of two frames on a disk of its own (ext4, a loop device), which the kernel freezes before one of the
-session's flushes and which then holds whoever writes to it. The session has to end with "the disk hangs", its devices
-released, within {GRACE_S:g} s after the {ALLOWED_S:g} s that the first call which is held is allowed here (30 s in a
-session). After the disk has gone on every frame that the manifest names has to be whole. The program itself can end
-only when the kernel lets go of what it holds."""
 _TITLES = {"ellx": "Elliptec ELLx", "zaber": "Zaber ASCII", "apt": "Thorlabs APT"}
 
 
-def main() -> int:
-    """Print the matrix; return how many cells are wrong."""
-    print(_HEAD)
-    total = wrong = 0
+def run_faults() -> bool:
+    """Print the matrix; return whether no cell is wrong.
+
+    A cell says how the operation ended and how long that took at most. "right": the true angle of the simulated ring is
+    where the driver says, or the picture is bit for bit what was sent. Faults that are random are tried with 20 seeds,
+    and the numbers count how often each end came. "not reached": the fault struck before, where it is counted. Cells in
+    **bold** are wrong.
+    """
+    right = True
     for family in FAMILIES:
-        lines, cells, wrong_here = _table(family)
-        total, wrong = total + cells, wrong + wrong_here
-        print(f"\n## {_TITLES[family]}\n", *lines, sep="\n")
-    lines, cells, wrong_here = camera_table()
-    total, wrong = total + cells, wrong + wrong_here
-    print(f"\n{_CAMERA_HEAD}\n", *lines, sep="\n")
-    lines, cells, wrong_here = disk_table()
-    total, wrong = total + cells, wrong + wrong_here
-    print(f"\n{_DISK_HEAD}\n", *lines, sep="\n")
-    print(f"\n{total} cells, {wrong} of them wrong.")
-    return wrong
+        rows = (
+            (fault.name, [_cell_text(family, fault, operation) for operation in OPERATIONS])
+            for fault in FAULTS
+            if family in fault.keys
+        )
+        right &= _printed(_TITLES[family], OPERATIONS, rows)
+    if (reason := why_no_camera()) is None:
+        right &= _printed("GigE Vision cameras", CALLS, camera_rows())
+    else:
+        print(f"no cameras: {reason}")
+    return _printed("A disk that freezes before a flush", ["end"], disk_rows()) and right
 
 
-if __name__ == "__main__":
-    sys.exit(min(main(), 1))
+def _printed(title: str, columns: Iterable[str], rows: Iterable[tuple[str, list[Cell]]]) -> bool:
+    columns = list(columns)
+    print(f"\n## {title}\n\n| fault | {' | '.join(columns)} |\n| --- |{' --- |' * len(columns)}")
+    wrong = 0
+    for name, cells in rows:
+        wrong += sum(not is_right for _, is_right in cells)
+        print(f"| {name} | {' | '.join(text if is_right else f'**{text}**' for text, is_right in cells)} |", flush=True)
+    print(f"\n{wrong} cells are wrong")
+    return wrong == 0

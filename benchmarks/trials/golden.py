@@ -1,4 +1,4 @@
-"""Trial of the golden outputs that take minutes: `python -m tests.golden --long`."""
+"""The golden outputs that take minutes, as `python -m tests.golden --long` compares them."""
 
 import os
 import tempfile

@@ -1,12 +1,9 @@
-"""Troubles of sessions beside kills: two who go on at once, a stopped process, a clock set, devices and disks gone.
+"""Troubles of sessions other than kills: two `resume` at once, a stopped process, a clock set, devices and disks gone.
 
-Usage (root, for the disks): python -m benchmarks.trials.hard_times [--times 5] [--seed 1]
-
-Each trouble comes at a random moment. Wanted: an exit code that the manual knows, no fault of our own, no frame lost,
-torn or mislabelled, and a run that is whole once it has been gone on with.
+Each trouble comes at a random moment. Required: a documented exit code, no internal error, no frame lost, torn or
+mislabelled, and a run that is whole after `rigctl resume`. Needs root for the disks.
 """
 
-import argparse
 import fcntl
 import random
 import signal
@@ -19,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from benchmarks.trials.harness import attempts
 from benchmarks.trials.kills import killed_session, mislabelled, write_files
 from benchmarks.trials.loop_disk import ext4_image, mounted, why_not
 from drivers.cameras.aravis import load_aravis
@@ -43,17 +41,17 @@ _KNOWN_EXITS = (0, 3, 4, 75)
 Trouble = Callable[[Path, random.Random], list[str]]
 
 
-def run_hard_times(times: int, *, seed: int = 1) -> bool:
-    """Bring each trouble about so many times; return whether all runs became whole."""
-    failures = 0
+def run_hard_times(*, times: int = 5, seed: int = 1) -> bool:
+    """Cause each trouble several times; return whether all runs became whole."""
+    sound = True
     for name, trouble in _TROUBLES.items():
-        for number in range(times):
+
+        def attempt(number: int, name: str = name, trouble: Trouble = trouble) -> list[str]:
             with tempfile.TemporaryDirectory() as folder:
-                bad = trouble(Path(folder), random.Random(f"{name}-{seed}-{number}"))
-            failures += bool(bad)
-            print(f"{name} {number + 1}: {'; '.join(bad) or 'sound, and whole'}", flush=True)
-    print(f"{len(_TROUBLES)} troubles, {times} times each: {failures} failures")
-    return failures == 0
+                return trouble(Path(folder), random.Random(f"{name}-{seed}-{number - 1}"))
+
+        sound &= attempts(name, times, attempt)
+    return sound
 
 
 def two_go_on(folder: Path, draws: random.Random) -> list[str]:
@@ -195,16 +193,3 @@ def _simulator(rig: Path, link: Path) -> Iterator["subprocess.Popen[str]"]:
     finally:
         process.terminate()
         process.communicate()
-
-
-def main() -> int:
-    """Run the trial; return 1 where a trouble cost anything."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--times", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    return 0 if run_hard_times(arguments.times, seed=arguments.seed) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,15 +1,10 @@
-"""`rigctl acquire` killed at random moments and gone on with: no frame is lost, torn, doubled or mislabelled.
+"""`rigctl acquire` is killed at random moments and resumed: no frame is lost, torn, doubled or mislabelled.
 
-Labels are compared with the log that the simulator itself writes of each exposure (`truth=FILE` in the camera's
-address), counts with those of a session that nobody disturbed.
-
-With `--lost-terminals` each session runs on a terminal of its own, which is closed at a random moment; half of these
-sessions are killed later on, the others have to come to their end without it.
-
-Usage: python -m benchmarks.trials.kills [--kills 200] [--lost-terminals 50] [--seed 1]
+Labels are compared with the log that the simulator writes of each exposure (`truth=FILE` in the camera's address),
+counts with those of an undisturbed session. `lost_terminals` runs each session on a terminal of its own and closes that
+at a random moment; half of these sessions are killed later on, the others have to finish.
 """
 
-import argparse
 import fcntl
 import os
 import pty
@@ -28,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.trials.harness import attempts
 from rigctl.base.numbers import NS_PER_S, utc_text
 from rigctl.runs.check import verify_run
 from rigctl.runs.fits import decode_frame
@@ -69,47 +65,43 @@ def _undisturbed_session() -> Iterator[tuple[Path, tuple[Path, Path], Run, float
         yield Path(folder), files, undisturbed, duration_s(undisturbed)
 
 
-def run_kills(kills: int, *, seed: int = 1) -> bool:
-    """Kill so many sessions and go on with each; return whether all became the undisturbed one."""
-    moments, failures = random.Random(seed), 0
+def run_kills(*, kills: int = 200, seed: int = 1) -> bool:
+    """Kill sessions and resume each; return whether all became the undisturbed session."""
+    moments = random.Random(seed)
     with _undisturbed_session() as (folder, files, undisturbed, session_s):
-        for kill in range(kills):
+
+        def kill(_: int) -> list[str]:
             run, truth = folder / "killed", folder / _TRUTH_FILE
             truth.unlink()
-            named, there = killed_session(run, files, delay_s=moments.uniform(0.0, session_s))
+            killed_session(run, files, delay_s=moments.uniform(0.0, session_s))
             bad = problems_of(run) + problems_after_resume(run, undisturbed, truth)
-            failures += bool(bad)
-            print(
-                f"kill {kill + 1:3d}: {named:3d} frames named, {there:3d} there: {'; '.join(bad) or 'sound, and whole'}"
-            )
             shutil.rmtree(run)
-    print(f"{kills} kills: {failures} failures")
-    return failures == 0
+            return bad
+
+        return attempts("kill", kills, kill)
 
 
-def run_lost_terminals(sessions: int, *, seed: int = 1) -> bool:
-    """Close the terminals of so many sessions, kill half of them, and go on; return whether all became whole."""
-    moments, failures = random.Random(seed), 0
+def run_lost_terminals(*, sessions: int = 50, seed: int = 1) -> bool:
+    """Close the terminals of sessions, kill half of these, and resume; return whether all became whole."""
+    moments = random.Random(seed)
     with _undisturbed_session() as (folder, files, undisturbed, session_s):
-        for number in range(sessions):
+
+        def close(number: int) -> list[str]:
             run, truth = folder / "lost", folder / _TRUTH_FILE
             truth.unlink(missing_ok=True)
-            closed_s, is_killed = moments.uniform(-_BEFORE_S, session_s), number % 2 == 0
+            closed_s, is_killed = moments.uniform(-_BEFORE_S, session_s), number % 2 == 1
             code = session_without_terminal(
                 run, files, closed_s=closed_s, killed_s=moments.uniform(0.0, session_s) if is_killed else None
             )
             bad = [] if is_killed or code == 0 else [f"exit {code}"]
             bad += problems_of(run) if (run / MANIFEST_FILE).exists() else []
-            # Whoever closes a terminal before there is a run loses nothing.
+            # A terminal that is closed before there is a run costs nothing.
             if bad or (run / SESSION_FILE).exists():
                 bad += problems_after_resume(run, undisturbed, truth)
-            failures += bool(bad)
-            what = "closed, then killed" if is_killed else "closed"
-            told = "; ".join(bad) or "sound, and whole"
-            print(f"terminal {number + 1:3d} {what} at {closed_s:+.2f} s: {told}", flush=True)
             shutil.rmtree(run, ignore_errors=True)
-    print(f"{sessions} terminals closed, {(sessions + 1) // 2} of the sessions killed: {failures} failures")
-    return failures == 0
+            return bad
+
+        return attempts("terminal", sessions, close)
 
 
 def session_without_terminal(run: Path, files: tuple[Path, Path], *, closed_s: float, killed_s: float | None) -> int:
@@ -247,18 +239,3 @@ def _wrong_fields(record: FrameRecord, true: TrueFrame) -> list[str]:
 
 def _acquire(files: tuple[Path, Path], out: Path) -> list[str | Path]:
     return [sys.executable, "-m", "rigctl", "acquire", *files, "--out", out]
-
-
-def main() -> int:
-    """Run the trial; return 1 where a kill cost anything."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--lost-terminals", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    sound = run_lost_terminals(arguments.lost_terminals, seed=arguments.seed) if arguments.lost_terminals else True
-    return 0 if run_kills(arguments.kills, seed=arguments.seed) and sound else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,18 +1,12 @@
-"""Trial of the noise calibration over simulated sets with known truth: intervals, wrong levels, false names.
+"""Trial of the noise calibration over simulated sets with known truth: intervals, wrong levels, false names."""
 
-Usage: python -m benchmarks.trials.noise_sets [--seeds 200] [--first-seed 0] [--processes 2] [--sets NAME ...]
-"""
-
-import argparse
 from collections import Counter, defaultdict
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from scipy.stats import binom
 
+from benchmarks.trials.harness import is_high_enough, is_low_enough, over
 from calibration.estimate import Estimate
 from calibration.results import Flag, RefusedFramesError
 from calibration.sensor.noise import NoiseCalibration
@@ -27,7 +21,6 @@ from tests.calibration.sensor.noise_sets import (
     tells_of_level,
 )
 
-_CHANCE = 1e-3
 _INTERVAL = 1.959964
 # Nothing that is given is further off than this.
 _FURTHEST = 5.0
@@ -87,14 +80,14 @@ def misses(found: Count, seeds: int, *, has_wrong: bool) -> list[str]:
     """Return what is not as stated, for one kind of set."""
     left = seeds - found.refused - found.not_judged
     said = []
-    if found.falsely_named > binom.ppf(1.0 - _CHANCE, seeds, _FALSELY_NAMED):
+    if not is_low_enough(found.falsely_named, seeds, _FALSELY_NAMED):
         said.append(f"false names in {found.falsely_named}")
-    if has_wrong and found.named < binom.ppf(_CHANCE, left, _NAMED):
+    if has_wrong and not is_high_enough(found.named, left, _NAMED):
         said.append(f"named in {found.named} of {left}")
     for name, listed in found.scores.items():
         scores = np.abs(listed)
         inside = int(np.sum(scores < _INTERVAL))
-        if inside < binom.ppf(_CHANCE, len(scores), 0.95) or scores.max() >= _FURTHEST:
+        if not is_high_enough(inside, len(scores), 0.95) or scores.max() >= _FURTHEST:
             said.append(
                 f"{name}: {inside} of {len(scores)} inside, mean z {np.mean(listed):+.2f}, sd {np.std(listed):.2f}, "
                 f"furthest {scores.max():.1f}"
@@ -102,18 +95,16 @@ def misses(found: Count, seeds: int, *, has_wrong: bool) -> list[str]:
     return said
 
 
-def run_noise_sets(seeds: int, *, processes: int, first_seed: int = 0, sets: Sequence[str] = ()) -> bool:
-    """Run the trial and print a table of it; return whether all is as stated."""
+def run_noise_sets(*sets: str, seeds: int = 200, first_seed: int = 0) -> bool:
+    """Calibrate sets of each kind, or of the named kinds, and print a table."""
     all_sound = True
     every = (*GOOD, *DRAWN_GOOD, *ONE_WRONG, *DRAWN_WRONG, *OUTSIDE, *DRAWN_OUTSIDE)
     makers = [make for make in every if not sets or make.__name__ in sets]
-    print(f"{seeds} sets of each kind from seed {first_seed}; inside: the least share of any number within its 95 %")
+    print(f"{seeds} sets of each kind; inside: the least share of any number within its 95 % interval")
     print(f"{'set':20s}{'refused':>8s}{'named':>9s}{'false':>7s}{'given':>7s}{'inside':>8s}{'furthest':>10s}  causes")
-    with ProcessPoolExecutor(max_workers=processes) as pool:
-        counts = pool.map(count, makers, [range(first_seed, first_seed + seeds)] * len(makers))
-        for make, found in zip(makers, counts, strict=True):
-            all_sound &= _told(make, found, seeds)
-    print("as stated" if all_sound else "NOT AS STATED")
+    counts = over(partial(count, seeds=range(first_seed, first_seed + seeds)), makers)
+    for make, found in zip(makers, counts, strict=True):
+        all_sound &= _told(make, found, seeds)
     return all_sound
 
 
@@ -133,19 +124,3 @@ def _told(make: SetMaker, found: Count, seeds: int) -> bool:
     missed = misses(found, seeds, has_wrong=has_wrong)
     print("".join(f"    not as stated: {one}\n" for one in missed), end="", flush=True)
     return not missed
-
-
-def main() -> int:
-    """Run the trial; return 1 where it fails."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=200)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--sets", nargs="*", default=())
-    given = parser.parse_args()
-    sound = run_noise_sets(given.seeds, processes=given.processes, first_seed=given.first_seed, sets=given.sets)
-    return 0 if sound else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

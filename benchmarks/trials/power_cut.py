@@ -1,14 +1,11 @@
 """A power cut, simulated: the image under a file system is copied in the middle of a session, as a disk would hold it.
 
-Usage (root, for mount and a loop device): python -m benchmarks.trials.power_cut [--cuts 50] [--seed 1]
-
 A session on the simulated rig writes into ext4 on a loop device and tells of each frame once it is durable. At a random
 moment it is stopped and the image is copied; the copy is mounted (the journal is replayed), and every frame that was
 acknowledged must be there with its checksum. Then `rigctl resume` goes on in the copy, to the end. The method assumes
 that the disk honours a flush.
 """
 
-import argparse
 import random
 import shutil
 import signal
@@ -24,6 +21,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.trials.harness import attempts
 from benchmarks.trials.kills import write_files
 from benchmarks.trials.loop_disk import ext4_image, mounted, why_not
 from rigctl.files.rig_file import load_rig
@@ -40,16 +38,13 @@ _LONGEST_S = 1.5
 _START_TIMEOUT_S = 60.0
 
 
-def run_cuts(cuts: int, *, seed: int = 1) -> bool:
-    """Cut the power so many times; return whether no acknowledged frame was lost or changed, and each session ended."""
+def run_cuts(*, cuts: int = 50, seed: int = 1) -> bool:
+    """Cut the power many times; return whether no acknowledged frame was lost or changed, and each session ended."""
+    if (reason := why_not()) is not None:
+        print(f"not run: {reason}")
+        return True
     moments = random.Random(seed)
-    failures = acknowledged = 0
-    for cut in range(cuts):
-        told, bad = one_cut(moments.uniform(0.0, _LONGEST_S))
-        failures, acknowledged = failures + bool(bad), acknowledged + told
-        print(f"cut {cut + 1:3d}: {told:3d} frames acknowledged: {'; '.join(bad) or 'all intact, and gone on with'}")
-    print(f"{cuts} cuts, {acknowledged} frames acknowledged: {failures} failures")
-    return failures == 0
+    return attempts("power cut", cuts, lambda _: one_cut(moments.uniform(0.0, _LONGEST_S))[1])
 
 
 def one_cut(delay_s: float, *, after_frames: int = 0) -> tuple[int, list[str]]:
@@ -70,7 +65,7 @@ def _session_cut_short(
     files: tuple[Path, Path], run: Path, delay_s: float, cut: Callable[[], object], *, after_frames: int
 ) -> dict[int, str]:
     told: dict[int, str] = {}
-    command: list[str | Path] = [sys.executable, "-m", "benchmarks.trials.power_cut", "--session", *files, run]
+    command: list[str | Path] = [sys.executable, "-m", "benchmarks.trials.power_cut", *files, run]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         reader = threading.Thread(target=_listen, args=(process, told))
         reader.start()
@@ -123,22 +118,5 @@ def _take_and_tell(rig: Path, session: Path, run: Path) -> None:
         take_session(load_rig(rig), load_session(session), run, files={"rig": rig, "session": session})
 
 
-def main() -> int:
-    """Run the trial; return 1 where a cut cost anything."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cuts", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--session", type=Path, nargs=3, default=None, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.session is not None:
-        _take_and_tell(*arguments.session)
-        return 0
-    reason = why_not()
-    if reason is not None:
-        print(f"power cuts were not simulated: {reason}")
-        return 0
-    return 0 if run_cuts(arguments.cuts, seed=arguments.seed) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+if __name__ == "__main__":  # the session that is cut short, in a process of its own
+    _take_and_tell(*map(Path, sys.argv[1:]))

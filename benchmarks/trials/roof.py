@@ -1,29 +1,42 @@
-"""Simulated roofs, noon and morning: is z standard normal row by row, are changes of the roof found and named?
+"""Simulated roofs at noon and in the morning: are scores standard normal in each row, are changes of the roof named?"""
 
-Usage: python -m benchmarks.trials.roof [--seeds 40] [--changed-seeds 4] [--first-seed 1] [--changes NAME ...]
-    [--hours noon morning] [--processes 2]
-"""
-
-import argparse
-import os
-import sys
-import tempfile
-import time
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import get_args
+from typing import Literal
 
-import numpy as np
-
-from benchmarks.trials.roof_runs import Hour, roof_comparison
+from benchmarks.trials.harness import are_normal, over, scratch
+from model.surface.materials import MATERIALS, properties
+from rigctl.base.numbers import unix_ns
+from rigctl.comparison.checks import registration_of, run_checks
+from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.choices import ROOF_CHANGES, RoofChange
+from rigctl.files.rig_file import RigFile, load_rig
+from rigctl.files.scene_file import load_scene
+from rigctl.files.session_file import SessionFile
+from rigctl.measure.measure import measure
+from rigctl.rig.simulation import with_simulation
+from rigctl.runs.folder import read_run
+from rigctl.scene.reading import scene_of_file
+from rigctl.session.take import take_session
 
-# About 200 rows with two figures each: one beyond 4 standard errors is expected in some 80 such trials.
-_SUSPICIOUS = 4.0
+Hour = Literal["noon", "morning"]
+TIMES: dict[Hour, datetime] = {
+    "noon": datetime.fromisoformat("2010-05-25T17:07:40Z"),
+    "morning": datetime.fromisoformat("2010-05-25T14:09:40Z"),
+}
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ALPHA = 1e-3
+_WIDTH, _HEIGHT, _SIDE = 150, 50, 40
+_PANELS = {"black_panel": ("black-paint", 0.012), "white_panel": ("white-paint", 0.008), "asphalt": ("asphalt", 0.02)}
+# What a person might know of a roof; each change of `rigctl.rig.roof` is five of these or more.
+_VISIBILITY_STD_KM, _DHR_STD, _TILT_STD_DEG, _DRIFT_STD, _SHARE_STD = 1.0, 0.03, 0.5, 5e-4, 0.05
+
+
 NAMES: dict[RoofChange, str] = {
     "visibility": "atmosphere.visibility_km",
     "aerosol": "atmosphere.alternative.share",
@@ -31,6 +44,89 @@ NAMES: dict[RoofChange, str] = {
     "tilt": "regions.black_panel.tilt_deg",
     "drift": "errors.illumination_drift",
 }
+
+
+def scene_text(folder: Path, *, uncertain: bool) -> str:
+    """Return the roof of the example as a small picture; its materials are written into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        For the materials.
+    uncertain : bool
+        Visibility, kind of aerosol, reflectance and tilt of the black panel and drift have a standard uncertainty, and
+        nothing else; otherwise every number is exact.
+    """
+    head = (EXAMPLES / "scene-roof.toml").read_text().partition("[[regions]]")[0]
+    visibility = (
+        f"visibility_km = {{ value = 23.0, std = {_VISIBILITY_STD_KM} }}" if uncertain else "visibility_km = 23.0"
+    )
+    head = head.replace("visibility_km = { value = 23.0, std = 2.0 }", visibility)
+    if uncertain:
+        head += f'[atmosphere.alternative]\naerosol = "spheres"\nshare = {{ value = 0.0, std = {_SHARE_STD} }}\n'
+        head += f"[errors]\nillumination_drift = {{ value = 0.0, std = {_DRIFT_STD} }}\n"
+    for place, (name, (material, texture)) in enumerate(_PANELS.items()):
+        is_known = not (uncertain and name == "black_panel")
+        (folder / f"{material}.toml").write_text(_material_text(material, dhr_std=None if is_known else _DHR_STD))
+        head += f'[[regions]]\nname = "{name}"\nmaterial = "{material}.toml"\ntexture_rms = {texture}\n'
+        head += f"rectangle = {{ x = {5 + 50 * place}, y = 5, width = {_SIDE}, height = {_SIDE} }}\n"
+        head += "" if is_known else f"tilt_deg = {{ value = 0.0, std = {_TILT_STD_DEG} }}\n"
+    return head
+
+
+def roof_comparison(folder: Path, *, hour: Hour, seed: int, perturb: RoofChange | None, uncertain: bool) -> Comparison:
+    """Return what a comparison says of a run of the roof that is taken into a folder, with the scene that made it.
+
+    Parameters
+    ----------
+    folder : Path
+        Empty.
+    hour : str
+        Of the run.
+    seed : int
+        Of noise, texture and fixed pattern.
+    perturb : str or None
+        What is changed in the roof, though not in the scene file that it is compared with.
+    uncertain : bool
+        As `scene_text` has it.
+    """
+    path = folder / "scene.toml"
+    path.write_text(scene_text(folder, uncertain=uncertain))
+    session = SessionFile.model_validate(_SESSION | {"name": f"{hour}-{seed}"})
+    take_session(_rig(path, hour, seed, perturb), session, folder / "run", files={})
+    scene = load_scene(path)
+    measurement = measure(read_run(folder / "run"), regions=list(scene.regions))
+    found = compare_with_scene(measurement, scene_of_file(scene), alpha=ALPHA)
+    return replace(found, checks=run_checks(measurement, registration_of(measurement)))
+
+
+_SESSION = {
+    "take": [
+        {"kind": "dark", "exposure_ms": 0.02, "cycles": 8},
+        {"kind": "scene", "exposure_ms": 0.02, "angles_deg": [0, 90, 45, 135], "cycles": 8},
+    ]
+}
+
+
+def _rig(scene: Path, hour: Hour, seed: int, perturb: RoofChange | None) -> RigFile:
+    rig = with_simulation(load_rig(EXAMPLES / "rig-roof.toml"), clock_ns=unix_ns(TIMES[hour]), perturb=perturb)
+    if rig.simulation is None:
+        raise RuntimeError("the example of a roof is simulated")
+    camera = rig.simulation.camera.model_copy(update={"width": _WIDTH, "height": _HEIGHT})
+    simulation = rig.simulation.model_copy(update={"camera": camera, "scene": scene, "seed": seed})
+    stage = rig.stage.model_copy(update={"port": "sim:ellx?speed=500"})
+    return rig.model_copy(update={"simulation": simulation, "stage": stage})
+
+
+def _material_text(name: str, *, dhr_std: float | None) -> str:
+    """Return a material of the library as a file of exact numbers; its reflectance may have a relative uncertainty."""
+    material = MATERIALS[name]
+    text = f'name = "{name}"\ndhr_angle_deg = {material.dhr_angle_rad * 57.29577951308232:.12g}\n'
+    for key, found in properties(material).items():
+        value = found.at(550e-9)
+        std = f"std = {value * dhr_std:.6g}\n" if key == "dhr" and dhr_std is not None else ""
+        text += f'[{key}]\nvalue = {value!r}\n{std}source = "library at 550 nm"\n'
+    return text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +151,10 @@ class Outcome:
         return "named" if self.first == name else "indistinguishable" if name in self.indistinguishable else "misnamed"
 
 
-def one_run(hour: Hour, seed: int, perturb: RoofChange | None) -> Outcome:
+def one_run(hour: Hour, seed: int, *, perturb: RoofChange | None) -> Outcome:
     """Take a run of a roof and compare it; one that was changed with a scene file that states what is not known."""
-    memory = Path("/dev/shm")
-    with tempfile.TemporaryDirectory(dir=memory if os.access(memory, os.W_OK) else None) as folder:
-        found = roof_comparison(Path(folder), hour=hour, seed=seed, perturb=perturb, uncertain=perturb is not None)
+    with scratch() as folder:
+        found = roof_comparison(folder, hour=hour, seed=seed, perturb=perturb, uncertain=perturb is not None)
     best = None if found.attribution is None else found.attribution.best
     return Outcome(
         agrees=found.agrees,
@@ -79,92 +174,21 @@ def _alike(attribution: InputAttribution | None, first: str) -> tuple[str, ...]:
     return (*best.indistinguishable_from, *others, *attribution.unseen)
 
 
-def off_rows(outcomes: Iterable[Outcome]) -> dict[tuple[str, str, str], tuple[float, float, float, float]]:
-    """Return of each row mean and variance of z, and how far they are from 0 and 1 in their standard errors."""
-    scores: dict[tuple[str, str, str], list[float]] = defaultdict(list)
-    for outcome in outcomes:
-        for row, z in outcome.z.items():
-            scores[row].append(z)
-    off = {}
-    for row, z in scores.items():
-        n, mean, variance = len(z), float(np.mean(z)), float(np.var(z, ddof=1))
-        off[row] = (mean, variance, mean * n**0.5, (variance - 1.0) / (2.0 / (n - 1)) ** 0.5)
-    return off
-
-
-def run_roof(
-    seeds: int,
-    changed_seeds: int,
-    *,
-    processes: int,
-    first_seed: int = 1,
-    changes: Sequence[RoofChange] = ROOF_CHANGES,
-    hours: Sequence[Hour] = get_args(Hour),
-) -> bool:
-    """Run the seeds, print the tables, return whether all is as it should be."""
-    start_s = time.monotonic()
-    first = first_seed
-    with ProcessPoolExecutor(processes) as pool:
-        plain = {
-            hour: [pool.submit(one_run, hour, seed, None) for seed in range(first, first + seeds)] for hour in hours
-        }
-        changed = {
-            (what, hour): [pool.submit(one_run, hour, seed, what) for seed in range(first, first + changed_seeds)]
-            for what in changes
-            for hour in hours
-            if changed_seeds
-        }
-        sound = True
-        for hour, tasks in plain.items():
-            sound &= _report_scores(hour, [task.result() for task in tasks])
-        for (what, hour), tasks in changed.items():
-            sound &= _report_changed(what, hour, [task.result() for task in tasks])
-    print(f"{time.monotonic() - start_s:.0f} s")
+def run_roof(*, seeds: int = 40, changed_seeds: int = 4) -> bool:
+    """Compare runs of a roof at noon and in the morning, then runs of a roof in which something was changed."""
+    sound = True
+    for hour in TIMES:
+        outcomes = list(over(partial(one_run, hour, perturb=None), range(1, seeds + 1)))
+        scores = defaultdict(list)
+        for outcome in outcomes:
+            for row, z in outcome.z.items():
+                scores[row].append(z)
+        sound &= are_normal(f"roof at {hour}, {seeds} seeds", scores)
+        print(f"disagree: {sum(outcome.agrees is False for outcome in outcomes)} of {seeds}")
+    for what, hour in product(ROOF_CHANGES, TIMES):
+        outcomes = list(over(partial(one_run, hour, perturb=what), range(1, changed_seeds + 1)))
+        verdicts = Counter(outcome.verdict(NAMES[what]) for outcome in outcomes)
+        firsts = ", ".join(sorted({outcome.first for outcome in outcomes}))
+        print(f"  {what:10} {hour:8} {dict(verdicts)}; first: {firsts}")
+        sound &= set(verdicts) <= {"named", "indistinguishable"}
     return sound
-
-
-def _report_scores(hour: Hour, outcomes: list[Outcome]) -> bool:
-    off = off_rows(outcomes)
-    worst = sorted(off, key=lambda row: -max(map(abs, off[row][2:])))
-    print(f"roof at {hour}, {len(outcomes)} seeds, {len(off)} rows; the five farthest from mean 0 and variance 1:")
-    for row in worst[:5]:
-        mean, variance, mean_off, variance_off = off[row]
-        print(f"  {' '.join(row):42} mean {mean:+.3f} ({mean_off:+.1f})  variance {variance:.3f} ({variance_off:+.1f})")
-    means, variances = ([entry[k] for entry in off.values()] for k in (0, 1))
-    disagree = sum(outcome.agrees is False for outcome in outcomes)
-    print(f"  all rows: mean {np.mean(means):+.3f}, variance {np.mean(variances):.3f}; disagree: {disagree}")
-    return all(max(map(abs, entry[2:])) <= _SUSPICIOUS for entry in off.values())
-
-
-def _report_changed(what: RoofChange, hour: Hour, outcomes: list[Outcome]) -> bool:
-    verdicts = [outcome.verdict(NAMES[what]) for outcome in outcomes]
-    counts = ", ".join(f"{verdict} {verdicts.count(verdict)}" for verdict in sorted(set(verdicts)))
-    firsts = sorted({outcome.first for outcome in outcomes})
-    flags = sorted({name for outcome in outcomes for name in outcome.flags})
-    print(f"  {what:10} {hour:8} {counts} of {len(outcomes)}; first: {', '.join(firsts)}; flagged: {', '.join(flags)}")
-    return set(verdicts) <= {"named", "indistinguishable"}
-
-
-def main() -> int:
-    """Run the trial; return 1 where it fails."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--changed-seeds", type=int, default=4)
-    parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--changes", nargs="*", choices=ROOF_CHANGES, default=ROOF_CHANGES)
-    parser.add_argument("--hours", nargs="*", choices=get_args(Hour), default=get_args(Hour))
-    parser.add_argument("--processes", type=int, default=2)
-    given = parser.parse_args()
-    sound = run_roof(
-        given.seeds,
-        given.changed_seeds,
-        processes=given.processes,
-        first_seed=given.first_seed,
-        changes=given.changes,
-        hours=given.hours,
-    )
-    return 0 if sound else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,19 +1,16 @@
 """Trial of the numbers of a region: is each standard error what it says where texture, lens, mosaic or resampling are?
 
-Usage: python -m benchmarks.trials.rows [--seeds 200] [--first-seed 0] [--processes 2]
-
 Regions of even polarization and of texture that is drawn anew with each seed, beside what the light was made of.
 """
 
-import argparse
 from collections import defaultdict
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from benchmarks.trials.harness import are_normal, over
 from model.processing.reconstruction import design
 from model.processing.samples import repeated
 from rigctl.measure.measure import measure_region, measured_with_ratios
@@ -31,10 +28,6 @@ WORLDS: Mapping[str, World] = {
 }
 # Side of the regions, in the middle of the picture [pixels].
 SIDES_PIXELS = (24, 64)
-# A mean or variance of scores so many of its own errors off is no chance: of 200 such numbers one in eighty trials.
-_SUSPICIOUS = 4.0
-# Where texture does not end within a region, errors of its counts are wide by purpose; of their ratios they are not.
-_SMALL_PIXELS, _OF_COUNTS = 24, ("dn_", "s0", "s1", "s2")
 
 
 def scores(kind: str, seed: int) -> dict[tuple[str, int, str], float]:
@@ -78,39 +71,17 @@ def _of_axis(angle_rad: float) -> np.ndarray:
     return np.array([np.cos(angle_rad), np.sin(angle_rad)])
 
 
-def run_rows(seeds: int, *, first_seed: int = 0, processes: int = 2) -> bool:
-    """Run the trial; return whether every row's scores are standard normal within their sampling error."""
-    of_row: dict[tuple[str, int, str], list[float]] = defaultdict(list)
-    with ProcessPoolExecutor(processes) as pool:
-        for kind in WORLDS:
-            tried = pool.map(partial(scores, kind), range(first_seed, first_seed + seeds), chunksize=10)
-            for row, score in (pair for one in tried for pair in one.items()):
+def run_rows(*, seeds: int = 200, first_seed: int = 0) -> bool:
+    """Measure regions of every kind and compare them with what the light was made of."""
+    of_row = defaultdict(list)
+    for kind in WORLDS:
+        for found in over(partial(scores, kind), range(first_seed, first_seed + seeds), chunk=10):
+            for row, score in found.items():
                 of_row[row].append(score)
-    suspicious = 0
-    print(f"{'kind':22} {'side':>4} {'number':10} {'mean z':>7} {'var z':>7}  off by (mean, var)")
-    for (kind, side, name), values in of_row.items():
-        z = np.array(values)
-        variance = float(z.var(ddof=1))
-        off = float(z.mean() * np.sqrt(z.size / variance)), (variance - 1.0) / np.sqrt(2.0 / (z.size - 1))
-        is_off = max(map(abs, off)) > _SUSPICIOUS
-        is_of_counts = name.startswith(_OF_COUNTS) and not name.endswith("n")
-        is_wide = is_off and is_of_counts and side <= _SMALL_PIXELS and off[1] < 0.0 and abs(off[0]) <= _SUSPICIOUS
-        suspicious += is_off and not is_wide
-        flag = "  (wide)" if is_wide else "  <--" if is_off else ""
-        print(f"{kind:22} {side:4d} {name:10} {z.mean():+7.2f} {variance:7.3f}  {off[0]:+5.1f} {off[1]:+5.1f}{flag}")
-    print(f"{suspicious} of {len(of_row)} rows are off by more than {_SUSPICIOUS:g} standard errors")
-    return suspicious == 0
+    return are_normal("kind, side of the region, number", of_row, may_be_small=_is_wide_on_purpose)
 
 
-def main() -> int:
-    """Run the trial; return 1 where it fails."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=200)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=2)
-    chosen = parser.parse_args()
-    return 0 if run_rows(chosen.seeds, first_seed=chosen.first_seed, processes=chosen.processes) else 1
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+def _is_wide_on_purpose(row: tuple[object, ...]) -> bool:
+    """Return whether the row is of counts in a region within which the texture does not end."""
+    _, side, name = row
+    return side == SIDES_PIXELS[0] and str(name).startswith(("dn_", "s0", "s1", "s2")) and not str(name).endswith("n")

@@ -4,11 +4,8 @@ The stage is a simulated ELL14 behind its driver and a serial line, the camera a
 the network. Each picture holds, in every pixel, where the polarizer truly stood when its exposure began. Before each
 turn the host computes and reads no pictures, so that old ones wait; other processes keep its cores busy. A reader who
 takes the picture that comes first, as many programs do, is tried beside the driver.
-
-Usage: python -m benchmarks.trials.stale_frames [--turns 100] [--busy-s 1.0] [--burners 2]
 """
 
-import argparse
 import subprocess
 import sys
 import time
@@ -18,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.trials.lossy_network import why_no_camera
 from drivers.cameras.aravis import load_aravis
 from drivers.cameras.gige import GigeLink, open_gige, read_gige_place
 from drivers.interfaces import CameraSettings, DeviceIdentity, Frame, RotationStage
@@ -42,24 +40,12 @@ Reader = Callable[[], float]
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """How a reader did.
-
-    Attributes
-    ----------
-    turns : int
-        How often the polarizer turned.
-    wrong : int
-        How many pictures of another angle it took for ones of the new angle.
-    slowest_s : float
-        Longest wait for a picture.
-    passed_over : int
-        Pictures that came and were refused as too old, beside those that waited already.
-    """
+    """How a reader did."""
 
     turns: int
-    wrong: int
-    slowest_s: float
-    passed_over: int = 0
+    wrong: int  #: pictures of another angle that it took for pictures of the new angle
+    slowest_s: float  #: longest wait for a picture
+    passed_over: int = 0  #: pictures that came and were refused as too old
 
 
 class AngleCamera:
@@ -180,8 +166,11 @@ def burners(count: int) -> Iterator[None]:
             process.wait()
 
 
-def run_turns(turns: int, *, busy_s: float = 1.0, busy_processes: int = 2) -> bool:
+def run_turns(*, turns: int = 100, busy_s: float = 1.0, busy_processes: int = 2) -> bool:
     """Try both readers and print their scores; return whether the driver took no wrong picture."""
+    if (reason := why_no_camera()) is not None:
+        print(f"not run: {reason}")
+        return True
     with running_rig(speed=1.0) as stage, burners(busy_processes):
         naive = first_come_score(stage, turns=max(2, turns // 10), busy_s=busy_s)
         print(f"first come, first taken: {naive.wrong} of {naive.turns} pictures are of another angle")
@@ -191,16 +180,3 @@ def run_turns(turns: int, *, busy_s: float = 1.0, busy_processes: int = 2) -> bo
         f"that came too early, and waited for {score.slowest_s:.2f} s at most"
     )
     return score.wrong == 0
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--turns", type=int, default=100)
-    parser.add_argument("--busy-s", type=float, default=1.0)
-    parser.add_argument("--burners", type=int, default=2)
-    arguments = parser.parse_args()
-    return 0 if run_turns(arguments.turns, busy_s=arguments.busy_s, busy_processes=arguments.burners) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,28 +1,25 @@
 """Trial of the tolerance in sweeps and grids: random scenes through random ranges, some cases beside finer settings.
 
-Usage: python -m benchmarks.trials.sweeps [--sweeps 100] [--first 0] [--looked-at 3] [--hostile] [--minutes 30]
-
 Each scene is taken through a range of one number (two thirds) or a grid of two: zenith or azimuth of the camera, zenith
 of the sun, optical depth, slopes. Of the cases that were not judged themselves some are drawn and set beside settings
 finer in every knob. Of every reading that is promised the true error must be no more than the tolerance.
 """
 
-import argparse
-import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from benchmarks.trials.tolerance import seeds_in_time, true_errors
+from benchmarks.trials.tolerance import true_errors
 from model.accuracy.predict import predict
 from model.scene.scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
 
 _TOLERANCES = (0.1, 0.03, 0.01, 0.01)
 _MOST_ZENITH_DEG = 75.0
+_LOOKED_AT = 3
 
 Change = Callable[[LitScene, float], LitScene]
 
@@ -113,37 +110,19 @@ def one_sweep(seed: int, *, hostile: bool, looked_at: int) -> Outcome:
     return Outcome(words=text, cases=len(scenes), looked_at=len(chosen), broken=tuple(broken), largest=largest)
 
 
-def outcomes(seeds: Iterable[int], *, hostile: bool, looked_at: int) -> Iterator[Outcome]:
-    """Yield the outcome of each seed, printed."""
-    for seed in seeds:
-        found = one_sweep(seed, hostile=hostile, looked_at=looked_at)
-        print(f"{seed}: {found.words}; largest true error {found.largest:.2g} of T {found.broken or ''}", flush=True)
-        yield found
-
-
-def main() -> int:
-    """Run the trial; return 1 where a promise is broken."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sweeps", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--looked-at", type=int, default=3)
-    parser.add_argument("--hostile", action="store_true")
-    parser.add_argument("--minutes", type=float, default=None, help="begin no sweep later than that")
-    given = parser.parse_args()
-    seeds = seeds_in_time(given.first, given.sweeps, given.minutes)
-    kept = run_sweeps(seeds, hostile=given.hostile, looked_at=given.looked_at)
-    return 0 if kept else 1
-
-
-def run_sweeps(seeds: Iterable[int], *, hostile: bool = False, looked_at: int = 3) -> bool:
-    """Run the trial over some sweeps; return whether every promise was kept."""
-    found = list(outcomes(seeds, hostile=hostile, looked_at=looked_at))
-    cases, broken = sum(one.looked_at for one in found), sum(len(one.broken) for one in found)
-    points = sum(one.cases for one in found)
-    print(f"{len(found)} sweeps of {points} cases, {cases} between judged ones looked at: {broken} promises broken")
-    print(f"largest true error {max(one.largest for one in found):.2g} of the tolerance")
+def run_sweeps(*, sweeps: int = 100, first: int = 0, is_hostile: bool = False) -> bool:
+    """Predict sweeps and grids; return whether every promise was kept."""
+    found = []
+    for seed in range(first, first + sweeps):
+        outcome = one_sweep(seed, hostile=is_hostile, looked_at=_LOOKED_AT)
+        print(
+            f"{seed}: {outcome.words}; largest true error {outcome.largest:.2g} of T {outcome.broken or ''}", flush=True
+        )
+        found.append(outcome)
+    points, broken = (
+        (sum(getattr(o, name) for o in found) for name in ("looked_at", "cases")),
+        sum(len(o.broken) for o in found),
+    )
+    looked_at, cases = points
+    print(f"{sweeps} sweeps of {cases} cases, {looked_at} between judged ones compared: {broken} promises broken")
     return broken == 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,21 +1,13 @@
 """Trial of the tolerance: random scenes, predicted to a tolerance, beside the finest settings.
 
-Usage: python -m benchmarks.trials.tolerance [--scenes 1000] [--first 0] [--tolerances 0.1 0.03 0.01 0.003]
-    [--hostile] [--minutes 30] [--out FILE.csv]
-
 Each scene is predicted to one of the tolerances in turn. Of every reading that is promised the true error must be no
 more than the tolerance. Of each scene the largest estimated error is set beside the largest true one. The truth is that
 of settings finer than any plan for these tolerances; where it is so far off that their own error (below 2e-4) could
 count, that of settings finer still.
 """
 
-import argparse
-import csv
-import sys
-import time
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,62 +61,21 @@ _FINE_DOWN_TO = 0.003
 # Detection that rounding keeps from the finest settings' tolerance is integrated to this one.
 _ROC_TO = 1e-9
 _SMALLEST_TRUE = 1e-12
+_TOLERANCES = (0.1, 0.03, 0.01, 0.003)
 
 
-def main() -> int:
-    """Run the trial; return 1 where a promise is broken."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--tolerances", type=float, nargs="+", default=[0.1, 0.03, 0.01, 0.003])
-    parser.add_argument("--hostile", action="store_true", help="tilted panels, other tiers, laws, sources and airs")
-    parser.add_argument("--minutes", type=float, default=None, help="begin no scene later than that")
-    parser.add_argument("--out", type=Path, default=None)
-    arguments = parser.parse_args()
-    kept = run_tolerance(
-        arguments.scenes,
-        arguments.tolerances,
-        first=arguments.first,
-        make_scene=hostile_scene if arguments.hostile else random_scene,
-        minutes=arguments.minutes,
-        out=arguments.out,
-    )
-    return 0 if kept else 1
-
-
-def seeds_in_time(first: int, count: int, minutes: float | None) -> Iterator[int]:
-    """Yield one seed after the other, until there are so many, or that long has passed."""
-    begun = time.monotonic()
-    for seed in range(first, first + count):
-        if minutes is not None and time.monotonic() - begun > 60.0 * minutes:
-            return
-        yield seed
-
-
-def run_tolerance(
-    scenes: int,
-    tolerances: list[float],
-    *,
-    first: int = 0,
-    make_scene: Callable[[int], LitScene] = random_scene,
-    minutes: float | None = None,
-    out: Path | None = None,
-) -> bool:
-    """Run the trial over a number of scenes; return whether every promise was kept."""
+def run_tolerance(*, scenes: int = 1000, hostile: int = 0, first: int = 0) -> bool:
+    """Predict random and hostile scenes; return whether every promise was kept."""
     rows = []
-    for seed in seeds_in_time(first, scenes, minutes):
-        try:
-            rows.append({"seed": seed} | one_scene(make_scene(seed), tolerances[seed % len(tolerances)]))
-        except ValueError as error:
-            # Such as an analytic sky that is polarized by more than all of its light: no scene.
-            print(f"seed {seed}: refused: {error}")
-            continue
-        print(rows[-1], flush=True)
-    if out is not None:
-        with out.open("w", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+    for make_scene, count in ((random_scene, scenes), (hostile_scene, hostile)):
+        for seed in range(first, first + count):
+            try:
+                rows.append({"seed": seed} | one_scene(make_scene(seed), _TOLERANCES[seed % len(_TOLERANCES)]))
+            except ValueError as error:
+                # Not a scene: for instance, an analytic sky that is polarized by more than all of its light.
+                print(f"seed {seed}: refused: {error}")
+                continue
+            print(rows[-1], flush=True)
     print(summary(rows))
     return not any(row["broken"] for row in rows)
 
@@ -197,7 +148,3 @@ def summary(rows: list[dict[str, Any]]) -> str:
         f"estimated/true of the largest error: above 1 in {100 * np.mean(ratio > 1.0):.1f} %, "
         f"median {np.median(ratio):.1f}, least {np.min(ratio):.2f}"
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

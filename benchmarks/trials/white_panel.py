@@ -1,7 +1,5 @@
 """Trial of the diffuse term "volume" against the measured Mueller BRDF of sintered PTFE.
 
-Usage: RIGCTL_REAL_DATA=FOLDER python -m benchmarks.trials.white_panel [--halves 4] [--seed 0] [--uncertainties]
-
 FOLDER/ptfe_mueller/PTFE.data.csv is that of Germer, Appl. Opt. 56, 9333 (2017). Parameters are fitted to a random half
 of the geometries of each wavelength and judged on the other half: relative error of f00, and error of DoLP of the mean
 of two mirror images of a geometry, with what their noise alone gives. The noise is what mirror images differ by.
@@ -9,9 +7,7 @@ of two mirror images of a geometry, with what their noise alone gives. The noise
 uncertainties of the library.
 """
 
-import argparse
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -111,7 +107,7 @@ def noise_of_dolp(data: MeasuredTable, rows: NDArray[np.intp], surface: Surface,
     return rms(np.hypot(drawn[..., 0], drawn[..., 1]) - np.hypot(*true.T))
 
 
-def halves(
+def random_halves(
     data: MeasuredTable, rows: NDArray[np.intp], rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return rows of two random halves; mirror images stay together."""
@@ -121,25 +117,29 @@ def halves(
     return rows[chosen[group.ravel()]], rows[~chosen[group.ravel()]]
 
 
-def run_white_panel(path: Path, *, count: int, seed: int) -> bool:
+def run_white_panel(*, halves: int = 4, seed: int = 0) -> bool:
     """Fit halves and judge the others; return whether all are within what is allowed."""
+    if "RIGCTL_REAL_DATA" not in os.environ:
+        print("not run: set RIGCTL_REAL_DATA to the folder that has ptfe_mueller/PTFE.data.csv")
+        return True
+    path = Path(os.environ["RIGCTL_REAL_DATA"]) / "ptfe_mueller" / "PTFE.data.csv"
     data, sound = read_brdf_table(path), True
     sintered = material("sintered-ptfe")
     wavelengths = np.unique(data.wavelength_m)
     print("half    nm     f00 rms   DoLP rms  by noise  beyond noise  S1, S2 over S0")
-    for half in range(count + 1):
+    for half in range(halves + 1):
         rng = np.random.default_rng([seed, half])
         found = []
         for wavelength_m in wavelengths:
             rows = np.flatnonzero((data.wavelength_m == wavelength_m) & (data.theta_i_rad > NADIR_RAD))
             noise, surface = element_noise(data, rows), surface_of(sintered, wavelength_m=wavelength_m)
-            if half < count:
-                training, rows = halves(data, rows, rng)
+            if half < halves:
+                training, rows = random_halves(data, rows, rng)
                 surface = fitted(data, training, surface, noise)
             f00, dolp, ratio = judged(data, rows, surface)
             by_noise = noise_of_dolp(data, rows, surface, noise)
             found.append((f00, dolp, by_noise, ratio))
-            name = f"{half + 1}" if half < count else "library"
+            name = f"{half + 1}" if half < halves else "library"
             row = (f00, dolp, by_noise, max(dolp**2 - by_noise**2, 0.0) ** 0.5, ratio)
             print(f"{name:7s} {wavelength_m * 1e9:5.0f}" + "".join(f"  {value:8.4f}" for value in row))
         f00, dolp, by_noise, _ = (rms(np.array(column)) for column in zip(*found, strict=True))
@@ -147,40 +147,3 @@ def run_white_panel(path: Path, *, count: int, seed: int) -> bool:
         print(f"{'':7s}   all" + "".join(f"  {value:8.4f}" for value in (f00, dolp, by_noise, beyond)))
         sound &= f00 <= F_ALLOWED and beyond <= DOLP_ALLOWED
     return sound
-
-
-def print_uncertainties(path: Path) -> None:
-    """Print parameters fitted to all geometries and the deviation of those without one angle of incidence."""
-    data = read_brdf_table(path)
-    for wavelength_m in np.unique(data.wavelength_m):
-        rows = np.flatnonzero((data.wavelength_m == wavelength_m) & (data.theta_i_rad > NADIR_RAD))
-        noise, start = element_noise(data, rows), surface_of(material("sintered-ptfe"), wavelength_m=wavelength_m)
-        every = fitted(data, rows, start, noise)
-        angles = np.unique(data.theta_i_rad[rows])
-        without = [fitted(data, rows[data.theta_i_rad[rows] != angle], every, noise) for angle in angles]
-        print(f"{wavelength_m * 1e9:.0f} nm")
-        for name in FREE:
-            values = np.array([getattr(one, name) for one in without])
-            spread = np.sqrt((values.size - 1) / values.size * np.sum((values - values.mean()) ** 2))
-            print(f"  {name:18s} {getattr(every, name):8.4f} +- {spread:.4f}")
-
-
-def main() -> int:
-    """Run the trial; return 1 where it fails, 2 without data."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--halves", type=int, default=4)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--uncertainties", action="store_true")
-    arguments = parser.parse_args()
-    if "RIGCTL_REAL_DATA" not in os.environ:
-        print("set RIGCTL_REAL_DATA to the folder that has ptfe_mueller/PTFE.data.csv", file=sys.stderr)
-        return 2
-    path = Path(os.environ["RIGCTL_REAL_DATA"]) / "ptfe_mueller" / "PTFE.data.csv"
-    if arguments.uncertainties:
-        print_uncertainties(path)
-        return 0
-    return 0 if run_white_panel(path, count=arguments.halves, seed=arguments.seed) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

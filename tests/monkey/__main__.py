@@ -19,7 +19,7 @@ from tests.monkey.workspace import make_workspace
 _BYTES_PER_MB = 1_000_000
 
 
-def run_monkey(cases: int, *, first_seed: int = 0, memory_mb: int = 3000) -> bool:
+def run_monkey(cases: int = 5000, *, first_seed: int = 0, memory_mb: int = 3000) -> bool:
     """Run cases, print every one that does what none may do, and return whether there is none."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_mb * _BYTES_PER_MB, before[1]))

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.trials.roof import one_run
-from benchmarks.trials.roof_runs import roof_comparison
+from benchmarks.trials.roof import one_run, roof_comparison
 from rigctl.cli import main
 from rigctl.session import preparation
 
@@ -18,7 +17,7 @@ _LARGEST = 4.5
 @pytest.mark.slow
 @pytest.mark.parametrize("hour", ["noon", "morning"])
 def test_a_run_agrees_with_the_scene_that_made_it(hour):
-    outcome = one_run(hour, 3, None)
+    outcome = one_run(hour, 3, perturb=None)
     z = np.array(list(outcome.z.values()))
     assert outcome.agrees
     assert np.max(np.abs(z)) < _LARGEST

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.trials.effect_scenes import SETTINGS
+from benchmarks.trials.effects import SETTINGS
 from model.accuracy.chain import LightStore, evaluate
 from model.accuracy.effect_check import change, skylight_bound
 from model.effects.bounds import effect_bounds, light_limits

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.trials.effect_scenes import SETTINGS, random_materials
-from benchmarks.trials.effects import Score, score_scene
+from benchmarks.trials.effects import SETTINGS, Score, random_materials, score_scene
 from model.accuracy.chain import LightStore, evaluate
 from model.accuracy.effect_check import change, with_changes
 from model.effects.bounds import Disturbance

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.trials.effect_scenes import SETTINGS, random_materials
+from benchmarks.trials.effects import SETTINGS, random_materials
 from model.accuracy.chain import evaluate
 from model.effects.bounds import LIGHT_PARTS, Light, effect_bounds, light_limits
 from model.effects.names import LIGHT, Effect

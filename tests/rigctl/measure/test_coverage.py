@@ -1,4 +1,4 @@
-"""Intervals at the edges of the law of a count; `python -m benchmarks.trials.coverage` is the whole of it."""
+"""Intervals at the edges of the law of a count; `python -m benchmarks.trials coverage` is the whole of it."""
 
 import numpy as np
 import pytest
