@@ -24,13 +24,13 @@ along a slant way over that along the same way through spherical shells (Chapman
 per cent too much:
 """
 _BY_SOLVER = """
-The same in light: sasktran2 over planes beside over a sphere of 6371 km, in all else alike (visibility 23 km,
-ground of albedo 0.1). S0 of planes in per cent too much, and DoLP of planes less that of the sphere.
+The same in light: sasktran2 with plane layers and with a sphere of 6371 km, all else equal (visibility 23 km,
+ground of albedo 0.1). The table gives the excess of S0 of the plane layers in per cent, and their DoLP minus that of the sphere.
 """
 _TAIL = """
-From zenith angles of 75 deg on, of the sun or the view, this is not small beside a tolerance of 0.01, and none counts
-it: it is an error of the model, not of its numbers. A sun below 85 deg from the zenith is refused; a view beyond 85
-deg is answered with a remark of how much too long its way is.
+From zenith angles of 75 deg on, of the sun or the view, this is not small compared with a tolerance of 0.01. No estimate
+includes this error, because it is an error of the model, not of its numbers. A sun more than 85 deg from the zenith is
+refused. For a view beyond 85 deg, a remark states by how much the path is too long.
 """
 
 

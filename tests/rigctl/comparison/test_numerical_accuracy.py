@@ -78,7 +78,7 @@ def test_no_smaller_tolerance_is_tried_where_this_one_does_or_there_is_none():
 def test_settings_that_would_take_minutes_are_not_tried_and_the_reached_error_is_said():
     found = _beside(_row("dolp", 1e-4), expected_s=60.0)
     assert found.next_tolerance is None
-    assert "0.5 of its row's standard error" in found.remark
+    assert "at most 0.5 of a standard error" in found.remark
     assert "take minutes" in found.remark
 
 

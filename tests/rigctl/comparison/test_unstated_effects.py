@@ -46,7 +46,7 @@ def test_an_effect_that_would_make_the_residuals_is_said_to_explain_them():
     assert found.removes == pytest.approx(1.0)
     assert found.errors == pytest.approx(10.0)
     large, likely = unstated_lines([found], disagrees=True)
-    assert large.endswith("by more than its error: drift (10 errors; 0.001 to 0.01)")
+    assert large.endswith("move a tested number: drift (10 standard errors for 0.001 to 0.01)")
     assert likely.endswith("explain the residuals: drift (100 % of their chi-square; 0.001 to 0.01)")
 
 
