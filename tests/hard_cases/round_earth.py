@@ -25,12 +25,13 @@ per cent too much:
 """
 _BY_SOLVER = """
 The same in light: sasktran2 with plane layers and with a sphere of 6371 km, all else equal (visibility 23 km,
-ground of albedo 0.1). The table gives the excess of S0 of the plane layers in per cent, and their DoLP minus that of the sphere.
+ground of albedo 0.1). The table gives the excess of S0 of the plane layers in per cent, and their DoLP minus that of
+the sphere.
 """
 _TAIL = """
-From zenith angles of 75 deg on, of the sun or the view, this is not small compared with a tolerance of 0.01. No estimate
-includes this error, because it is an error of the model, not of its numbers. A sun more than 85 deg from the zenith is
-refused. For a view beyond 85 deg, a remark states by how much the path is too long.
+From zenith angles of 75 deg on, of the sun or the view, this is not small compared with a tolerance of 0.01. No
+estimate includes this error, because it is an error of the model, not of its numbers. A sun more than 85 deg from the
+zenith is refused. For a view beyond 85 deg, a remark states by how much the path is too long.
 """
 
 
