@@ -145,7 +145,7 @@ def _corners(picture: NDArray[np.generic], columns: int, rows: int) -> NDArray[n
 # Direction in which a camera looks, from several sources at once
 
 
-# What is known of elevation and roll where no source says anything: they are between the poles.
+# Prior standard deviations of azimuth, elevation and roll, for those without a source.
 _PRIOR_STD_RAD = np.radians([3600.0, 60.0, 60.0])
 # Focal lengths, axis and distortion of a lens.
 _LENS_NUMBERS = 8
@@ -159,9 +159,9 @@ _RARE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseSource:
-    """Something that tells of the camera's direction."""
+    """A source of the camera's direction."""
 
-    name: str  #: what it is, for messages
+    name: str  #: for messages
     #: from azimuth, elevation and roll [rad] to measured less expected, shape (k,)
     residual: Callable[[FloatArray], FloatArray]
     #: from the same to the covariance of that, (k, k), errors of the lens apart
@@ -172,7 +172,7 @@ class PoseSource:
 
 @dataclass(frozen=True, kw_only=True)
 class Contradiction:
-    """A source that lies farther from the others than their errors allow; or all of them, if none can be told alone."""
+    """A source that is farther from the others than their errors allow; or all of them, if none can be singled out."""
 
     name: str
     chi_square: float
@@ -223,7 +223,7 @@ def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
 
 
 def refraction_rad(elevation_rad: float) -> float:
-    """Return by how much air lifts the sun at a geometric elevation, standard pressure (Saemundsson 1986) [rad].
+    """Return the refraction of the sun at a geometric elevation, standard pressure [rad].
 
     Saemundsson, Sky and Telescope 72 (1986) 70.
     """
@@ -234,9 +234,9 @@ def refraction_rad(elevation_rad: float) -> float:
 def fuse(sources: Sequence[PoseSource], lens_covariance: FloatArray | None = None) -> CameraPose:
     """Return the direction that fits all sources best, by weighted least squares.
 
-    Each source is held against the others alone as well: what lies farther from them than once in a thousand times
-    contradicts. Sources none of which can be told alone may contradict together. Where
-    they contradict, the covariance is widened by chi-square over its degrees of freedom.
+    Each source is also compared with the others alone: a distance that is as rare as once in a thousand times is a
+    contradiction. If no source can be singled out, all may contradict one another together. The covariance is then
+    widened by chi-square over its degrees of freedom.
     """
     lens = np.zeros((_LENS_NUMBERS, _LENS_NUMBERS)) if lens_covariance is None else lens_covariance
     fit = _fit(_Together(sources, lens))
@@ -334,13 +334,13 @@ def _fit(together: _Together, near: FloatArray | None = None) -> _Fit:
 
 
 def _unlikely(together: _Together, angles: FloatArray) -> float:
-    """Return minus twice the logarithm of the likelihood, so that a source is not heeded less by being vaguer."""
+    """Return minus twice the logarithm of the likelihood; its determinant keeps vague sources from losing weight."""
     covariance = together.covariance(angles)
     return _cost(together, angles, _inverse(covariance)) + float(np.linalg.slogdet(covariance)[1])
 
 
 def _descend(together: _Together, start: FloatArray) -> _Fit:
-    """Return what damped Gauss-Newton steps from a start come to, weights renewed each time."""
+    """Return the end of damped Gauss-Newton steps from a start, with new weights at each step."""
     angles, damping = start.copy(), 1e-3
     for _ in range(_ITERATIONS):
         weight = _inverse(together.covariance(angles))
@@ -413,7 +413,7 @@ class PanelStand:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PanelTilt:
-    """A panel in the world: how far it is tilted, whereto, and how well that is known [rad]."""
+    """A panel in the world: tilt and azimuth of the tilt, with standard uncertainties [rad]."""
 
     tilt_rad: float
     tilt_std_rad: float
@@ -428,7 +428,7 @@ class PanelTilt:
 def panel_stands(
     corners: FloatArray, width_m: float, height_m: float, corner_std: float, lens: Lens
 ) -> tuple[PanelStand, ...]:
-    """Return how a panel can stand, the likeliest first; two where the outline does not tell them apart."""
+    """Return the possible orientations of a panel, the likeliest first; two if the outline fits both."""
     _require_convex(corners, corner_std)
     half = 0.5 * np.array([width_m, height_m])
     board = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float64) * [*half, 1.0]
@@ -450,7 +450,7 @@ def panel_stands(
 
 
 def _require_convex(corners: FloatArray, corner_std: float) -> None:
-    """Refuse corners that go round no panel: seen from before it, its outline is convex."""
+    """Refuse corners that do not go round a panel, whose outline is convex."""
     sides = np.roll(corners, -1, axis=0) - corners
     after = np.roll(sides, -1, axis=0)
     lengths = np.hypot(*sides.T)
@@ -512,7 +512,7 @@ def _axis(turn: FloatArray) -> FloatArray:
 
 
 def panel_tilt(stand: PanelStand, pose: CameraPose) -> PanelTilt:
-    """Return how a panel stands in the world, by the direction of the camera and the covariance of its errors.
+    """Return the tilt of a panel in the world, by the direction of the camera and the covariance of its errors.
 
     Definition; first-order propagation, JCGM 100:2008 (GUM), section 5.2.
     """
@@ -566,7 +566,7 @@ _EQUATOR_M, _ECCENTRICITY_2 = 6_378_137.0, 6.694_379_990_14e-3
 
 @dataclass(frozen=True, kw_only=True)
 class SunSeen:
-    """The sun's direction as it is seen, refraction in it, and how well it is known (clock, site) [rad]."""
+    """The apparent direction of the sun, with refraction, and its standard uncertainty by clock and site [rad]."""
 
     azimuth_rad: float
     elevation_rad: float
@@ -575,14 +575,11 @@ class SunSeen:
     @property
     def vector(self) -> FloatArray:
         """In east, north, up."""
-        level = np.cos(self.elevation_rad)
-        return np.array(
-            [np.sin(self.azimuth_rad) * level, np.cos(self.azimuth_rad) * level, np.sin(self.elevation_rad)]
-        )
+        return direction(self.azimuth_rad, self.elevation_rad)
 
 
 def compass(reading_rad: float, std_rad: float, *, declination_rad: float, declination_std_rad: float) -> PoseSource:
-    """Return what a compass says of the direction in which the camera looks; declination is positive to the east."""
+    """Return a compass as a source of the azimuth of the camera; declination is positive to the east."""
     variance = std_rad**2 + declination_std_rad**2
     return PoseSource(
         name="compass",
@@ -592,7 +589,7 @@ def compass(reading_rad: float, std_rad: float, *, declination_rad: float, decli
 
 
 def level(elevation_rad: float, roll_rad: float, std_rad: float) -> PoseSource:
-    """Return what a level on the camera says: its elevation and roll, each to the same standard uncertainty."""
+    """Return a level on the camera as a source of elevation and roll, each with the same standard uncertainty."""
     return PoseSource(
         name="level",
         residual=lambda angles: wrapped_rad(np.array([elevation_rad - angles[1], roll_rad - angles[2]])),
@@ -617,7 +614,7 @@ def way_between(camera: Sequence[float], target: Sequence[float]) -> FloatArray:
 
 
 def positions(camera_to_target_m: FloatArray, std_m: FloatArray) -> PoseSource:
-    """Return what the places of camera and target say of the direction; the target is on the camera's axis."""
+    """Return the places of camera and target as a source of azimuth and elevation; the target is on the axis."""
     east, north, up = camera_to_target_m
     flat = float(np.hypot(east, north))
     far = flat**2 + up**2
@@ -637,24 +634,26 @@ def positions(camera_to_target_m: FloatArray, std_m: FloatArray) -> PoseSource:
 
 
 def sun_in_picture(pixel: FloatArray, pixel_std: float, sun: SunSeen, lens: Lens) -> PoseSource:
-    """Return what the place of the sun in a picture says: its ray beside its direction, in two angles across it."""
-    seen = _SeenPoints(pixel[None, :], pixel_std, lens)
+    """Return the place of the sun in a picture as a source: two angles between its ray and its direction."""
+    point = _Rays(pixel[None, :], pixel_std, lens)
 
     def residual(angles: FloatArray) -> FloatArray:
-        return _across(seen.rays[0], camera_axes(angles) @ sun.vector)
+        return _across(point.rays[0], camera_axes(angles) @ sun.vector)
 
     def covariance(angles: FloatArray) -> FloatArray:
         expected = camera_axes(angles) @ sun.vector
-        return seen.covariance(lambda looks: _across(looks[0], expected)) + (sun.std_rad**2 + _LEAST_RAD**2) * np.eye(2)
+        return point.covariance(lambda moved: _across(moved[0], expected)) + (sun.std_rad**2 + _LEAST_RAD**2) * np.eye(
+            2
+        )
 
     def by_lens(angles: FloatArray) -> FloatArray:
         expected = camera_axes(angles) @ sun.vector
-        return seen.by_lens(lambda looks: _across(looks[0], expected))
+        return point.by_lens(lambda moved: _across(moved[0], expected))
 
     return PoseSource(name="sun in the picture", residual=residual, covariance=covariance, by_lens=by_lens)
 
 
-class _SeenPoints:
+class _Rays:
     """Points of a picture as rays, and those rays with each pixel and each number of the lens moved by a little."""
 
     def __init__(self, pixels: FloatArray, pixel_std: float, lens: Lens) -> None:
@@ -682,13 +681,13 @@ class _SeenPoints:
         )
 
 
-def _across(seen: FloatArray, expected: FloatArray) -> FloatArray:
-    """Return by how much a ray lies beside another, in two angles at right angles to it [rad]."""
-    beside = _basis(expected) @ seen
-    size = float(np.linalg.norm(beside))
+def _across(ray: FloatArray, expected: FloatArray) -> FloatArray:
+    """Return the two angles by which a ray is off an expected one, across it [rad]."""
+    across = _basis(expected) @ ray
+    size = float(np.linalg.norm(across))
     # The angle itself, and not its sine: beyond a right angle the sine falls again.
-    angle = float(np.arctan2(size, float(expected @ seen)))
-    return beside * (angle / size) if size > 0.0 else np.array([angle, 0.0])
+    angle = float(np.arctan2(size, float(expected @ ray)))
+    return across * (angle / size) if size > 0.0 else np.array([angle, 0.0])
 
 
 def _basis(vector: FloatArray) -> FloatArray:

@@ -279,7 +279,7 @@ def false_dolp(harmonic: Harmonic, angles_rad: FloatArray) -> float:
 
 
 def harmonics_are_told_apart(angles_rad: FloatArray) -> bool:
-    """Return whether a scan's angles tell the harmonics from one another: over a whole turn, not over half of one."""
+    """Return whether the angles of a scan separate the harmonics: they do over a whole turn, not over half a turn."""
     design = _design(angles_rad, (2, *_HARMONIC_ORDERS))
     return len(angles_rad) > design.shape[1] and bool(np.linalg.cond(design) < _APART_CONDITION)
 

@@ -53,7 +53,7 @@ class Registration:
         return np.asarray(np.linalg.norm(self.std_error_pixels, axis=1) * _TILES_ACROSS)
 
     def is_plain(self, index: int) -> bool:
-        """Whether tiles agree on the shift, and edges lie better on one another for it where it was not fitted."""
+        """Return whether tiles agree on the shift, and it improves the edges of tiles that it was not fitted to."""
         size = float(np.linalg.norm(self.shift_pixels[index]))
         if self.scatter_pixels[index] > max(_LARGE_SCATTER_PIXELS, _LARGE_SCATTER_SHARE * size):
             return False
@@ -207,7 +207,7 @@ def _tile_shifts(reference: _Picture, edges: list[_Picture], shifts: FloatArray)
 
 
 def edges_left(pictures: FloatArray, shifts: FloatArray, usable: NDArray[np.bool_] | None = None) -> FloatArray:
-    """Return what is left of the edges of each picture against those of the mean, before and after it is moved back."""
+    """Return the residual of the edges of each picture against those of the mean, before and after it is moved back."""
     frames = [_filled(picture, usable) for picture in pictures]
     reference = _edges(_mean_moved_back(frames, shifts))
     plain = _edges(_mean_moved_back(frames, np.zeros_like(shifts)))
@@ -219,7 +219,7 @@ def edges_left(pictures: FloatArray, shifts: FloatArray, usable: NDArray[np.bool
 
 
 def _edge_residual(reference: _Picture, frame: _Picture, plain: _Picture, found: FloatArray) -> tuple[float, float]:
-    """Return what is left of the edges before and after, each half of the ninths moved by what the other half says."""
+    """Return the residual of the edges before and after each half of the ninths is moved by that of the other."""
     tiles, before, after = _tiles(reference.shape), 0.0, 0.0
     for half in (0, 1):
         fitted, held = found[half::2].mean(axis=0), tiles[1 - half :: 2]
@@ -391,7 +391,7 @@ class AffineMap:
     unit_cov: FloatArray  #: covariance of each row of the matrix over the square of that rms, shape (3, 3)
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """Return where points (n, 2) [pixel] lie in the other picture."""
+        """Return the places of points (n, 2) in the other picture [pixel]."""
         return np.asarray(_with_ones(points) @ self.matrix.T)
 
     def std_error_px(self, points: FloatArray) -> FloatArray:

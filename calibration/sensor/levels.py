@@ -97,7 +97,7 @@ class LevelStatistics:
 
     kind: LevelKind  #: without light, or with even light
     exposure_s: float | None  #: exposure time [s], None where it is not known
-    #: mean photons that a pixel received, as somebody measured them; None where they are not known
+    #: mean photons that a pixel received, by a measurement; None where they are not known
     photons: float | None
     n_frames: int  #: at least 2
     shape: tuple[int, int]  #: rows and columns

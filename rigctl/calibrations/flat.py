@@ -160,7 +160,7 @@ class FlatFacts(CalibrationRecord):
 class FlatFields:
     """Flat fields as their file holds them."""
 
-    facts: FlatFacts  #: What they were made for.
+    facts: FlatFacts  #: devices, settings and time
     angles_deg: FloatArray  #: Polarizer angles [deg].
     response: FloatArray  #: Of each pixel over the mean of its angle.
     std_error: FloatArray
@@ -173,7 +173,7 @@ class FlatFields:
                 raise ValueError(f"{name} has the shape {pictures.shape}, must be a picture for each of its angles")
         for name in ("angles_deg", "response", "std_error"):
             if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"{name} holds what is no finite number")
+                raise ValueError(f"{name} holds a number that is not finite")
         if np.any(self.std_error < 0.0):
             raise ValueError("std_error is below 0 somewhere")
 
@@ -189,7 +189,7 @@ class FlatFields:
         return flats, flats.facts.doubts(made_for_scene(run))
 
     def place(self, polarizer_deg: float) -> int:
-        """Return which flat is that of a polarizer angle."""
+        """Return the place of the flat of a polarizer angle."""
         apart = np.abs(wrapped(self.angles_deg - polarizer_deg, turn=180.0))
         nearest = int(np.argmin(apart))
         if apart[nearest] > _NEAR_DEG:

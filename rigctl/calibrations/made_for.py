@@ -38,7 +38,7 @@ CalibrationKind = Literal["noise", "polarizer", "flat", "radiometric", "registra
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """What calibrations of one kind have in common."""
+    """Properties of a kind of calibration."""
 
     name: str  #: in sentences
     of_stage: bool  #: belongs to a stage too
@@ -76,7 +76,7 @@ class MeasuredOverFrames(Generic[_Number]):
 
 
 def at_least(count: int) -> AfterValidator:
-    """Return what refuses a list that has fewer items, once all that it has are right."""
+    """Return a validator that refuses a list with fewer items, after the items themselves."""
 
     def checked(items: tuple[_Item, ...]) -> tuple[_Item, ...]:
         if len(items) < count:
@@ -103,13 +103,13 @@ Count = Annotated[int, Field(ge=1)]
 class MadeFor:
     """Devices, settings and time of frames; None is "not known", or differs from frame to frame."""
 
-    camera_model: str | None = None  #: Which devices.
+    camera_model: str | None = None  #: devices
     camera_serial: str | None = None
     stage_model: str | None = None
     stage_serial: str | None = None
     gain_db: Bounded | None = None  #: The camera's gain setting [dB].
     bit_depth: Count | None = None  #: Bits of a sample.
-    pixel_format: str | None = None  #: How samples come over the wire, such as Mono12Packed.
+    pixel_format: str | None = None  #: format of samples on the wire, such as Mono12Packed
     binning: Count | None = None  #: Pixels of the sensor that make one of the picture, along each side.
     temperature_c: Bounded | None = None  #: Of the camera, as it says itself; the mean over the frames [deg C].
     taken_utc: UtcText | None = None  #: Start of the last frame.
@@ -122,7 +122,7 @@ class MadeFor:
 
 
 def made_for(run: "Run", records: Sequence["FrameRecord"]) -> MadeFor:
-    """Return what some frames of a run were made with."""
+    """Return devices, settings and time of some frames of a run."""
     options = _options(run.session.camera_address)
     temperatures = [one.camera_temperature_c for one in records if one.camera_temperature_c is not None]
     exposures_s = [one.exposure_s for one in records if one.exposure_s is not None]
@@ -143,7 +143,7 @@ def made_for(run: "Run", records: Sequence["FrameRecord"]) -> MadeFor:
 
 
 def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
-    """Return what frames of a rig will be taken with, as far as its file says so."""
+    """Return devices and settings of the next frames of a rig, as far as its file states them."""
     options = _options(rig.camera.address)
     return MadeFor(
         camera_serial=rig.camera.serial_number,
@@ -156,7 +156,7 @@ def made_for_rig(rig: "RigFile", *, now_utc: str) -> MadeFor:
 
 
 def made_for_of_file(kind: CalibrationKind, made_for: MadeFor | None, *, created_utc: str | None) -> MadeFor:
-    """Return what a calibration was made for, completed by what is known of its file and kind."""
+    """Return what a calibration was made for, completed from the time of its file and the defaults of its kind."""
     found = MadeFor() if made_for is None else made_for
     if found.valid_days is None:
         found = replace(found, valid_days=KINDS[kind].valid_days)
@@ -185,13 +185,13 @@ _STAGE = {"stage serial number": "stage_serial"}
 _GAIN_STEP_DB = 0.05
 # Dark current doubles every 6 to 8 K: beyond this it is off by a half and more.
 _TEMPERATURE_STEP_K = 5.0
-# Dark current is what an exposure much longer shows, and the calibration has hardly seen: a choice.
+# In exposures that are longer by more than this, dark current shows that the calibration hardly measured: a choice.
 _LONGER = 10.0
 _SECONDS_A_DAY = 86400.0
 
 
 def require_fit(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> tuple[str, ...]:
-    """Return what is doubtful about using a calibration for frames, in words; refuse other devices and settings."""
+    """Return doubts about using a calibration for frames; DataError for other devices or settings."""
     what = KINDS[kind].name
     wrong = misfits(kind, calibration, used)
     if wrong:
@@ -203,7 +203,7 @@ def require_fit(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> t
 
 
 def misfits(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> tuple[str, ...]:
-    """Return which devices and settings are others than a calibration was made for, in words."""
+    """Return the devices and settings that differ from those of a calibration, as text."""
     facts = _CAMERA | (_SETTINGS if KINDS[kind].of_gain else {}) | (_STAGE if KINDS[kind].of_stage else {})
     return tuple(
         f"{name}: calibrated {getattr(calibration, key)}, used {getattr(used, key)}"
@@ -213,20 +213,20 @@ def misfits(kind: CalibrationKind, calibration: MadeFor, used: MadeFor) -> tuple
 
 
 def age_days(calibration: MadeFor, used: MadeFor) -> float | None:
-    """Return how many days lie between a calibration and frames, below 0 where it came after; None is not known."""
+    """Return the days from a calibration to frames, below 0 if it came after them; None if not known."""
     if calibration.taken_utc is None or used.taken_utc is None:
         return None
     return (utc_moment(used.taken_utc) - utc_moment(calibration.taken_utc)).total_seconds() / _SECONDS_A_DAY
 
 
 def is_too_old(calibration: MadeFor, used: MadeFor) -> bool:
-    """Return whether more days lie between a calibration and frames than it holds for."""
+    """Return whether the days between a calibration and frames exceed its validity."""
     days = age_days(calibration, used)
     return days is not None and calibration.valid_days is not None and abs(days) > calibration.valid_days
 
 
 def temperature_step_k(calibration: MadeFor, used: MadeFor) -> float | None:
-    """Return by how much frames were warmer than a calibration where that matters [K]; None where it does not."""
+    """Return the temperature of frames less that of a calibration [K]; None if it is small or not known."""
     if calibration.temperature_c is None or used.temperature_c is None:
         return None
     step_k = used.temperature_c - calibration.temperature_c
@@ -234,7 +234,7 @@ def temperature_step_k(calibration: MadeFor, used: MadeFor) -> float | None:
 
 
 def is_beyond_exposures(calibration: MadeFor, used: MadeFor) -> bool:
-    """Return whether frames were exposed so much longer than those of a calibration that it says little of them."""
+    """Return whether frames were exposed more than ten times as long as those of a calibration."""
     made, now = calibration.exposure_range_s, used.exposure_range_s
     return made is not None and now is not None and now[1] > _LONGER * made[1]
 

@@ -38,7 +38,7 @@ Ratio = MeasuredOverFrames[Annotated[float, Field(ge=-10, le=10)]]
 
 
 def _without_bound(found: Any) -> Any:
-    """Return what a file has of a number, None where that is a bound."""
+    """Return a number of a file, None for a bound."""
     if isinstance(found, dict) and found.get("bound") in ("<", ">"):
         value = found.get("value")
         if not isinstance(value, int | float) or not abs(value) < float("inf"):
@@ -101,7 +101,7 @@ class NoiseParameters(CalibrationRecord):
     dsnu_e: _Known[StatedEstimate | None]
     covariance: JointErrors | None = None  #: Of their errors.
     performance: Performance | None = None  #: Figures of merit.
-    flags: tuple[Flag, ...] = ()  #: What was odd in the frames.
+    flags: tuple[Flag, ...] = ()  #: findings in the frames
     made_for: MadeFor | None = None
 
     @property

@@ -56,7 +56,7 @@ class FrameGroup:
     kind: LevelKind  #: without light, or with even light
     exposure_s: float | None
     loaders: tuple[Loader, ...]  #: each reads one frame, in the order in which they were taken
-    photons: float | None = None  #: mean photons a pixel, where somebody measured them
+    photons: float | None = None  #: mean photons a pixel, where they were measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class ListedImage:
     path: Path
     kind: LevelKind
     exposure_s: float | None = None
-    photons: float | None = None  #: mean photons a pixel, where somebody measured them
+    photons: float | None = None  #: mean photons a pixel, where they were measured
     level: str = ""  #: frames of one kind and exposure with another level are of another light
     temperature_c: float | None = None  #: of the sensor, by the header
 

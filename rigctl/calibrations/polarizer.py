@@ -85,7 +85,7 @@ def read_polarizer_file(path: str | Path) -> PolarizerParameters:
 def require_polarizer_fits(
     calibration: PolarizerParameters, used: MadeFor, *, polarizer: PolarizerSection | PolarizerAsTaken
 ) -> tuple[str, ...]:
-    """Return what is doubtful about frames of a rig by its polarizer calibration, in words."""
+    """Return doubts about frames of a rig by its polarizer calibration; DataError if they do not fit."""
     doubts = calibration.doubts(used)
     if polarizer.sense is not None and polarizer.offset_deg is not None:
         _require_same_axis(calibration, polarizer.sense, polarizer.offset_deg)

@@ -123,7 +123,7 @@ class GeneratorCells:
 
 
 def generator_cells(run: Run, records: Sequence[FrameRecord], generator_deg: GeneratorAngle) -> GeneratorCells:
-    """Return which frames of a generator scan belong to which pair of angles."""
+    """Return the frames of a generator scan at each pair of angles."""
     groups, stages_deg = _one_angle(np.array([_stage_deg(run, record) for record in records]))
     cells: dict[tuple[float, int], list[int]] = defaultdict(list)
     for index, (record, group) in enumerate(zip(records, groups, strict=True)):
@@ -143,7 +143,7 @@ def generator_cells(run: Run, records: Sequence[FrameRecord], generator_deg: Gen
 
 
 def _one_angle(angles_deg: FloatArray) -> tuple[list[int], FloatArray]:
-    """Return which of the stage's angles each frame was taken at, and these angles, ascending from 0 [deg].
+    """Return the number of the stage angle of each frame, and these angles, ascending from 0 [deg].
 
     A readback differs a little from frame to frame, also across 0: 359.998 and 0.003 deg are one angle.
     """
@@ -182,7 +182,7 @@ def _signals_dn(run: Run, records: Sequence[FrameRecord], region: Region | None)
 
 
 def _saturated(run: Run, records: Sequence[FrameRecord], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which pixels are saturated in any frame, where those of the region are as few as hot pixels are."""
+    """Return the pixels that are saturated in any frame; refuse more of them in the region than a few hot pixels."""
     saturated = np.zeros_like(inside)
     most = max(1, int(_FEW_SATURATED * np.count_nonzero(inside)))
     for record in records:
@@ -233,11 +233,11 @@ class KnownLight:
 class ScanCurve:
     """Light against the angle of what turned, and the law fitted to it."""
 
-    label: str  #: What stood still, such as "stage at 45.0 deg".
+    label: str  #: the element that stood still, such as "stage at 45.0 deg"
     angle_rad: FloatArray  #: Points of the scan.
     signal_dn: FloatArray
     fit: FourierFit  #: Malus' law.
-    harmonics: tuple[Harmonic, ...]  #: What the law leaves.
+    harmonics: tuple[Harmonic, ...]  #: of the residual
 
     @classmethod
     def of(cls, label: str, angle_rad: FloatArray, signal_dn: FloatArray) -> "ScanCurve":
@@ -403,7 +403,7 @@ class PolarimeterMaps:
         return found
 
     def axis_off_mean_rad(self) -> FloatArray:
-        """Return how far the axis of each block is from the mean over blocks, (N, V) [rad]."""
+        """Return the axis of each block less the mean over blocks, (N, V) [rad]."""
         axis = self.channels.axis_rad
         mean = 0.5 * np.angle(np.mean(np.exp(2j * axis), axis=1))
         return half_turn(axis - mean[:, None])

@@ -45,27 +45,27 @@ class CalibrationRecord:
 
     @property
     def origin(self) -> MadeFor:
-        """What it was made for, and until when it holds."""
+        """Devices, settings and time that it was made for, and its validity."""
         return made_for_of_file(self.KIND, self.made_for, created_utc=self.created_utc)
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Return the calibration of a file; DataError with every problem if it is none."""
+        """Return the calibration of a file; DataError names every problem."""
         return read_record(path, cls, made_by=cls.MADE_BY)
 
     @classmethod
     def read_fitting(cls, path: Path, run: Run) -> tuple[Self, tuple[str, ...]]:
-        """Return the calibration for the scene frames of a run, and what is doubtful about it, in words."""
+        """Return the calibration for the scene frames of a run, and doubts about it."""
         found = cls.read(path)
         return found, found.doubts(made_for_scene(run))
 
     def doubts(self, used: MadeFor) -> tuple[str, ...]:
-        """Return what is doubtful about using it for frames, in words; DataError for other devices or settings."""
+        """Return doubts about using it for frames; DataError for other devices or settings."""
         return require_fit(self.KIND, self.origin, used)
 
 
 def made_for_scene(run: Run) -> MadeFor:
-    """Return what the scene frames of a run were made with."""
+    """Return devices, settings and time of the scene frames of a run."""
     return made_for(run, [record for record in run.frames if record.kind == "scene"])
 
 
@@ -141,7 +141,7 @@ def checked_record(path: Path, text: bytes, record: type[Record], *, made_by: st
 
 
 def _other_kind(text: bytes, made_by: str) -> str | None:
-    """Return which kind of calibration a file is, or that it is no JSON; None where it says nothing of the kind."""
+    """Return the kind of calibration in a text, or that it is no JSON; None if it states no kind."""
     try:
         content = from_json(text)  # too deep is a ValueError of it
     except ValueError:

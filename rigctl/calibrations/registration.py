@@ -126,7 +126,7 @@ class RunRegistration:
 
 
 def before_and_after(found: Registration, index: int) -> str:
-    """Return what is left of the edges of a picture that do not lie on one another, in words."""
+    """Return the residual of the edges of a picture before and after it is moved back, as text."""
     before, after = found.edge_residual[index]
     return f"{before:.2%} before, {after:.2%} moved back"
 
@@ -137,7 +137,7 @@ def register_run(run: Run, *, cycle: int | None = None) -> RunRegistration:
     wanted = cycle if cycle is not None else (scenes[0].cycle if scenes else None)
     records = [record for record in scenes if record.cycle == wanted]
     if len(records) > _MOST_PICTURES:
-        # Repeats that nobody counted: the first at each angle.
+        # Repeats without a cycle number: the first at each angle.
         records = list({_near(angle_deg(run, record)): record for record in reversed(records)}.values())[::-1]
     angles = np.array([angle_deg(run, record) for record in records])
     if len(records) < 2:
@@ -204,7 +204,7 @@ class ImageRegistration(CalibrationRecord):
     schema_version: Annotated[int, Field(ge=SCHEMA_VERSION, le=SCHEMA_VERSION)]
     kind: Literal["registration"]
     made_for: MadeFor
-    angles: Annotated[tuple[AngleShift, ...], at_least(2)]  #: What was measured.
+    angles: Annotated[tuple[AngleShift, ...], at_least(2)]  #: as measured
     wander: Circle | None  #: Through the shifts; None of two angles.
 
     def shift_pixels(self, angle_deg: float, *, against_deg: float) -> FloatArray:

@@ -51,10 +51,10 @@ class StoredCalibration:
     """A calibration of a store."""
 
     kind: CalibrationKind  #: One of `KINDS`.
-    file: Path  #: Where it stands.
+    file: Path
     made_for: MadeFor  #: Devices, settings, time, and for how long it holds.
-    numbers: Numbers  #: What its history is drawn of: gain, read noise, dark current, offset of the axis [deg].
-    #: What it holds: a polarizer calibration has the axis, and the throughput unless fixed references were used.
+    numbers: Numbers  #: numbers with a history: gain, read noise, dark current, offset of the axis [deg]
+    #: contents: a polarizer calibration has the axis, and the throughput unless fixed references were used
     parts: tuple[str, ...]
 
 
@@ -87,13 +87,13 @@ class CalibrationStore:
 
 
 def store_beside(file: Path) -> Path | None:
-    """Return the store that stands beside a file; None where there is none."""
+    """Return the store in the folder of a file; None if it has none."""
     folder = file.absolute().parent / STORE_FOLDER
     return folder if folder.is_dir() else None
 
 
 def read_store(folder: Path) -> CalibrationStore:
-    """Return what a store holds, its subfolders included."""
+    """Return the content of a store, subfolders included."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder; a store of calibrations is a folder of their files")
     files = sorted(_files(folder))
@@ -155,7 +155,7 @@ def _stored(
 
 
 def _kind_of(file: Path) -> CalibrationKind:
-    """Return which kind a JSON file is; noise and polarizer calibrations say it by what they hold."""
+    """Return the kind of a JSON file; noise and polarizer calibrations are recognised by their keys."""
     try:
         content = json.loads(read_bounded(file, MOST_RECORD_BYTES))
     except OSError as error:
@@ -303,7 +303,7 @@ class Choice:
 
 
 def choices_json(choices: Sequence[Choice], damaged: Sequence[UnreadFile]) -> dict[str, Json]:
-    """Return what a result says of calibrations where there is a store."""
+    """Return the choices from a store as results hold them."""
     not_read: list[Json] = [{"file": str(one.file), "problem": one.problem} for one in damaged]
     return {
         "calibrations": {one.kind: one.pick.as_json() for one in choices if one.pick is not None},
@@ -323,7 +323,7 @@ def choose(
     *,
     require_usable: Callable[[Path], object] | None = None,
 ) -> Choice:
-    """Return which calibration of a kind fits frames best: the newest that is not younger than they are.
+    """Return the calibration of a kind that fits frames best: the newest that is not younger than they are.
 
     Refused are other devices and settings, and what is too old. One at the temperature and exposures of use goes before
     one that is not, one whose devices are stated before one that says nothing of them, one before the frames before
@@ -469,7 +469,7 @@ def picked_for_rig(
     store: Path | None = None,
     named: Mapping[CalibrationKind, Path | None],
 ) -> RigPicks:
-    """Return what the store has for a rig."""
+    """Return the calibrations of a store that fit a rig."""
     found = _store(rig_path, store)
     if found is None:
         return RigPicks()
@@ -480,7 +480,7 @@ def picked_for_rig(
 
 
 def store_doubts(rig: "RigFile", rig_path: Path, *, now_ns: int) -> tuple[str, ...]:
-    """Return what the store beside a rig file lacks or what in it expires soon, in words; nothing without a store."""
+    """Return what is missing or expires soon in the store of a rig file, as text; nothing without a store."""
     store = _store(rig_path, None)
     if store is None:
         return ()
@@ -516,7 +516,7 @@ def _doubts(store: CalibrationStore, kind: CalibrationKind, rig: "RigFile", used
 
 
 def _usable(kind: CalibrationKind, rig: "RigFile", used: MadeFor) -> Callable[[Path], object] | None:
-    """Return what holds a file against the rig; None where its devices and settings are all there is to hold."""
+    """Return the function that checks a file for a rig; None if devices and settings are all there is to check."""
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.polarizer import PolarizerParameters, require_polarizer_fits
 

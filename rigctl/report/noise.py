@@ -436,7 +436,7 @@ def _draw_noise(axes: Axes, calibration: NoiseCalibration) -> None:
 
 
 def _left_dn(calibration: NoiseCalibration) -> float:
-    """Return where the axis begins: below the faintest point whose photon noise is known, not of one that is dark."""
+    """Return the start of the axis: below the faintest point whose photon noise is known."""
     points, used = calibration.transfer.points, calibration.transfer.used
     relative = points.std_error_dn2[used] / calibration.transfer.variance_at(points.signal_dn[used])
     known = np.abs(relative) < max(_KNOWN * float(np.median(np.abs(relative))), _LEAST_KNOWN)
@@ -729,7 +729,7 @@ def _flags(flags: tuple[Flag, ...]) -> Block:
 
 def _curves(noise: NoiseCalibration) -> Iterable[Section]:
     yield _pictured("Photon transfer", photon_transfer_png(noise), _TRANSFER)
-    no_curve = f" Its curve is a bound, or there is none: {not_known(noise).get('read_noise_e', 'it is not known')}."
+    no_curve = f" Its curve is a bound, or missing: {not_known(noise).get('read_noise_e', 'it is not known')}."
     yield _pictured("Signal-to-noise ratio", snr_png(noise), _SNR + (no_curve if noise.read_noise_e is None else ""))
     yield _pictured("Linearity", linearity_png(noise), _LINEARITY, otherwise="The light of the levels is not known.")
     caption = _DARK.format("" if noise.dark_current_e_per_s is None else _DARK_CURRENT)

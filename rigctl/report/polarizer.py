@@ -43,7 +43,7 @@ def number_table(found: PolarizerCalibration) -> Table[_TextRow]:
 
 
 def harmonic_table(found: PolarizerCalibration) -> Table[Harmonic]:
-    """Return what Malus' law leaves, by cycles a turn."""
+    """Return the residual of Malus' law by cycles a turn."""
     columns: tuple[Column[Harmonic], ...] = (
         Column(title="cycles a turn", text=lambda one: str(one.order), left=True),
         Column(title="amplitude [%]", text=lambda one: f"{100 * one.amplitude:.3f}"),

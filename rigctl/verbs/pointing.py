@@ -144,7 +144,7 @@ def pointing(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointingResult(Result):
-    """Where camera and panels point."""
+    """Direction of the camera, and tilt of panels."""
 
     pose: "CameraPose"
     sources: tuple[str, ...]  #: what it was found from
@@ -203,7 +203,7 @@ class PointingResult(Result):
 
     @property
     def pointing(self) -> "PointingSection | None":
-        """How the errors go together, as a scene file has it; None where each is on its own."""
+        """Correlations of the errors, as in a scene file; None if there are none."""
         import numpy as np
 
         from rigctl.files.place import PointingSection
@@ -228,7 +228,7 @@ class PointingResult(Result):
 
     @property
     def contradictions(self) -> tuple[str, ...]:
-        """Which sources the others exclude, in words."""
+        """Sources that the others exclude, as text."""
         return tuple(
             f"{_contradicts(one.name, self.sources)} (chi-square {one.chi_square:.1f}, p = {one.p_value:.1g}); all "
             "uncertainties are widened by that: look at it, or leave it out"
