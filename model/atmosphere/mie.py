@@ -321,7 +321,6 @@ _MOST_HALVINGS = 5
 _MEMORY = 64
 
 
-@lru_cache(maxsize=_MEMORY)
 def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: float = 1e-3) -> AerosolScattering:
     """Attenuation and scattering matrix of an aerosol of spheres at one wavelength; remembered.
 
@@ -349,6 +348,12 @@ def aerosol_scattering(aerosol: MieAerosol, *, wavelength_m: float, tolerance: f
     ----------
     Hansen & Travis, Space Sci. Rev. 16 (1974) 527, doi:10.1007/BF00168069, section 2.
     """
+    return _scattering(aerosol, wavelength_m, tolerance)
+
+
+@lru_cache(maxsize=_MEMORY)
+def _scattering(aerosol: MieAerosol, wavelength_m: float, tolerance: float) -> AerosolScattering:
+    """Return what `aerosol_scattering` does; kept under the same key whether or not the tolerance is the usual one."""
     _require_positive(wavelength_m=wavelength_m, tolerance=tolerance)
     ranges = _size_ranges(aerosol, wavelength_m=wavelength_m, tolerance=tolerance)
     grid = angular_grid(largest_size_parameter=max(float(bounds[-1]) for bounds in ranges if bounds.size))

@@ -59,3 +59,14 @@ def azimuth_modes(matrices: NDArray, count: int) -> NDArray:
         modes[m] = cosine
         modes[m, :2, 2], modes[m, 2, :2] = -sine[:2, 2], sine[2, :2]
     return modes
+
+
+def efficiencies(size: NDArray[np.float64], a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    """Extinction, scattering and asymmetry of spheres, shape (3, N): Bohren & Huffman (4.61), (4.62), section 4.5."""
+    order = np.arange(1, a.shape[1] + 1)
+    scattering = 2.0 / size**2 * ((np.abs(a) ** 2 + np.abs(b) ** 2) @ (2 * order + 1))
+    neighbours = (a[:, :-1] * a[:, 1:].conj() + b[:, :-1] * b[:, 1:].conj()).real
+    cosines = neighbours @ (order * (order + 2) / (order + 1))[:-1]
+    cosines = cosines + (a * b.conj()).real @ ((2 * order + 1) / (order * (order + 1)))
+    extinction = 2.0 / size**2 * ((a + b).real @ (2 * order + 1))
+    return np.stack([extinction, scattering, 4.0 / size**2 * cosines / scattering])

@@ -16,13 +16,13 @@ from model.atmosphere.mie import (
     aerosol_extinction_m2,
     aerosol_scattering,
     amplitude_sums,
-    extinction_efficiency,
     log_normal,
     mixed_index,
     number_of_volume,
     sphere_coefficients,
 )
 from tests.model.atmosphere.mie_cases import NOMINAL_RURAL, REFERENCE, aerosol_of
+from tests.model.atmosphere.oracles import efficiencies
 
 MU = np.array(REFERENCE["mu"])
 
@@ -33,17 +33,6 @@ def one_sphere(x, n, k, mu=MU):
     a, b = sphere_coefficients(size_parameter=size, n=n, k=k)
     plus, minus = amplitude_sums(a, b, mu)
     return efficiencies(size, a, b)[:, 0], (plus[0] + minus[0]) / 2, (plus[0] - minus[0]) / 2
-
-
-def efficiencies(size, a, b):
-    """Extinction, scattering and asymmetry of spheres, shape (3, N): Bohren & Huffman (4.61), (4.62), section 4.5."""
-    order = np.arange(1, a.shape[1] + 1)
-    scattering = 2.0 / size**2 * ((np.abs(a) ** 2 + np.abs(b) ** 2) @ (2 * order + 1))
-    neighbours = (a[:, :-1] * a[:, 1:].conj() + b[:, :-1] * b[:, 1:].conj()).real
-    cosines = neighbours @ (order * (order + 2) / (order + 1))[:-1]
-    cosines = cosines + (a * b.conj()).real @ ((2 * order + 1) / (order * (order + 1)))
-    extinction = extinction_efficiency(size_parameter=size, a=a, b=b)
-    return np.stack([extinction, scattering, 4.0 / size**2 * cosines / scattering])
 
 
 @pytest.mark.parametrize("case", REFERENCE["spheres"], ids=lambda case: f"x={case['x']} m={case['n']}+{case['k']}i")
