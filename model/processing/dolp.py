@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.moments import checked_pair
-from model.numerics import gauss_hermite, integrate_panels, ndtr
+from model.numerics import gauss_hermite, ndtr
 from model.processing.dolp_law import (
     DolpFrame,
     cdf,
     distribution_tails,
     dolp_frame,
-    pair_tails,
     pdf,
     probability_above,
     quantile,
@@ -36,7 +35,6 @@ FloatArray = NDArray[np.float64]
 
 __all__ = [
     "DolpMoments",
-    "always_existing",
     "cdf",
     "distribution_tails",
     "first_order",
@@ -115,7 +113,7 @@ def moments(
     Notes
     -----
     Moments exist at the tolerance if treating S0 below 1 % of its mean in another way changes them by less.
-    Where they do not, `always_existing` and `quantile` say what can be said. In the condition S0 > 0 is meant.
+    Where they do not, quantiles exist (`quantile`). All moments are given S0 > 0.
 
     Differs from [MK14]: eq. (24) is DoLP at the mean, not the mean of DoLP, and eq. (25) its first-order variance;
     both fail where S1 and S2 are few standard deviations from zero, whatever the signal-to-noise ratio of S0.
@@ -127,13 +125,34 @@ def moments(
     if not tolerance > 0.0:
         raise ValueError(f"tolerance = {tolerance}; allowed is above 0")
     frame, shape = dolp_frame(stokes_mean, stokes_cov)
-    columns = _expanded(frame, stokes_mean, stokes_cov, shape, tolerance)
-    doubt, existing_to = _ambiguity(frame), tolerance if existing_to is None else min(existing_to, tolerance)
-    pending = np.flatnonzero((columns.method == _NONE) & (frame.mean_0 > 0.0) & (doubt.dark <= existing_to))
+    numbers, method = _expanded(frame, stokes_mean, stokes_cov, shape, tolerance)
+    doubt_of_mean, doubt_of_square, dark = _ambiguity(frame)
+    existing_to = tolerance if existing_to is None else min(existing_to, tolerance)
+    pending = np.flatnonzero((method == _NONE) & (frame.mean_0 > 0.0) & (dark <= existing_to))
     for refinement in range(_REFINEMENTS + 1):
-        _quadrature(columns, frame, pending, refinement)
-        pending = pending[~_within(columns, pending, tolerance)]
-    return _result(columns, frame, doubt, shape, existing_to)
+        numbers[:, pending], method[pending] = _exact_moments(frame[pending], refinement=refinement), _EXACT
+        mean, std, mean_error, std_error = numbers[:, pending]
+        pending = pending[~((mean_error <= tolerance * mean) & (std_error <= tolerance * std))]
+    mean, std, mean_error, std_error = numbers
+    with np.errstate(invalid="ignore", divide="ignore"):
+        doubt_of_std = np.where(doubt_of_square > 0.0, doubt_of_square / (2.0 * std), 0.0)
+        defined = (doubt_of_mean <= existing_to * mean) & (doubt_of_std <= existing_to * std)
+        exists = defined & (dark <= existing_to) & (frame.mean_0 > 0.0)
+        snr = mean / std
+
+    def shaped(values: FloatArray) -> FloatArray:
+        return np.where(exists, values, np.nan).reshape(shape)[()]
+
+    return DolpMoments(
+        mean=shaped(mean),
+        std=shaped(std),
+        snr=shaped(snr),
+        method=np.where(exists, method, _NONE).reshape(shape)[()],
+        mean_error=shaped(mean_error + doubt_of_mean),
+        std_error=shaped(std_error + doubt_of_std),
+        exists=exists.reshape(shape)[()],
+        reason=_reasons(frame, exists, existing_to).reshape(shape)[()],
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,46 +210,39 @@ def first_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     return Expansion(mean=np.broadcast_to(p, variance.shape)[()], variance=variance)
 
 
-@dataclass(kw_only=True)
-class _Columns:
-    """Results under construction, each of shape (M,)."""
-
-    mean: FloatArray
-    std: FloatArray
-    mean_error: FloatArray
-    std_error: FloatArray
-    method: NDArray[np.str_]
-
-
 # An expansion is never trusted closer to the kink at S1 = S2 = 0, or to S0 = 0, than this.
 _LEAST_SNR = 4.0
 
 
 def _expanded(
     frame: DolpFrame, stokes_mean: ArrayLike, stokes_cov: ArrayLike, shape: tuple[int, ...], tolerance: float
-) -> _Columns:
-    """Return the results of the expansions where they meet the tolerance."""
-    count = len(frame)
-    columns = _Columns(
-        mean=np.full(count, np.nan),
-        std=np.full(count, np.nan),
-        mean_error=np.full(count, np.nan),
-        std_error=np.full(count, np.nan),
-        method=np.full(count, _NONE, dtype="<U12"),
-    )
+) -> tuple[FloatArray, NDArray[np.str_]]:
+    """Return mean, deviation and their errors, (4, M), by the expansions that meet the tolerance, and the methods."""
+    numbers, method = np.full((4, len(frame)), np.nan), np.full(len(frame), _NONE, dtype="<U12")
     index = np.flatnonzero(_least_snr(frame) > _LEAST_SNR)
     mean, cov = checked_pair(stokes_mean, stokes_cov)
     mean = np.broadcast_to(mean, (*shape, 3)).reshape(-1, 3)[index]
     cov = np.broadcast_to(cov, (*shape, 3, 3)).reshape(-1, 3, 3)[index]
     first, second = first_order(mean, cov), second_order(mean, cov)
+    first_std, second_std = _root(first.variance), _root(second.variance)
     with np.errstate(divide="ignore", invalid="ignore"):
-        rest = _next_order(frame[index], first, second)
-        second_errors = rest * first.mean, rest * _root(first.variance)
-        mean_error = np.abs(second.mean - first.mean) + second_errors[0]
-        std_error = np.abs(_root(second.variance) - _root(first.variance)) + second_errors[1]
-    _accept(columns, index, second, *second_errors, _SECOND, tolerance)
-    _accept(columns, index, first, mean_error, std_error, _FIRST, tolerance)
-    return columns
+        # The relative size of the terms that second order leaves out.
+        changes = np.abs(second.mean / first.mean - 1.0), np.abs(second_std / first_std - 1.0)
+        far = 1.0 / _least_snr(frame[index]) ** 2
+        rest = _NEXT_ORDER * np.maximum(np.maximum(*changes), far) ** 2
+        errors = rest * first.mean, rest * first_std
+        of_first = np.abs(second.mean - first.mean) + errors[0], np.abs(second_std - first_std) + errors[1]
+    for name, found in (
+        (_SECOND, np.array([second.mean, second_std, *errors])),
+        (_FIRST, np.array([first.mean, first_std, *of_first])),
+    ):
+        good = np.all(found[2:] <= _MARGIN * tolerance * found[:2], axis=0)
+        numbers[:, index[good]], method[index[good]] = found[:, good], name
+    return numbers, method
+
+
+# Factor on the square of the largest relative correction, for the terms beyond second order.
+_NEXT_ORDER = 4.0
 
 
 def _least_snr(frame: DolpFrame) -> FloatArray:
@@ -286,76 +298,25 @@ def second_order(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> Expansion:
     Definition (Taylor expansion to fourth order in the deviations).
     """
     mean, cov = _checked(stokes_mean, stokes_cov)
-    local = _local(mean, cov)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return Expansion(mean=_second_mean(local), variance=_first_variance(local) + _variance_excess(local))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Local:
-    """Covariance relative to S0, in axes along S0, along the polarization (e) and across it (t)."""
-
-    p: FloatArray
-    v00: FloatArray
-    v0e: FloatArray
-    v0t: FloatArray
-    vee: FloatArray
-    vet: FloatArray
-    vtt: FloatArray
-
-
-def _local(mean: FloatArray, cov: FloatArray) -> _Local:
     cos, sin, p = _direction(mean)
+    # Covariance relative to S0, in axes along S0, along the polarization (e) and across it (t).
     v = cov / (mean[..., 0] ** 2)[..., None, None]
-    v01, v02, v11, v12, v22 = v[..., 0, 1], v[..., 0, 2], v[..., 1, 1], v[..., 1, 2], v[..., 2, 2]
-    return _Local(
-        p=p,
-        v00=v[..., 0, 0],
-        v0e=cos * v01 + sin * v02,
-        v0t=cos * v02 - sin * v01,
-        vee=cos**2 * v11 + 2.0 * cos * sin * v12 + sin**2 * v22,
-        vet=cos * sin * (v22 - v11) + (cos**2 - sin**2) * v12,
-        vtt=sin**2 * v11 - 2.0 * cos * sin * v12 + cos**2 * v22,
-    )
-
-
-def _second_mean(v: _Local) -> FloatArray:
-    return np.asarray(v.p + v.p * v.v00 - v.v0e + v.vtt / (2.0 * v.p))
-
-
-def _first_variance(v: _Local) -> FloatArray:
-    return np.asarray(v.p**2 * v.v00 - 2.0 * v.p * v.v0e + v.vee)
-
-
-def _variance_excess(v: _Local) -> FloatArray:
-    """Return tr(H V H V) / 2 + g_i T_jkl V_ij V_kl with the derivatives of sqrt((P + e)^2 + t^2) / (1 + d0)."""
-    p = v.p
-    a0, ae, at = v.v0e - p * v.v00, v.vee - p * v.v0e, v.vet - p * v.v0t
-    third = a0 * (4.0 * v.v0e - 6.0 * p * v.v00 - v.vtt / p)
-    third = third + ae * (2.0 * v.v00 - v.vtt / p**2) - 2.0 * at * (v.v0t / p + v.vet / p**2)
-    return np.asarray(0.5 * _hessian_square(v) + third)
-
-
-def _hessian_square(v: _Local) -> FloatArray:
-    """Return tr(H V H V), H having the entries 2P (00), -1 (0e) and 1/P (tt)."""
-    p = v.p
-    b00, b0e, b0t = 2.0 * p * v.v00 - v.v0e, 2.0 * p * v.v0e - v.vee, 2.0 * p * v.v0t - v.vet
-    be0, bee, bet = -v.v00, -v.v0e, -v.v0t
-    bt0, bte, btt = v.v0t / p, v.vet / p, v.vtt / p
-    diagonal = b00**2 + bee**2 + btt**2
-    return np.asarray(diagonal + 2.0 * (b0e * be0 + b0t * bt0 + bet * bte))
-
-
-# What is left out beyond second order, over the square of the largest relative correction.
-_NEXT_ORDER = 4.0
-
-
-def _next_order(frame: DolpFrame, first: Expansion, second: Expansion) -> FloatArray:
-    """Return an estimate of the relative size of what second order leaves out; not a number if there is none."""
-    mean_change = np.abs(second.mean / first.mean - 1.0)
-    std_change = np.abs(_root(second.variance) / _root(first.variance) - 1.0)
-    far = 1.0 / _least_snr(frame) ** 2
-    return np.asarray(_NEXT_ORDER * np.maximum(np.maximum(mean_change, std_change), far) ** 2)
+    v00, v01, v02, v11, v12, v22 = (v[..., i, j] for i in range(3) for j in range(i, 3))
+    v0e, v0t = cos * v01 + sin * v02, cos * v02 - sin * v01
+    vee = cos**2 * v11 + 2.0 * cos * sin * v12 + sin**2 * v22
+    vet = cos * sin * (v22 - v11) + (cos**2 - sin**2) * v12
+    vtt = sin**2 * v11 - 2.0 * cos * sin * v12 + cos**2 * v22
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # tr(H V H V) with the second derivatives 2P (00), -1 (0e), 1/P (tt) of sqrt((P + e)^2 + t^2) / (1 + d0).
+        diagonal = (2.0 * p * v00 - v0e) ** 2 + v0e**2 + (vtt / p) ** 2
+        mixed = -(2.0 * p * v0e - vee) * v00 + (2.0 * p * v0t - vet) * v0t / p - v0t * vet / p
+        # Gradient times third derivatives, g_i T_jkl V_ij V_kl.
+        a0, ae, at = v0e - p * v00, vee - p * v0e, vet - p * v0t
+        third = a0 * (4.0 * v0e - 6.0 * p * v00 - vtt / p)
+        third = third + ae * (2.0 * v00 - vtt / p**2) - 2.0 * at * (v0t / p + vet / p**2)
+        first_variance = p**2 * v00 - 2.0 * p * v0e + vee
+        variance = first_variance + 0.5 * (diagonal + 2.0 * mixed) + third
+        return Expansion(mean=np.asarray(p + p * v00 - v0e + vtt / (2.0 * p)), variance=np.asarray(variance))
 
 
 def _root(variance: FloatArray) -> FloatArray:
@@ -363,39 +324,12 @@ def _root(variance: FloatArray) -> FloatArray:
     return np.sqrt(np.where(variance >= 0.0, variance, np.nan))
 
 
-def _accept(
-    columns: _Columns,
-    index: NDArray[np.int64],
-    found: Expansion,
-    mean_error: FloatArray,
-    std_error: FloatArray,
-    method: str,
-    tolerance: float,
-) -> None:
-    std = _root(found.variance)
-    good = (mean_error <= _MARGIN * tolerance * found.mean) & (std_error <= _MARGIN * tolerance * std)
-    chosen = index[good]
-    columns.mean[chosen], columns.std[chosen] = found.mean[good], std[good]
-    columns.mean_error[chosen], columns.std_error[chosen] = mean_error[good], std_error[good]
-    columns.method[chosen] = method
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Ambiguity:
-    """Change by the choice of a cut-off near S0 = 0, each of shape (M,)."""
-
-    mean: FloatArray
-    square: FloatArray
-    dark: FloatArray
-
-
 # Cut-offs between this share of the mean of S0 and the mean itself are taken to be equally good.
 _CUT_OFF = 0.01
-_PANEL_ENDS = (1e-10, 1e-4, 0.05, 0.5, 0.95, 1.0 - 1e-4, 1.0 - 1e-10)
 
 
-def _ambiguity(frame: DolpFrame) -> _Ambiguity:
-    """Return how far the moments of DoLP depend on how S0 near zero is treated."""
+def _ambiguity(frame: DolpFrame) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the change of mean and mean square of DoLP by the choice of a cut-off near S0 = 0, and Pr(S0 < 0)."""
     sigma = np.where(frame.sigma_0 > 0.0, frame.sigma_0, 1.0)
     snr = np.where(frame.sigma_0 > 0.0, frame.mean_0 / sigma, np.inf)
     at_zero = np.exp(-0.5 * np.minimum(snr**2, 1500.0)) / (sigma * np.sqrt(2.0 * np.pi))
@@ -403,51 +337,32 @@ def _ambiguity(frame: DolpFrame) -> _Ambiguity:
     square = (frame.excess_1**2 + frame.excess_2**2) / sigma**2 + frame.radius_1**2 + frame.radius_2**2
     bright = np.maximum(frame.mean_0, 1e-300)
     known = frame.sigma_0 == 0.0
-    return _Ambiguity(
-        mean=np.where(known, 0.0, -at_zero * np.sqrt(square) * np.log(_CUT_OFF)),
-        square=np.where(known, 0.0, at_zero * square / (_CUT_OFF * bright)),
-        dark=np.where(known, 0.0, ndtr(-snr)),
-    )
-
-
-def _quadrature(columns: _Columns, frame: DolpFrame, index: NDArray[np.int64], refinement: int) -> None:
-    found = _exact_moments(frame[index], refinement=refinement)
-    columns.mean[index], columns.std[index] = found.mean, found.std
-    columns.mean_error[index], columns.std_error[index] = found.mean_error, found.std_error
-    columns.method[index] = _EXACT
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ExactMoments:
-    """Mean and standard deviation of DoLP, each of shape (M,), with estimated absolute errors."""
-
-    mean: FloatArray
-    std: FloatArray
-    mean_error: FloatArray
-    std_error: FloatArray
+    of_mean = np.where(known, 0.0, -at_zero * np.sqrt(square) * np.log(_CUT_OFF))
+    of_square = np.where(known, 0.0, at_zero * square / (_CUT_OFF * bright))
+    return of_mean, of_square, np.where(known, 0.0, ndtr(-snr))
 
 
 # Share of its mean down to which S0 is followed: moments that depend on what is below do not exist.
 _LEAST_INTENSITY = 0.01
-_LOG_STEP_MOMENT_QUADRATURE = 0.1
+_INTENSITY_STEP = 0.1
 _NODE_CLASSES = (1, 40, 80, 160, 512, 1024, 2048)
 
 
-def _exact_moments(frame: DolpFrame, *, refinement: int = 0) -> _ExactMoments:
-    """Return mean and standard deviation of DoLP by quadrature."""
+def _exact_moments(frame: DolpFrame, *, refinement: int) -> FloatArray:
+    """Return mean and standard deviation of DoLP by quadrature, with their estimated errors, shape (4, M)."""
     centre, width = _outer_map(frame)
     low, high = _outer_ends(centre, width)
-    needed = 2.0**refinement * (high - low) / _LOG_STEP_MOMENT_QUADRATURE + 1.0
+    needed = 2.0**refinement * (high - low) / _INTENSITY_STEP + 1.0
     needed[frame.sigma_0 == 0.0] = 1.0
-    columns = np.zeros((4, len(frame)))
+    found = np.zeros((4, len(frame)))
     previous = 0.0
     for count in _NODE_CLASSES:
         chosen = np.flatnonzero((needed > previous) & ((needed <= count) | (count == _NODE_CLASSES[-1])))
-        for part in _chunks_moment_quadrature(chosen, count):
+        for part in _chunks(chosen, max(1, 16384 // count)):
             rule = _outer_rule(frame[part], centre[part], width[part], count)
-            columns[:, part] = _with_outer_rule(frame[part], *rule)
+            found[:, part] = _with_outer_rule(frame[part], *rule)
         previous = count
-    return _ExactMoments(mean=columns[0], std=columns[1], mean_error=columns[2], std_error=columns[3])
+    return found
 
 
 # Standard deviations of S0 that are covered; a normal variable is farther out with probability 2e-21.
@@ -468,11 +383,6 @@ def _outer_map(frame: DolpFrame) -> tuple[FloatArray, FloatArray]:
 
 def _outer_ends(centre: FloatArray, width: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.arcsinh((-_REACH - centre) / width), np.arcsinh((_REACH - centre) / width)
-
-
-def _chunks_moment_quadrature(index: NDArray[np.int64], count: int) -> list[NDArray[np.int64]]:
-    size = max(1, 16384 // count)
-    return [index[start : start + size] for start in range(0, index.size, size)]
 
 
 def _outer_rule(frame: DolpFrame, centre: FloatArray, width: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
@@ -556,8 +466,8 @@ def rice_moments(
 _CHUNK = 128
 
 
-def _chunks(index: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    return [index[start : start + _CHUNK] for start in range(0, index.size, _CHUNK)]
+def _chunks(index: NDArray[np.intp], size: int = _CHUNK) -> list[NDArray[np.intp]]:
+    return [index[start : start + size] for start in range(0, index.size, size)]
 
 
 def _far(
@@ -633,35 +543,6 @@ def _combined(deviation: FloatArray, variance: FloatArray, weights: FloatArray) 
     return mean, np.sqrt(spread)
 
 
-def _within(columns: _Columns, index: NDArray[np.int64], tolerance: float) -> NDArray[np.bool_]:
-    mean_good = columns.mean_error[index] <= tolerance * columns.mean[index]
-    return np.asarray(mean_good & (columns.std_error[index] <= tolerance * columns.std[index]))
-
-
-def _result(
-    columns: _Columns, frame: DolpFrame, doubt: _Ambiguity, shape: tuple[int, ...], existing_to: float
-) -> DolpMoments:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        std_doubt = np.where(doubt.square > 0.0, doubt.square / (2.0 * columns.std), 0.0)
-        defined = (doubt.mean <= existing_to * columns.mean) & (std_doubt <= existing_to * columns.std)
-        exists = defined & (doubt.dark <= existing_to) & (frame.mean_0 > 0.0)
-        snr = columns.mean / columns.std
-
-    def shaped(values: FloatArray) -> FloatArray:
-        return np.where(exists, values, np.nan).reshape(shape)[()]
-
-    return DolpMoments(
-        mean=shaped(columns.mean),
-        std=shaped(columns.std),
-        snr=shaped(snr),
-        method=np.where(exists, columns.method, _NONE).reshape(shape)[()],
-        mean_error=shaped(columns.mean_error + doubt.mean),
-        std_error=shaped(columns.std_error + std_doubt),
-        exists=exists.reshape(shape)[()],
-        reason=_reasons(frame, exists, existing_to).reshape(shape)[()],
-    )
-
-
 def _reasons(frame: DolpFrame, exists: NDArray[np.bool_], tolerance: float) -> NDArray[np.str_]:
     reasons = np.full(exists.shape, "", dtype="<U128")
     for index in np.flatnonzero(~exists):
@@ -670,52 +551,3 @@ def _reasons(frame: DolpFrame, exists: NDArray[np.bool_], tolerance: float) -> N
             f"to {tolerance:g}; quantiles exist"
         )
     return reasons
-
-
-@dataclass(frozen=True, kw_only=True)
-class AlwaysExisting:
-    """Statistics of DoLP that exist with or without moments."""
-
-    prob_not_positive: FloatArray
-    probabilities: FloatArray
-    quantiles: FloatArray
-    clipped_mean: FloatArray
-    clipped_std: FloatArray
-
-
-def always_existing(
-    stokes_mean: ArrayLike,
-    stokes_cov: ArrayLike,
-    *,
-    probabilities: ArrayLike = (0.001, 0.025, 0.16, 0.5, 0.84, 0.975, 0.999),
-) -> AlwaysExisting:
-    """Return Pr(S0 <= 0), quantiles of DoLP, and the moments of min(DoLP, 1), which always exist."""
-    frame, shape = dolp_frame(stokes_mean, stokes_cov)
-    levels = np.asarray(probabilities, dtype=np.float64)
-    mean, cov = np.asarray(stokes_mean)[..., None, :], np.asarray(stokes_cov)[..., None, :, :]
-    clipped_mean, clipped_std = _clipped(frame, quantile(_PANEL_ENDS, mean, cov).reshape(-1, len(_PANEL_ENDS)))
-    return AlwaysExisting(
-        prob_not_positive=ndtr(-frame.snr_0).reshape(shape)[()],
-        probabilities=levels,
-        quantiles=quantile(levels, mean, cov),
-        clipped_mean=clipped_mean.reshape(shape)[()],
-        clipped_std=clipped_std.reshape(shape)[()],
-    )
-
-
-def _clipped(frame: DolpFrame, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the moments of min(DoLP, 1) as integrals of its tails about its median."""
-    inside = np.minimum(ends, 1.0)
-    centre = inside[:, len(_PANEL_ENDS) // 2]
-    cuts = np.concatenate([np.zeros((len(frame), 1)), inside, np.ones((len(frame), 1))], axis=1)
-
-    def integrand(index: NDArray[np.int64], x: FloatArray) -> FloatArray:
-        found = pair_tails(frame[np.repeat(index, x.shape[1])], x.ravel())
-        away = x - centre[index][:, None]
-        tail = np.where(away < 0.0, -found.lower.reshape(x.shape), found.upper.reshape(x.shape))
-        return np.stack([tail, 2.0 * away * tail])
-
-    cuts = np.sort(cuts, axis=1)
-    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-9, noise=np.full(len(frame), 1e-13))
-    shift, square = found.value[:, 0], found.value[:, 1]
-    return centre + shift, np.sqrt(np.maximum(square - shift**2, 0.0))

@@ -173,18 +173,6 @@ def test_regions_are_computed_together_as_apart():
     assert together.exists.tolist() == [True, True, True, False]
 
 
-@pytest.mark.slow
-def test_what_always_exists_of_the_reference():
-    for case in dolp_cases():
-        if "clipped_mean" in case:
-            found = dolp.always_existing(case["stokes"], case["cov"], probabilities=[0.5])
-            # The reference is in double precision, about 1e-11.
-            np.testing.assert_allclose(found.clipped_mean, case["clipped_mean"], rtol=1e-10)
-            np.testing.assert_allclose(found.clipped_std, case["clipped_std"], rtol=1e-10)
-            np.testing.assert_allclose(found.prob_not_positive, float(case["prob_dark"]), rtol=1e-12)
-            np.testing.assert_allclose(found.quantiles[0], float(case["quantiles"]["0.5"]), rtol=4e-11)
-
-
 @settings(deadline=None, max_examples=15)
 @given(angle=st.floats(-3.0, 3.0), p=st.floats(0.0, 1.0))
 def test_turning_the_axes_changes_no_moment(angle, p):
