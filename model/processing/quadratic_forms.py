@@ -17,6 +17,7 @@ from model.numerics import erfcx, gamma, gammainccinv, gammaincinv
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 LongArray = NDArray[np.longdouble]
+RealArray = NDArray[np.floating]
 
 
 def upper_quantile(probability: ArrayLike, degrees: int) -> FloatArray:
@@ -87,7 +88,8 @@ def tail_probabilities(
     Rice, SIAM J. Sci. Stat. Comput. 1, 438 (1980), doi:10.1137/0901032 (saddle-point contours);
     Imhof, Biometrika 48, 419 (1961), doi:10.1093/biomet/48.3-4.419 (the distribution).
     """
-    _require_tolerance(tolerance)
+    if not _SMALLEST_TOLERANCE <= tolerance <= 0.01:
+        raise ValueError(f"tolerance is {tolerance}; allowed is {_SMALLEST_TOLERANCE:g} to 0.01 (relative)")
     level, w, b, nu = _broadcast(threshold, weights, offsets, degrees, constant)
     shape = level.shape
     level, w, b = level.ravel(), w.reshape(-1, w.shape[-1]), b.reshape(-1, b.shape[-1])
@@ -101,7 +103,7 @@ def tail_probabilities(
 
 def _half_of_rare(p: FloatArray, degrees: int) -> FloatArray:
     half = np.asarray(gammainccinv(0.5 * degrees, p), dtype=np.float64)
-    for _ in range(_polishes(degrees)):
+    for _ in range(_POLISHES if degrees <= _MOST_POLISHED else 0):
         scaled = _scaled_tail(half, degrees)
         excess = (np.exp(-0.5 * half) / p) * (scaled * np.exp(-0.5 * half)) - 1.0
         half = half + np.log1p(excess) * scaled / _density(half, degrees)
@@ -111,10 +113,6 @@ def _half_of_rare(p: FloatArray, degrees: int) -> FloatArray:
 _POLISHES = 2  # Newton steps; the start is good to 1e-8 or better in every release of SciPy
 # Beyond so many degrees of freedom powers and factorials leave the range of a double: the start stays as it is.
 _MOST_POLISHED = 200
-
-
-def _polishes(degrees: int) -> int:
-    return _POLISHES if degrees <= _MOST_POLISHED else 0
 
 
 def _scaled_tail(half: FloatArray, degrees: int) -> FloatArray:
@@ -138,7 +136,7 @@ def _density(half: FloatArray, degrees: int) -> FloatArray:
 def _half_of_common(p: FloatArray, degrees: int) -> FloatArray:
     q = 1.0 - p
     half = np.asarray(gammaincinv(0.5 * degrees, q), dtype=np.float64)
-    for _ in range(_polishes(degrees)):
+    for _ in range(_POLISHES if degrees <= _MOST_POLISHED else 0):
         scaled = _scaled_lower_tail(half, degrees)
         excess = np.exp(-half) * scaled / q - 1.0
         half = half * (1.0 - excess * scaled / (half * _density(half, degrees)))
@@ -157,11 +155,6 @@ def _scaled_lower_tail(half: FloatArray, degrees: int) -> FloatArray:
         term = term * half / (order + k)
         total = total + term
     return np.asarray(total, dtype=np.float64)
-
-
-def _require_tolerance(tolerance: float) -> None:
-    if not _SMALLEST_TOLERANCE <= tolerance <= 0.01:
-        raise ValueError(f"tolerance is {tolerance}; allowed is {_SMALLEST_TOLERANCE:g} to 0.01 (relative)")
 
 
 def _broadcast(
@@ -264,7 +257,13 @@ def _upper_tail(tail: _UpperTail, tolerance: float) -> tuple[LongArray, FloatArr
         better = error_again < error[failed]
         value[failed[better]], error[failed[better]] = again[better], error_again[better]
     exponent, rounding = _exponent(tail, saddle)
-    _require_converged(error[exponent > _LOG_OF_ZERO], tolerance)
+    poor = error[exponent > _LOG_OF_ZERO]
+    if np.any(poor > tolerance):
+        raise ArithmeticError(
+            f"the contour integral reached a relative error of {np.max(poor):.3g} only, asked were {tolerance:g}, "
+            f"at {np.sum(poor > tolerance)} of {poor.size} points; try a larger tolerance, or leave out weights "
+            "that are more than 12 decades below the largest"
+        )
     log_tail = exponent + np.log(np.abs(value) * contour.width / saddle.at)
     return np.minimum(log_tail, np.longdouble(0.0)), error + rounding
 
@@ -298,11 +297,10 @@ def _find_saddle(tail: _UpperTail) -> _Saddle:
     their quotient takes 3 to 6 steps, a bracket catches what it overshoots. The integral does not depend on
     the point chosen, so a twentieth of the width of the saddle is near enough.
     """
-    ratio, shift, level = (np.asarray(part, dtype=float) for part in (tail.ratio, tail.shift, tail.level))
     low, high = _bracket(tail)
-    logit = np.clip(_first_guess(ratio, shift, level, tail), low, high)
+    logit = np.clip(_first_guess(tail), low, high)
     for _ in range(_MAX_STEPS):
-        gap, slope, distance = _balance(ratio, shift, level, tail.degrees, _point(ratio, tail.bounded, logit))
+        gap, slope, distance = _balance(tail, logit)
         if bool(np.all(distance < _ENOUGH)):
             break
         low = np.where(gap < 0.0, logit, low)
@@ -311,7 +309,8 @@ def _find_saddle(tail: _UpperTail) -> _Saddle:
         inside = (step > low) & (step < high)
         moved = np.where(inside, step, 0.5 * (low + high))
         logit = np.where(distance < _ENOUGH, logit, moved)
-    return _exact_point(tail, logit)
+    at, to_pole, factor = _point(tail.ratio, tail.bounded, logit)
+    return _Saddle(at=at, to_pole=np.asarray(to_pole, dtype=np.float64), factor=factor)
 
 
 def _bracket(tail: _UpperTail) -> tuple[FloatArray, FloatArray]:
@@ -325,8 +324,9 @@ def _bracket(tail: _UpperTail) -> tuple[FloatArray, FloatArray]:
     return lowest, highest
 
 
-def _first_guess(ratio: FloatArray, shift: FloatArray, level: FloatArray, tail: _UpperTail) -> FloatArray:
+def _first_guess(tail: _UpperTail) -> FloatArray:
     """Return logit s of one standard deviation of Q (bounded), or ln s of a chi-square lower tail."""
+    ratio, shift, level = (np.asarray(part, dtype=float) for part in (tail.ratio, tail.shift, tail.level))
     one_sided = np.where(tail.bounded[:, None], ratio, 0.0)
     variance: FloatArray = np.sum((0.5 * tail.degrees * one_sided + 2.0 * shift) * one_sided, axis=1)
     with np.errstate(divide="ignore"):
@@ -335,49 +335,32 @@ def _first_guess(ratio: FloatArray, shift: FloatArray, level: FloatArray, tail: 
     return guess
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Point:
-    at: FloatArray
-    chain: FloatArray  # ds/d(logit)
-    factor: FloatArray
-
-
-def _balance(
-    ratio: FloatArray, shift: FloatArray, level: FloatArray, degrees: FloatArray, point: _Point
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _balance(tail: _UpperTail, logit: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return ln(growing/falling), its slope in the logit, and the distance to the saddle in widths."""
-    central = 0.5 * degrees * ratio / point.factor
-    shifted = shift / point.factor / point.factor
+    ratio, shift, level = (np.asarray(part, dtype=float) for part in (tail.ratio, tail.shift, tail.level))
+    at, to_pole, factor = _point(ratio, tail.bounded, logit)
+    central = 0.5 * tail.degrees * ratio / factor
+    shifted = shift / factor / factor
     first = central + shifted
-    second = (central + 2.0 * shifted) * ratio / point.factor
+    second = (central + 2.0 * shifted) * ratio / factor
     positive = ratio > 0.0
     growing = np.sum(first, axis=1, where=positive) + np.maximum(-level, 0.0)
-    falling = 1.0 / point.at + np.maximum(level, 0.0) - np.sum(first, axis=1, where=~positive)
+    falling = 1.0 / at + np.maximum(level, 0.0) - np.sum(first, axis=1, where=~positive)
     growth = np.sum(second, axis=1, where=positive)
-    fall = -1.0 / point.at**2 - np.sum(second, axis=1, where=~positive)
-    slope = (growth / growing - fall / falling) * point.chain
+    fall = -1.0 / at**2 - np.sum(second, axis=1, where=~positive)
+    slope = (growth / growing - fall / falling) * np.where(tail.bounded, at * to_pole, at)
     distance = np.abs(growing - falling) / np.sqrt(growth - fall)
     return np.log(growing / falling), slope, distance
 
 
-def _point(ratio: FloatArray, bounded: NDArray[np.bool_], logit: FloatArray) -> _Point:
-    inverse = np.exp(-logit)
+def _point(ratio: RealArray, bounded: NDArray[np.bool_], logit: FloatArray) -> tuple[RealArray, RealArray, RealArray]:
+    """Return s, its distance to the singularity at 1, and 1 - ratio s, in the precision of the ratios."""
+    inverse = np.asarray(np.exp(-logit), dtype=ratio.dtype)
     to_pole = inverse / (1.0 + inverse)
     at = np.where(bounded, 1.0 / (1.0 + inverse), 1.0 / inverse)
-    # for poles on the right written with the distance to the first, so that nothing cancels close to it
+    # For poles on the right written with the distance to the first, so that nothing cancels close to it.
     near = (1.0 - ratio) + ratio * to_pole[:, None]
-    factor = np.where(ratio > 0.0, near, 1.0 - ratio * at[:, None])
-    return _Point(at=at, chain=np.where(bounded, at * to_pole, at), factor=factor)
-
-
-def _exact_point(tail: _UpperTail, logit: FloatArray) -> _Saddle:
-    one = np.longdouble(1.0)
-    inverse = np.asarray(np.exp(-logit), dtype=np.longdouble)
-    to_pole = inverse / (one + inverse)
-    at = np.where(tail.bounded, one / (one + inverse), one / inverse)
-    near = (one - tail.ratio) + tail.ratio * to_pole[:, None]
-    factor = np.where(tail.ratio > 0.0, near, one - tail.ratio * at[:, None])
-    return _Saddle(at=at, to_pole=np.asarray(to_pole, dtype=np.float64), factor=factor)
+    return at, to_pole, np.where(ratio > 0.0, near, 1.0 - ratio * at[:, None])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -613,15 +596,6 @@ def _exponent(tail: _UpperTail, saddle: _Saddle) -> tuple[LongArray, FloatArray]
     exponent = np.sum(shifted + central, axis=1) - linear
     size = np.sum(np.abs(shifted) + np.abs(central), axis=1) + np.abs(linear)
     return exponent, np.asarray(np.finfo(np.longdouble).eps * size, dtype=np.float64)
-
-
-def _require_converged(error: FloatArray, tolerance: float) -> None:
-    if np.any(error > tolerance):
-        raise ArithmeticError(
-            f"the contour integral reached a relative error of {np.max(error):.3g} only, asked were {tolerance:g}, "
-            f"at {np.sum(error > tolerance)} of {error.size} points; try a larger tolerance, or leave out weights "
-            "that are more than 12 decades below the largest"
-        )
 
 
 def _both(long_log: LongArray, above: NDArray[np.bool_], error: FloatArray) -> TailProbabilities:
