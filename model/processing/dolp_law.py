@@ -76,7 +76,7 @@ def distribution_tails(x: ArrayLike, stokes_mean: ArrayLike, stokes_cov: ArrayLi
     frame, index, values, shape = _paired(x, stokes_mean, stokes_cov, name="x")
     if np.any(np.isnan(values)):
         raise ValueError(f"x has {np.sum(np.isnan(values))} values that are not a number")
-    found = pair_tails(frame[index], values)
+    found = _pair_tails(frame[index], values)
     return Tails(
         lower=found.lower.reshape(shape)[()],
         upper=found.upper.reshape(shape)[()],
@@ -148,7 +148,7 @@ def dolp_frame(stokes_mean: ArrayLike, stokes_cov: ArrayLike) -> tuple[DolpFrame
     return _framed(flat_mean, flat_cov), shape
 
 
-def pair_tails(frame: DolpFrame, x: FloatArray) -> Tails:
+def _pair_tails(frame: DolpFrame, x: FloatArray) -> Tails:
     """Return both tails and the density for pairs of any distribution and any value."""
     lower = np.where(x > 0.0, 1.0, 0.0)
     density = np.zeros_like(x)
@@ -171,7 +171,7 @@ class NormalRatio:
     sigma_x: FloatArray
 
 
-def ratio_between(ratio: NormalRatio, lower: FloatArray, upper: FloatArray) -> FloatArray:
+def _ratio_between(ratio: NormalRatio, lower: FloatArray, upper: FloatArray) -> FloatArray:
     """Return Pr(lower < Y / X <= upper, X > 0), not divided by Pr(X > 0)."""
     distance, low, _ = _direction(ratio, lower)
     high = _direction(ratio, upper)[1]
@@ -197,7 +197,7 @@ _SETTLED = 1e-8
 _LONGEST_STEP = 3.0
 
 
-def find_quantiles(
+def _find_quantiles(
     distribution: Callable[[IntArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
     *,
     p: FloatArray,
@@ -537,10 +537,10 @@ def _plane_tails(frame: DolpFrame, x: FloatArray) -> Tails:
     )
     possible = x >= least
     half = np.sqrt(np.where(possible, (x - least) * (x + least), 0.0))
-    inside = ratio_between(ratio, -shift - half, -shift + half)
+    inside = _ratio_between(ratio, -shift - half, -shift + half)
     infinite = np.full_like(x, np.inf)
-    below = ratio_between(ratio, -infinite, -shift - half)
-    above = ratio_between(ratio, -shift + half, infinite)
+    below = _ratio_between(ratio, -infinite, -shift - half)
+    above = _ratio_between(ratio, -shift + half, infinite)
     both = ratio_density(ratio, -shift - half) + ratio_density(ratio, -shift + half)
     with np.errstate(divide="ignore", invalid="ignore"):
         density = np.where(possible, both * np.where(half > 0.0, x / half, np.inf), 0.0)
@@ -649,26 +649,16 @@ _CANCELLED_UPPER = 1e-2
 def _tails(frame: DolpFrame, x: FloatArray) -> Tails:
     """Return both tails and the density for pairs of a distribution and a value."""
     border = _Border(frame=frame, a=np.ones_like(x), b=x)
-    found = _border_integrals(border)
-    lower, upper = _from_turns(frame, border.gap > 0.0, found)
+    turn, turn_size, density, close = _border_integrals(border)
+    lower, upper = _from_turns(frame, border.gap > 0.0, turn, close)
     lit = ndtr(frame.snr_0)
-    small = lower < _CANCELLED_LOWER * found.turn_size
+    small = lower < _CANCELLED_LOWER * turn_size
     if np.any(small):
         lower[small] = _near_zero(frame[small], x[small])
-    far = upper < _CANCELLED_UPPER * np.minimum(np.maximum(1.0 - lit, found.turn_size), 1.0)
+    far = upper < _CANCELLED_UPPER * np.minimum(np.maximum(1.0 - lit, turn_size), 1.0)
     if np.any(far):
         upper[far] = _far_out(frame[far], x[far])
-    return Tails(lower=lower / lit, upper=upper / lit, density=found.density / lit)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _BorderIntegrals:
-    """Integrals along M borders, each of shape (M,)."""
-
-    turn: FloatArray
-    turn_size: FloatArray
-    density: FloatArray
-    close: NDArray[np.bool_]
+    return Tails(lower=lower / lit, upper=upper / lit, density=density / lit)
 
 
 # From this distance (half its square) of the border from the mean on, the tail form is the smooth one.
@@ -681,8 +671,8 @@ _CLOSELY_GRADED = np.pi * 1.5 ** -np.arange(1.0, 61.0)
 _TOLERANCE = 1e-12
 
 
-def _border_integrals(border: _Border) -> _BorderIntegrals:
-    """Return the integrals along the borders of cones."""
+def _border_integrals(border: _Border) -> tuple[FloatArray, FloatArray, FloatArray, Mask]:
+    """Return integrals along M borders: turn, size of its terms, density; and which borders run close to the mean."""
     place, width, lowest = _nearest_points(border)
     close = lowest < _CLOSE
 
@@ -693,7 +683,7 @@ def _border_integrals(border: _Border) -> _BorderIntegrals:
 
     found = integrate_panels(integrand, cuts=_cuts(place, width), tolerance=_TOLERANCE, noise=_rounding_noise(border))
     turn, turn_size = found.value[:, 0] / (2.0 * np.pi), found.size[:, 0] / (2.0 * np.pi)
-    return _BorderIntegrals(turn=turn, turn_size=turn_size, density=found.value[:, 1], close=close)
+    return turn, turn_size, found.value[:, 1], close
 
 
 # Height of the barrier between two peaks, as an exponent, below which they count as one.
@@ -940,45 +930,42 @@ def _rounding_noise(border: _Border) -> FloatArray:
     return np.asarray(1e-15 * (1.0 + np.minimum(ratio, 1e6)))
 
 
-def _from_turns(frame: DolpFrame, inside: NDArray[np.bool_], found: _BorderIntegrals) -> tuple[FloatArray, FloatArray]:
+def _from_turns(frame: DolpFrame, inside: Mask, turn: FloatArray, close: Mask) -> tuple[FloatArray, FloatArray]:
     """Return the probabilities inside and outside of the cone, with S0 > 0."""
     lit, dark = ndtr(frame.snr_0), ndtr(-frame.snr_0)
     # With the complement, the line integral misses the pole opposite to the mean where that is in the cone.
-    opposite = (frame.mean_0 < 0.0) & found.close & ~inside
-    near = found.turn + opposite
-    lower = np.where(found.close, near, np.where(inside, 1.0 - found.turn, -found.turn))
-    outside = np.where(found.close, 1.0 - near, np.where(inside, found.turn, 1.0 + found.turn))
+    opposite = (frame.mean_0 < 0.0) & close & ~inside
+    near = turn + opposite
+    lower = np.where(close, near, np.where(inside, 1.0 - turn, -turn))
+    outside = np.where(close, 1.0 - near, np.where(inside, turn, 1.0 + turn))
     upper = np.where(frame.mean_0 > 0.0, outside - dark, lit - lower)
     return lower, upper
 
 
 def _near_zero(frame: DolpFrame, x: FloatArray) -> FloatArray:
     """Return the probability inside of a slender cone as the integral of a positive density."""
-
-    def integrand(index: NDArray[np.int64], values: FloatArray) -> FloatArray:
-        inside = frame[np.repeat(index, values.shape[1])]
-        found = _border_integrals(_Border(frame=inside, a=np.ones(values.size), b=values.ravel()))
-        return found.density.reshape(1, *values.shape)
-
-    return _integral(integrand, x)
-
-
-def _integral(integrand: Callable[[NDArray[np.int64], FloatArray], FloatArray], end: FloatArray) -> FloatArray:
-    # At zero itself a direction of a singular covariance may have no density.
-    cuts = np.stack([1e-15 * end, end], axis=1)
-    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-11, noise=np.full(end.shape, 1e-12), degree=12)
-    return np.asarray(found.value[:, 0])
+    return _density_integral(frame, x, lambda ratio: (np.ones_like(ratio), ratio))
 
 
 def _far_out(frame: DolpFrame, x: FloatArray) -> FloatArray:
     """Return the probability beyond a wide cone, from the density of the inverse of DoLP."""
+    return _density_integral(frame, 1.0 / x, lambda inverse: (inverse, np.ones_like(inverse)))
+
+
+def _density_integral(
+    frame: DolpFrame, end: FloatArray, sides: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+) -> FloatArray:
+    """Return the integral of the density from 0 to an end, over DoLP or over its inverse."""
 
     def integrand(index: NDArray[np.int64], values: FloatArray) -> FloatArray:
-        inside = frame[np.repeat(index, values.shape[1])]
-        found = _border_integrals(_Border(frame=inside, a=values.ravel(), b=np.ones(values.size)))
-        return found.density.reshape(1, *values.shape)
+        a, b = sides(values.ravel())
+        border = _Border(frame=frame[np.repeat(index, values.shape[1])], a=a, b=b)
+        return _border_integrals(border)[2].reshape(1, *values.shape)
 
-    return _integral(integrand, 1.0 / x)
+    # At zero itself a direction of a singular covariance may have no density.
+    cuts = np.stack([1e-15 * end, end], axis=1)
+    found = integrate_panels(integrand, cuts=cuts, tolerance=1e-11, noise=np.full(end.shape, 1e-12), degree=12)
+    return np.asarray(found.value[:, 0])
 
 
 # The search runs over the logarithm of DoLP.
@@ -988,10 +975,10 @@ _LOG_RANGE = 700.0
 def _solve(frame: DolpFrame, p: FloatArray) -> FloatArray:
     def distribution(index: NDArray[np.int64], log_x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         x = np.exp(log_x)
-        found = pair_tails(frame[index], x)
+        found = _pair_tails(frame[index], x)
         return found.lower, found.upper, found.density * x
 
-    return np.exp(find_quantiles(distribution, p=p, start=np.log(_guess(frame, p)), reach=_LOG_RANGE))
+    return np.exp(_find_quantiles(distribution, p=p, start=np.log(_guess(frame, p)), reach=_LOG_RANGE))
 
 
 def _score_error(found: tuple[FloatArray, FloatArray, FloatArray], wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
