@@ -1,9 +1,9 @@
 """Checks of a run by itself, the verdict of a comparison, and where disagreements point.
 
-`run_checks` looks at pair sums, response, registration, drift, clipped pixels and bits before any model is asked; a
-check that refuses the run or a region leaves nothing to judge. `verdict_of` is one verdict of regions and run, so that
-no two parts of a report contradict one another. `diagnose` points from disagreeing rows to a cause; `trends_of` asks
-whether numbers are in the predicted order, whatever their scale.
+`run_checks` tests pair sums, response, registration, drift, clipped pixels and bits without any model; a run or region
+that a check refuses is not judged. `verdict_of` makes one verdict of regions and run, so that no two parts of a report
+contradict one another. `diagnose` points from disagreeing rows to a cause; `trends_of` tests whether numbers are in the
+predicted order, whatever their scale.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -36,24 +36,24 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Verdict = Literal["sound", "flagged", "refused", "not testable"]
 
-# Pair sums this far apart are no polarimeter's any more; half a per cent is what stages and lamps leave.
+# Pair sums of stages and lamps differ by half a percent; a polarimeter whose pair sums differ by 8 % is broken.
 _PAIRS_REFUSED, _PAIRS_FLAGGED = 0.08, 0.01
-# Blur and edges that lie a tenth of a pixel apart feign up to this much in a scene with structure.
+# Blur, and edges that lie a tenth of a pixel apart, look like a response up to this size.
 _CURVATURE_FLAGGED = 0.02
 _CURVATURE_REFUSED = 0.1
-# Standard error, as a share of its size, of a response that no fit could follow.
+# Standard error over its size of a response that cannot be measured.
 _UNKNOWN = 0.5
 _CLIPPED_FLAGGED = 0.05
-# Share of a region's counts at an end from which on means need the law of counts, or are not those of the light.
+# Shares of a region's counts at an end: above the first means need the law of counts, above the second they are wrong.
 _AT_END_FLAGGED, _AT_ZERO_REFUSED = 1e-3, 0.01
 _SHIFT_FLAGGED_PIXELS = 0.2
 _DRIFT_FLAGGED = 0.005
 _SIGMAS = 5.0
 _NOTHING_TESTED = "nothing tested"
-_PAIRS_DIFFER = "pairs of orthogonal angles, each of which holds all of the light, differ"
+_PAIRS_DIFFER = "sums of orthogonal pairs of angles, each of which is all of the light, differ"
 _PAIRS_RULE = (
     f"flagged above {_PAIRS_FLAGGED:.0%} and {_SIGMAS:g} errors, refused above {_PAIRS_REFUSED:.0%}: light that "
-    "changed, unequal exposures or throughput, a dark level or a response that is wrong, or an angle that is"
+    "changed, unequal exposures or throughput, or a wrong dark level, response or angle"
 )
 
 
@@ -63,10 +63,10 @@ class Check:
 
     name: str  #: Such as "pair sums".
     verdict: Verdict  #: "sound", "flagged", "refused" or "not testable".
-    text: str  #: What was found, and what is allowed.
-    region: str | None = None  #: That it is of; None where it is of the whole run.
-    size: str = ""  #: Of a check that every region has: what was found in a few words, and what holds for all of them.
-    rule: str = ""
+    text: str  #: Result and rule.
+    region: str | None = None  #: None for a check of the whole run.
+    size: str = ""  #: Result in a few words, of a check that every region has.
+    rule: str = ""  #: Rule that all regions share.
 
     @property
     def kind(self) -> str:
@@ -75,7 +75,7 @@ class Check:
 
 
 def registration_of(measurement: Measurement) -> Registration | str:
-    """Return the shifts of a run's pictures against the first, or why they cannot be told."""
+    """Return the shifts of a run's pictures against the first, or why they cannot be measured."""
     try:
         return register(measurement.channels, ~(measurement.saturated | measurement.missing))
     except CalibrationError as error:
@@ -85,7 +85,7 @@ def registration_of(measurement: Measurement) -> Registration | str:
 def run_checks(
     measurement: Measurement, registration: Registration | str, diagnosis: RunDiagnosis | None = None
 ) -> tuple[Check, ...]:
-    """Return every check of a run, with how its pictures lie on one another, or why that cannot be told."""
+    """Return every check of a run; `registration` is the result of `registration_of`."""
     found = diagnose_run(measurement) if diagnosis is None else diagnosis
     return (
         *_pair_sums(measurement),
@@ -101,7 +101,7 @@ def run_checks(
 
 
 def nothing_tested(rows: Sequence["Row"], why: Sequence[str]) -> tuple[Check, ...]:
-    """Return the flag of a comparison in which no number was tested; none where one was, or where there are none."""
+    """Return the flag of a comparison with rows of which none was tested; nothing otherwise."""
     if not rows or any(row.agrees is not None for row in rows):
         return ()
     return (Check(name=_NOTHING_TESTED, verdict="flagged", text="; ".join(why)),)
@@ -109,7 +109,7 @@ def nothing_tested(rows: Sequence["Row"], why: Sequence[str]) -> tuple[Check, ..
 
 def _pair_sums(measurement: Measurement) -> Iterable[Check]:
     if measurement.plan.redundancy == 0:
-        text = "three angles fit any frames: there is nothing to hold them against"
+        text = "three angles fit any frames, so that there is no residual to test"
         yield Check(name="pair sums", verdict="not testable", text=text)
         return
     rounding = _rounding(measurement)
@@ -157,14 +157,14 @@ def _linear(found: RunDiagnosis) -> Check:
     return Check(
         name=name,
         verdict=verdict,
-        text=f"what the angles leave over goes with the light as a response that is {size}; flagged above "
-        f"{_CURVATURE_FLAGGED:.0%} where it is told from other faults, refused above {_CURVATURE_REFUSED:.0%}: gamma, "
-        "tone mapping, saturation, or a dark level that is wrong",
+        text=f"the residual of the angles depends on the light as by a response that is {size}; flagged above "
+        f"{_CURVATURE_FLAGGED:.0%} if it can be told from other faults, refused above {_CURVATURE_REFUSED:.0%}: gamma, "
+        "tone mapping, saturation, or a wrong dark level",
     )
 
 
 def _usable(measurement: Measurement) -> Iterable[Check]:
-    """Flag pictures of which clipping takes part."""
+    """Flag pictures with many clipped pixels."""
     high, low = measurement.clipped_shares
     if high > _CLIPPED_FLAGGED:
         yield Check(
@@ -177,16 +177,16 @@ def _usable(measurement: Measurement) -> Iterable[Check]:
         yield Check(
             name="pixels at 0",
             verdict="flagged",
-            text=f"{low:.1%} of the pixels are 0 in one frame or more: what lies below is cut off, so that single "
-            f"pixels are too bright and their DoLP too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
+            text=f"{low:.1%} of the pixels are 0 in one frame or more: noise below 0 is cut off, so that "
+            f"pixels are too bright and their DoLP is too small; flagged above {_CLIPPED_FLAGGED:.0%}: raise the black "
             "level of the camera, or expose longer",
         )
 
 
 def _at_ends(measurement: Measurement) -> Iterable[Check]:
-    """Flag or refuse regions whose noise is cut off at an end of the range, which moves their means."""
+    """Flag or refuse regions whose noise is cut off at an end of the range, which shifts their means."""
     advice = "raise the camera's black level, or expose for longer"
-    by_law = "means are estimated by the law of counts that are cut off there, deviations are not tested"
+    by_law = "means are estimated by the law of the counts that are cut off there, deviations are not tested"
     for name, region in measurement.regions.items():
         at_zero, at_top = region.at_ends
         if region.is_by_law and at_top > _AT_END_FLAGGED:
@@ -212,20 +212,20 @@ def _at_ends(measurement: Measurement) -> Iterable[Check]:
 
 
 def _hit(measurement: Measurement) -> Iterable[Check]:
-    """Flag regions in which pixels were found to be hit by their neighbours alone."""
+    """Flag regions with pixels that only their neighbours show to be hit."""
     for name, region in measurement.regions.items():
         if region.hit and measurement.grid.cycles == 1:
             yield Check(
                 name=f"hit pixels of {name}",
                 verdict="flagged",
                 region=name,
-                text=f"{region.hit} pixels stand out of their neighbours at one angle, as cosmic rays and jumping "
-                "pixels do, and are left out: two cycles or more would show it",
+                text=f"{region.hit} pixels differ from their neighbours at one angle, as by cosmic rays and "
+                "blinking pixels, and are left out: two cycles or more would make it certain",
             )
 
 
 def _plateau(measurement: Measurement) -> Iterable[Check]:
-    """Flag frames of which many pixels share the largest count, below what is taken for saturation."""
+    """Flag frames in which many pixels share a largest count below the stated saturation."""
     run, said = measurement.run, list[str]()
     for record in measurement.grid.records[0]:
         found = saturation_plateau(histogram(run.counts(record)), full_scale_dn=int(record.saturation_dn))
@@ -237,22 +237,24 @@ def _plateau(measurement: Measurement) -> Iterable[Check]:
             name="largest count",
             verdict="flagged",
             text=f"many pixels share the largest count: {', '.join(said)}, below the stated saturation: if they are "
-            "clipped, they are in the numbers (rigctl import --saturation-dn)",
+            "clipped, the numbers are wrong; state it with rigctl import --saturation-dn",
         )
 
 
 def _bits(measurement: Measurement) -> Iterable[Check]:
-    """Flag counts whose histogram is not a camera's own: frame by frame, for each has its own range of light."""
+    """Flag counts whose histogram is not that of a camera in half of the frames or more."""
     run, records = measurement.run, measurement.grid.records[0]
     found = [text for record in records if (text := odd_pattern(histogram(run.counts(record))))]
     if 2 * len(found) >= len(records):
-        yield Check(name="odd bits", verdict="flagged", text=f"{found[0]}; rounding is coarser than the counts say")
+        yield Check(
+            name="odd bits", verdict="flagged", text=f"{found[0]}; counts are rounded more coarsely than their bits"
+        )
 
 
 def _registration(measurement: Measurement, found: Registration | str) -> Check:
     name = "registration"
     if measurement.shifts is not None:
-        return Check(name=name, verdict="sound", text="frames were moved by a registration that was given")
+        return Check(name=name, verdict="sound", text="frames were moved by the given registration")
     if isinstance(found, str):
         return Check(name=name, verdict="not testable", text=found)
     sizes = np.linalg.norm(found.shift_pixels, axis=1)
@@ -274,7 +276,7 @@ def _registration(measurement: Measurement, found: Registration | str) -> Check:
         name=name,
         verdict="flagged" if off or not_plain else "sound",
         text=f"the picture {', '.join(lies)} from the first{doubt}; flagged above {_SHIFT_FLAGGED_PIXELS:g} pixel: "
-        "edges show polarization that is not there (rigctl calibrate registration, then --register)",
+        "edges show false polarization (rigctl calibrate registration, then --register)",
     )
 
 
@@ -282,7 +284,7 @@ def _before_and_after(found: Registration, index: int) -> str:
     if index >= len(found.edge_residual):
         return ""
     before, after = found.edge_residual[index]
-    return f"; what is left of edges that do not lie on one another: {before:.1%}, moved back {after:.1%}"
+    return f"; residual of shifted edges: {before:.1%}, after moving them back {after:.1%}"
 
 
 def _drift(measurement: Measurement) -> Check:
@@ -294,13 +296,13 @@ def _drift(measurement: Measurement) -> Check:
     return Check(
         name=name,
         verdict="flagged" if abs(slope) > max(_DRIFT_FLAGGED, _SIGMAS * error) else "sound",
-        text=f"{slope:+.3%} +- {error:.3%} a cycle, which alone would show as a DoLP of {false:.5f} in the order in "
-        f"which the angles were taken; flagged above {_DRIFT_FLAGGED:.1%}",
+        text=f"{slope:+.3%} +- {error:.3%} a cycle, which in the order of these angles shows as a DoLP of "
+        f"{false:.5f}; flagged above {_DRIFT_FLAGGED:.1%}",
     )
 
 
 def _slope(measurement: Measurement) -> tuple[float, float]:
-    """Change of the light in a cycle over its mean, and its standard error."""
+    """Return the change of the light in a cycle over its mean, and its standard error."""
     cycles = measurement.grid.cycles
     light = np.array([_light(measurement, cycle) for cycle in range(cycles)])
     relative = light / light.mean() - 1.0
@@ -311,7 +313,7 @@ def _slope(measurement: Measurement) -> tuple[float, float]:
 
 
 def shown_effects(measurement: Measurement, registration: Registration | str) -> dict[Effect, tuple[float, float]]:
-    """Return the size of effects that the run itself shows, and its standard error: drift and misregistration."""
+    """Return size and standard error of the effects that the run itself shows: drift and misregistration."""
     found: dict[Effect, tuple[float, float]] = {}
     if measurement.grid.cycles >= 3 and measurement.regions:
         found[Effect.DRIFT] = _slope(measurement)
@@ -327,7 +329,7 @@ def _light(measurement: Measurement, cycle: int) -> float:
     usable = ~(measurement.saturated | measurement.missing)
     if usable.all():
         return float(measurement.light[cycle])
-    # Which pixels are left out is known only when all frames were read: they are read again.
+    # The pixels to leave out are known only after all frames were read, so the frames are read again.
     return float(signal_of_cycle(measurement, cycle).mean(axis=0)[usable].mean())
 
 
@@ -357,7 +359,7 @@ VERDICT_WORDS: dict[VerdictName, str] = {
 }
 
 
-# With reservations is agreement; what cannot be judged is neither.
+# Whether a verdict is agreement; None for neither.
 AGREES: dict[VerdictName, bool | None] = {
     "agrees": True,
     "agrees_with_reservations": True,
@@ -368,7 +370,7 @@ AGREES: dict[VerdictName, bool | None] = {
 
 @dataclass(frozen=True, kw_only=True)
 class RegionVerdict:
-    """Verdict of a region, and why it cannot be judged or is held with reservations."""
+    """Verdict of a region, and the reason if it cannot be judged or agrees with reservations."""
 
     verdict: VerdictName
     reason: str
@@ -383,7 +385,7 @@ def region_verdicts(
 
 
 def verdict_of(rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mapping[str, str]) -> VerdictName:
-    """Return the verdict of a comparison: that of a run that can be judged is taken from the regions that can."""
+    """Return the verdict of a comparison; regions that cannot be judged do not count unless none can."""
     regions = region_verdicts(rows, checks, unjudged)
     if any(_refuses_run(check) for check in checks):
         return "cannot_be_judged"
@@ -398,7 +400,7 @@ def verdict_of(rows: Sequence["Row"], checks: Sequence["Check"], unjudged: Mappi
 
 
 def refused_regions(checks: Sequence["Check"]) -> dict[str, str]:
-    """Return the regions that a check of their own refused, and why."""
+    """Return the regions that a check refused, each with the reason."""
     return {
         check.region: f"{check.name}: {check.text}"
         for check in checks
@@ -407,12 +409,12 @@ def refused_regions(checks: Sequence["Check"]) -> dict[str, str]:
 
 
 def refusals(checks: Sequence["Check"]) -> tuple[str, ...]:
-    """Return why a run or some of its regions are unsound, what they have in common once."""
+    """Return why a run or some of its regions are unsound; a reason of many regions once."""
     return tuple(f"{title.removeprefix('refused, ')}: {text}" for title, text in said_of(checks, "refused"))
 
 
 def reservations(checks: Sequence["Check"], regions: Mapping[str, RegionVerdict]) -> str:
-    """Return what an agreement is held with: flags, and regions that cannot be judged; empty where there is nothing."""
+    """Return the reservations of an agreement: flags, and regions that cannot be judged; empty without any."""
     flags = titles(checks, "flagged")
     unjudged = [name for name, found in regions.items() if found.verdict == "cannot_be_judged"]
     parts = [f"flagged: {flags}"] if flags else []
@@ -430,7 +432,7 @@ def not_judged(checks: Sequence["Check"]) -> str:
 
 
 def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence["Check"]) -> list[str]:
-    """Return why regions cannot be judged, those of one reason together; those that a check refused are said there."""
+    """Return why regions cannot be judged, those of one reason together; without those that a check refused."""
     refused = refused_regions(checks)
     by_reason: dict[str, list[str]] = {}
     for name, found in regions.items():
@@ -440,7 +442,7 @@ def unjudged_lines(regions: Mapping[str, RegionVerdict], checks: Sequence["Check
 
 
 def said_of(checks: Sequence["Check"], *verdicts: str) -> list[tuple[str, str]]:
-    """Return checks of some verdicts as a heading and a text; what many regions have in common is said once."""
+    """Return checks of some verdicts as heading and text; checks of one kind together."""
     groups: dict[tuple[str, str], list[Check]] = {}
     for check in checks:
         if check.verdict in verdicts:
@@ -506,23 +508,23 @@ ADVICE: dict[Cause, str] = {
     "axis in the rig file.",
     "axis-sense": "AoLP is mirrored while DoLP agrees: look at the sense of rotation of the polarizer in the rig file "
     "(+1 or -1 as the camera sees it), or a mirrored picture.",
-    "polarization": "The degree of polarization is off: look at the extinction ratio, at dark level that was not "
-    "taken off, at drift of the light, or at the polarization of the scene.",
+    "polarization": "The degree of polarization is off: look at the extinction ratio, at a dark level that was not "
+    "subtracted, at drift of the light, or at the polarization of the scene.",
     "noise": "Means agree and deviations do not: look at the noise calibration, or at the texture of the scene.",
-    "not-normal": "The pixels of a region do not scatter as one normal cloud, which the law of DoLP takes them for: "
-    "look for an edge, shading or parts of different polarization in the region, or for counts of few steps.",
+    "not-normal": "The pixels of a region do not scatter normally, as the law of DoLP assumes: look for an edge, "
+    "shading or parts of different polarization in the region, or for noise of few counts.",
 }
 
 
-# Numbers that the law of DoLP gives.
+# Quantities that the law of DoLP predicts.
 _OF_LAW = ("dolp_pixels", "dolp_snr")
 
 
 def diagnose(rows: Sequence["Row"], *, is_of_law: bool = False) -> tuple[Cause, ...]:
     """Return the causes that would show as the disagreeing rows do; none where all rows agree.
 
-    What a cause cannot touch tells it apart: a scale leaves s1, s2, DoLP and AoLP alone, a turned axis leaves S0 and
-    DoLP alone, and only noise leaves every mean alone.
+    Causes are told apart by the numbers that they do not change: a scale leaves s1, s2, DoLP and AoLP alone, a turned
+    axis leaves S0 and DoLP alone, and only noise leaves every mean alone.
     """
     off = {(row.quantity, row.statistic) for row in rows if row.agrees is False}
     means = {quantity for quantity, statistic in off if statistic == "mean"}
@@ -563,10 +565,10 @@ _LEAST_NUMBERS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Trend:
-    """One row of numbers in order, by the model and by the frames."""
+    """Whether a series of numbers has the same order by the model and by the frames."""
 
-    quantity: str  #: Of what, such as "dolp".
-    over: str  #: Along what: "angles of black_panel", "regions", "runs of asphalt".
+    quantity: str  #: Such as "dolp".
+    over: str  #: The series: "angles of black_panel", "regions", "runs of asphalt".
     #: Kendall's tau, pairs that are known in spite of their errors, and the chance of so good an order.
     order: RankCorrelation
 

@@ -1,10 +1,10 @@
 """A run compared with the model, number by number, with one verdict.
 
-`compare_run_with_model` is the whole of it. With a scene, `rigctl.comparison.predict_run` predicts the run; rows of
-`rigctl.comparison.rows` set each predicted number beside the measured one, with the errors of both, and decide by
+`compare_run_with_model` does all of it. With a scene, `rigctl.comparison.predict_run` predicts the run;
+`rigctl.comparison.rows` sets each predicted number next to the measured one, with the errors of both, and decides by
 Holm's rule. Numerical settings are then chosen so that numerical errors are far below those of the rows. Without a
-scene a run's own means and texture go through noise model and DoLP law. Checks of the run itself
-(`rigctl.comparison.checks`) say which regions can be judged at all.
+scene, noise model and DoLP law predict the run from its own means and texture. Checks of the run itself
+(`rigctl.comparison.checks`) tell which regions can be judged at all.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -101,19 +101,19 @@ from rigctl.scene.scene import Inputs, Scene, acting_effects, only_uncertain
 
 FloatArray = NDArray[np.float64]
 
-# Of any row's standard error: in quadrature that is 5 % more.
+# Largest numerical error as a share of a row's standard error: in quadrature that adds 5 %.
 ALLOWED_SHARE = 0.3
-# Where a comparison begins; most need no more.
+# The first tolerance; most comparisons need no other.
 _FIRST_TOLERANCE = 0.01
 # A next tolerance aims at this share of what is allowed, and is at least twice as small.
 _AIM, _LEAST_STEP = 0.7, 0.5
 _RATIO = "ratio_"
-# Share of an error of S0 that a ratio of counts keeps, where sensors are not linear; they are known to percents.
+# Share of an error of S0 that a ratio of counts keeps, as sensors are linear to a few percent.
 _NOT_LINEAR = 0.03
-# Settings that take longer, as the planner counts, are not tried: predictions of such a scene take minutes.
+# Finer settings are not tried where the planner expects them to take longer [s].
 _LONGEST_S = 10.0
-# So many numbers of a region that are hardly tested are said at the head of a report; all stand in its tables.
-_MOST_SAID = 4
+# How many hardly tested numbers of a region are listed at the head of a report; its tables have all.
+_MOST_LISTED = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,11 +131,11 @@ def used_file(path: Path) -> UsedFile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NumericalAccuracy:
-    """A prediction of a run to a tolerance, and what its errors are beside those of the rows."""
+    """A prediction of a run to a tolerance, and its numerical errors compared with those of the rows."""
 
     tolerance: float  #: Of effects that are left out and numerical settings together.
-    found: Predicted  #: Settings, and errors as they were estimated.
-    effects: EffectPlan  #: What the run calls for.
+    predicted: Predicted  #: Settings, and errors as they were estimated.
+    effects: EffectPlan  #: Which effects the run calls for.
     left_out: frozenset[Effect]  #: Effects of the light that the plan leaves out, and that are there.
     taken: frozenset[Effect]  #: Effects that act.
     share: float = 0.0  #: Largest numerical error over the standard error of its row; 0 where no row has one.
@@ -148,7 +148,7 @@ class NumericalAccuracy:
 
     @property
     def next_tolerance(self) -> float | None:
-        """What to try next; None where this does, nothing smaller would, or it would take minutes."""
+        """Next tolerance to try; None where this one suffices, is the smallest, or finer settings take minutes."""
         if self.is_kept or self.tolerance <= SMALLEST or self.share == inf or self.is_dear:
             return None
         return max(self.tolerance * min(_LEAST_STEP, _AIM * ALLOWED_SHARE / self.share), SMALLEST)
@@ -156,29 +156,29 @@ class NumericalAccuracy:
     @property
     def is_dear(self) -> bool:
         """Whether finer settings would take minutes."""
-        return self.found.expected_s > _LONGEST_S
+        return self.predicted.expected_s > _LONGEST_S
 
     @property
     def settings(self) -> dict[str, str]:
         """Each numerical setting with its level, in words."""
-        return {name: knob.levels[self.found.plan[name]].label for name, knob in NUMERICAL_SETTINGS.items()}
+        return {name: knob.levels[self.predicted.plan[name]].label for name, knob in NUMERICAL_SETTINGS.items()}
 
     @property
     def remark(self) -> str:
-        """All that in one line."""
+        """Tolerance, largest error and its row in one line."""
         where = "" if self.row is None else f" ({self.row.region} {self.row.quantity} {self.row.statistic})"
-        kind = "estimated, for spheres not promised, " if self.found.estimated_only else ""
+        kind = "estimated, for spheres not promised, " if self.predicted.estimated_only else ""
         text = (
             f"Numerical error: {kind}at most {self.share:.2g} of a standard error{where}, with a tolerance of "
             f"{self.tolerance:.1e} chosen for this comparison"
         )
         if self.is_kept:
             return text
-        why = "finer settings take minutes" if self.is_dear else "no tolerance that was tried gave it"
+        why = "finer settings take minutes" if self.is_dear else "no tolerance that was tried reached it"
         return f"{text}; the aim was {ALLOWED_SHARE:g}, but {why}"
 
-    def beside(self, rows: Iterable[Row], predictions: Mapping[str, RegionPrediction]) -> "NumericalAccuracy":
-        """Return this beside the rows of a comparison that was made with its settings."""
+    def of_rows(self, rows: Iterable[Row], predictions: Mapping[str, RegionPrediction]) -> "NumericalAccuracy":
+        """Return the accuracy with its largest error among the rows of a comparison."""
         errors = {row.key: error_of_both(row) for row in rows if row.agrees is not None}
         shares = {
             key: self._error(key, predictions[key.region]) / error for key, error in errors.items() if error > 0.0
@@ -194,16 +194,16 @@ class NumericalAccuracy:
             return self._error_of_ratio(region, quantity, numbers)
         if quantity == "aolp_deg":
             return self._error_of_angle(region, statistic, numbers["dolp"]["mean"], numbers[quantity][statistic])
-        found = self.in_tolerance(region, quantity, statistic)
+        error = self.in_tolerance(region, quantity, statistic)
         if statistic == "mean" and quantity in SHARES:
-            return found
+            return error
         scale = (
             numbers["s0"]["mean"] if statistic == "mean" and quantity in ("s1", "s2") else numbers[quantity][statistic]
         )
-        return found * abs(scale)
+        return error * abs(scale)
 
     def _error_of_ratio(self, region: str, quantity: str, numbers: Quantities) -> float:
-        """Of counts over their mean: an error of S0 cancels but for what is not linear, one of (s1, s2) does not."""
+        """Error of counts over their mean: an error of S0 cancels up to nonlinearity, one of (s1, s2) does not."""
         ratio, counts = abs(numbers[quantity]["mean"]), [name for name in numbers if is_counts(name)]
         own = self.in_tolerance(region, counts_name(angle_of(quantity.removeprefix(_RATIO))), "mean")
         of_counts = ratio * (own + max(self.in_tolerance(region, name, "mean") for name in counts))
@@ -213,7 +213,7 @@ class NumericalAccuracy:
         return min(of_counts, turned * (1.0 + ratio) / level + _NOT_LINEAR * of_counts)
 
     def _error_of_angle(self, region: str, statistic: str, dolp: float, number: float) -> float:
-        """Of the mean: half the angle by which (s1, s2) may turn; of a deviation: as of theirs, and of DoLP."""
+        """Error of AoLP: half the angle by which (s1, s2) may turn; of a deviation, also the error of theirs."""
         turned = hypot(*(self.in_tolerance(region, name, "mean") for name in ("s1n", "s2n")))
         if statistic == "mean":
             return 0.5 * turned / dolp / radians(1.0) if dolp > 0.0 else inf
@@ -221,10 +221,10 @@ class NumericalAccuracy:
         return abs(number) * (of_deviations + (turned / dolp if dolp > 0.0 else inf))
 
     def in_tolerance(self, region: str, quantity: str, statistic: str) -> float:
-        """Return numerical error and what left out effects may change, in the units of a tolerance."""
+        """Return the numerical error plus the largest change by left out effects, in the units of a tolerance."""
         key = Reading(region, quantity, statistic)
         spent = float(getattr(self.effects.spent, kind_of(key))) if self.left_out else 0.0
-        return self.found.budget.total.get(key, inf) + spent
+        return self.predicted.budget.total.get(key, inf) + spent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -238,12 +238,12 @@ class Comparison:
     rows: tuple[Row, ...]
     points_to: tuple[Cause, ...]  #: causes that would show as the disagreements do; `ADVICE` has a sentence for each
     predictions: dict[str, RegionPrediction]  #: by region
-    remarks: tuple[str, ...]  #: what was assumed, overruled or left out
-    not_tested: tuple[str, ...]  #: what this comparison says nothing about
-    scale: Scale | None = None  #: what the counts of the prediction were scaled by; None without a scene
+    remarks: tuple[str, ...]  #: assumptions, settings of the file that the run overrules, effects left out
+    not_tested: tuple[str, ...]  #: limits of this comparison
+    scale: Scale | None = None  #: of the predicted counts; None without a scene
     inputs: Inputs | None = None  #: the inputs that have an uncertainty; None without a scene
-    propagation: Propagation | None = None  #: what their uncertainty does to the rows
-    #: What would explain the residuals; None where no input has an uncertainty.
+    propagation: Propagation | None = None  #: errors of the rows by their uncertainty
+    #: inputs that would explain the residuals; None where no input has an uncertainty
     attribution: InputAttribution | None = None
     unstated: tuple[UnstatedEffect, ...] = ()  #: effects that nobody stated, the largest first
     trends: tuple[Trend, ...] = ()  #: whether the order of numbers is as predicted; empty without a scene
@@ -257,16 +257,16 @@ class Comparison:
     noise: NoiseParameters | None = None  #: the noise calibration
     picked: PickedCalibrations | None = None  #: which calibrations were picked from the store
     accuracy: NumericalAccuracy | None = None  #: effects and numerical settings that were chosen; None without a scene
-    files: dict[str, UsedFile] = field(default_factory=dict)  #: what it was made from, such as "scene"
+    files: dict[str, UsedFile] = field(default_factory=dict)  #: by role, such as "scene"
 
     @cached_property
     def performance(self) -> Performance:
-        """What the predictions are worth for detection."""
+        """Probability of detection and DoLP SNR by the predictions."""
         return performance_of(self.predictions)
 
     @property
     def verdict(self) -> VerdictName:
-        """The verdict of all of it."""
+        """The verdict of the whole comparison."""
         return verdict_of(self.rows, self.checks, self.unjudged)
 
     @property
@@ -286,7 +286,7 @@ class Comparison:
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """What this comparison could hardly have seen, in words, region by region."""
+        """Differences that this comparison could hardly have detected, in words, region by region."""
         by_region: dict[str, list[Row]] = {}
         for row in self.rows:
             if row.agrees is not None and row.is_weak:
@@ -299,7 +299,7 @@ class Comparison:
         return tuple(row for row in self.rows if row.agrees is False)
 
 
-# Tolerances that are tried where the first one does not do.
+# How many tolerances are tried after the first.
 _MOST_TRIED = 3
 
 
@@ -345,24 +345,24 @@ def _to_its_errors(
     """Return a comparison with a scene whose numerical errors are far below those of its rows."""
 
     def compared(tried: NumericalAccuracy, coarser: Comparison | None = None) -> tuple[Comparison, NumericalAccuracy]:
-        predictor = replace(run.without(tried.left_out), settings=tried.found.result.settings)
+        predictor = replace(run.without(tried.left_out), settings=tried.predicted.result.settings)
         made = _with_prediction(predictor, alpha=alpha, scale=scale, radiometric=radiometric, coarser=coarser)
-        return made, tried.beside(made.rows, made.predictions)
+        return made, tried.of_rows(made.rows, made.predictions)
 
-    comparison, found = compared(accuracy_at(run, tolerance, rule))
-    # Errors of rows are those of the first comparison; a second one is made with what they ask.
-    chosen = found
+    comparison, accuracy = compared(accuracy_at(run, tolerance, rule))
+    # The errors of the first comparison's rows decide the tolerance of a second comparison.
+    chosen = accuracy
     for _ in range(_MOST_TRIED):
         if chosen.next_tolerance is None:
             break
-        finer = accuracy_at(run, chosen.next_tolerance, rule).beside(comparison.rows, comparison.predictions)
-        # Where finer settings are not to be had, as of very deep air, a smaller tolerance changes nothing.
+        finer = accuracy_at(run, chosen.next_tolerance, rule).of_rows(comparison.rows, comparison.predictions)
+        # Without finer settings, as for very deep air, a smaller tolerance changes nothing.
         if finer.share >= chosen.share:
             break
         chosen = finer
-    if chosen is not found:
-        comparison, found = compared(chosen, comparison)
-    return replace(comparison, remarks=(*comparison.remarks, found.remark), accuracy=found)
+    if chosen is not accuracy:
+        comparison, accuracy = compared(chosen, comparison)
+    return replace(comparison, remarks=(*comparison.remarks, accuracy.remark), accuracy=accuracy)
 
 
 def compare_with_scene(
@@ -388,7 +388,7 @@ def _with_prediction(
 ) -> Comparison:
     """Compare a run with its prediction; errors of the inputs are those of a coarser comparison of the same rows."""
     measurement, predicted = predictor.measurement, predictor.predictions
-    inputs, scaled_by = scale_inputs(
+    inputs, scale_used = scale_inputs(
         scale, predictor.inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
     )
     predictions = predicted(inputs.values)
@@ -400,10 +400,14 @@ def _with_prediction(
     errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
     all_scored = tuple(scored(row, error) for row, error in zip(rows, errors, strict=True))
     decided = decide(with_joint_scores(all_scored, predictions, measurement, propagation.cov), alpha=alpha)
-    coarse = [name for name, one in predictions.items() if _is_coarse(name, one, measurement)]
+    coarse = [
+        name
+        for name, prediction in predictions.items()
+        if name in measurement.regions and is_coarse(prediction, measurement.regions[name], measurement)
+    ]
     assumed = (
         *inputs.scene.remarks,
-        scaled_by.remark,
+        scale_used.remark,
         *_overruled(inputs.scene, measurement, predictor.exposure_s),
         *predictor.remarks,
         *predictor.light.remarks(inputs.scene),
@@ -416,8 +420,8 @@ def _with_prediction(
         points_to=diagnose(decided),
         predictions=predictions,
         remarks=(*assumed, *model_warnings(predictions), *curved_inputs(propagation, uncertain)),
-        not_tested=(*_not_tested(measurement, inputs.scene, scaled_by, uncertain), *_too_coarse(coarse)),
-        scale=scaled_by,
+        not_tested=(*_not_tested(measurement, inputs.scene, scale_used, uncertain), *_too_coarse(coarse)),
+        scale=scale_used,
         inputs=uncertain,
         propagation=propagation,
         attribution=attribute_residuals(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
@@ -430,14 +434,10 @@ def _with_prediction(
 
 
 def _known_propagation(coarser: Comparison | None, rows: tuple[Row, ...]) -> Propagation | None:
-    """Return that of a coarser comparison, where it has the same rows."""
+    """Return the propagation of a coarser comparison if it has the same rows."""
     if coarser is None or [row.key for row in coarser.rows] != [row.key for row in rows]:
         return None
     return coarser.propagation
-
-
-def _is_coarse(name: str, prediction: RegionPrediction, measurement: Measurement) -> bool:
-    return name in measurement.regions and is_coarse(prediction, measurement.regions[name], measurement)
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:
@@ -456,20 +456,23 @@ def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measuremen
 
 
 def _weakly_tested(rows: Sequence[Row]) -> str:
-    said = "; ".join(
+    listed = "; ".join(
         f"{row.quantity} {row.statistic} only if off by more than {row.smallest_difference_90:.2g}, of "
         f"{abs(row.predicted):.2g}"
-        for row in rows[:_MOST_SAID]
+        for row in rows[:_MOST_LISTED]
     )
-    more = "" if len(rows) <= _MOST_SAID else f"; and {len(rows) - _MOST_SAID} more"
-    return f"a difference would have been seen (with a chance of 90 %) in {said}{more}"
+    more = "" if len(rows) <= _MOST_LISTED else f"; and {len(rows) - _MOST_LISTED} more"
+    return f"a difference would have been detected (with a probability of 90 %) in {listed}{more}"
 
 
 def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -> Comparison:
-    """Return a comparison with the checks and faults of the run, and with what cannot be judged."""
+    """Return a comparison with the checks and faults of the run, and the regions that cannot be judged."""
     measurement, diagnosis = seen.measurement, seen.diagnosis
-    registered = registration_of(measurement)
-    checks = (*run_checks(measurement, registered, diagnosis), *nothing_tested(comparison.rows, comparison.not_tested))
+    registration = registration_of(measurement)
+    checks = (
+        *run_checks(measurement, registration, diagnosis),
+        *nothing_tested(comparison.rows, comparison.not_tested),
+    )
     unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
     return replace(
         comparison,
@@ -480,7 +483,7 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
             measurement,
             comparison.predictions,
             regions=regions,
-            registration=registered,
+            registration=registration,
             diagnosis=diagnosis,
         ),
         unjudged=unjudged,
@@ -489,7 +492,7 @@ def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -
 
 
 def _with_unstated(comparison: Comparison, run: RunPredictor) -> Comparison:
-    """Return a comparison with the effects that nobody stated, of sizes that the run shows or that are usual."""
+    """Return a comparison with the effects that are not stated, of the sizes that the run shows or that are usual."""
     accuracy, scene = comparison.accuracy, run.inputs.scene
     if accuracy is None:
         return comparison
@@ -499,26 +502,26 @@ def _with_unstated(comparison: Comparison, run: RunPredictor) -> Comparison:
         whole, others = with_unstated(
             lit_scene(scene, sensor=sensor, readout=run.readout),
             accuracy.effects,
-            accuracy.found.result.settings,
+            accuracy.predicted.result.settings,
             store=run.light.lights,
             ranges={effect: (value, value + copysign(2.0 * error, value)) for effect, (value, error) in shown.items()},
         )
-    predicted = [(effect, one.predictions) for effect, one in others]
-    found = unstated_effects(comparison.rows, whole.predictions, predicted, shown)
-    lines = unstated_lines(found, disagrees=bool(comparison.disagreements))
-    return replace(comparison, unstated=found, remarks=(*comparison.remarks, *lines))
+    predicted = [(effect, other.predictions) for effect, other in others]
+    unstated = unstated_effects(comparison.rows, whole.predictions, predicted, shown)
+    lines = unstated_lines(unstated, disagrees=bool(comparison.disagreements))
+    return replace(comparison, unstated=unstated, remarks=(*comparison.remarks, *lines))
 
 
 def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
     """Return the prediction of a run to a tolerance."""
     scene = run.inputs.scene
     planned = plan_effects(scene, tolerance=tolerance, readout=run.readout, exposure_s=run.exposure_s)
-    there = {one.effect for one in planned.plan.decisions if one.bound.largest > 0.0}
+    present = {decision.effect for decision in planned.plan.decisions if decision.bound.largest > 0.0}
     acting = acting_effects(scene)
-    left_out = frozenset() if rule == "all" else ((acting & LIGHT & there) - planned.plan.active)
+    left_out = frozenset() if rule == "all" else ((acting & LIGHT & present) - planned.plan.active)
     spent = planned.plan.spent.largest if left_out else 0.0
     with as_config_error(f"scene {scene.name}"):
-        (found,) = predict(
+        (predicted,) = predict(
             [planned.scene],
             tolerance=max(tolerance - spent, SMALLEST),
             effects=acting - left_out,
@@ -526,13 +529,13 @@ def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> Numeri
             store=run.light.lights,
         ).cases
     return NumericalAccuracy(
-        tolerance=tolerance, found=found, effects=planned.plan, left_out=left_out, taken=acting - left_out
+        tolerance=tolerance, predicted=predicted, effects=planned.plan, left_out=left_out, taken=acting - left_out
     )
 
 
-# A stage that lands this near to an angle was sent there [deg].
+# Angles that differ by less are one angle that a stage was sent to [deg].
 _LANDING_DEG = 1.0
-# What no simulated run says anything about.
+# Limits of every comparison with a simulated run.
 NOT_OF_SIMULATION = (
     (
         "the scene part of the model against nature: a simulated scene whose truth was computed by the model, or "
@@ -543,7 +546,7 @@ NOT_OF_SIMULATION = (
 
 
 def _overruled(scene: Scene, measurement: Measurement, exposure_s: float) -> Iterable[str]:
-    """Return what the run says otherwise than the scene file, and what it does not say."""
+    """Yield where the run overrules the scene file, and whether its extinction ratio is missing."""
     if abs(scene.acquisition.exposure_ms / 1000 - exposure_s) > 1e-6 * exposure_s:
         yield (
             f"exposure: {exposure_s * 1000:g} ms of the run, not {scene.acquisition.exposure_ms:g} ms of the scene file"
@@ -563,7 +566,7 @@ def _overruled(scene: Scene, measurement: Measurement, exposure_s: float) -> Ite
 
 
 def _same_angles(stated_deg: FloatArray, read_deg: FloatArray) -> bool:
-    """Whether axes are the same ones, as near as a stage lands."""
+    """Return whether axes are the same within the accuracy of a stage."""
     if stated_deg.size != read_deg.size:
         return False
     apart = wrapped(stated_deg - read_deg, turn=180.0)
@@ -571,7 +574,7 @@ def _same_angles(stated_deg: FloatArray, read_deg: FloatArray) -> bool:
 
 
 def _not_tested(measurement: Measurement, scene: Scene, scale: Scale, uncertain: Inputs) -> tuple[str, ...]:
-    """Return what a comparison with a scene says nothing about."""
+    """Return the limits of a comparison with a scene."""
     given = [region.name for region in scene.regions if region.material is None]
     found = []
     if len(given) == len(scene.regions):
@@ -588,13 +591,13 @@ def _not_tested(measurement: Measurement, scene: Scene, scale: Scale, uncertain:
         found.append("the scale of the counts: it was fitted to S0 of this run")
     if not uncertain.names:
         found.append(
-            "whether the numbers of the scene file are right within what is known of them: none has an uncertainty, "
-            "write { value = ..., std = ... } or { range = [..., ...] }"
+            "the numbers of the scene file within their uncertainties: none is stated; write "
+            "{ value = ..., std = ... } or { range = [..., ...] }"
         )
     if measurement.run.session.cell_deg is not None:
         found.append(
-            "deviations of Stokes parameters and DoLP over the pixels: behind polarizers on the pixels each angle has "
-            "pixels of its own, and what their texture has in common is not known"
+            "deviations of Stokes parameters and DoLP over the pixels: each angle of a mosaic has pixels of its own, "
+            "and the correlation of their texture is not known"
         )
     if measurement.grid.cycles < 2:
         found.append("temporal noise: there is one cycle only")
@@ -602,25 +605,26 @@ def _not_tested(measurement: Measurement, scene: Scene, scale: Scale, uncertain:
 
 
 _NOT_TESTED = (
-    "means, and where one half of the pixels does not predict the other, deviations: rows without a verdict",
+    "means, and deviations that the other half of the pixels does not predict: rows without a verdict",
     "the scene: no radiance was predicted",
 )
 
-# Both sides come from the same pixels: where their difference is known so much better than either, they are one number.
-_BESIDE_ITSELF = 0.1
-_ONE_NUMBER = "so far above the noise that the law gives back what it was made from: a number would stand beside itself"
+# Both sides come from the same pixels: if the error of their difference is below this share of the error of the
+# measurement, they are one number.
+_ONE_NUMBER_SHARE = 0.1
+_ONE_NUMBER = "so far above the noise that the law returns the measured number itself"
 
 
 def _too_coarse(regions: Sequence[str]) -> tuple[str, ...]:
-    """Return in which regions whole counts are too coarse for the law of DoLP."""
+    """Return the regions in which whole counts are too coarse for the law of DoLP."""
     if not regions:
         return ()
-    text = "noise is so few counts that (S1, S2) stand on a grid, of which the law of DoLP knows nothing"
+    text = "the noise is only a few counts, so that (S1, S2) lie on a grid that the law of DoLP does not describe"
     return (f"the DoLP of single pixels of {', '.join(regions)}: {text}",)
 
 
 def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
-    """Return what each region's own channel means and texture predict beside what its pixels show."""
+    """Compare the pixels of each region with the prediction by its own channel means and texture."""
     calibrated = None if noise is None else temporal_noise(noise)
     rows: list[Row] = []
     remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
@@ -631,15 +635,15 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
     for name, region in measurement.regions.items():
         try:
             loop = _RegionLoop(name, region, measurement, calibrated)
-            own, said = loop.rows(), loop.remarks()
+            own_rows, own_remarks = loop.rows(), loop.remarks()
         except (ValueError, ArithmeticError) as error:
             unjudged[name] = f"its numbers cannot be predicted: {error}"
             continue
         predictions[name] = loop.prediction
         coarse += [name] if loop.is_coarse else []
-        rows += own
-        remarks += said
-        same.setdefault(loop.beside_themselves(), []).append(name)
+        rows += own_rows
+        remarks += own_remarks
+        same.setdefault(loop.one_number(), []).append(name)
     decided, light = decide(tuple(rows), alpha=alpha), measurement.run.session.simulated_light
     return Comparison(
         kind="closed loop",
@@ -664,7 +668,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
 
 
 class _RegionLoop:
-    """One region's own moments, and what follows from them."""
+    """Moments of one region, and the rows that follow from them."""
 
     def __init__(
         self, name: str, region: MeasuredRegion, measurement: Measurement, noise: TemporalNoise | None
@@ -672,14 +676,14 @@ class _RegionLoop:
         self._name, self._region, self._measurement, self._noise = name, region, measurement, noise
         self._cycles = measurement.grid.cycles
         if noise is None:
-            # Nothing says what is noise and what is texture: the spread of one cycle holds both.
+            # Noise and texture cannot be told apart: the spread of one cycle holds both.
             temporal, self._texture = np.zeros_like(region.channels_mean.mean), np.cov(region.channel_pixels)
             self._texture_pixels = region.stokes_pixels
         else:
             temporal = self._temporal(noise.values)
             self._texture = np.cov(region.channel_pixels_mean) - np.diag(temporal) / self._cycles
             self._texture_pixels = region.stokes_pixels_mean
-        # What the noise of one cycle adds to the spread of the mean of all.
+        # Noise of one cycle beyond that of the mean of all cycles.
         self._added_to_channels = np.diag(temporal) * (1.0 - 1.0 / self._cycles)
         self._added = self._stokes_cov(self._added_to_channels)
         self.prediction = with_ratios({name: self._predicted(temporal)})[name]
@@ -694,15 +698,15 @@ class _RegionLoop:
         return [*tests, *(replace(row, std_error_inputs=None) for row in fitted)]
 
     def remarks(self) -> list[str]:
-        """Return why a region has no test of its DoLP, if so."""
+        """Return the reasons for which the DoLP of a region is not tested."""
         if "std" not in self._region.quantities["s0"]:
             return []
         if "dolp_pixels" not in self._region.quantities:
             return [f"{self._name}: some pixels have no light, so their DoLP was not compared"]
         return [f"{self._name}: {warning}" for warning in self.prediction.warnings]
 
-    def beside_themselves(self) -> str:
-        """Return which numbers of the law stand beside themselves; empty where none does."""
+    def one_number(self) -> str:
+        """Return the numbers of the law that are the measured ones themselves; empty if there are none."""
         return ", ".join(f"{row.quantity} {row.statistic}" for row in self._law_rows if row.z is None)
 
     def _temporal(self, values: FloatArray) -> FloatArray:
@@ -762,7 +766,7 @@ class _RegionLoop:
                 std_error=error,
             )
             own = self._region.quantities.get(quantity, {}).get(statistic)
-            yield row if own is None or error < _BESIDE_ITSELF * own.std_error else scored(row, 0.0)
+            yield row if own is None or error < _ONE_NUMBER_SHARE * own.std_error else scored(row, 0.0)
 
     def _law_rows_exist(self) -> bool:
         # Pixels that are all alike have no law.

@@ -380,7 +380,7 @@ def _taken_run(
         accuracy = accuracy_at(predictor, float(np.clip(_NUMERICAL_SHARE * discrepancy, _FINEST, _COARSEST)), "safe")
         predictor = replace(
             predictor.without(accuracy.left_out),
-            settings=accuracy.found.result.settings,
+            settings=accuracy.predicted.result.settings,
             # Every point has a sky of its own, which no other command asks for.
             light=SceneLight(is_kept_between_runs=False),
         )

@@ -1,7 +1,7 @@
-"""Rows of a comparison: a number by the model and by the frames, how far apart, and whether that is too far.
+"""Rows of a comparison: a number by the model and by the frames, their difference, and whether it is too large.
 
-Holm's rule over all rows decides, so that alpha is the chance that a sound run is called a disagreement. Below the
-rows stands the uncertainty budget: how much each cause makes of the error of a region's polarization.
+Holm's rule over all rows decides, so that alpha is the chance that a sound run is called a disagreement. The second
+part is the uncertainty budget: the share of each cause in the error of a region's polarization.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-# Chance with which a disagreement is to be seen.
+# Probability of detection that the smallest detectable difference refers to.
 _POWER = 0.9
-# A difference that is seen only where it is larger than this share of a number tells nothing of it.
+# A number is hardly tested if only a difference above this share of it is detected.
 _USELESS_SHARE = 0.5
 _SPATIAL, _OF_PIXELS = ("std", "std_spatial_mean"), ("dolp_pixels", "dolp_snr")
 _DEVIATIONS = (*_SPATIAL, "std_temporal")
-# The farthest that an AoLP can be off is twice this; numbers that may be nothing by nature have no size of their own.
+# Half of the largest difference of two AoLP. Numbers that may be 0 by nature have no size of their own.
 _TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
 
 
@@ -48,42 +48,42 @@ _TURN_DEG, _SIGNED = 45.0, ("s1", "s2", "s1n", "s2n")
 class Row:
     """One number by the model and by the frames."""
 
-    region: str  #: Which number, for instance ("asphalt", "dn_45", "std_temporal").
+    region: str  #: With quantity and statistic the name of the number, such as ("asphalt", "dn_45", "std_temporal").
     quantity: str
     statistic: str
-    predicted: float  #: In DN, degrees or without unit, as the quantity has it.
+    predicted: float  #: In the unit of the quantity.
     measured: float
-    #: Of the measurement; of a deviation that came out below its prediction, as large as the prediction has it.
+    #: Of the measurement; of a deviation below its prediction, that of the prediction.
     std_error: float | None = None
     freedom: float = np.inf  #: Degrees of freedom that `std_error` rests on.
-    std_error_inputs: float | None = None  #: Of the prediction, from the uncertainty of what it rests on.
+    std_error_inputs: float | None = None  #: Of the prediction, by the uncertainty of its inputs.
     z_measurement: float | None = None  #: Difference over `std_error`.
-    #: Difference over both errors together, as a normal score; the decision is taken from this one.
+    #: Difference over both errors together, as a normal score; it decides.
     z: float | None = None
-    #: By Holm's rule over all rows. None: not a test, since the prediction was made from this very number.
+    #: By Holm's rule over all rows. None: not a test, as the prediction was made from this very number.
     agrees: bool | None = None
-    #: That would have been called a disagreement with a chance of 90 %, were this row the only one that is off.
+    #: Smallest difference that is detected with a probability of 90 % if no other row is off.
     smallest_difference_90: float | None = None
 
     @property
     def is_weak(self) -> bool:
-        """Whether only a difference larger than half the number (of AoLP, of 45 deg) would have been seen."""
+        """True if only a difference above half of the number (of AoLP, of 45 deg) is detected."""
         seen = self.smallest_difference_90
         size = _TURN_DEG if self.quantity == "aolp_deg" else abs(self.predicted)
         return seen is not None and self.quantity not in _SIGNED and seen > _USELESS_SHARE * size
 
     @property
     def key(self) -> NumberKey:
-        """Which number it is."""
+        """Name of the number."""
         return NumberKey(self.region, self.quantity, self.statistic)
 
 
 def pair(region: str, predicted: "Quantities", measured: "MeasuredQuantities") -> Iterable[Row]:
     """Return a row for each number that both sides have.
 
-    The error that a deviation has by its own pixels is small where it came out small by chance: taken as it is, it
-    calls four times as many deviations of 1600 pixels too small as chance has it, a hundred times as many of 100. So
-    it is that of the larger one, of measured and predicted.
+    The error of a deviation is proportional to it, and so is too small where the deviation is small by chance: four
+    times as many deviations of 1600 pixels, a hundred times as many of 100, would be called too small as there should
+    be. Therefore it is the error of the larger one of measured and predicted deviation.
     """
     for quantity, statistics in predicted.items():
         for statistic, value in statistics.items():
@@ -125,16 +125,16 @@ def scored(row: Row, std_error_inputs: float) -> Row:
     )
 
 
-# Below this signal to noise DoLP and AoLP are no normal numbers; the score of both is then that of (S1, S2).
+# Below this squared signal-to-noise ratio DoLP and AoLP are not normal; the score of both is then that of (S1, S2).
 _LEAST_CHI_SQUARE = 36.0
-# What counts of whole numbers do to the DoLP of pixels, in its standard errors: more is no test of its law.
+# Largest effect of whole counts on the DoLP of pixels, in its standard errors, that a test of its law allows.
 _COARSE = 0.25
 
 
 def with_joint_scores(
     rows: Sequence[Row], predictions: Mapping[str, RegionPrediction], measurement: Measurement, cov: FloatArray
 ) -> tuple[Row, ...]:
-    """Return rows that are scored as their laws are where polarization is weak, and counts are coarse.
+    """Return rows with other scores where polarization is weak or counts are coarse.
 
     DoLP and AoLP of hardly polarized light are scored as (S1, S2) together, in DoLP's row; AoLP has no score then. The
     DoLP of pixels has none where steps of whole counts show in it. `cov` is what the inputs give the rows.
@@ -165,9 +165,9 @@ def with_joint_scores(
 def is_coarse(prediction: RegionPrediction, region: MeasuredRegion, measurement: Measurement) -> bool:
     """Return whether whole counts show in the DoLP of a region's pixels.
 
-    (S1, S2) then stand on a grid, of which the law knows nothing. What that does to the mean length and its deviation
-    goes with the density of the law at 0, where the length has its corner: found by summing over grids. Where noise
-    does not reach over a count, rounding moves the counts of single pixels besides.
+    (S1, S2) then lie on a grid, which the law does not describe. The effect on mean and deviation of the length is
+    proportional to the density of the law at 0, where the length has its corner (found by summing over grids). Where
+    noise is below one count, rounding also moves the counts of single pixels.
     """
     if region.is_by_law:
         return True
@@ -181,7 +181,7 @@ def is_coarse(prediction: RegionPrediction, region: MeasuredRegion, measurement:
 
 
 def decide(rows: tuple[Row, ...], *, alpha: float) -> tuple[Row, ...]:
-    """Return the rows with a decision each, by Holm's rule over all that are tests, and what each could have seen."""
+    """Return the rows with decisions by Holm's rule over all tests, and the smallest difference that each detects."""
     tests = [k for k, row in enumerate(rows) if row.z is not None]
     rejected = holm_rejections(two_sided_p_value([rows[k].z or 0.0 for k in tests]), alpha=alpha)
     verdicts = dict(zip(tests, rejected.tolist(), strict=True))
@@ -199,15 +199,15 @@ def error_of_both(row: Row) -> float:
 
 
 def with_ratios(predictions: Mapping[str, "RegionPrediction"]) -> dict[str, "RegionPrediction"]:
-    """Return predictions with a ratio for each channel beside its counts; none where there is no light."""
+    """Return predictions with the ratio of each channel to the mean of all; unchanged without light."""
     return {name: _with_ratios(prediction) for name, prediction in predictions.items()}
 
 
 def predictable(measured: "MeasuredQuantities", *, is_mosaic: bool, is_interpolated: bool) -> "MeasuredQuantities":
-    """Return what a scene's prediction is set beside: it knows of pixels that see one point behind all angles.
+    """Return the measured numbers that a scene's prediction describes: pixels that see one point at all angles.
 
-    Behind the polarizers of a mosaic each angle has pixels of its own. What their texture and response have in common
-    is not known, nor what interpolation leaves of them: then deviations over the pixels are no tests.
+    In a mosaic each angle has pixels of its own. The correlation of their texture and response is not known, nor is the
+    effect of interpolation on them: deviations over the pixels are then not tested.
     """
     if not is_mosaic:
         return measured
@@ -232,7 +232,7 @@ def _with_ratios(prediction: "RegionPrediction") -> "RegionPrediction":
     return replace(prediction, quantities=prediction.quantities | found)
 
 
-# Name of the cause: what the faults that a run shows of itself could do, all of them together.
+# Name of the cause: all faults that the run shows, together.
 FAULTS = "faults of the run"
 
 
@@ -348,7 +348,7 @@ def _budget(channels: ChannelMoments, causes: Mapping[str, FloatArray], measurem
 
 
 def _repeats(region: MeasuredRegion) -> dict[str, FloatArray]:
-    """Return the cause of what the rig does not repeat; none where nothing was repeated."""
+    """Return the covariance by imperfect repetition of the rig; empty without repetitions."""
     cov = region.repeatability.cov(region.channels_mean.mean)
     return {"repeatability": cov} if np.any(cov) else {}
 
@@ -361,7 +361,7 @@ def _dark_level(measurement: Measurement) -> FloatArray:
 def _inputs(
     region: str, rows: tuple[Row, ...], propagation: Propagation, uncertain: Inputs, channels: tuple[str, ...]
 ) -> dict[str, FloatArray]:
-    """Return what the inputs do to the mean counts of a region: angle, drift of the light, and all others."""
+    """Return the covariance of a region's mean counts by inputs: angle, drift of the light, and all others."""
     place = {row.key: k for k, row in enumerate(rows)}
     effects = propagation.effects[[place[NumberKey(region, channel, "mean")] for channel in channels]]
     std = np.sqrt(np.diag(uncertain.cov))

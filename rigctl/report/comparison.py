@@ -26,7 +26,7 @@ from rigctl.base.numbers import NOTHING, chance, p_value, signed, size, to_digit
 from rigctl.calibrations.made_for import MeasuredOverFrames
 from rigctl.comparison.checks import ADVICE, VERDICT_WORDS, not_judged, refusals, reservations, said_of, unjudged_lines
 from rigctl.comparison.compare import ALLOWED_SHARE
-from rigctl.comparison.rows import FAULTS, off_prediction
+from rigctl.comparison.rows import FAULTS, error_of_both, off_prediction
 from rigctl.files.scene_file import NoiseSection
 from rigctl.measure.faults import UNSEEN
 from rigctl.prediction.predict import NO_NOISE
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from model.prediction import RegionPrediction
     from model.scene.field import FieldLight
     from rigctl.calibrations.noise import NoiseParameters
-    from rigctl.comparison.checks import Cause, Check, RegionVerdict, Trend
+    from rigctl.comparison.checks import Check, Trend
     from rigctl.comparison.compare import Comparison, NumericalAccuracy
     from rigctl.comparison.explain import FittedInput, InputAttribution, InputMove
     from rigctl.comparison.rows import RegionBudget, Row
@@ -77,27 +77,21 @@ if TYPE_CHECKING:
     from rigctl.report.document import Block
 
 
-# No error of a report is so small but by rounding.
+# Smaller errors are rounding.
 _ROUNDING = 1e-12
 Budgets = Mapping[str, "RegionBudget"]  # by region
 _VERDICTS = {True: "agrees", False: "DISAGREES", None: "no test"}
-
-
-def error_of(row: Row) -> float:
-    """Return the standard error of both sides together."""
-    from rigctl.comparison.rows import error_of_both
-
-    return error_of_both(row)
+_TREND_WORDS = {True: "predicted", False: "NOT predicted", None: "not known"}
 
 
 def predicted_text(row: Row) -> str:
     """Return the prediction to the digits that the errors allow."""
-    return _undefined(row, row.std_error_inputs) or to_digits(row.predicted, error_of(row))
+    return _undefined(row, row.std_error_inputs) or to_digits(row.predicted, error_of_both(row))
 
 
 def measured_text(row: Row) -> str:
     """Return the measured number to the digits that the errors allow."""
-    return _undefined(row, row.std_error) or to_digits(row.measured, error_of(row))
+    return _undefined(row, row.std_error) or to_digits(row.measured, error_of_both(row))
 
 
 def _undefined(row: Row, std_error: float | None) -> str:
@@ -112,7 +106,7 @@ def _with_error(row: Row, value: float, std_error: float | None) -> str:
     if undefined := _undefined(row, std_error):
         return undefined
     if not std_error or std_error < _ROUNDING:
-        return f"{to_digits(value, error_of(row))}\N{NO-BREAK SPACE}± 0"
+        return f"{to_digits(value, error_of_both(row))}\N{NO-BREAK SPACE}± 0"
     return f"{to_digits(value, std_error)}\N{NO-BREAK SPACE}± {to_digits(std_error, std_error)}"
 
 
@@ -126,7 +120,7 @@ def _two_digits(number: float | None) -> str:
     return f"{number:.2g}" if abs(number) > _ROUNDING else "0"
 
 
-# A report has a table for each region, and both scores; the terminal is narrow. Keys are those of `Row`.
+# Keys are those of `Row`. A page has a table for each region and both scores; the terminal is narrow.
 ROW_COLUMNS: tuple[Column[Row], ...] = (
     Column(title="region", key="region", left=True, shown=Shown.TERMINAL | Shown.PROGRAMS),
     Column(title="quantity", key="quantity", left=True),
@@ -191,16 +185,16 @@ def _disagrees(row: Row) -> bool:
     return row.agrees is False
 
 
-# Quantities of the means that stand first, and their names there.
+# Quantities of the summary, and their titles there.
 _SUMMARY = {"s0": "S0 [{unit}]", "dolp": "DoLP", "aolp_deg": "AoLP [deg]", "dolp_snr": "DoLP SNR"}
-# More names than this say no more than that an input is hardly seen.
+# Of more indistinguishable inputs than this only the number is shown.
 _NAMED = 4
 _SHOWN_MOVES = 12
 _Known = tuple[str, MeasuredOverFrames[float]]
 
 
 def summary_table(comparison: Comparison) -> Table[Row]:
-    """Return S0, DoLP, AoLP and DoLP SNR of each region: both sides with their errors, and the difference in them."""
+    """Return S0, DoLP, AoLP and DoLP SNR of each region, measured and predicted, with the difference in errors."""
     unit = comparison.measurement.grid.unit
     means = {(row.region, row.quantity): row for row in comparison.rows if row.statistic == "mean"}
     keys = [(region, quantity) for region in comparison.measurement.regions for quantity in _SUMMARY]
@@ -231,13 +225,13 @@ def trend_table(trends: Sequence[Trend]) -> Table[Trend]:
         Column(title="in order", text=lambda found: str(found.order.concordant)),
         Column(title="Kendall's tau", text=lambda found: f"{found.order.tau:+.2f}"),
         Column(title="chance", text=lambda found: chance(found.order.p_value)),
-        Column(title="trend", text=_trend, left=True),
+        Column(title="trend", text=lambda found: _TREND_WORDS[found.predicted], left=True),
     )
     return Table(columns=columns, rows=tuple(trends), is_off=lambda found: found.predicted is False)
 
 
 def check_table(checks: Sequence[Check]) -> Table[Check]:
-    """Return what the run says of itself."""
+    """Return the checks of the run."""
     columns: tuple[Column[Check], ...] = (
         Column(title="check", text=lambda check: check.name, left=True),
         Column(title="verdict", text=lambda check: check.verdict, left=True),
@@ -256,10 +250,6 @@ def budget_table(budgets: Budgets, quantity: str) -> Table[tuple[str, dict[str, 
         Column(title="all", text=lambda row: size(_total(row[1]))),
     )
     return Table(columns=columns, rows=rows)
-
-
-def _trend(found: Trend) -> str:
-    return {True: "predicted", False: "NOT predicted", None: "not known"}[found.predicted]
 
 
 def _part(row: tuple[str, dict[str, float]], cause: str) -> str:
@@ -313,7 +303,7 @@ def _confused(move: InputMove) -> str:
 
 
 def fault_table(terms: Sequence[FaultTerm]) -> Table[FaultTerm]:
-    """Return faults with their size, what they move, and what they cannot be told from."""
+    """Return faults with their size, the shifts that they cause, and the faults that they cannot be told from."""
     columns: tuple[Column[FaultTerm], ...] = (
         Column(title="fault", text=lambda term: term.title, left=True),
         Column(title="size", text=lambda term: _number(term.value)),
@@ -321,7 +311,7 @@ def fault_table(terms: Sequence[FaultTerm]) -> Table[FaultTerm]:
         Column(title="unit", text=lambda term: term.unit, left=True),
         Column(title="moves DoLP by", text=lambda term: _number(term.dolp_shift)),
         Column(title="AoLP by [deg]", text=lambda term: _number(term.aolp_shift_deg)),
-        Column(title="said", text=_said, left=True, wide=True),
+        Column(title="result", text=_fault_result, left=True, wide=True),
     )
     return Table(columns=columns, rows=tuple(terms), is_off=lambda term: term.named)
 
@@ -330,19 +320,16 @@ def _number(value: float | None) -> str:
     return NOTHING if value is None else f"{value:.3g}"
 
 
-def _said(term: FaultTerm) -> str:
+def _fault_result(term: FaultTerm) -> str:
     if not term.testable:
         return f"not testable: {term.reason}"
-    found = "found" if term.named else f"not found ({signed(_score(term))} errors)"
-    return found + (f"; not to be told from {', '.join(term.confused_with)}" if term.confused_with else "")
-
-
-def _score(term: FaultTerm) -> float | None:
-    return None if term.value is None or not term.std_error else term.value / term.std_error
+    score = None if term.value is None or not term.std_error else term.value / term.std_error
+    result = "found" if term.named else f"not found ({signed(score)} errors)"
+    return result + (f"; cannot be told from {', '.join(term.confused_with)}" if term.confused_with else "")
 
 
 def parameter_table(noise: NoiseParameters) -> Table[_Known]:
-    """Return the numbers of a noise calibration that a comparison used, with their errors."""
+    """Return the numbers of the noise calibration that a comparison used, with their errors."""
     columns: tuple[Column[_Known], ...] = (
         Column(title="noise calibration", text=lambda row: row[0], left=True),
         Column(title="value", text=lambda row: to_digits(row[1].value, row[1].std_error)),
@@ -354,7 +341,7 @@ def parameter_table(noise: NoiseParameters) -> Table[_Known]:
 
 def compared_json(comparison: Comparison) -> dict[str, Json]:
     """Return the content of comparison.json."""
-    measurement = comparison.measurement
+    measurement, rows = comparison.measurement, _rows_by_name(comparison.rows)
     return {
         "schema_version": SCHEMA_VERSION,
         "kind": comparison.kind,
@@ -364,10 +351,14 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "alpha": comparison.alpha,
         "scale": None if comparison.scale is None else asdict(comparison.scale),
         "disagreements": json_rows(row_table(comparison.disagreements)),
-        "diagnosis": _pointers(comparison.points_to) | diagnosis_json(comparison.run_diagnosis),
+        "diagnosis": {
+            "points_to": list(comparison.points_to),
+            "advice": [ADVICE[cause] for cause in comparison.points_to],
+            **diagnosis_json(comparison.run_diagnosis),
+        },
         "statistics": STATISTICS,
         "unit": measurement.grid.unit,
-        "regions": _with_verdicts(_rows_by_name(comparison.rows), comparison.regions),
+        "regions": {name: asdict(verdict) | rows.get(name, {}) for name, verdict in comparison.regions.items()},
         "rows": json_rows(row_table(comparison.rows)),
         "pixels": {name: pixels_json(region) for name, region in measurement.regions.items()},
         "explanation": None if comparison.attribution is None else asdict(comparison.attribution),
@@ -387,12 +378,8 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
     }
 
 
-def _pointers(causes: Sequence[Cause]) -> dict[str, Json]:
-    return {"points_to": list(causes), "advice": [ADVICE[cause] for cause in causes]}
-
-
 def _accuracy(found: NumericalAccuracy) -> Json:
-    """Return the numerical settings that a comparison chose, and their errors beside those of its rows."""
+    """Return the numerical settings that a comparison chose, and their largest error as a share of a row's error."""
     return {
         "tolerance": found.tolerance,
         "settings": found.settings,
@@ -400,14 +387,9 @@ def _accuracy(found: NumericalAccuracy) -> Json:
         "row": None if found.row is None else "/".join(found.row),
         "allowed_share": ALLOWED_SHARE,
         "is_kept": found.is_kept,
-        "is_promised": not found.found.estimated_only,
+        "is_promised": not found.predicted.estimated_only,
         "left_out": sorted(found.left_out),
     }
-
-
-def _with_verdicts(regions: Mapping[str, Mapping[str, Json]], verdicts: Mapping[str, RegionVerdict]) -> Json:
-    """Return regions with their verdict and its reason beside their quantities."""
-    return {name: {**asdict(verdict), **regions.get(name, {})} for name, verdict in verdicts.items()}
 
 
 def _rows_by_name(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Json]]]:
@@ -430,9 +412,9 @@ FloatArray = NDArray[np.float64]
 Law = Callable[[FloatArray], FloatArray]
 
 _BINS = 60
-# Two pixels apart.
+# Two pixels of the figure apart.
 _LAW_POINTS = 150
-# Of S0 the budget is a share of itself.
+# Titles of budgets; that of S0 is relative.
 _TITLES = {name: QUANTITIES[name].label for name in FOLLOWED} | {"s0": "S0 (share of itself)"}
 # Colours after Okabe and Ito, told apart by colour-blind readers; hatches tell them apart in grey. A cause has the same
 # in every report.
@@ -453,7 +435,7 @@ _LOOKS = {
 }
 # A cause below this share of the largest of a panel is not drawn to scale but at the edge.
 _SHOWN_DECADES = 3.0
-# Of a letter, at most.
+# Largest width of a letter.
 _NAME_INCH = 0.1
 
 
@@ -496,7 +478,7 @@ def histograms(measurement: Measurement, predictions: dict[str, RegionPrediction
 
 
 def scores_png(comparison: Comparison) -> bytes:
-    """Return every row's standard score, and which of them disagree."""
+    """Return a figure of every row's standard score, with those that disagree marked."""
     tested = [row for row in comparison.rows if row.z is not None]
     names = list(dict.fromkeys(row.region for row in tested))
     figure, axes = subplots(1, 1, size=(11.0, 0.9 + 0.55 * len(names)))
@@ -524,7 +506,7 @@ def _bars(ax: Axes, rows: list[Row]) -> None:
     places = np.arange(len(rows))
     ax.bar(places - 0.2, [row.predicted for row in rows], 0.38, color=PREDICTED, label="predicted")
     ax.bar(places + 0.2, [row.measured for row in rows], 0.38, color=MEASURED, label="measured")
-    both = [np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0) for row in rows]
+    both = [error_of_both(row) for row in rows]
     ax.errorbar(places + 0.2, [row.measured for row in rows], yerr=both, fmt="none", ecolor="black", capsize=3)
     ax.set_xticks(places, [angle_of(row.quantity) for row in rows])
 
@@ -545,7 +527,7 @@ def _histogram(ax: Axes, values: FloatArray, law: Law, *, step: float, title: st
 
 
 def _edges(low: float, high: float, step: float) -> FloatArray:
-    """Return edges of bins that are whole multiples of one count's step wide: others make spikes that are not there."""
+    """Return edges of bins that are a whole multiple of one count's step wide; others would make false spikes."""
     width = step * max(1.0, np.ceil((high - low) / _BINS / step))
     start = np.floor(low / width) - 0.5
     return np.asarray((start + np.arange(int(np.ceil((high - low) / width)) + 3)) * width)
@@ -621,7 +603,7 @@ def _place(group: int, place: float, causes: list[str]) -> float:
     return group * (len(causes) + 2) + place
 
 
-# So many disagreements are shown at the head of the report; all stand in its tables.
+# How many disagreements the head of the report lists; its tables have all.
 _SHOWN_DISAGREEMENTS = 12
 _SIMULATED = "The frames are simulated; the numbers of the simulated sensor and scene are assumed."
 _MODEL = "Model: Meng & Kerekes, IEEE TGRS 2014, doi:10.1109/TGRS.2014.2299272, [MK14] above."
@@ -675,20 +657,24 @@ def likeliest_cause(comparison: Comparison) -> str:
     """Return the likeliest cause of a disagreement and its size; nothing where the rows point to none."""
     cause = next(iter(comparison.points_to), None)
     if cause == "axis-offset":
-        off = _mean_of([(off_prediction(row, row.measured), error_of(row)) for row in _means(comparison, "aolp_deg")])
+        off = _mean_of(
+            [(off_prediction(row, row.measured), error_of_both(row)) for row in _means(comparison, "aolp_deg")]
+        )
         return off and f"polarizer axis off by {off} deg"
     if cause == "axis-sense":
         return "the polarizer turns the other way (sense)"
     if cause in ("scale", "polarization"):
         rows = [row for row in _means(comparison, "s0" if cause == "scale" else "dolp") if row.predicted > 0.0]
-        share = _mean_of([(100.0 * (r.measured / r.predicted - 1.0), 100.0 * error_of(r) / r.predicted) for r in rows])
+        share = _mean_of(
+            [(100.0 * (r.measured / r.predicted - 1.0), 100.0 * error_of_both(r) / r.predicted) for r in rows]
+        )
         return share and f"{'light or counts' if cause == 'scale' else 'DoLP'} off by {share} %"
     return {"noise": "noise other than predicted", "not-normal": "a law other than predicted"}.get(cause or "", "")
 
 
 def _means(comparison: Comparison, quantity: str) -> list[Row]:
     rows = [row for row in comparison.rows if (row.quantity, row.statistic) == (quantity, "mean")]
-    return [row for row in rows if error_of(row) > 0.0]
+    return [row for row in rows if error_of_both(row) > 0.0]
 
 
 def _mean_of(found: Sequence[tuple[float, float]]) -> str:
@@ -754,7 +740,7 @@ def _residual_of_fit(measurement: Measurement) -> Iterable[Section]:
         residual = Picture(
             png=residual_picture(measurement.images.residual),
             caption="Twice the residual of the fit over the light; at 0, 45, 90, 135 deg, the difference between the "
-            "sums of orthogonal pairs. No light has one: structure in it is a fault of the run.",
+            "sums of orthogonal pairs. It is 0 for any light: structure in it is a fault of the run.",
         )
         yield Section(title="Fit residual", blocks=(residual,))
 

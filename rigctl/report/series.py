@@ -13,11 +13,10 @@ import numpy as np
 from model.quantities import FOLLOWED, QUANTITIES
 from rigctl.base.numbers import NOTHING, signed
 from rigctl.comparison.checks import refusals
-from rigctl.comparison.rows import off_prediction
+from rigctl.comparison.rows import error_of_both, off_prediction
 from rigctl.comparison.series import hours_of, mean_row, name_of, start_of, sun_zenith_deg
 from rigctl.report.comparison import (
     ROW_COLUMNS,
-    error_of,
     measured_text,
     predicted_text,
     row_table,
@@ -92,7 +91,7 @@ def mean_table(comparisons: Sequence[Comparison]) -> Table[RowOfRun]:
         Column(title="quantity", text=lambda one: one[1].quantity, left=True),
         Column(title="predicted", text=lambda one: predicted_text(one[1])),
         Column(title="measured", text=lambda one: measured_text(one[1])),
-        Column(title="error", text=lambda one: f"{error_of(one[1]):.1e}"),
+        Column(title="error", text=lambda one: f"{error_of_both(one[1]):.1e}"),
         Column(title="z, both", text=lambda one: signed(one[1].z)),
     )
     rows = tuple(
@@ -215,7 +214,7 @@ def _residuals(ax: Axes, at: Sequence[float], rows: Sequence[Row]) -> None:
     ax.errorbar(
         at,
         [off_prediction(row, row.measured) for row in rows],
-        yerr=[float(np.hypot(row.std_error or 0.0, row.std_error_inputs or 0.0)) for row in rows],
+        yerr=[error_of_both(row) for row in rows],
         fmt="o",
         markersize=4,
         color=MEASURED,

@@ -71,11 +71,11 @@ def test_one_cycle_without_calibration_tests_the_law_alone(tmp_path):
     assert any("no noise calibration" in text for text in found.not_tested)
 
 
-def test_numbers_that_stand_beside_themselves_are_said_and_not_counted(tmp_path):
+def test_numbers_of_the_law_that_are_the_measured_ones_are_named_and_not_counted(tmp_path):
     # DoLP 0.3 at a signal-to-noise of 16: its mean over pixels is that of their mean, and so is its deviation.
     found = _compared(_run(tmp_path, cycles=1), None)
     assert not [row for row in found.rows if row.agrees is not None]
-    assert any("a: dolp_pixels mean" in text and "beside itself" in text for text in found.not_tested)
+    assert any("a: dolp_pixels mean" in text and "the measured number itself" in text for text in found.not_tested)
 
 
 def test_pixels_that_are_not_gaussian_are_found(tmp_path):

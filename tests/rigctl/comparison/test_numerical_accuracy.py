@@ -30,16 +30,16 @@ def _row(quantity, error, statistic="mean"):
     return Row(**{**vars(row), "std_error": error, "std_error_inputs": 0.0, "z": 0.0, "agrees": True})
 
 
-def _beside(*rows, spent=None, tolerance=0.01, expected_s=1.0):
+def _accuracy(*rows, spent=None, tolerance=0.01, expected_s=1.0):
     total = {Reading("a", name, "mean"): error for name, error in ERRORS}
     found = NumericalAccuracy(
         tolerance=tolerance,
-        found=SimpleNamespace(budget=SimpleNamespace(total=total), estimated_only=False, expected_s=expected_s),
+        predicted=SimpleNamespace(budget=SimpleNamespace(total=total), estimated_only=False, expected_s=expected_s),
         effects=SimpleNamespace(spent=Bound() if spent is None else spent),
         left_out=frozenset() if spent is None else frozenset({Effect.SKYLIGHT}),
         taken=frozenset(),
     )
-    return found.beside(rows, {"a": SimpleNamespace(quantities=QUANTITIES)})
+    return found.of_rows(rows, {"a": SimpleNamespace(quantities=QUANTITIES)})
 
 
 @pytest.mark.parametrize(
@@ -54,15 +54,15 @@ def _beside(*rows, spent=None, tolerance=0.01, expected_s=1.0):
     ],
 )
 def test_the_numerical_error_of_a_row_is_in_its_own_unit(quantity, error):
-    assert _beside(_row(quantity, 1.0)).share == pytest.approx(error, rel=1e-6)
+    assert _accuracy(_row(quantity, 1.0)).share == pytest.approx(error, rel=1e-6)
 
 
 def test_what_left_out_effects_may_change_is_part_of_it():
-    assert _beside(_row("dolp", 1e-3), spent=Bound(ratios=1e-4)).share == pytest.approx(0.15)
+    assert _accuracy(_row("dolp", 1e-3), spent=Bound(ratios=1e-4)).share == pytest.approx(0.15)
 
 
 def test_the_worst_row_asks_for_the_next_tolerance():
-    found = _beside(_row("dolp", 1e-4), _row("s0", 100.0))
+    found = _accuracy(_row("dolp", 1e-4), _row("s0", 100.0))
     assert found.row.quantity == "dolp"
     assert not found.is_kept
     assert found.next_tolerance < 0.01 * ALLOWED_SHARE / found.share
@@ -70,17 +70,17 @@ def test_the_worst_row_asks_for_the_next_tolerance():
 
 
 def test_no_smaller_tolerance_is_tried_where_this_one_does_or_there_is_none():
-    assert _beside(_row("dolp", 1.0)).next_tolerance is None
-    assert _beside(_row("dolp", 1e-9), tolerance=1e-6).next_tolerance is None
-    assert _beside().share == 0.0
+    assert _accuracy(_row("dolp", 1.0)).next_tolerance is None
+    assert _accuracy(_row("dolp", 1e-9), tolerance=1e-6).next_tolerance is None
+    assert _accuracy().share == 0.0
 
 
 def test_settings_that_would_take_minutes_are_not_tried_and_the_reached_error_is_said():
-    found = _beside(_row("dolp", 1e-4), expected_s=60.0)
+    found = _accuracy(_row("dolp", 1e-4), expected_s=60.0)
     assert found.next_tolerance is None
     assert "at most 0.5 of a standard error" in found.remark
     assert "take minutes" in found.remark
 
 
 def test_an_error_of_s0_hardly_asks_for_a_smaller_tolerance_of_ratios():
-    assert _beside(_row("ratio_0", 4.2e-4)).is_kept
+    assert _accuracy(_row("ratio_0", 4.2e-4)).is_kept
