@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import resource
 import struct
 import zlib
 from pathlib import Path
@@ -88,18 +89,6 @@ def test_first_image_of_a_fits_file_is_taken_and_that_is_said(tmp_path):
     assert image.remarks == ("the first of 2 images of its file",)
 
 
-@pytest.mark.parametrize(
-    ("pixels", "reason"),
-    [
-        (np.full((6, 9), np.nan), "NaN or infinite"),
-        (np.zeros((2, 3, 4), np.int16), "has axes of 2 x 3 x 4"),
-    ],
-)
-def test_fits_that_is_no_image_of_counts_is_refused(tmp_path, pixels, reason):
-    with pytest.raises(DataError, match=reason):
-        read_image(write_fits(tmp_path / "image.fits", pixels))
-
-
 def test_samples_that_are_no_numbers_are_marked_and_are_no_raw_image(tmp_path):
     image = read_image(write_fits(tmp_path / "image.fits", np.where(np.eye(6, 9) > 0, np.nan, COUNTS)))
     np.testing.assert_array_equal(image.unset, np.eye(6, 9) > 0)
@@ -142,13 +131,6 @@ def test_a_colour_of_an_image_is_read(tmp_path, name, plane, place):
     else:
         PIL.Image.fromarray(colours).save(tmp_path / name)
     np.testing.assert_array_equal(read_image(tmp_path / name, plane=plane).counts, colours[..., place])
-
-
-def test_colours_that_stand_one_after_another_are_refused_and_not_mixed_up(tmp_path):
-    colours = np.zeros((3, 5, 7), np.uint16)
-    tifffile.imwrite(tmp_path / "image.tif", colours, photometric="rgb", planarconfig="separate")
-    with pytest.raises(DataError, match="one after another"):
-        read_image(tmp_path / "image.tif", plane="red")
 
 
 STACK = np.arange(24, dtype=np.int32).reshape(2, 3, 4) * 40000 - 5
@@ -203,69 +185,62 @@ def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
     np.testing.assert_array_equal(read_image(Path(f"{tmp_path}/a.nc:/data")).counts, [[100, 105], [110, 115]])
 
 
+def checksum_off(path):
+    fits.PrimaryHDU(COUNTS).writeto(path, checksum=True)
+    data = bytearray(path.read_bytes())
+    data[-2880] ^= 1
+    path.write_bytes(data)
+
+
+def cut_off(path):
+    pixels = noisy_counts(shape=(60, 90))
+    write_fits(path, pixels) if path.suffix == ".fits" else cv2.imwrite(str(path), pixels)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def separate_colours(path):
+    tifffile.imwrite(path, np.zeros((3, 5, 7), np.uint16), photometric="rgb", planarconfig="separate")
+
+
+def colour_picture(path):
+    cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
+
+
+def one_bit(path):
+    cv2.imwrite(str(path), np.eye(8, dtype=np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "reason"),
+    [
+        ("all nan.fits", lambda path: write_fits(path, np.full((6, 9), np.nan)), "NaN or infinite"),
+        ("cube.fits", lambda path: write_fits(path, np.zeros((2, 3, 4), np.int16)), "has axes of 2 x 3 x 4"),
+        ("empty.fits", lambda path: fits.PrimaryHDU().writeto(path), "without an image"),
+        ("checksum.fits", checksum_off, "is damaged"),
+        ("cut.png", cut_off, ""),
+        ("cut.tif", cut_off, ""),
+        ("cut.fits", cut_off, ""),
+        ("pages.tif", lambda path: cv2.imwritemulti(str(path), [COUNTS, COUNTS]), "holds 2 pictures"),
+        ("mask.png", one_bit, "1 bits per sample"),
+        ("notes.txt", lambda path: path.write_text("sunny"), "is no FITS, PNG, TIFF or RAW"),
+        ("none.png", lambda path: None, "cannot be read"),
+        ("separate.tif", separate_colours, "one after another"),
+        ("colour.png", colour_picture, "--plane red, green or blue"),
+        ("colour.tif", colour_picture, "--plane red, green or blue"),
+    ],
+)
+def test_a_file_that_is_no_picture_of_counts_is_refused_with_the_reason(tmp_path, name, write, reason):
+    write(tmp_path / name)
+    plane = "red" if name.startswith("separate") else None
+    with pytest.raises(ConfigError if name.startswith("colour") else DataError, match=reason):
+        read_image(tmp_path / name, plane=plane)
+
+
 @pytest.mark.parametrize("content", [b"", b"no HDF5 file", b"\x89HDF\r\n\x1a\n" + bytes(100), b"CDF\x01" + bytes(9)])
 def test_a_file_of_arrays_that_is_spoilt_is_refused(tmp_path, content):
     (tmp_path / "a.h5").write_bytes(content)
     with pytest.raises(DataError):
         read_image(Path(f"{tmp_path}/a.h5:/data"))
-
-
-def test_fits_without_an_image_is_refused(tmp_path):
-    fits.PrimaryHDU().writeto(tmp_path / "empty.fits")
-    with pytest.raises(DataError, match="without an image"):
-        read_image(tmp_path / "empty.fits")
-
-
-def test_fits_whose_own_checksum_fails_is_refused(tmp_path):
-    fits.PrimaryHDU(COUNTS).writeto(tmp_path / "image.fits", checksum=True)
-    data = bytearray((tmp_path / "image.fits").read_bytes())
-    data[-2880] ^= 1
-    (tmp_path / "image.fits").write_bytes(data)
-    with pytest.raises(DataError, match="is damaged"):
-        read_image(tmp_path / "image.fits")
-
-
-@pytest.mark.parametrize("name", ["image.png", "image.tif", "image.fits"])
-def test_file_that_is_cut_off_is_refused(tmp_path, name):
-    pixels = noisy_counts(shape=(60, 90))
-    if name.endswith("fits"):
-        write_fits(tmp_path / name, pixels)
-    else:
-        cv2.imwrite(str(tmp_path / name), pixels)
-    data = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(data[: len(data) // 2])
-    with pytest.raises(DataError):
-        read_image(tmp_path / name)
-
-
-@pytest.mark.parametrize("name", ["image.png", "image.tif"])
-def test_the_colour_of_a_colour_image_is_asked_for(tmp_path, name):
-    cv2.imwrite(str(tmp_path / name), np.zeros((4, 4, 3), np.uint8))
-    with pytest.raises(ConfigError, match="--plane red, green or blue"):
-        read_image(tmp_path / name)
-
-
-def test_file_of_several_pictures_is_refused(tmp_path):
-    cv2.imwritemulti(str(tmp_path / "pages.tif"), [COUNTS, COUNTS])
-    with pytest.raises(DataError, match="holds 2 pictures"):
-        read_image(tmp_path / "pages.tif")
-
-
-def test_png_of_one_bit_is_refused(tmp_path):
-    cv2.imwrite(str(tmp_path / "mask.png"), np.eye(8, dtype=np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
-    with pytest.raises(DataError, match="1 bits per sample"):
-        read_image(tmp_path / "mask.png")
-
-
-def test_file_that_is_no_image_is_refused(tmp_path):
-    (tmp_path / "notes.txt").write_text("sunny")
-    with pytest.raises(DataError, match="is not a FITS, PNG, TIFF or RAW"):
-        read_image(tmp_path / "notes.txt")
-
-
-def test_file_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(DataError, match="cannot be read"):
-        read_image(tmp_path / "none.png")
 
 
 @settings(deadline=None, max_examples=100)
@@ -325,3 +300,52 @@ def test_reads_what_opencv_reads(dtype: type) -> None:
 )
 def test_leaves_all_others_to_a_general_reader(data: bytes) -> None:
     assert unfiltered_png(data) is None
+
+
+def empty_png(width, height):
+    header = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    idat = chunk(b"IDAT", zlib.compress(b"\0" * 1000))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + idat + chunk(b"IEND", b"")
+
+
+def empty_tiff(width: int, height: int, *, following: int = 0) -> bytes:
+    entries = [(256, 4, 1, width), (257, 4, 1, height), (258, 3, 1, 16)]
+    directory = struct.pack("<H", len(entries)) + b"".join(struct.pack("<HHII", *entry) for entry in entries)
+    return b"II*\0" + struct.pack("<I", 8) + directory + struct.pack("<I", following)
+
+
+def fits_cards(*cards: str) -> bytes:
+    return "".join(card.ljust(80) for card in (*cards, "END")).encode("latin-1").ljust(2880)
+
+
+SIMPLE = "SIMPLE  =                    T"
+BOMBS = {
+    "25 bytes.png": empty_png(4, 4)[:25],
+    "24 bytes.png": empty_png(4, 4)[:24],
+    "wide.png": empty_png(60_000, 60_000),
+    "no pixels.png": empty_png(0, 5),
+    "wide.tif": empty_tiff(60_000, 60_000),
+    "circle.tif": empty_tiff(4, 4, following=8),
+    "cut.tif": empty_tiff(4, 4)[:20],
+    "far.tif": b"II*\0\xff\xff\xff\xff",
+    "huge.fits": fits_cards(SIMPLE, "BITPIX  = 16", "NAXIS   = 2", "NAXIS1  = 2000000000", "NAXIS2  = 2000000000"),
+    "negative.fits": fits_cards(SIMPLE, "BITPIX  = 16", "NAXIS   = 2", "NAXIS1  = -5", "NAXIS2  = 5"),
+    "not ascii.fits": fits_cards(SIMPLE, "BITPIX  = 16", "NAXIS   = 2", "NAXIS1  = \xe9", "OBJECT  = '\xb5m'"),
+    "zeros.fits.gz": gzip.compress(b"\0" * 4_000_000) * 100,
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_header_that_declares_more_than_the_file_holds_is_refused_before_memory_is_taken(tmp_path, name):
+    (tmp_path / name).write_bytes(BOMBS[name])
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(DataError):
+        read_image(tmp_path / name)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 700_000
+
+
+def test_a_sparse_file_is_judged_by_its_size(tmp_path):
+    with (tmp_path / "sparse.fits").open("wb") as file:
+        file.truncate(8 * 2**30)
+    with pytest.raises(DataError, match="--max-frame-mb"):
+        read_image(tmp_path / "sparse.fits")

@@ -195,3 +195,15 @@ def test_the_interval_that_doubles_the_dark_current(tmp_path: Path, capsys: pyte
 def test_different_cameras_have_no_doubling(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "doubling", *calibrations(tmp_path, serials=("1", "2", "1"))]) == EXIT_DATA
     assert "different cameras" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("make", [lambda folder: folder.parent / "secret.png", lambda _: Path("/etc/hostname")])
+def test_a_descriptor_does_not_point_outside_of_its_folder(tmp_path, capsys, make):
+    (tmp_path / "set").mkdir()
+    cv2.imwrite(str(tmp_path / "secret.png"), np.zeros((4, 4), np.uint16))
+    (tmp_path / "set" / "link.png").symlink_to(tmp_path / "secret.png")
+    text = f"v 3.0\nn 12 4 4\nb 1000 10\ni {make(tmp_path / 'set')}\ni ../secret.png\ni link.png\nd 1000\ni none.png\n"
+    (tmp_path / "set" / "data.txt").write_text(text)
+    arguments = ["calibrate", "noise", "--emva", str(tmp_path / "set" / "data.txt"), "--out", str(tmp_path / "n.json")]
+    assert main(arguments) == EXIT_USAGE
+    assert capsys.readouterr().err.count("lies outside of the descriptor's folder") == 3

@@ -243,3 +243,13 @@ def test_what_does_not_fit_is_refused(run_path, pngs, tmp_path, capsys):
     ):
         assert import_into(target, file, *words) == code
         assert said in capsys.readouterr().err
+
+
+def test_the_limit_is_an_option(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), np.ones((1000, 1000), dtype=np.uint16))
+    words = ["--angles", "0", "--same-exposure", "--black-level-dn", "0", "--bit-depth", "12"]
+    run, image = str(tmp_path / "run"), str(tmp_path / "a.png")
+    assert cli.main(["import", run, image, *words, "--max-frame-mb", "1"]) == 4
+    assert "would take 2 MB by its header" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+    assert cli.main(["import", run, image, *words, "--max-frame-mb", "2"]) == 0
