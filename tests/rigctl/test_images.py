@@ -222,7 +222,7 @@ def one_bit(path):
         ("cut.fits", cut_off, "."),
         ("pages.tif", lambda path: cv2.imwritemulti(str(path), [COUNTS, COUNTS]), "holds 2 pictures"),
         ("mask.png", one_bit, "1 bits per sample"),
-        ("notes.txt", lambda path: path.write_text("sunny"), "is no FITS, PNG, TIFF or RAW"),
+        ("notes.txt", lambda path: path.write_text("sunny"), "not a FITS, PNG, TIFF or RAW"),
         ("none.png", lambda path: None, "cannot be read"),
         ("separate.tif", separate_colours, "one after another"),
         ("colour.png", colour_picture, "--plane red, green or blue"),

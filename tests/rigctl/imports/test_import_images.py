@@ -171,7 +171,7 @@ def test_every_problem_is_named_in_one_message(run_path, pngs, tmp_path, capsys)
         "2 angles for 4 files",
         "--exposure-s",
         "--black-level-dn",
-        "notes.txt: is no FITS",
+        "notes.txt: is not a FITS",
         "small.png: 4 x 4 pixels",
         "none.png: cannot be read",
     ):
