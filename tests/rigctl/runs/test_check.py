@@ -1,17 +1,19 @@
-"""Runs held against what they say of themselves: whole, unfinished or damaged; no damage passes."""
+"""Checks and repairs of runs: whole, unfinished or damaged; no damage is missed."""
 
 import json
 import logging
 import os
 import shutil
+from dataclasses import replace
 
 import pytest
 
 from benchmarks.trials.damaged_runs import faults, make_run
 from rigctl import cli
 from rigctl.errors import RunFolderError
-from rigctl.runs.check import used_run, verify_run
-from rigctl.runs.folder import read_run
+from rigctl.runs.check import repair_run, used_run, verify_run
+from rigctl.runs.folder import read_frame, read_run
+from rigctl.runs.writer import RunWriter
 from rigctl.session.take import resume_session
 from rigctl.verbs.verify import verification_of
 from tests.rigctl.resealed import with_line
@@ -185,6 +187,38 @@ def test_a_repair_that_makes_the_manifest_again_leaves_a_whole_run(run):
     assert verification_of(run).state == "damaged"
     assert resume_session(run).is_finished
     assert verification_of(run).state == "whole"
+
+
+def test_a_repair_refuses_the_session_file_of_another_run(run, tmp_path):
+    before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
+    other = make_run(tmp_path / "other")
+    shutil.copy(other / "session.json", run / "session.json")
+    with pytest.raises(RunFolderError, match="manifest and events begin elsewhere"):
+        repair_run(run)
+    (run / "session.json").write_bytes(before[run / "session.json"])
+    assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
+
+
+def test_a_finished_run_that_was_killed_while_more_frames_came_is_unfinished(run):
+    last = read_run(run).frames[-1]
+    counts = read_frame(run, last)
+    with RunWriter.append(run) as writer:
+        writer.write_frame(replace(last, sequence=10, file="", checksum=""), counts)
+    assert verify_run(run).state == "unfinished"
+    lines = lines_of(run / "manifest.jsonl")
+    (run / "manifest.jsonl").write_bytes(b"".join([lines[0], *lines[2:]]))  # nothing later excuses another manifest
+    assert verify_run(run).state == "damaged"
+
+
+def test_a_repair_keeps_every_damaged_file(run, taken):
+    name = read_run(run).frames[0].file
+    for _ in range(3):
+        shutil.copy(taken / name, run / name)
+        flip_a_bit(run / name, 700)
+        (finding,) = repair_run(run).set_aside
+        assert (finding.file, "damaged" in finding.problem) == (name, True)
+    base = name.rpartition("/")[2]
+    assert sorted(file.name for file in (run / "damaged").iterdir()) == [base, f"{base}.1", f"{base}.2"]
 
 
 @pytest.mark.parametrize("name", ["session.json", "manifest.jsonl", "events.jsonl", "status.json", "writer.lock"])
