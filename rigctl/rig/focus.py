@@ -1,4 +1,4 @@
-"""Help for focusing: a picture stretched for the eye, and a number for its sharpness."""
+"""Focusing: a number for the sharpness of a picture, and a picture stretched for the eye."""
 
 from dataclasses import dataclass
 
@@ -23,14 +23,14 @@ _ROUNDING = 1e-12
 class Focus:
     """Numbers of one picture."""
 
-    #: Mean square slope of the counts, over their mean square, after smoothing by a pixel against noise: it does not
-    #: change with exposure, but with what is looked at. To be compared with itself only, while the lens is turned.
+    #: Mean square slope of the counts over their mean square, after smoothing by a pixel against noise. It does not
+    #: depend on the exposure, but on the scene: compare values only while the lens is turned.
     sharpness: float
     brightest: float  #: The 99.5 % quantile as a share of the range.
     saturated: float  #: Share of saturated pixels.
 
     def text(self, best: float) -> str:
-        """Return it in a line, beside the best sharpness so far."""
+        """Return the numbers in one line, with the best sharpness so far."""
         return (
             f"sharpness {self.sharpness * 1e3:.4g} (best {best * 1e3:.4g}), brightest {100 * self.brightest:.0f} % of "
             f"the range, {percent(self.saturated)} saturated"
@@ -47,7 +47,7 @@ def middle(counts: NDArray[np.uint16], *, zoom: int) -> NDArray[np.uint16]:
 def focus_of(counts: NDArray[np.uint16], *, bit_depth: int, is_sharpness_wanted: bool = True) -> Focus:
     """Return the numbers of a picture; sharpness 0 for one that is black, or of one value everywhere.
 
-    Where it is not wanted sharpness is 0 too, at a fifth of the cost.
+    Without `is_sharpness_wanted` it is 0 too, at a fifth of the cost.
     """
     full_dn = 2**bit_depth - 1
     return Focus(

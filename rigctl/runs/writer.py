@@ -1,4 +1,4 @@
-"""A run folder as it is written: a frame is on the disk before the manifest names it, an event at once."""
+"""Writes a run folder: a frame is on the disk before the manifest names it, and an event at once."""
 
 import errno
 import json
@@ -110,7 +110,7 @@ class RunWriter:
         try:
             return disk.call(make)
         except BaseException as error:
-            # One that a hanging disk has held is closed once it is made.
+            # A writer that a hanging disk delayed is closed as soon as it exists.
             disk.end(lambda: _close_all(made))
             if not isinstance(error, OSError):
                 raise
@@ -146,7 +146,7 @@ class RunWriter:
         self.disk.end(self._close)
 
     def _close(self) -> None:
-        with self._writing:  # by a thread that a hanging disk has held, and that comes to its end yet
+        with self._writing:  # a thread that a hanging disk delayed may still finish
             self._manifest.close()
         self._events.close()
         self._lock.release()
@@ -208,7 +208,7 @@ class RunWriter:
             self._sequences.discard(record.sequence)
 
     def event(self, name: str, **facts: Any) -> None:
-        """Note that something happened, with the time by both clocks."""
+        """Note an event with the time by both clocks."""
         try:
             self.disk.call(lambda: self._events.note(name, facts))
         except OSError as error:
@@ -218,17 +218,17 @@ class RunWriter:
                 self.listener(name, facts)
 
     def closing_event(self, name: str, **facts: Any) -> None:
-        """Note that what was to be done is done: the event holds how many frames there are, and their chain."""
+        """Note the end of the session; the event holds the number of frames and their chain."""
         self.event(name, **facts, **closing_facts(frames=self._manifest.lines, link=self._manifest.link))
 
 
 def _share_from(counts: NDArray[np.uint16], full_dn: int) -> float:
-    """Return the share of pixels with a count or more; most pictures have none, which their maximum tells at once."""
+    """Return the share of pixels at or above a count; most pictures have none, which their maximum shows quickly."""
     return np.count_nonzero(counts >= full_dn) / counts.size if counts.max() >= full_dn else 0.0
 
 
 def require_new_folder(path: Path) -> None:
-    """Raise RunFolderError where a run cannot be made, since something is there already."""
+    """Raise RunFolderError if the folder exists and is not empty."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise RunFolderError(f"{path}: not empty; a run needs a folder of its own. Name one that is not there yet")
 
@@ -244,7 +244,7 @@ class EventLog:
         self._lock = threading.Lock()
 
     def note(self, name: str, facts: dict[str, JsonValue]) -> None:
-        """Return once an event is on the disk; on a full one the room that is kept for events is used."""
+        """Return once an event is on the disk; a full disk uses the reserve for events."""
         with self._lock:  # the writer's thread notes events too
             line = json_line(
                 RunEvent(
@@ -264,13 +264,13 @@ class EventLog:
                 self._journal.append([line])
 
     def close(self) -> None:
-        """Close the file, and give the room back. May be called twice."""
+        """Close the file and free the reserve. May be called twice."""
         self._journal.close()
         self._reserve.give_up()
 
 
 class DiskReserve:
-    """A file that takes room, until the room is needed."""
+    """A file that reserves disk space for events."""
 
     def __init__(self, path: Path) -> None:
         self._file = path / _FILE
@@ -282,7 +282,7 @@ class DiskReserve:
                 os.close(descriptor)
 
     def give_up(self) -> None:
-        """Give the room back. May be called twice."""
+        """Free the space. May be called twice."""
         with suppress(OSError):
             self._file.unlink(missing_ok=True)
 
@@ -304,7 +304,7 @@ def _make_folder(path: Path) -> None:
 
 
 def _taken_sequences(run: Run) -> set[int]:
-    # A frame that a killed writer left without a line in the manifest is not to be overwritten.
+    # A frame of a killed writer without a line in the manifest must not be overwritten.
     numbers = (file.name.partition("_")[0] for file in (run.path / FRAMES_FOLDER).glob("*.fits"))
     unnamed = {int(number) for number in numbers if number.isdecimal()}
     return unnamed | {record.sequence for record in run.frames}

@@ -204,7 +204,7 @@ class _Sessions:
         return run.name
 
     def ask(self, name: str, what: "Question") -> None:
-        """Ask something of the session of a run; one that has ended is resumed in a process of its own."""
+        """Send a request to the session of a run; an ended session is resumed in a process of its own."""
         from rigctl.runs.folder import writing_process
         from rigctl.session.control import ask_process
 

@@ -1,4 +1,4 @@
-"""The page on which regions are drawn on a picture."""
+"""The page for drawing regions on a picture, and the file that they are written to."""
 
 import queue
 from pathlib import Path
@@ -65,7 +65,7 @@ def sent_regions(body: bytes) -> RegionsFile:
 def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -> str:
     """Write regions that a page sent, with the markers that the picture shows; return the name of the file.
 
-    What stood there is kept as ``.bak``, ``.bak2`` and so on; DataError refuses what is no regions.
+    An existing file is kept as ``.bak``, ``.bak2`` and so on. DataError refuses wrong regions.
     """
     regions = sent_regions(body)
     seen = [] if picture is None else search_markers(stretched(picture), "4x4_50")

@@ -40,7 +40,7 @@ from rigctl.web.pictures import (
 )
 
 VIEW = "view"
-# Counts that a metered exposure aims at, as a share of the range; between these two it stays as it is.
+# An automatic exposure aims at the first share of the range; between the other two it is kept.
 _AIM, _LEAST_FILLED, _MOST_FILLED = 0.7, 0.4, 0.9
 _SHORTEST_MS, _LONGEST_MS = 0.001, 2000.0
 _STEP_WORTH = 0.1
@@ -174,7 +174,7 @@ class LiveRig:
             self._turn_to_deg = angle_deg
 
     def take_dark(self) -> None:
-        """Take the newest picture for one without light: its mean is subtracted in the maps at this exposure."""
+        """Take the newest picture as dark frame: the maps at this exposure subtract its mean."""
         with self._changed:
             if self._counts is None or self._look.task == "rest":
                 raise ConfigError("begin a preview, cover the lens, and then take the dark level")
@@ -182,18 +182,18 @@ class LiveRig:
             self._look = replace(self._look, dark_dn=self._dark[1])
 
     def newest_counts(self) -> NDArray[np.uint16] | None:
-        """Return the newest picture [DN]; None where there is none."""
+        """Return the newest picture [DN]; None if there is none."""
         with self._changed:
             return self._counts
 
     def newest_sequence(self, name: str) -> int | None:
-        """Return the number of the newest picture of a name; None where there is none."""
+        """Return the number of the newest picture of a name; None if there is none."""
         look = self.look()
         number = look.maps_sequence if name in MAPS else look.sequence if name == VIEW else 0
         return number or None
 
     def picture(self, name: str, *, zebra: bool = True, dolp_top: float = 1.0) -> Picture | None:
-        """Return the newest picture or map of a name; None where there is none."""
+        """Return the newest picture or map of a name; None if there is none."""
         with self._changed:
             look, counts, cycle, saturation_dn = self._look, self._counts, self._cycle, self._saturation_dn
         if name == VIEW and counts is not None:
@@ -309,7 +309,7 @@ class LiveRig:
         return camera.take_frame(timeout_s=self._look.exposure_ms / _MS_PER_S + _TIMEOUT_S)
 
     def _expose_for_light(self, camera: Camera, task: Task, brightest: float) -> None:
-        """Set the exposure that suits what was seen, where it is to follow the light and is far off."""
+        """Correct an automatic exposure that is far off, by the brightest pixels of the last picture."""
         before_ms = self._look.exposure_ms
         if task.exposure_ms is not None or not self._look.width or _LEAST_FILLED <= brightest <= _MOST_FILLED:
             return
@@ -359,7 +359,7 @@ class LiveRig:
 
 
 def next_exposure_ms(exposure_ms: float, brightest: float) -> float:
-    """Return the exposure that fills the range; of a picture that is saturated or nearly black, a step towards it."""
+    """Return the exposure that fills the range, or a step towards it from a saturated or nearly black picture."""
     wanted_ms = exposure_ms / 8.0 if brightest >= 1.0 else exposure_ms * min(_AIM / max(brightest, 1e-3), 8.0)
     return min(max(wanted_ms, _SHORTEST_MS), _LONGEST_MS)
 

@@ -1,6 +1,7 @@
-"""Serving a page: addresses and tokens, who may look and act, connections that are bounded in number and time.
+"""The server of a page: addresses, tokens, rights, and connections that are bounded in number and time.
 
-Two tokens, for looking and for acting, are exchanged for a cookie. Idle connections are dropped when new ones come.
+There are two tokens, one for looking and one for acting. A browser exchanges the token of the address for a cookie. If
+there are too many connections, the one that has been silent longest is closed.
 """
 
 import asyncio
@@ -81,7 +82,7 @@ _HALVES = {(False, False): " ", (True, False): "▀", (False, True): "▄", (Tru
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where a page is."""
+    """Address of a page on this machine."""
 
     host: str = "127.0.0.1"  #: Address of this machine to listen at; 127.0.0.1 is for this machine alone.
     port: int = 0  #: 0: any that is free.
@@ -90,7 +91,7 @@ class Place:
 
 
 def place_of(listen: str, certificate: Path | None = None, key: Path | None = None) -> Place:
-    """Return where a page is, from an address and port such as 127.0.0.1:8765; ConfigError if that is wrong."""
+    """Return the address of a page, from text such as 127.0.0.1:8765; ConfigError if that is wrong."""
     host, _, port = listen.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isdecimal() or int(port) > _MOST_PORT:
@@ -109,14 +110,14 @@ class Addresses:
 
     @property
     def is_for_others(self) -> bool:
-        """Machines beside this one can open them."""
+        """True if other machines can open them."""
         return not is_loopback(urlsplit(self.look_url).hostname or "")
 
 
 class PageServer:
-    """Listens for a page from the moment it is made. A context manager: it answers in a thread of its own meanwhile.
+    """Listens for a page from its creation on. As a context manager it answers in a thread of its own.
 
-    Tokens and port are kept in the file `kept`: a page that is open connects again once its server is back.
+    Tokens and port are kept in the file `kept`, so that an open page connects again after a restart of the server.
     """
 
     def __init__(
@@ -168,7 +169,7 @@ class Access:
     #: Tokens for looking and for acting.
     look: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
     act: Token = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES))
-    port: Annotated[int, Field(ge=0, le=_MOST_PORT)] = 0  #: Where the page was last: its cookie is of that port.
+    port: Annotated[int, Field(ge=0, le=_MOST_PORT)] = 0  #: The last port: the cookie belongs to it.
 
     def right_of(self, token: str) -> Right | None:
         """Return the right of a token; None for an unknown one."""
@@ -191,7 +192,7 @@ class Guard:
         self._scheme = "https" if is_secure else "http"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one connection."""
+        """Answer one request."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -245,7 +246,7 @@ class Guard:
         return next((right for right in rights if right is not None), None)
 
     def _with_cookie(self, scope: Scope) -> Response:
-        """Exchange the token of an address for a cookie, so that it stands in no history and no picture of the page."""
+        """Exchange the token of an address for a cookie, so that no history and no screenshot shows it."""
         rest = urlencode([(key, value) for key, value in parse_qsl(scope["query_string"].decode()) if key != "token"])
         # One slash: two would lead to another host.
         where = "/" + scope["path"].lstrip("/\\") + (f"?{rest}" if rest else "")
@@ -257,13 +258,13 @@ class Guard:
 
 
 def names_of_this_machine(listen: str) -> tuple[str, ...]:
-    """Return the names by which a page that listens at an address may be asked for."""
+    """Return the host names that a page at an address answers to."""
     own = socket.gethostname()
     return ("localhost", listen) if is_loopback(listen) else ("localhost", listen, own, f"{own}.local")
 
 
 def is_loopback(address: str) -> bool:
-    """Return whether this machine alone can reach an address."""
+    """Return whether only this machine can reach an address."""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:
@@ -271,14 +272,14 @@ def is_loopback(address: str) -> bool:
 
 
 class Connection(H11Protocol):
-    """A connection that is closed when it has waited for too long, or when others need its place."""
+    """A connection that is closed after a long wait, or when others need its place."""
 
     open_ones: ClassVar[list["Connection | Handshake"]]
     most: ClassVar[int]
     head_s: ClassVar[float]
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the place of another where all are taken."""
+        """Take a place; if all are taken, that of the longest silent connection."""
         if not isinstance(transport, asyncio.Transport):
             raise TypeError(f"a connection goes both ways, {transport!r} does not")
         super().connection_made(transport)
@@ -287,27 +288,27 @@ class Connection(H11Protocol):
         _take_place(self, self.open_ones, most=self.most)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give its place free."""
+        """Free its place."""
         self._give_place()
         super().connection_lost(exc)
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        """Give its place free: sockets are counted by themselves."""
+        """Free its place: sockets are counted separately."""
         self._give_place()
         super().handle_websocket_upgrade(event)
 
     def on_response_complete(self) -> None:
-        """Begin to wait for the next request."""
+        """Start the wait for the next request."""
         self.silent_since_s = self.loop.time()
         super().on_response_complete()
 
     def is_answered(self) -> bool:
-        """Return whether an answer is on its way."""
+        """Return whether an answer is being sent."""
         return self.cycle is not None and not self.cycle.response_complete
 
     def leave(self) -> None:
-        """Close it for the good of others."""
-        self._give_place()  # now: others may come before it has heard of its end
+        """Close it to free its place."""
+        self._give_place()  # now: others may come before the connection is lost
         self.transport.abort()
 
     def _look_after(self) -> None:
@@ -324,14 +325,14 @@ class Connection(H11Protocol):
 
 
 class Handshake(asyncio.Protocol):
-    """A connection from its acceptance to the end of its TLS handshake: it is counted, and must be quick."""
+    """A connection from its acceptance to the end of its TLS handshake. It is counted, and bounded in time."""
 
     def __init__(self, context: ssl.SSLContext, kind: type[Connection], made_of: Mapping[str, Any]) -> None:
         self._context, self._kind, self._made_of = context, kind, made_of
         self._early = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a place among the connections, and begin the handshake."""
+        """Take a place and begin the handshake."""
         self._transport = cast(asyncio.Transport, transport)
         self._loop = asyncio.get_running_loop()
         self.silent_since_s = self._loop.time()
@@ -339,19 +340,19 @@ class Handshake(asyncio.Protocol):
         self._task = self._loop.create_task(self._shake())
 
     def data_received(self, data: bytes) -> None:
-        """Keep what comes between the end of the handshake and the beginning of HTTP."""
+        """Keep bytes between the end of the handshake and the beginning of HTTP."""
         self._early += data
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give its place free."""
+        """Free its place."""
         self._give_place()
 
     def is_answered(self) -> bool:
-        """Return False: nothing was asked yet."""
+        """Return False: there is no request yet."""
         return False
 
     def leave(self) -> None:
-        """Close it for the good of others."""
+        """Close it to free its place."""
         self._give_place()
         self._task.cancel()
         self._transport.abort()
@@ -389,7 +390,7 @@ def after_handshake(kind: type[Connection], context: ssl.SSLContext) -> Callable
 
 
 def _take_place(one: Connection | Handshake, open_ones: list[Connection | Handshake], *, most: int) -> None:
-    """Count a connection; of too many the one that has been silent for longest is closed."""
+    """Count a connection; of too many, close the one that has been silent longest."""
     open_ones.append(one)
     if len(open_ones) > most:
         silent = [other for other in open_ones if not other.is_answered()]
@@ -413,7 +414,7 @@ def qr_text(text: str) -> str:
 
 
 def _trimmed(code: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a code without its light rim, which differs from version to version of its maker."""
+    """Return a code without its light rim, which differs between versions of OpenCV."""
     rows, columns = np.nonzero(code == 0)
     return code[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
 
@@ -447,7 +448,7 @@ def _tls(place: Place) -> ssl.SSLContext:
 
 
 def _kept_access(file: Path) -> Access | None:
-    """Return the tokens of the page that was here before; None where there are none that are ours alone."""
+    """Return the kept tokens; None if there are none, or other users could have read them."""
     try:
         facts = file.lstat()
         if not stat.S_ISREG(facts.st_mode) or facts.st_uid != os.getuid() or facts.st_mode & 0o077:
@@ -458,7 +459,7 @@ def _kept_access(file: Path) -> Access | None:
 
 
 def _keep_access(file: Path, access: Access) -> None:
-    """Keep tokens for the next page here, for this user's eyes alone; a folder that cannot be written keeps none."""
+    """Keep tokens for the next start, readable only by this user; not in a folder that cannot be written."""
     part = file.with_name(f"{file.name}.{os.getpid()}")
     with suppress(OSError):
         descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
@@ -468,7 +469,7 @@ def _keep_access(file: Path, access: Access) -> None:
 
 
 def _listening(place: Place, usual_port: int = 0) -> socket.socket:
-    """Return a socket that listens; where any port will do, at the usual one if it is free."""
+    """Return a listening socket; if any port will do, at the usual port if it is free."""
     if usual_port and not place.port:
         with suppress(ConfigError):
             return _listening(replace(place, port=usual_port))
@@ -547,7 +548,7 @@ def _with_safe_headers(send: Send) -> Send:
 
 
 async def _refuse(refusal: tuple[int, str], scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer with a few words; a socket is answered like a page, before it opens."""
+    """Answer with a short text; a websocket is refused before it opens."""
     status, text = refusal
     response = PlainTextResponse(text + "\n", status_code=status, headers={"connection": "close"})
     await response(scope, receive, send if scope["type"] == "websocket" else _with_safe_headers(send))

@@ -50,7 +50,7 @@ function tellRig(rig) {
     $("sharpness-now").textContent = (1e3 * rig.sharpness).toPrecision(4); $("sharpness-best").textContent = (1e3 * rig.best_sharpness).toPrecision(4);
     $("focus").dataset.sequence = rig.sequence;
   }
-  $("closed").hidden = rig.width > 0; $("view").parentNode.hidden = !rig.width;
+  $("closed").hidden = rig.width > 0; $("view").parentNode.hidden = $("view-histogram").hidden = !rig.width;
   $("live-maps").hidden = !rig.maps_sequence;
   for (const name of ["left", "top", "width", "height"]) $("outlines").dataset[name] = rig[name];
   $("view").classList.toggle("pixels", rig.zoom > 1);

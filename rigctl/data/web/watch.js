@@ -196,7 +196,7 @@ for (const name of ["hold", "resume", "stop"]) {
 }
 
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const clock = (_, splits) => splits.map((t) => new Date(t * 1e3).toISOString().slice(11, 19));
+const clock = (_, splits) => splits.map((t) => new Date(t * 1e3).toISOString().slice(11, splits.length > 1 && splits[1] - splits[0] < 1 ? 21 : 19));
 const digits = (_, splits) => { const step = splits.length > 1 ? Math.abs(splits[1] - splits[0]) : 1, n = Math.min(8, Math.max(0, 1 - Math.floor(Math.log10(step || 1)))); return splits.map((v) => v.toFixed(n)); };
 const axes = (x, y, isTime) => [x, y].map((label, i) => ({ label, values: isTime && !i ? clock : digits, space: i ? 30 : 80, stroke: style("--ink"), grid: { stroke: style("--line"), width: 0.5 }, ticks: { stroke: style("--line") }, size: i ? 78 : 46 }));
 function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = false, scales = {}, height = 200) {
