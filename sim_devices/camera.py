@@ -9,8 +9,17 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally
-from sim_devices.exposure import Detector, Lens, RenderingEffect, Shot, counts_of, draw_fixed_pattern, exposure_effects
-from sim_devices.random_streams import Stream, generator
+from sim_devices.exposure import (
+    Detector,
+    Lens,
+    RenderingEffect,
+    Shot,
+    Stream,
+    counts_of,
+    draw_fixed_pattern,
+    exposure_effects,
+    generator,
+)
 from sim_devices.truth_log import TrueFrame, TruthLog
 from sim_devices.world import World
 

@@ -6,6 +6,7 @@ only if it is stated. The first makes a picture of its own, so the radiance stay
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache, reduce
 from math import inf, pi
 from typing import Literal
@@ -13,12 +14,31 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_devices.random_streams import Stream, generator
-
 FloatArray = NDArray[np.float64]
 
 _PLANCK_J_S = 6.62607015e-34
 _LIGHT_SPEED_M_PER_S = 299792458.0
+
+
+class Stream(IntEnum):
+    """Uses of a seed: the first number of a spawn key, so that no two uses share random numbers."""
+
+    PATTERN = 0
+    NOISE = 1
+    DRIFT = 2
+    COSMIC_HITS = 3
+    COLUMN_OFFSET = 4
+    MICRO_POLARIZERS = 5
+
+
+def generator(seed: int, stream: Stream, *key: int) -> np.random.Generator:
+    """Return the generator of a stream; with a sequence number as `key` a frame's own.
+
+    Notes
+    -----
+    A spawn key keeps streams apart; plain entropy does not: (5,) and (5, 0) give the same numbers.
+    """
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(int(stream), *key))))
 
 
 @dataclass(frozen=True, kw_only=True)

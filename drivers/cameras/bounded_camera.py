@@ -11,13 +11,15 @@ Addresses of cameras have the form ``PLACE?key=value&key=value``.
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any, Protocol, TypeVar
 
 from drivers.caller import Caller, LeftBehindError
 from drivers.errors import AddressError, DeviceError, DeviceTimeoutError, LimitError, NotConnectedError
 from drivers.interfaces import Camera, CameraFacts, CameraSettings, DeviceIdentity, Frame, FrameTally, ReportingCamera
+
+_CLOCK_STEP_NS = 2_000_000
 
 
 def split_place(text: str, readers: Mapping[str, Callable[[str], Any]]) -> tuple[str, dict[str, Any]]:
@@ -280,3 +282,23 @@ def _do_nothing() -> None:
 def _close_all(cameras: list[OpenCamera]) -> None:
     for camera in cameras:
         camera.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """The moment of a request, by the host's monotonic clock and its time of day; a picture must begin after it."""
+
+    monotonic_ns: int
+    utc_ns: int
+    error_ns: int = 0  #: the two clocks were read within this time of each other
+
+    def was_clock_set(self, now: "Asked") -> bool:
+        """Return whether the time of day has been set since then."""
+        return abs((now.utc_ns - self.utc_ns) - (now.monotonic_ns - self.monotonic_ns)) > _CLOCK_STEP_NS
+
+
+def asked_now(*, now_ns: Callable[[], int] = time.monotonic_ns, utc_ns: Callable[[], int] = time.time_ns) -> Asked:
+    """Return this moment."""
+    before_ns, utc, after_ns = now_ns(), utc_ns(), now_ns()
+    # The earlier one: no exposure that was asked for then is taken for an older one.
+    return Asked(utc_ns=utc, monotonic_ns=before_ns, error_ns=after_ns - before_ns)

@@ -24,8 +24,16 @@ from drivers.cameras.aravis import (
     load_aravis,
     loss_told,
 )
-from drivers.cameras.asked import Asked, asked_now
-from drivers.cameras.bounded_camera import BoundedCamera, one_of, positive, split_place, whole, yes_or_no
+from drivers.cameras.bounded_camera import (
+    Asked,
+    BoundedCamera,
+    asked_now,
+    one_of,
+    positive,
+    split_place,
+    whole,
+    yes_or_no,
+)
 from drivers.cameras.samples import (
     GENICAM,
     PLANES,

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from drivers.cameras.asked import Asked, asked_now
-from drivers.cameras.bounded_camera import BoundedCamera, one_of, positive, split_place, whole
+from drivers.cameras.bounded_camera import Asked, BoundedCamera, asked_now, one_of, positive, split_place, whole
 from drivers.cameras.samples import (
     PLANES,
     V4L2,

@@ -53,17 +53,18 @@ from sim_devices.exposure import (
     Detector,
     Lens,
     RenderingEffect,
+    Stream,
     beam_wander,
     cosmic_hits,
     defocus,
     drift,
     fixed_pattern,
+    generator,
     point_spread,
     smear,
     vignetting,
 )
 from sim_devices.micro_polarizers import MicroPolarizers, crosstalk
-from sim_devices.random_streams import Stream, generator
 from sim_devices.stages.catalogue import parse_stage_address
 from sim_devices.stages.options import StageOptions
 from sim_devices.stages.stage import SimulatedStage

@@ -7,8 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.scene.scene import Scene
-from sim_devices.exposure import Detector, Lens, Shot, counts_of, draw_fixed_pattern, exposure_effects
-from sim_devices.random_streams import Stream, generator
+from sim_devices.exposure import (
+    Detector,
+    Lens,
+    Shot,
+    Stream,
+    counts_of,
+    draw_fixed_pattern,
+    exposure_effects,
+    generator,
+)
 from sim_devices.world import Polarizer, Surface, World, paint_scene
 from tests.rigctl.made_runs import at, make_run
 

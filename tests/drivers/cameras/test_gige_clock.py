@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import pytest
 
 from drivers.cameras.aravis import CameraClock, Received, load_aravis
-from drivers.cameras.asked import Asked
+from drivers.cameras.bounded_camera import Asked
 from drivers.cameras.gige import GigeCamera, GigeSetup, frame_of, open_aravis, read_gige_place
 from drivers.cameras.samples import GENICAM
 from drivers.errors import LimitError, ProtocolError
