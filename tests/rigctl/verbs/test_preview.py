@@ -84,7 +84,7 @@ def ask(address, path, content=None, *, token=None):
     place = urlsplit(address)
     token = place.query.removeprefix("token=") if token is None else token
     body = None if content is None else json.dumps(content)
-    with closing(HTTPConnection(place.hostname, place.port, timeout=10.0)) as connection:
+    with closing(HTTPConnection(place.hostname, place.port, timeout=60.0)) as connection:
         connection.request(
             "GET" if body is None else "POST", path, body=body, headers={"Authorization": f"Bearer {token}"}
         )

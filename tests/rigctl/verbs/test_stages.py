@@ -33,10 +33,10 @@ def served(address: str, link: Path, *more: str) -> Iterator[subprocess.Popen[st
 def test_a_served_stage_answers_any_program_until_it_is_stopped(tmp_path: Path) -> None:
     link, truth = tmp_path / "stage", tmp_path / "truth.csv"
     with served("sim:ellx?landing=0&start=0", link, "--truth", str(truth)) as program:
-        with serial.Serial(str(link), 9600, timeout=10.0) as port:
+        with serial.Serial(str(link), 9600, timeout=60.0) as port:
             port.write(b"0ma00004600")
             assert port.read(13) == b"0PO00004600\r\n"
-        deadline_s = time.monotonic() + 10.0
+        deadline_s = time.monotonic() + 60.0
         while not truth.read_text().endswith(",45.000000\n"):
             assert time.monotonic() < deadline_s
             time.sleep(0.02)

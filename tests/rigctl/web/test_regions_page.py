@@ -54,7 +54,7 @@ def answer(page: RegionsPage) -> Iterator[Answer]:
 def asked(address: str, path: str, content: object = None) -> tuple[int, bytes]:
     place = urlsplit(address)
     headers = {"Authorization": "Bearer " + place.query.removeprefix("token=")}
-    with closing(HTTPConnection(place.hostname or "", place.port, timeout=10.0)) as connection:
+    with closing(HTTPConnection(place.hostname or "", place.port, timeout=60.0)) as connection:
         body = None if content is None else json.dumps(content)
         connection.request("GET" if content is None else "POST", path, body=body, headers=headers)
         with connection.getresponse() as response:

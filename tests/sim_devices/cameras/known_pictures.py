@@ -76,7 +76,7 @@ class KnownPictures:
         """Return once this many more pictures have been made."""
         with self._changed:
             wanted = self._taken + more
-            assert self._changed.wait_for(lambda: self._taken >= wanted, timeout=20.0)
+            assert self._changed.wait_for(lambda: self._taken >= wanted, timeout=60.0)
 
 
 def known_counts(noise, number, *, mark, exposure_s):
