@@ -23,8 +23,6 @@ from rigctl.report.drawing import (
 from rigctl.report.table import Column, Shown, Table
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from model.prediction import PairDetection
     from rigctl.comparison.detect import RxOnRun
     from rigctl.console.json_text import Json
@@ -47,26 +45,24 @@ def round_roc_table(found: RxOnRun, *, background: str, target: str) -> Table[in
 
 
 def _columns(found: RxOnRun) -> tuple[Column[int], ...]:
-    def column(key: str, values: NDArray[np.float64], title: str = "", digits: str = "") -> Column[int]:
+    def column(key: str, values: str, title: str = "", digits: str = "") -> Column[int]:
         def value(k: int) -> float:
-            return float(values[k])
+            return float(getattr(found, values)[k])
 
         if not title:
             return Column(key=key, value=value, shown=Shown.PROGRAMS)
         return Column(title=title, key=key, value=value, text=lambda k: format(value(k), digits))
 
-    predicted = found.predicted_p_detection
+    predicted = column("p_detection_predicted", "predicted_p_detection", "P_D predicted", ".4f")
     return (
-        column("p_false_alarm", found.p_false_alarm, "P_FA", ".1e"),
-        column("threshold", found.threshold, "threshold", ".2f"),
-        replace(
-            column("p_detection_predicted", predicted, "P_D predicted", ".4f"), csv=lambda k: repr(float(predicted[k]))
-        ),
-        column("p_detection_measured", found.empirical_p_detection, "P_D measured", ".4f"),
-        column("band_low", found.band_low),
-        column("band_high", found.band_high),
+        column("p_false_alarm", "p_false_alarm", "P_FA", ".1e"),
+        column("threshold", "threshold", "threshold", ".2f"),
+        replace(predicted, csv=lambda k: repr(float(found.predicted_p_detection[k]))),
+        column("p_detection_measured", "empirical_p_detection", "P_D measured", ".4f"),
+        column("band_low", "band_low"),
+        column("band_high", "band_high"),
         Column(title="95 % band", text=lambda k: f"{found.band_low[k]:.4f} to {found.band_high[k]:.4f}"),
-        column("p_false_alarm_measured", found.empirical_p_false_alarm),
+        column("p_false_alarm_measured", "empirical_p_false_alarm"),
     )
 
 
