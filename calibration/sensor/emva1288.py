@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.sensor.curves import QUANTISATION_LIMIT_DN2, QUANTISATION_VAR_DN2, match_darks, saturation_level
-from calibration.sensor.levels import LevelStatistics
+from calibration.sensor.levels import LevelStatistics, column
 
 # The levels of a calibration as EMVA 1288 sees them: pairs for noise in time, two stacks for the fixed pattern
 
@@ -24,7 +24,7 @@ _LEAST_PAIRS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EmvaSweep:
+class _Sweep:
     """Points that the standard fits its lines through."""
 
     signal_dn: FloatArray
@@ -51,7 +51,7 @@ class EmvaSweep:
         return len(np.unique(self.exposure_s)) > 2
 
 
-def _emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> EmvaSweep:
+def _emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistics], *, ceiling_dn: int) -> _Sweep:
     """Return the sweep of a set of levels.
 
     Where three levels or more are pairs, the others are left to the fixed pattern, as in the standard's own
@@ -60,24 +60,23 @@ def _emva_sweep(flats: Sequence[LevelStatistics], darks: Sequence[LevelStatistic
     flats = sorted(_points(flats), key=lambda level: level.mean_dn)
     darks = sorted(_points(darks), key=lambda level: level.exposure_s or 0.0)
     weights = match_darks(flats, darks)
-    dark_mean = np.array([dark.mean_dn for dark in darks])
-    dark_variance = np.array([dark.temporal_variance_dn2 for dark in darks])
-    signal = np.array([flat.mean_dn for flat in flats]) - weights @ dark_mean
-    variance = np.array([flat.temporal_variance_dn2 for flat in flats]) - weights @ dark_variance
+    dark_mean, dark_variance = column(darks, "mean_dn"), column(darks, "temporal_variance_dn2")
+    signal = column(flats, "mean_dn") - weights @ dark_mean
+    variance = column(flats, "temporal_variance_dn2") - weights @ dark_variance
     peak = saturation_level(signal_dn=signal, variance_dn2=variance)
     light, light_is_photons = _light(flats)
-    return EmvaSweep(
+    return _Sweep(
         signal_dn=signal,
         variance_dn2=variance,
         light=light,
         light_is_photons=light_is_photons,
         wander=_wander(flats),
-        exposure_s=np.array([dark.exposure_s or 0.0 for dark in darks]),
+        exposure_s=np.nan_to_num(column(darks, "exposure_s")),
         dark_mean_dn=dark_mean,
         dark_variance_dn2=dark_variance,
         saturation=None if peak is None else peak.lower,
         full_signal_dn=ceiling_dn - float(dark_mean.min()),
-        n_frames=np.array([flat.n_frames for flat in flats]) + _dark_frames(weights, darks),
+        n_frames=(column(flats, "n_frames") + np.greater(weights, 0.0) @ column(darks, "n_frames")).astype(np.int64),
         n_dark_frames=sum(dark.n_frames for dark in darks),
     )
 
@@ -88,22 +87,17 @@ def _points(levels: Sequence[LevelStatistics]) -> list[LevelStatistics]:
 
 
 def _light(flats: Sequence[LevelStatistics]) -> tuple[FloatArray | None, bool]:
-    photons = [flat.photons for flat in flats if flat.photons is not None]
-    if len(photons) == len(flats):
-        return np.array(photons), True
-    exposures = [flat.exposure_s for flat in flats if flat.exposure_s is not None]
-    swept = len(exposures) == len(flats) and len(set(exposures)) == len(flats)
-    return (np.array(exposures) if swept else None), False
+    """Return photons, or exposures if all differ, and whether they are photons; None where neither is known."""
+    photons, exposures = column(flats, "photons"), column(flats, "exposure_s")
+    if not np.isnan(photons).any():
+        return photons, True
+    swept = not np.isnan(exposures).any() and len(np.unique(exposures)) == len(flats)
+    return (exposures if swept else None), False
 
 
 def _wander(flats: Sequence[LevelStatistics]) -> float:
     relative = [np.std(flat.frame_means_dn, ddof=1) / flat.mean_dn for flat in flats if flat.mean_dn > 0.0]
     return float(np.sqrt(np.mean(np.square(relative)) / _PAIR)) if relative else 0.0
-
-
-def _dark_frames(weights: FloatArray, darks: Sequence[LevelStatistics]) -> NDArray[np.int64]:
-    frames: NDArray[np.int64] = np.greater(weights, 0.0) @ np.array([dark.n_frames for dark in darks])
-    return frames
 
 
 # The lines of EMVA 1288, unweighted as the standard has them, and the figures that follow from them
@@ -115,7 +109,7 @@ _GAIN_RANGE = 0.7
 _LINEARITY_RANGE = (0.05, 0.95)
 
 
-def _temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
+def _temporal_figures(sweep: _Sweep, *, flats: Mask, darks: Mask) -> dict[str, float]:
     """Return the figures that come from means and temporal variances; those that do not exist are left out.
 
     EMVA Standard 1288, Release 4.0 Linear, sections 6.5 to 6.9 and 7.1.
@@ -141,7 +135,7 @@ def _temporal_figures(sweep: EmvaSweep, *, flats: Mask, darks: Mask) -> dict[str
     return found | _saturation_figures(sweep, found)
 
 
-def _is_capped(sweep: EmvaSweep) -> bool:
+def _is_capped(sweep: _Sweep) -> bool:
     """Return whether the dark variance is below 0.24 DN^2, where the standard takes that in its place."""
     every = np.ones(len(sweep.exposure_s), dtype=bool)
     return _dark_line(sweep, sweep.dark_variance_dn2, every)[0] < QUANTISATION_LIMIT_DN2
@@ -152,7 +146,7 @@ def _slope(x: FloatArray, y: FloatArray) -> float:
     return float(x @ y / (x @ x))
 
 
-def _dark_line(sweep: EmvaSweep, values: FloatArray, darks: Mask) -> tuple[float, float]:
+def _dark_line(sweep: _Sweep, values: FloatArray, darks: Mask) -> tuple[float, float]:
     """Return value at no exposure and slope; with two exposures or fewer the value at the shortest, and 0."""
     if not sweep.has_exposures:
         return float(values[darks][0]), 0.0
@@ -162,7 +156,7 @@ def _dark_line(sweep: EmvaSweep, values: FloatArray, darks: Mask) -> tuple[float
     return float(chosen.mean() - slope * exposures_s.mean()), slope
 
 
-def _photon_figures(sweep: EmvaSweep, chosen: Mask, found: dict[str, float]) -> dict[str, float]:
+def _photon_figures(sweep: _Sweep, chosen: Mask, found: dict[str, float]) -> dict[str, float]:
     if sweep.light is None or not sweep.light_is_photons:
         return {}
     responsivity = _slope(sweep.light[chosen], sweep.signal_dn[chosen])
@@ -174,7 +168,7 @@ def _photon_figures(sweep: EmvaSweep, chosen: Mask, found: dict[str, float]) -> 
     }
 
 
-def _saturation_figures(sweep: EmvaSweep, found: dict[str, float]) -> dict[str, float]:
+def _saturation_figures(sweep: _Sweep, found: dict[str, float]) -> dict[str, float]:
     if sweep.saturation is None:
         return {}
     figures = {}
@@ -189,7 +183,7 @@ def _saturation_figures(sweep: EmvaSweep, found: dict[str, float]) -> dict[str, 
     }
 
 
-def _linearity_deviation(sweep: EmvaSweep) -> FloatArray | None:
+def _linearity_deviation(sweep: _Sweep) -> FloatArray | None:
     """Return by how much the means within 5 to 95 % of saturation are off their line, relative to it.
 
     None where there is no saturation, no light that is known, or fewer than three levels. The line is fitted
@@ -292,7 +286,7 @@ def emva1288_figures(
     return {name: found.get(name) for name in EMVA_SYMBOLS}
 
 
-def _temporal(sweep: EmvaSweep) -> dict[str, EmvaFigure]:
+def _temporal(sweep: _Sweep) -> dict[str, EmvaFigure]:
     values = _temporal_figures(sweep, flats=_all(sweep.signal_dn), darks=_all(sweep.exposure_s))
     in_range = sweep.signal_dn <= _GAIN_RANGE * sweep.saturation_signal_dn
     by_flats = [_temporal_figures(sweep, flats=rest, darks=_all(sweep.exposure_s)) for rest in _each_left_out(in_range)]
@@ -327,7 +321,7 @@ def _each_left_out(chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
 def _error(
     name: str,
     value: float,
-    sweep: EmvaSweep,
+    sweep: _Sweep,
     by_flats: list[dict[str, float]],
     by_darks: list[dict[str, float]],
 ) -> float | None:
@@ -339,7 +333,7 @@ def _error(
     return float(np.sqrt(variance)) or None
 
 
-def _relative_step(sweep: EmvaSweep) -> float:
+def _relative_step(sweep: _Sweep) -> float:
     """Return the standard deviation of a saturation evenly likely up to the next level, relative to it."""
     if sweep.saturation is None or sweep.saturation + 1 >= len(sweep.signal_dn):
         return 0.0
@@ -347,7 +341,7 @@ def _relative_step(sweep: EmvaSweep) -> float:
     return float((above / here - 1.0) / np.sqrt(12.0))
 
 
-def _linearity(sweep: EmvaSweep) -> dict[str, EmvaFigure]:
+def _linearity(sweep: _Sweep) -> dict[str, EmvaFigure]:
     deviation = _linearity_deviation(sweep)
     if deviation is None:
         return {}

@@ -31,7 +31,7 @@ from calibration.sensor.curves import (
     sample_ceiling_dn,
 )
 from calibration.sensor.judging import is_lamp_sweep
-from calibration.sensor.levels import LevelStatistics, describe_level, level_names
+from calibration.sensor.levels import LevelStatistics, column, describe_level, level_names
 
 FloatArray = NDArray[np.float64]
 
@@ -621,8 +621,8 @@ def _lamp_flicker(frames: _Frames) -> Flag | None:
     # In levels with next to no light, the black level wanders.
     limit_dn = _LIT * max(flat.mean_dn for flat in frames.open_flats)
     lit = [flat for flat in frames.open_flats if flat.mean_dn > limit_dn]
-    noise = np.array([flat.temporal_variance_dn2 / flat.n_pixels for flat in lit])
-    squares = np.square([flat.mean_dn for flat in lit])
+    noise = column(lit, "temporal_variance_dn2") / column(lit, "n_pixels")
+    squares = np.square(column(lit, "mean_dn"))
     variance = float(np.mean((np.array([np.var(flat.frame_means_dn, ddof=1) for flat in lit]) - noise) / squares))
     if variance < _FLICKER**2 or variance < _SIGMA * float(np.mean(noise / squares)):
         return None
@@ -823,10 +823,10 @@ def _light_not_constant(levels: Sequence[LevelStatistics], dark_dn: float) -> Fl
     # Above the flat of most noise the sensor saturates.
     peak_dn = max(flats, key=lambda flat: flat.temporal_variance_dn2).mean_dn if flats else 0.0
     flats = [flat for flat in flats if flat.mean_dn <= peak_dn]
-    exposures = np.array([np.nan if flat.exposure_s is None else flat.exposure_s for flat in flats])
+    exposures = column(flats, "exposure_s")
     if np.isnan(exposures).any() or len(np.unique(exposures)) < max(_LEAST_LEVELS, len(flats) // 2):
         return None
-    signal = np.array([flat.mean_dn for flat in flats]) - dark_dn
+    signal = column(flats, "mean_dn") - dark_dn
     # The shortest exposures are often longer than stated by a fixed time, and dark current bends them.
     is_lit = signal > _LIT * signal.max()
     if signal.min() <= 0.0 or np.count_nonzero(is_lit) < _LEAST_LEVELS:

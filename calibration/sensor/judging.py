@@ -576,11 +576,10 @@ def _dark_step(darks: Sequence[LevelStatistics]) -> _Step | None:
     if len(known) < len(darks):
         return None
     known.sort(key=lambda dark: dark.exposure_s or 0.0)
-    variance = np.array([dark.temporal_variance_dn2 for dark in known])
+    variance, exposures = column(known, "temporal_variance_dn2"), column(known, "exposure_s")
     if not known or np.median(variance) < QUANTISATION_LIMIT_DN2:
         return None
-    relative = np.array([dark.temporal_std_error_dn2 / dark.temporal_variance_dn2 for dark in known])
-    exposures = np.array([dark.exposure_s or 0.0 for dark in known])
+    relative = column(known, "temporal_std_error_dn2") / variance
     middle = np.full(len(known), float(np.median(variance)))
     design = np.column_stack([np.ones(len(known)), exposures])
     return _largest_step(design, variance, np.square(relative * middle), shape=middle)
