@@ -1,4 +1,4 @@
-"""Cameras behind Linux's video interface (V4L2), by its requests directly, on 64-bit little-endian Linux.
+"""Cameras of Linux's video interface (V4L2), driven by its own requests, on 64-bit little-endian Linux.
 
 Structures, the device with its memory, controls (everything automatic off, exposure and gain read back), time stamps,
 options of an address, the camera, and finding devices with the format in which each is best read.
@@ -37,7 +37,7 @@ _u8, _u32, _i32, _i64, _u64 = ctypes.c_uint8, ctypes.c_uint32, ctypes.c_int32, c
 
 
 class Capability(ctypes.Structure):
-    """Answer of a device on what it is."""
+    """Name, driver and abilities of a device."""
 
     _fields_ = (
         ("driver", ctypes.c_char * 16),
@@ -74,13 +74,13 @@ class _FormatUnion(ctypes.Union):
 
 
 class Format(ctypes.Structure):
-    """A format and what it is for."""
+    """A format and its purpose."""
 
     _fields_ = (("type", _u32), ("fmt", _FormatUnion))
 
 
 class FormatDescription(ctypes.Structure):
-    """One of the formats that a device offers, by its place in their list."""
+    """A format that a device offers, by its place in the list."""
 
     _fields_ = (
         ("index", _u32),
@@ -94,7 +94,7 @@ class FormatDescription(ctypes.Structure):
 
 
 class RequestBuffers(ctypes.Structure):
-    """Number of buffers that are wanted, and then of those that there are."""
+    """Number of buffers requested, and in the answer the number granted."""
 
     _fields_ = (
         ("count", _u32),
@@ -115,7 +115,7 @@ class _Memory(ctypes.Union):
 
 
 class Buffer(ctypes.Structure):
-    """A buffer with a picture, or for one."""
+    """A buffer for a picture."""
 
     _fields_ = (
         ("index", _u32),
@@ -184,7 +184,7 @@ DAMAGED, MONOTONIC, COPIED, CLOCK_MASK, AT_START_OF_EXPOSURE, SOURCE_MASK = (
 DISABLED_CONTROL = 0x1
 EXPOSURE_AUTO, EXPOSURE_ABSOLUTE = 0x009A0901, 0x009A0902
 GAIN = 0x00980913
-# Control -> value that switches it off.
+# Control and the value that switches it off.
 AUTOMATIC = {
     EXPOSURE_AUTO: 1,
     0x009A0903: 0,  # exposure by frame rate
@@ -194,8 +194,8 @@ AUTOMATIC = {
     0x00980919: 0,  # hue
     0x009A090C: 0,  # focus
 }
-# What else may change counts: brightness, contrast, gamma, sharpness, backlight compensation. The standard does not say
-# which value of each changes nothing.
+# Other controls that may change counts: brightness, contrast, gamma, sharpness, backlight compensation. The standard
+# does not say which value of each changes nothing.
 PROCESSING = (0x00980900, 0x00980901, 0x00980910, 0x0098091B, 0x0098091C)
 _BIG_END, _BIG_END_BIT = "_BE", 1 << 31
 _STAMP_STEP_NS = 1000
@@ -212,11 +212,11 @@ _MOST_FORMATS = 100
 
 
 class VideoNode(Protocol):
-    """Calls to the system that the driver needs."""
+    """The system calls that the driver needs."""
 
     @property
     def path(self) -> str:
-        """Return what messages call it."""
+        """Return its name in messages."""
 
     def request(self, number: int, content: Any) -> None:
         """Make a request; its content is changed in place. Raises OSError."""
@@ -225,10 +225,10 @@ class VideoNode(Protocol):
         """Return the memory of a buffer."""
 
     def wait(self, timeout_s: float) -> bool:
-        """Return whether a picture is there, once one is or the time is over."""
+        """Wait for a picture; return whether one came in time."""
 
     def close(self) -> None:
-        """Give up the device. May be called twice."""
+        """Release the device. May be called twice."""
 
 
 class LinuxVideoNode:
@@ -242,7 +242,7 @@ class LinuxVideoNode:
         try:
             self._file: int | None = os.open(path, os.O_RDWR | os.O_NONBLOCK)
         except OSError as error:
-            raise _told(error, path=path, what="opening") from error
+            raise _device_error(error, path=path, what="opening") from error
 
     @property
     def path(self) -> str:
@@ -259,12 +259,12 @@ class LinuxVideoNode:
         return memoryview(self._maps[-1])
 
     def wait(self, timeout_s: float) -> bool:
-        """Return whether a picture is there, once one is or the time is over."""
+        """Wait for a picture; return whether one came in time."""
         readable, _, _ = select.select([self._opened()], [], [], max(0.0, timeout_s))
         return bool(readable)
 
     def close(self) -> None:
-        """Give up the device; its memory goes once nobody looks at it. May be called twice."""
+        """Release the device; its memory is freed once no picture refers to it. May be called twice."""
         self._maps.clear()
         if self._file is not None:
             os.close(self._file)
@@ -284,14 +284,14 @@ class V4l2Options:
     pixel_format: str = "Y12"  #: Its four letters, without the space at the end that some have.
     width: int | None = None  #: Size of a picture; None: as the device has it.
     height: int | None = None
-    plane: Plane | None = None  #: What is taken of a Bayer format: see `drivers.cameras.samples`.
-    bit_depth: int | None = None  #: True bits, where a format of 16 has fewer.
-    justified: Justified = "right"  #: Where these stand.
-    #: "none": the device has none, and what the caller configures is what somebody has set by other means.
+    plane: Plane | None = None  #: Colour of a Bayer format: see `drivers.cameras.samples`.
+    bit_depth: int | None = None  #: Bits in use, if a format of 16 bits uses fewer.
+    justified: Justified = "right"  #: Which end of the 16 bits they fill.
+    #: "none": the device has none; the configured exposure is the one that was set by other means.
     exposure_control: str = "device"
-    #: What a step of the gain is [dB]. None: nobody knows; then the gain is the smallest, which is called 0 dB.
+    #: Size of a step of the gain [dB]. None: unknown; the gain is then the smallest, which is called 0 dB.
     gain_step_db: float | None = None
-    retakes: int = 20  #: How many damaged pictures in a row are an error.
+    retakes: int = 20  #: Largest number of damaged pictures in a row; more are an error.
 
 
 def open_v4l2(place: str) -> BoundedCamera:
@@ -313,26 +313,16 @@ def open_v4l2(place: str) -> BoundedCamera:
 def find_v4l2(
     paths: Iterable[str] | None = None, *, open_node: Callable[[str], VideoNode] = LinuxVideoNode
 ) -> Iterator[tuple[str, DeviceIdentity]]:
-    """Give address and identity of each video device that takes pictures; nothing is set.
+    """Yield address and identity of each video device that takes pictures (by default of all /dev/video*).
 
-    Parameters
-    ----------
-    paths : iterable of str, optional
-        Device files; None: all of /dev/video*.
-    open_node : callable
-        Opens one.
-
-    Raises
-    ------
-    DeviceError
-        A device cannot be asked; the others are given first.
+    Nothing is set. A device that cannot be asked raises DeviceError once the others are yielded.
     """
     failure: DeviceError | None = None
     for path in sorted(map(str, _DEVICES.glob(_PATTERN))) if paths is None else paths:
         try:
             node = open_node(path)
             try:
-                found = _asked(node)
+                found = _address_and_identity(node)
             finally:
                 node.close()
         except DeviceError as error:
@@ -365,7 +355,7 @@ def sample_format(options: V4l2Options) -> PixelFormat:
 
 
 class V4l2Stamps:
-    """Memory of the stamps of one device."""
+    """The time stamps of a device, brought to the monotonic clock."""
 
     def __init__(self, name: str, *, now_ns: Callable[[], int], utc_ns: Callable[[], int]) -> None:
         self._name, self._now_ns, self._utc_ns = name, now_ns, utc_ns
@@ -373,7 +363,7 @@ class V4l2Stamps:
         self._period_ns: int | None = None
 
     def asked_now(self) -> Asked:
-        """Return this moment."""
+        """Return this moment by both clocks."""
         return asked_now(now_ns=self._now_ns, utc_ns=self._utc_ns)
 
     def start_of(self, buffer: Buffer, asked: Asked, *, exposure_ns: int) -> tuple[int, int | None]:
@@ -392,9 +382,9 @@ class V4l2Stamps:
     def _monotonic_ns(self, buffer: Buffer, asked: Asked) -> int:
         """Return a picture's time stamp on the monotonic clock.
 
-        Of a stamp of the time of day the flags say "unknown", or "monotonic" where the driver was _told to use that
-        clock later (uvcvideo's parameter ``clock``): its size tells. Where the time of day was set meanwhile, such a
-        stamp counts as of long ago.
+        Flags do not tell a stamp of the time of day: they say "unknown", or "monotonic" if the kernel's driver was
+        told later to use that clock (uvcvideo's parameter ``clock``). Its size tells. If the time of day was set
+        meanwhile, such a stamp counts as too old.
         """
         stamp_ns = int(buffer.timestamp.seconds) * 10**9 + int(buffer.timestamp.microseconds) * 1000
         clock = buffer.flags & CLOCK_MASK
@@ -442,7 +432,7 @@ class V4l2Controls:
         self._exposure_s = exposure_s
 
     def exposure_s(self) -> float:
-        """Read the exposure; return what was said last where the device has none."""
+        """Return the exposure that the device has, or the configured one if it has no such control."""
         if self._options.exposure_control == "none":
             return self._exposure_s
         return self._get(EXPOSURE_ABSOLUTE) * _EXPOSURE_STEP_S
@@ -455,7 +445,7 @@ class V4l2Controls:
         return (self._get(GAIN) - int(limits.minimum)) * (self._options.gain_step_db or 0.0)
 
     def found(self) -> dict[str, str]:
-        """Return name and value of the controls that bend or shift counts, which are left as they were found."""
+        """Return the controls that may change counts; they are left as they were found."""
         there = ((control, self._described(control)) for control in PROCESSING)
         return {
             described.name.decode(): f"{self._get(control)} (as found)"
@@ -464,7 +454,7 @@ class V4l2Controls:
         }
 
     def require_manual(self) -> None:
-        """Refuse a device on which something automatic is on again."""
+        """Raise LimitError if an automatic control was switched on again."""
         for control, off in AUTOMATIC.items():
             described = self._described(control)
             if described is not None and (found := self._get(control)) != off:
@@ -515,17 +505,11 @@ class V4l2Controls:
 
     def _get(self, control: int) -> int:
         content = Control(id=control)
-        try:
-            self._node.request(G_CTRL, content)
-        except OSError as error:
-            raise _told(error, path=self._node.path, what=f"control {control:#x}") from error
+        _request_of(self._node, G_CTRL, content, f"control {control:#x}")
         return int(content.value)
 
     def _set(self, control: int, value: int) -> None:
-        try:
-            self._node.request(S_CTRL, Control(id=control, value=value))
-        except OSError as error:
-            raise _told(error, path=self._node.path, what=f"control {control:#x} = {value}") from error
+        _request_of(self._node, S_CTRL, Control(id=control, value=value), f"control {control:#x} = {value}")
         described = self._described(control)
         name = described.name.decode() if described is not None else f"{control:#x}"
         if (found := self._get(control)) != value:
@@ -593,7 +577,7 @@ class V4l2Camera:
         return CameraFacts(sample_format=fmt.name, justified=fmt.justified, linear=None)
 
     def features(self) -> dict[str, str]:
-        """Return controls that were set and those that were found, under the device's own names."""
+        """Return the controls that were set and those left as found, by the device's own names."""
         self._refuse_closed()
         plane = {} if self._options.plane is None else {"plane": self._options.plane}
         return plane | self._controls.used | self._controls.found()
@@ -639,15 +623,9 @@ class V4l2Camera:
         if not self._open:
             raise NotConnectedError(f"{self._name}: it was closed; open it again")
 
-    def _ask(self, number: int, content: object, what: str) -> None:
-        try:
-            self._node.request(number, content)
-        except OSError as error:
-            raise _told(error, path=self._node.path, what=what) from error
-
     def _identified(self) -> DeviceIdentity:
         found = Capability()
-        self._ask(QUERYCAP, found, "asking what it is")
+        _request_of(self._node, QUERYCAP, found, "asking what it is")
         if not can_take_pictures(found):
             raise NotConnectedError(f"{self._name}: it is no camera that streams; try the next /dev/video*")
         version = (found.version >> 16, found.version >> 8 & 0xFF, found.version & 0xFF)
@@ -658,14 +636,14 @@ class V4l2Camera:
         )
 
     def _set_format(self) -> PixFormat:
-        """Set size and format; refuse what the device has made of it."""
+        """Set size and format; raise LimitError if the device chose others."""
         content = Format(type=CAPTURE)
-        self._ask(G_FMT, content, "asking for its format")
+        _request_of(self._node, G_FMT, content, "asking for its format")
         pix, letters = content.fmt.pix, self._options.pixel_format.ljust(4)
         asked = (self._options.width or pix.width, self._options.height or pix.height, fourcc(letters))
         pix.width, pix.height, pix.pixelformat = asked
         pix.field, pix.bytesperline, pix.sizeimage = NO_FIELDS, 0, 0
-        self._ask(S_FMT, content, "setting its format")
+        _request_of(self._node, S_FMT, content, "setting its format")
         if (pix.width, pix.height, pix.pixelformat) != asked:
             got = letters_of(pix.pixelformat)
             raise LimitError(
@@ -676,26 +654,26 @@ class V4l2Camera:
 
     def _start(self) -> list[memoryview]:
         request = RequestBuffers(count=_BUFFERS, type=CAPTURE, memory=MMAP)
-        self._ask(REQBUFS, request, "asking for buffers")
+        _request_of(self._node, REQBUFS, request, "asking for buffers")
         memory = []
         for index in range(request.count):
-            buffer = self._buffer(index)
-            self._ask(QUERYBUF, buffer, "asking for a buffer")
+            buffer = Buffer(index=index, type=CAPTURE, memory=MMAP)
+            _request_of(self._node, QUERYBUF, buffer, "asking for a buffer")
             memory.append(self._node.map(length=buffer.length, offset=buffer.m.offset))
-            self._ask(QBUF, buffer, "queueing a buffer")
-        self._ask(STREAMON, ctypes.c_int(CAPTURE), "starting the stream")
+            _request_of(self._node, QBUF, buffer, "queueing a buffer")
+        _request_of(self._node, STREAMON, ctypes.c_int(CAPTURE), "starting the stream")
         return memory
 
     def _next_picture(self, asked: Asked) -> Frame | str:
         """Return the picture that is waiting, or "damaged" or "too old"."""
-        buffer = self._buffer(0)
-        self._ask(DQBUF, buffer, "taking a picture")
+        buffer = Buffer(index=0, type=CAPTURE, memory=MMAP)
+        _request_of(self._node, DQBUF, buffer, "taking a picture")
         try:
-            return self._judged(buffer, asked)
+            return self._frame_of(buffer, asked)
         finally:
-            self._ask(QBUF, buffer, "queueing a buffer")
+            _request_of(self._node, QBUF, buffer, "queueing a buffer")
 
-    def _judged(self, buffer: Buffer, asked: Asked) -> Frame | str:
+    def _frame_of(self, buffer: Buffer, asked: Asked) -> Frame | str:
         self._count_gap(buffer.sequence)
         start_ns, error_ns = self._stamps.start_of(buffer, asked, exposure_ns=round(self._settings.exposure_s * 1e9))
         if start_ns < asked.monotonic_ns:
@@ -755,9 +733,6 @@ class V4l2Camera:
             bit_depth=bit_depth,
         )
 
-    def _buffer(self, index: int) -> Buffer:
-        return Buffer(index=index, type=CAPTURE, memory=MMAP)
-
 
 def can_take_pictures(device: Capability) -> bool:
     """Return whether a device is a camera that streams."""
@@ -777,8 +752,16 @@ def letters_of(number: int) -> str:
     return f"{plain.strip()}{_BIG_END}" if number & _BIG_END_BIT else plain
 
 
-def _told(error: OSError, *, path: str, what: str) -> DeviceError:
-    """Return the error of the drivers that a refusal of the system stands for."""
+def _request_of(node: VideoNode, number: int, content: object, what: str) -> None:
+    """Make a request; raise a refusal by the system as an error of the drivers."""
+    try:
+        node.request(number, content)
+    except OSError as error:
+        raise _device_error(error, path=node.path, what=what) from error
+
+
+def _device_error(error: OSError, *, path: str, what: str) -> DeviceError:
+    """Return the error of the drivers for a refusal by the system."""
     text = f"video device {path}: {what}: {error.strerror}"
     if error.errno in (errno.ENODEV, errno.ENOENT, errno.ENXIO):
         return NotConnectedError(
@@ -823,13 +806,10 @@ def _open(options: V4l2Options) -> V4l2Camera:
         raise
 
 
-def _asked(node: VideoNode) -> tuple[str, DeviceIdentity] | None:
+def _address_and_identity(node: VideoNode) -> tuple[str, DeviceIdentity] | None:
     """Return a device's address and identity; None if it takes no pictures."""
     capability = Capability()
-    try:
-        node.request(QUERYCAP, capability)
-    except OSError as error:
-        raise _told(error, path=node.path, what="asking what it is") from error
+    _request_of(node, QUERYCAP, capability, "asking what it is")
     if not can_take_pictures(capability):
         return None
     offered = _formats(node)

@@ -12,7 +12,6 @@ longer busy; only then is the next command sent.
 Source: Thorlabs, "Elliptec ELLx modules protocol manual", Issue 10 (October 2025).
 """
 
-import math
 import re
 import time
 from collections.abc import Callable
@@ -70,7 +69,7 @@ _LONGEST_UNREAD = 1024  # bytes; the longest reply has 35
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """Answer of a stage on what it is (``IN``)."""
+    """A stage's description of itself (``IN``)."""
 
     stage_type: int  #: The number in the model's name: 14 for an ELL14.
     serial_number: str  #: As printed in the reply.
@@ -80,7 +79,7 @@ class Information:
 
     @property
     def identity(self) -> DeviceIdentity:
-        """What goes into every frame."""
+        """The identity that every frame records."""
         model = ROTATION_STAGES.get(self.stage_type, f"ELL{self.stage_type}")
         return DeviceIdentity(model=model, serial_number=self.serial_number, firmware=self.firmware)
 
@@ -98,62 +97,39 @@ def check_address(address: str) -> str:
     return address
 
 
-def identify(address: str) -> bytes:
-    """Return the command that is answered by `IN`."""
-    return f"{address}in".encode()
+def command(address: str, letters: str, digits: str = "") -> bytes:
+    """Return a command.
+
+    ``in`` is answered by `IN` (what the stage is), ``gs`` by `GS` (its status; reading it clears an error), ``gp`` by
+    `PO` (its counts), ``st`` (end a continuous motion) by `GS`. ``ho0`` searches the reference mark clockwise, ``ma``
+    moves to an encoder reading and ``mr`` by a number of counts; these are answered by `PO` at their end.
+    """
+    return f"{address}{letters}{digits}".encode()
 
 
-def status(address: str) -> bytes:
-    """Return the command that is answered by `GS`, whose digits are a status; reading it clears an error."""
-    return f"{address}gs".encode()
-
-
-def position(address: str) -> bytes:
-    """Return the command that is answered by `PO`, whose digits are counts."""
-    return f"{address}gp".encode()
-
-
-def stop(address: str) -> bytes:
-    """Return the command that ends a continuous motion, answered by `GS`, whose digits are a status."""
-    return f"{address}st".encode()
-
-
-def home(address: str) -> bytes:
-    """Return the command that searches the reference mark clockwise, answered by `PO` in the end."""
-    return f"{address}ho0".encode()
-
-
-def move_absolute(address: str, *, counts: int) -> bytes:
-    """Return the command that moves to an encoder reading, answered by `PO` in the end."""
-    if not -(1 << 31) <= counts < 1 << 31:
-        raise LimitError(f"position {counts} counts: a position has 32 bits with sign")
-    return f"{address}ma{counts & 0xFFFFFFFF:08X}".encode()
-
-
-def move_relative(address: str, *, counts: int) -> bytes:
-    """Return the command that moves by a number of counts, answered by `PO` in the end."""
-    if not -(1 << 31) <= counts < 1 << 31:
-        raise LimitError(f"distance {counts} counts: a distance has 32 bits with sign")
-    return f"{address}mr{counts & 0xFFFFFFFF:08X}".encode()
+def move(address: str, letters: str, *, counts: int) -> bytes:
+    """Return the command to move to (``ma``) or by (``mr``) a number of counts."""
+    return command(address, letters, f"{counts & 0xFFFFFFFF:08X}")
 
 
 def pulses_per_revolution(information: Information) -> int:
-    """Return the encoder counts of a full turn, once the stage is plausibly a rotation stage."""
+    """Return the encoder counts of a full turn; raise ProtocolError if the stage is not plausibly a rotation stage."""
     lowest, highest = _PULSES_RANGE
-    known = ", ".join(ROTATION_STAGES.values())
     if information.stage_type not in ROTATION_STAGES:
-        raise ProtocolError(f"type ELL{information.stage_type} is none of the rotation stages {known}")
-    if information.travel != _TRAVEL_DEG:
-        raise ProtocolError(f"travel {information.travel} is not the {_TRAVEL_DEG} degrees of a rotation stage")
-    if not lowest <= information.pulses <= highest:
-        raise ProtocolError(f"{information.pulses} pulses a turn are not plausible ({lowest} to {highest})")
-    return information.pulses
+        problem = (
+            f"type ELL{information.stage_type} is none of the rotation stages {', '.join(ROTATION_STAGES.values())}"
+        )
+    elif information.travel != _TRAVEL_DEG:
+        problem = f"travel {information.travel} is not the {_TRAVEL_DEG} degrees of a rotation stage"
+    elif not lowest <= information.pulses <= highest:
+        problem = f"{information.pulses} pulses a turn are not plausible ({lowest} to {highest})"
+    else:
+        return information.pulses
+    raise ProtocolError(f"{problem}. It is not used, since its angles could not be trusted")
 
 
 def counts_from_angle(angle_deg: float, *, pulses: int) -> int:
     """Return the encoder reading nearest to an angle, in [0, pulses)."""
-    if not math.isfinite(angle_deg):
-        raise LimitError(f"angle {angle_deg} deg: must be a finite number")
     return round(angle_deg % 360.0 * pulses / 360.0) % pulses
 
 
@@ -219,7 +195,7 @@ def signed(digits: str) -> int:
 
 
 def information_of(digits: str) -> Information:
-    """Return what a stage says of itself. Digits 8 to 14 are the year, 16 and 17 the hardware's release."""
+    """Return a stage's description. Digits 10 to 13 are the year, 16 and 17 the hardware's release."""
     return Information(
         stage_type=int(digits[0:2], 16),
         serial_number=digits[2:10],
@@ -264,56 +240,56 @@ class EllxLink(Line):
         self._last_heard_s = now_s()
 
     def begin(self) -> None:
-        """Get in step with a stage in an unknown state; an error left from before is noted and cleared."""
+        """Get in step with a stage in an unknown state; an old error is noted and cleared."""
         code = self._resynchronise(busy_until_s=self.now_s() + self._busy_timeout_s)
         if code != OK:
             self.notes.add(f"left from before: status {_in_words(code)}")
 
-    def ask(self, command: bytes, letters: str) -> str:
+    def ask(self, sent: bytes, letters: str) -> str:
         """Return the digits of the answer to a command that moves nothing, asking up to three times."""
         self._get_in_step()
         for _ in range(_TRIES - 1):
             try:
-                return self._exchange(command, letters, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+                return self._exchange(sent, letters, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
             except (ProtocolError, DeviceTimeoutError, DeviceFaultError) as error:
                 self._note_or_raise(error)
             self._get_in_step()
-        return self._exchange(command, letters, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
+        return self._exchange(sent, letters, deadline_s=self.now_s() + _REPLY_TIMEOUT_S)
 
-    def run_motion(self, command: bytes, *, timeout_s: float) -> bool:
+    def run_motion(self, sent: bytes, *, timeout_s: float) -> bool:
         """Send a command that moves the stage, once, and wait for the motion's end."""
         self._get_in_step()
         self.sleep(max(0.0, self._last_heard_s + _GAP_S - self.now_s()))
         deadline_s = self.now_s() + timeout_s
         try:
-            self._exchange(command, "PO", deadline_s=deadline_s)
+            self._exchange(sent, "PO", deadline_s=deadline_s)
         except (ProtocolError, DeviceTimeoutError, DeviceFaultError) as error:
             self._note_or_raise(error)
             self._get_in_step(busy_until_s=deadline_s)
             return False
         return True
 
-    def fault(self, code: int, command: bytes) -> DeviceFaultError:
-        """Return the error that tells of a status."""
+    def fault(self, code: int, sent: bytes) -> DeviceFaultError:
+        """Return the error for a status."""
         return DeviceFaultError(
-            f"{self.name}: after {command!r} it reports status {_in_words(code)}. "
+            f"{self.name}: after {sent!r} it reports status {_in_words(code)}. "
             "Check that nothing blocks it and that its supply is good, then home it again",
             code=code,
             meaning=STATUS_MEANINGS.get(code, "reserved"),
         )
 
-    def _exchange(self, command: bytes, letters: str, *, deadline_s: float) -> str:
-        """Return the digits of the one answer to one command; when that fails, the link is out of step."""
-        self._note_unasked()
+    def _exchange(self, sent: bytes, letters: str, *, deadline_s: float) -> str:
+        """Return the digits of the answer to a command; if there is none, the link is out of step."""
+        self._listen(quiet_s=0.0)  # so that nothing older can be taken for the answer
         self._in_step = False
-        self._port.write(command)
-        digits = self._await(command, letters, deadline_s=deadline_s)
+        self._port.write(sent)
+        digits = self._await(sent, letters, deadline_s=deadline_s)
         self._in_step = True
         return digits
 
-    def _await(self, command: bytes, wanted: str, *, deadline_s: float) -> str:
+    def _await(self, sent: bytes, wanted: str, *, deadline_s: float) -> str:
         while True:
-            letters, digits = self._next_reply(command, deadline_s=deadline_s)
+            letters, digits = self._next_reply(sent, deadline_s=deadline_s)
             code = int(digits, 16) if letters == "GS" else OK
             if code == INITIALISING:
                 self.restarted = True
@@ -321,25 +297,25 @@ class EllxLink(Line):
                 return digits
             if code not in (OK, BUSY):
                 self._clear_fault()
-                raise self.fault(code, command)
+                raise self.fault(code, sent)
 
-    def _next_reply(self, command: bytes, *, deadline_s: float) -> tuple[str, str]:
+    def _next_reply(self, sent: bytes, *, deadline_s: float) -> tuple[str, str]:
         """Return letters and digits of our stage's next reply; buttons are noted on the way."""
         while True:
             try:
                 reply = self._parser.next_event()
                 if reply is None:
-                    self._parser.feed(self._read(command, deadline_s=deadline_s))
+                    self._parser.feed(self._read(sent, deadline_s=deadline_s))
             except ProtocolError as error:
-                raise ProtocolError(f"{self.name}: after {command!r}: {error}") from error
+                raise ProtocolError(f"{self.name}: after {sent!r}: {error}") from error
             if reply is not None and not self._is_of_others(reply):
                 return reply[1], reply[2]
 
-    def _read(self, command: bytes, *, deadline_s: float) -> bytes:
+    def _read(self, sent: bytes, *, deadline_s: float) -> bytes:
         remaining_s = deadline_s - self.now_s()
         if remaining_s <= 0.0:
             raise DeviceTimeoutError(
-                f"{self.name}: no answer to {command!r} in time. Check the supply, the cable and the address"
+                f"{self.name}: no answer to {sent!r} in time. Check the supply, the cable and the address"
             )
         data = self._port.read_some(timeout_s=remaining_s)
         if data:
@@ -347,17 +323,13 @@ class EllxLink(Line):
         return data
 
     def _is_of_others(self, reply: Reply) -> bool:
-        """Return whether a reply is none of our business; a pressed button is noted."""
+        """Return whether a reply is not an answer to us; a pressed button is noted."""
         address, letters, digits = reply
         if address == self.address and letters == "BS":
             self.notes.add("a button of the handset was pressed")
         elif address == self.address and letters == "BO":
             self.notes.add(f"a button of the handset moved the stage to {signed(digits)} counts")
         return address != self.address or letters in ("BS", "BO")
-
-    def _note_unasked(self) -> None:
-        """Take in what waits to be read, so that nothing older than a command can be taken for its answer."""
-        self._listen(quiet_s=0.0)
 
     def _listen(self, *, quiet_s: float) -> None:
         """Read until nothing comes for a while; what comes answers nothing any more."""
@@ -384,7 +356,7 @@ class EllxLink(Line):
         self.notes.add(f"tried again: {error}")
 
     def _get_in_step(self, *, busy_until_s: float | None = None) -> None:
-        """See that every command so far is done with. Raises the fault that the stage reports meanwhile."""
+        """Wait until every command so far is answered; raise a fault that the stage reports meanwhile."""
         if self._in_step:
             return
         until_s = self.now_s() + self._busy_timeout_s if busy_until_s is None else busy_until_s
@@ -392,7 +364,7 @@ class EllxLink(Line):
         if code in GARBLED_CODES:
             self.notes.add(f"a command was damaged: status {_in_words(code)}")
         elif code != OK:
-            raise self.fault(code, status(self.address))
+            raise self.fault(code, command(self.address, "gs"))
 
     def _resynchronise(self, *, busy_until_s: float) -> int:
         """Return the status of the stage once it is not busy; reading clears it."""
@@ -408,23 +380,23 @@ class EllxLink(Line):
         return code
 
     def _read_status(self) -> int:
-        command = status(self.address)
         for _ in range(_TRIES - 1):
             try:
-                return self._ask_status(command)
+                return self._ask_status()
             except (ProtocolError, DeviceTimeoutError) as error:
                 self.notes.add(f"tried again: {error}")
             self._reset_line()
-        return self._ask_status(command)
+        return self._ask_status()
 
-    def _ask_status(self, command: bytes) -> int:
-        self._port.write(command)
-        return int(self._await(command, "GS", deadline_s=self.now_s() + _REPLY_TIMEOUT_S), 16)
+    def _ask_status(self) -> int:
+        question = command(self.address, "gs")
+        self._port.write(question)
+        return int(self._await(question, "GS", deadline_s=self.now_s() + _REPLY_TIMEOUT_S), 16)
 
     def _clear_fault(self) -> None:
-        """Read the status once, which makes the stage forget the fault that it has just told."""
+        """Read the status once, which clears the fault that the stage has just reported."""
         try:
-            self._ask_status(status(self.address))
+            self._ask_status()
         except (ProtocolError, DeviceTimeoutError) as error:
             self.notes.add(f"the fault may still be set in the stage: {error}")
 
@@ -441,7 +413,7 @@ def ask_elliptec(port: BytePort, *, now_s: Callable[[], float] = time.monotonic)
     """Return the Elliptec rotation stages on a line at 9600 bits/s, all sixteen addresses asked."""
     answers = []
     for address in "0123456789ABCDEF":
-        question = identify(address)
+        question = command(address, "in")
         for found, letters, digits in events_after(
             port, question, ReplyParser(), wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s
         ):
@@ -461,30 +433,31 @@ _FULL_TURN_S = _START_S + 360.0 / _SLOWEST_DEG_PER_S
 class EllxStage(SerialStage):
     """The stage behind a link. `open_elliptec` and `connect_elliptec` make one.
 
-    Moves are refused until `home` has been called on this connection, and again after the stage was seen to
-    restart: the protocol does not tell whether the
-    stage has found its reference mark since power-up, and without it every angle is off by an unknown amount.
-
-    What a person did with the handset shows up in the remarks of the next `Move`, and in `position`.
+    Moves are refused until `home` has been called on this connection, and again after the stage was seen to restart:
+    the protocol does not tell whether the stage has found its reference mark since power-up, and without it every angle
+    is off by an unknown amount. The remarks of the next `Move` list buttons of the handset that were pressed.
     """
 
     def __init__(self, link: EllxLink, information: Information, *, tolerance_deg: float) -> None:
         self._link = link
         self._information = information
-        self._pulses = _plausible_pulses(link.name, information)
+        try:
+            self._pulses = pulses_per_revolution(information)
+        except ProtocolError as error:
+            raise ProtocolError(f"{link.name}: {error}") from error
         super().__init__(link, tolerance_deg=tolerance_deg, count_deg=360.0 / self._pulses)
         self._homed = False
         self._last_counts: int | None = None
 
     def identify(self) -> DeviceIdentity:
-        """Return what the stage said of itself when the connection was made."""
+        """Return model, serial number and firmware, as read when the connection was made."""
         return self._information.identity
 
     def home(self) -> StagePosition:
         """Search the reference mark; return the readback."""
         self._homed = False
         for _ in range(_TRIES):
-            if self._link.run_motion(home(self._link.address), timeout_s=_FULL_TURN_S):
+            if self._link.run_motion(command(self._link.address, "ho0"), timeout_s=_FULL_TURN_S):
                 self._homed = True
                 self._link.restarted = False
                 return self.position()
@@ -498,9 +471,9 @@ class EllxStage(SerialStage):
         return self._agreed_position(self._read_encoder)
 
     def status(self) -> StageStatus:
-        """Ask the stage what it is doing; a fault that it remembers is told, and by that forgotten by the stage."""
+        """Return the status; reading a stored fault clears it."""
         try:
-            code = int(self._link.ask(status(self._link.address), "GS"), 16)
+            code = int(self._link.ask(command(self._link.address, "gs"), "GS"), 16)
         except DeviceFaultError as error:
             code = int(error.code)
         return StageStatus(
@@ -512,10 +485,10 @@ class EllxStage(SerialStage):
 
     def stop(self) -> None:
         """Stop a continuous motion. A move to a target cannot be broken off: the stage has no such command."""
-        command = stop(self._link.address)
-        code = int(self._link.ask(command, "GS"), 16)
+        sent = command(self._link.address, "st")
+        code = int(self._link.ask(sent, "GS"), 16)
         if code not in (OK, BUSY):
-            raise self._link.fault(code, command)
+            raise self._link.fault(code, sent)
 
     def _require_homed(self) -> None:
         if not self._homed or self._link.restarted:
@@ -525,13 +498,13 @@ class EllxStage(SerialStage):
             )
 
     def _read_encoder(self) -> StagePosition:
-        counts = signed(self._link.ask(position(self._link.address), "PO"))
+        counts = signed(self._link.ask(command(self._link.address, "gp"), "PO"))
         angle_deg = angle_from_counts(counts, pulses=self._pulses)
         self._last_counts = counts
         return StagePosition(angle_deg=angle_deg, counts=counts)
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
-        """Turn, by an absolute move where that leads the wanted way (none leads through zero)."""
+        """Turn by an absolute move if that leads the requested way; no absolute move leads through zero."""
         self._require_homed()
         here = self._read_encoder().counts if self._last_counts is None else self._last_counts
         by = self._route(here, angle_deg, way=way)
@@ -539,11 +512,9 @@ class EllxStage(SerialStage):
         if abs(here + by - target) > 1:  # each of the two was rounded
             here = self.position().counts  # one damaged reading must not lead a relative move astray
             by = self._route(here, angle_deg, way=way)
-        if abs(here + by - target) <= 1:
-            command = move_absolute(self._link.address, counts=target)
-        else:
-            command = move_relative(self._link.address, counts=by)
-        self._link.run_motion(command, timeout_s=_START_S + abs(by) * 360.0 / self._pulses / _SLOWEST_DEG_PER_S)
+        letters, counts = ("ma", target) if abs(here + by - target) <= 1 else ("mr", by)
+        sent = move(self._link.address, letters, counts=counts)
+        self._link.run_motion(sent, timeout_s=_START_S + abs(by) * 360.0 / self._pulses / _SLOWEST_DEG_PER_S)
         position = self._read_encoder()
         self._require_homed()
         return position
@@ -562,7 +533,7 @@ def connect_elliptec(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> EllxStage:
-    """Return the stage on an open link, once it has told twice over the same what it is."""
+    """Return the stage on an open line, once two descriptions of itself agree."""
     link = EllxLink(port, address=address, busy_timeout_s=_FULL_TURN_S, now_s=now_s, sleep=sleep)
     link.begin()
     return EllxStage(link, _ask_information(link), tolerance_deg=tolerance_deg)
@@ -588,19 +559,11 @@ def open_elliptec(
 
 
 def _ask_information(link: EllxLink) -> Information:
-    """Return what the stage says of itself, twice in a row alike: one damaged digit would bend every angle."""
-    command = identify(link.address)
+    """Return the stage's description, read twice alike, since a damaged digit would change every angle."""
     digits = two_agree(
-        lambda: link.ask(command, "IN"),
+        lambda: link.ask(command(link.address, "in"), "IN"),
         name=link.name,
         tries=_TRIES,
         differ=lambda before, latest: f"it says something else of itself each time: {before}, {latest}",
     )
     return information_of(digits)
-
-
-def _plausible_pulses(name: str, information: Information) -> int:
-    try:
-        return pulses_per_revolution(information)
-    except ProtocolError as error:
-        raise ProtocolError(f"{name}: {error}. It is not used, since its angles could not be trusted") from error
