@@ -1,8 +1,8 @@
-"""The scene file: light, regions, sensor and session as the model takes them, and how uncertain each number is.
+"""The scene file: light, regions, sensor and session as the model takes them, each number with its uncertainty.
 
-Every table of the file is a section below, its keys with their meaning where they stand (docs/file-keys.md is made from
-them). `load_scene` reads a file and names every problem; `write_into_scene` puts measured angles into one and keeps
-its comments.
+Every table of the file is a section below. Each key states its type, range and meaning once: the page of keys
+(docs/file-keys.md) and the parameters of a scene (`rigctl.scene.scene`) are made from them. `load_scene` reads a file
+and reports all problems at once; `write_into_scene` writes measured angles into a file and keeps its comments.
 """
 
 import math
@@ -77,7 +77,7 @@ class ModeSection(Section):
     log10_sigma: Above0 | None = None
     """Deviation of the radius' decimal logarithm. Example: `0.35`."""
     largest_radius_um: Above0 | None = None
-    """Where the law is cut. Example: `20.0`."""
+    """Largest radius of the law. Example: `20.0`."""
     radius_um: list[Number] | None = None
     """Radii of a table of sizes, in place of a law. Example: `[0.01, 0.1, 1.0]`."""
     number_per_log_radius: list[Number] | None = None
@@ -157,12 +157,12 @@ class ModeSection(Section):
 
 
 class OwnAerosolSection(Section):
-    """Spheres of one's own: what to call them, where their numbers come from, and their modes."""
+    """Spheres of your own: name, source and modes."""
 
     name: Annotated[str, Field(pattern=r"\S")] = "own"
-    """What to call it. Example: `"smoke"`."""
+    """Its name. Example: `"smoke"`."""
     source: Annotated[str, Field(pattern=r"\S")] = "no source given"
-    """Where its numbers are from. Example: `"AERONET, 2026-05-04"`."""
+    """Source of its numbers. Example: `"AERONET, 2026-05-04"`."""
     modes: Annotated[list[ModeSection], Field(min_length=1)]
     """Its modes of particles."""
 
@@ -184,7 +184,7 @@ def _metres(micrometres: float | None) -> float | None:
     return None if micrometres is None else micrometres / UM_PER_M
 
 
-# The tables of aerosols end there, and the widest field that a flat sensor is taken for.
+# End of the tables of aerosols, and the widest field of a flat sensor.
 HUMIDITY_MOST, FIELD_MOST_DEG = 0.8, 170.0
 
 
@@ -212,7 +212,7 @@ class ResponseSection(Section):
 class SunSection(Section):
     """The sun by its angles, or by a time (with its zone) at the scene's site.
 
-    `distance_factor` is the irradiance outside the atmosphere over that at the mean distance; a day says it too.
+    `distance_factor` is the irradiance outside the atmosphere over that at the mean distance; a day gives it too.
     """
 
     distance_factor: Positive | None = None
@@ -222,18 +222,18 @@ class SunSection(Section):
     azimuth_deg: Uncertain | None = None
     """Azimuth of the sun, clockwise from north. Example: `180.0`."""
     day_of_year: Annotated[float, Field(ge=1, lt=367)] | None = None
-    """Day, which says the distance of the sun. Example: `172.0`."""
+    """Day of the year, which gives the distance of the sun. Example: `172.0`."""
     time: AwareDatetime | None = None
-    """Time with its zone, which says where the sun stands at the site. Example: `2026-06-21T12:00:00+02:00`."""
+    """Time with its zone, which gives the position of the sun at the site. Example: `2026-06-21T12:00:00+02:00`."""
 
     @model_validator(mode="after")
     def _angles_or_time(self) -> "SunSection":
         if (self.zenith_deg is None) == (self.time is None):
             raise ValueError("needs exactly one of zenith_deg and time")
         if self.time is not None and (self.azimuth_deg is not None or self.day_of_year is not None):
-            raise ValueError("time says azimuth_deg and day_of_year too; leave them out")
+            raise ValueError("time gives azimuth_deg and day_of_year; leave them out")
         if self.distance_factor is not None and (self.time is not None or self.day_of_year is not None):
-            raise ValueError("time and day_of_year say distance_factor too; leave one of them out")
+            raise ValueError("time and day_of_year give distance_factor; leave one of them out")
         return self
 
 
@@ -247,25 +247,25 @@ class MeasuredDepthSection(Section):
 
 
 class AlternativeSection(Section):
-    """Another aerosol that it might as well be, and how much of the light is taken as of that one.
+    """Another possible aerosol, and its share of the light.
 
-    What is left out is as in [atmosphere]. Between two skies light is mixed linearly. The standard uncertainty of
-    `share` is how unsure one is of the kind: ``share = { value = 0.0, std = 0.5 }`` lets a prediction carry half the
-    difference between the two as uncertainty.
+    Keys that are left out are those of [atmosphere]. Light of the two skies is mixed linearly. The standard uncertainty
+    of `share` states how uncertain the kind of the aerosol is: with ``share = { value = 0.0, std = 0.5 }`` half the
+    difference between the two is an uncertainty of the prediction.
     """
 
     aerosol: AerosolKind | None = None
-    """What the other aerosol does to polarization. Example: `"spheres"`."""
+    """Effect of the other aerosol on polarization. Example: `"spheres"`."""
     aerosol_type: AerosolType | None = None
     """The other aerosol below 2 km. Example: `"dust"`."""
     upper_aerosol_type: AerosolType | None = None
     """The other aerosol above 2 km. Example: `"tropospheric"`."""
     own_aerosol: OwnAerosolSection | None = None
-    """The other aerosol below 2 km, of one's own."""
+    """The other aerosol below 2 km, as spheres of your own."""
     own_upper_aerosol: OwnAerosolSection | None = None
-    """The other aerosol above 2 km, of one's own."""
+    """The other aerosol above 2 km, as spheres of your own."""
     share: Share
-    """How much of the light is taken as of the other. Example: `{ value = 0.0, std = 0.5 }`."""
+    """Share of the light that is as of the other aerosol. Example: `{ value = 0.0, std = 0.5 }`."""
 
     @property
     def lower(self) -> AerosolChoice | None:
@@ -280,14 +280,16 @@ class AlternativeSection(Section):
     @model_validator(mode="after")
     def _is_another(self) -> "AlternativeSection":
         if (self.aerosol, self.lower, self.upper) == (None, None, None):
-            raise ValueError("needs what is another: aerosol, aerosol_type, own_aerosol, or those of the upper air")
+            raise ValueError(
+                "needs one of aerosol, aerosol_type, own_aerosol, upper_aerosol_type and own_upper_aerosol"
+            )
         return self
 
 
 class AtmosphereSection(Section):
-    """The air: US standard atmosphere of 1976 with so much aerosol, or a table of somebody's own.
+    """The air: US standard atmosphere of 1976 with an aerosol, or a table of your own.
 
-    How much aerosol: by visibility, by its optical depth at 550 nm, by its optical depth measured at two wavelengths
+    Amount of aerosol: by visibility, by its optical depth at 550 nm, by its optical depth measured at two wavelengths
     (Angstrom's law), or by AERONET files: of these the row next to the time of [sun], or the mean of all rows where it
     states angles. An inversion product makes spheres of its sizes and refractive index, unless this table says
     otherwise. `aerosol` says what it does to polarization, `aerosol_type` and `upper_aerosol_type` of what kind it is
@@ -297,7 +299,7 @@ class AtmosphereSection(Section):
     tier: Fidelity = Fidelity.STANDARD
     """How the light of the air is computed. Example: `"standard"`."""
     visibility_km: Positive | None = None
-    """Visibility, which says how much aerosol there is. Example: `23.0`."""
+    """Visibility, which gives the amount of aerosol. Example: `23.0`."""
     aerosol_optical_depth: NotNegative | None = None
     """Optical depth of the aerosol at 550 nm, in place of a visibility. Example: `0.2`."""
     measured_depths: tuple[MeasuredDepthSection, MeasuredDepthSection] | None = None
@@ -305,17 +307,17 @@ class AtmosphereSection(Section):
     aeronet: Annotated[tuple[Path, ...], BeforeValidator(_listed)] | None = None
     """AERONET files (version 3, level 1.5 or 2.0), in place of a visibility. Example: `["site.lev20", "site.all"]`."""
     aerosol: AerosolKind = AerosolKind.DEPOLARIZING
-    """What the aerosol does to polarization. Example: `"depolarizing"`."""
+    """Effect of the aerosol on polarization. Example: `"depolarizing"`."""
     aerosol_type: AerosolType = AerosolType.RURAL
     """Kind of the aerosol below 2 km. Example: `"rural"`."""
     upper_aerosol_type: AerosolType = AerosolType.TROPOSPHERIC
     """Kind of the aerosol above 2 km. Example: `"tropospheric"`."""
     own_aerosol: OwnAerosolSection | None = None
-    """Spheres of one's own below 2 km."""
+    """Spheres of your own below 2 km."""
     own_upper_aerosol: OwnAerosolSection | None = None
-    """Spheres of one's own above 2 km."""
+    """Spheres of your own above 2 km."""
     alternative: AlternativeSection | None = None
-    """Another aerosol that it might as well be."""
+    """Another possible aerosol."""
     angstrom_exponent: Uncertain | None = None
     """Angstrom's exponent of the optical depth; that of the kind without. Example: `1.3`."""
     relative_humidity: Humidity = Uncertain(value=0.5)
@@ -327,11 +329,11 @@ class AtmosphereSection(Section):
     ground_albedo: Share = Uncertain(value=0.1)
     """Albedo of the ground around. Example: `0.1`."""
     wavelengths: Annotated[int, Field(ge=1, le=20)] = 4
-    """How many wavelengths the band is computed at. Example: `4`."""
+    """Number of wavelengths at which the band is computed. Example: `4`."""
     dolp_max: Share = Uncertain(value=0.2)
     """Largest DoLP of the sky, of tier analytic. Example: `0.2`."""
     table: Path | None = None
-    """Table of somebody's own light, of tier table. Example: `"sky.npz"`."""
+    """Your own table of light, of tier table. Example: `"sky.npz"`."""
 
     @property
     def lower(self) -> AerosolChoice:
@@ -359,7 +361,7 @@ class AtmosphereSection(Section):
     @model_validator(mode="after")
     def _one_spectrum(self) -> "AtmosphereSection":
         if (self.measured_depths or self.aeronet) is not None and self.angstrom_exponent is not None:
-            raise ValueError("measured_depths and aeronet say the angstrom_exponent too; leave it out")
+            raise ValueError("measured_depths and aeronet give the angstrom_exponent; leave it out")
         if self.measured_depths is not None and len({one.wavelength_nm for one in self.measured_depths}) != 2:
             raise ValueError("measured_depths need two different wavelengths")
         if self.tier is Fidelity.TABLE and (self.alternative or self.own_aerosol or self.own_upper_aerosol):
@@ -374,7 +376,7 @@ _INDEX_ENDS_NM = (300.0, 2500.0)
 
 
 def _with_aeronet(air: AtmosphereSection, given: Aeronet) -> AtmosphereSection:
-    """Return the table with what AERONET files say in the place of their names; what the table states stays."""
+    """Return the table with the numbers of AERONET files; numbers that the table states stay."""
     update: dict[str, object] = {
         "aeronet": None,
         "measured_depths": tuple(
@@ -420,7 +422,7 @@ class FieldSection(Section):
     tiles_per_side: Annotated[int, Field(ge=1, le=50)] = 5
     """Tiles along each side, over which light is computed. Example: `5`."""
     rule: TileRule = "gauss-legendre"
-    """Where in the tiles it is computed. Example: `"gauss-legendre"`."""
+    """Points of the tiles where light is computed. Example: `"gauss-legendre"`."""
 
     @model_validator(mode="after")
     def _angles_or_picture(self) -> "FieldSection":
@@ -575,7 +577,7 @@ class AcquisitionSection(Section):
     angles_deg: Annotated[tuple[float, ...], Field(min_length=3)] = DEFAULT_ANGLES_DEG
     """Polarizer angles of a cycle. Example: `[0, 90, 45, 135]`."""
     cycles: Annotated[int, Field(ge=1)] = 1
-    """How often all angles are gone through. Example: `10`."""
+    """Number of repetitions of all angles. Example: `10`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -591,9 +593,9 @@ class RigSection(Section):
     """
 
     polarizer_offset_deg: Uncertain = Uncertain(value=0.0)
-    """To be added to every recorded angle of the polarizer. Example: `{ value = 0.0, std = 0.1 }`."""
+    """Correction to be added to every recorded angle of the polarizer. Example: `{ value = 0.0, std = 0.1 }`."""
     angle_std_deg: Annotated[float, Field(ge=0, lt=45)] = 0.0
-    """How well each recorded angle is known on its own. Example: `0.02`."""
+    """Standard uncertainty of each recorded angle on its own. Example: `0.02`."""
     exposure_ratio: Positive = Uncertain(value=1.0)
     """True exposure over the recorded one. Example: `{ value = 1.0, std = 0.01 }`."""
 
@@ -642,11 +644,11 @@ class SceneRegion(Region):
     tilt_azimuth_deg: Uncertain = Uncertain(value=0.0)
     """Azimuth to which it leans, clockwise from north. Example: `180.0`."""
     shadowing: Shadowing = "v-cavity"
-    """How facets hide one another. Example: `"v-cavity"`."""
+    """How facets shadow one another. Example: `"v-cavity"`."""
     diffuse: DiffuseKind | None = None
     """Form of the diffuse term, in place of the material's own. Example: `"coupled"`."""
     extent: Literal["point", "field", "rectangle"] = "point"
-    """What it fills: the point on the axis, the whole field, or its own rectangle. Example: `"rectangle"`."""
+    """Part of the field that it fills: the axis, all of it, or its own rectangle. Example: `"rectangle"`."""
     texture_rms: NotNegative = Uncertain(value=0.0)
     """Relative deviation of the pixels' whole Stokes vector. Example: `0.02`."""
     texture_diagonal: tuple[NotNegative, NotNegative, NotNegative] | None = None
@@ -692,7 +694,7 @@ class SceneRegion(Region):
         if self.stokes_radiance is None:
             raise ConfigError(
                 f"region {self.name} is given by its material; here its stokes_radiance is needed, as a simulated rig "
-                "paints what it is told and computes no light"
+                "shows stated radiances and computes no light"
             )
         return self.stokes_radiance
 
@@ -709,15 +711,15 @@ class SceneFile(Section):
     noise: NoiseSection
     """Noise of the sensor where no calibration is given."""
     acquisition: AcquisitionSection
-    """How frames are taken; of a run, what it records counts instead."""
+    """How frames are taken; for a run, its own record is used instead."""
     background_radiance: Annotated[float, Field(gt=0)] = 20.0
-    """Radiance of what no region covers, in band, W m-2 sr-1. Example: `20.0`."""
+    """Radiance outside of all regions, in band, W m-2 sr-1. Example: `20.0`."""
     rig: RigSection = RigSection()
-    """Errors of the rig against what a run records of it."""
+    """Errors of the rig relative to the record of a run."""
     errors: ErrorsSection = ErrorsSection()
     """Errors that a session adds to the scene."""
     effects: EffectsSection = EffectsSection()
-    """Effects that act, or are left out, whatever their bound."""
+    """Effects that act, or are left out, regardless of their bound."""
     site: SiteSection | None = None
     """Where the scene is."""
     sun: SunSection | None = None
@@ -725,13 +727,13 @@ class SceneFile(Section):
     geometry: GeometrySection | None = None
     """Where the camera is as seen from the target."""
     pointing: PointingSection | None = None
-    """How the errors of the camera's and the panels' angles go together."""
+    """Correlation of the errors of the camera's and the panels' angles."""
     atmosphere: AtmosphereSection | None = None
     """The air."""
     field_of_view: FieldSection | None = None
     """The whole field of view, and how it is cut in tiles."""
     regions: Annotated[list[SceneRegion], Field(min_length=1)]
-    """What the picture shows: regions with their light or material."""
+    """Regions of the picture with their light or material."""
 
     @property
     def has_materials(self) -> bool:
@@ -797,7 +799,7 @@ def pointing_angles(geometry: GeometrySection | None, regions: Iterable[SceneReg
 
 
 def load_scene(path: str | Path) -> SceneFile:
-    """Return the checked scene file; files that it names are sought beside it, and its materials are there.
+    """Return the checked scene file; files that it names are looked up in its folder.
 
     Raises
     ------

@@ -264,7 +264,7 @@ DEPTHS = (
 @pytest.mark.parametrize(
     ("lines", "problem"),
     [
-        (DEPTHS % 870 + "angstrom_exponent = 1.3\n", "say the angstrom_exponent too"),
+        (DEPTHS % 870 + "angstrom_exponent = 1.3\n", "give the angstrom_exponent"),
         (DEPTHS % 440, "two different wavelengths"),
     ],
 )

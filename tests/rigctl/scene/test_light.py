@@ -260,7 +260,7 @@ def test_what_an_alternative_leaves_out_is_as_it_was(tmp_path, store):
 
 
 def test_an_alternative_that_is_none_is_refused(tmp_path, store):
-    with pytest.raises(ConfigError, match="needs what is another"):
+    with pytest.raises(ConfigError, match="needs one of aerosol, aerosol_type"):
         predictor(tmp_path, store, AIR + "[atmosphere.alternative]\nshare = 0.5\n")
 
 
