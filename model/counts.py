@@ -1,9 +1,9 @@
 """The law of a count: a normal signal, rounded to a whole number and cut off at both ends of the range.
 
-A camera adds photons, electrons of its readout and a black level, multiplies by its gain, rounds, and stores what lies
-between 0 and full scale. Before rounding that is normal as soon as there are some ten electrons. What rounding and
-the ends do to it is here and nowhere else: `rounded_moments` predicts mean and variance of counts from those of the
-signal, `estimate_signal` estimates the signal from counts, and says how well the law describes them.
+A camera adds photons, electrons of its readout and a black level, multiplies by its gain, rounds, and stores numbers
+from 0 to full scale. Before rounding the sum is normal as soon as there are some ten electrons. This module alone holds
+the effects of rounding and of the ends of the range: `rounded_moments` predicts mean and variance of counts from those
+of the signal, `estimate_signal` estimates the signal from counts, and says how well the law describes them.
 """
 
 from dataclasses import dataclass
@@ -99,7 +99,7 @@ _STEPS, _LEAST_COUNTS, _TINY = 60, 3, 1e-280
 
 
 def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstimate | None:
-    """Return mean and deviation of the normal signal behind counts; None where they do not tell.
+    """Return mean and deviation of the normal signal behind counts; None where the counts do not determine them.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def estimate_signal(counts: NDArray[np.integer], *, highest: int) -> SignalEstim
 
     Notes
     -----
-    Counts of fewer than three kinds tell of no deviation. Texture that is normal widens the law and does no harm.
+    Fewer than three different counts do not determine a deviation. Normal texture widens the law and does no harm.
     """
     number = np.bincount(np.minimum(np.ravel(counts), highest), minlength=highest + 1).astype(np.float64)
     kinds = np.flatnonzero(number)
@@ -168,6 +168,6 @@ def _law(mean: float, std: float, highest: int) -> tuple[FloatArray, FloatArray]
     weighted = np.where(np.isfinite(z), z, 0.0) * density
     safe = np.maximum(share, _TINY)[:, None]
     scores = np.stack([-np.diff(density), -np.diff(weighted)], axis=1) / (safe * std)
-    # Beyond all shares a count is an outlier, and tells what its own place does.
+    # Where the share underflows a count is an outlier, and its own place counts.
     off = ((np.arange(highest + 1.0) - mean) / std)[:, None]
     return share, np.where(share[:, None] > _TINY, scores, np.concatenate([off, off**2 - 1.0], axis=1) / std)

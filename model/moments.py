@@ -1,4 +1,4 @@
-"""Mean and covariance of random vectors, through linear maps, and of numbers between two limits."""
+"""Mean and covariance of random vectors, and how they change through linear and smooth maps."""
 
 import math
 from dataclasses import dataclass
@@ -74,8 +74,8 @@ def propagate_first_order(moments: Moments, value: ArrayLike, jacobian: ArrayLik
 
     [MK14] eq. (24)-(25) for DoLP; definition.
     """
-    # Where what varies most drops out of f, as a common factor does of a ratio, J Sigma J' is left with rounding that
-    # is neither symmetric nor positive; a product with its own transpose is both.
+    # Where the largest variation drops out of f, as a common factor does from a ratio, J Sigma J' is left with rounding
+    # that is neither symmetric nor positive; a product with its own transpose is both.
     spread = np.asarray(jacobian, dtype=np.float64) @ covariance_factor(moments.cov)
     cov = spread @ np.swapaxes(spread, -1, -2)
     return Moments(mean=np.asarray(value, dtype=np.float64), cov=cov)
@@ -110,7 +110,7 @@ def covariance_factor(cov: ArrayLike) -> FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :], dtype=np.float64)
 
 
-# Rounding of a covariance built as W D W' is some eps times its trace; what is beyond this is no rounding.
+# Rounding of a covariance built as W D W' is some eps times its trace; more than this is an error.
 _ROUNDING = 1e-12
 
 

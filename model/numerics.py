@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 _PACKAGE, _COMPILED = "scipy.special", "scipy.special._ufuncs"
 _IMPORTING = RLock()
-# Columns that a fit may take in, over how many there are: each goes and comes back some times at most.
+# Most steps of a fit, per column: a column is seldom removed and taken again more than a few times.
 _MOST_COLUMNS = 10
 
 
@@ -156,7 +156,7 @@ class PanelIntegrals:
 
 
 _MAX_HALVINGS = 48
-# Panels open at once, per domain: more than any integrand here needs, so what asks for more is noise.
+# Panels open at once, per domain: more than any integrand here needs, so an integrand that needs more is noise.
 _MAX_OPEN = 300
 
 
@@ -171,8 +171,8 @@ def integrate_panels(
     """Return integrals of vector-valued functions over domains cut into panels, by adaptive halving.
 
     A panel is accepted when its two nested rules agree to `tolerance` times the domain's absolute integral
-    over the number of panels, or to `noise`. After 48 halvings, or with 300 panels open per domain, what is
-    left is accepted as it is; the result's `error` tells.
+    over the number of panels, or to `noise`. After 48 halvings, or with 300 panels open per domain, the remaining
+    panels are accepted as they are; the result's `error` contains their errors.
     """
     owner, lower, upper = _nonempty_panels(cuts)
     total = _Totals(cuts.shape[0])
@@ -262,7 +262,7 @@ def _halves(owner: IntArray, lower: FloatArray, upper: FloatArray) -> tuple[IntA
 
 
 def _module() -> ModuleType:
-    """Return the compiled module of these functions; the package where it is there already, or cannot do without.
+    """Return the compiled module of these functions, or the package where it is loaded already or needed.
 
     The package would import numpy's compiler of Fortran and its tests, to serve other kinds of arrays: 0.15 s.
     """
@@ -280,7 +280,7 @@ def _module() -> ModuleType:
 
 
 def _of_package(name: str) -> Any:
-    """Return what another thread wants of the package in the moment in which its place is taken by an empty one."""
+    """Return a name of the package to another thread while the empty stand-in is in its place."""
     if name.startswith("_"):
         raise AttributeError(name)
     with _IMPORTING:

@@ -1,4 +1,4 @@
-"""The numbers of a region that prediction and measurement share: each declared once, with what others need to know."""
+"""The numbers of a region that prediction and measurement share, each declared once, and names of its counts."""
 
 from dataclasses import dataclass
 

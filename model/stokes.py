@@ -4,8 +4,8 @@ S1 = horizontal - vertical, S2 = (+45 deg) - (-45 deg); angles counter-clockwise
 as the camera sees the scene ([MK14] eq. 11).
 
 World axes are east, north, up. Zenith angles count from up, azimuths clockwise from north; a direction points from
-the target to the sun, the sky or the camera. Along a ray that travels along k, h is horizontal and to the right of
-who looks back to where the light comes from, v = k x h is up, and (h, v, k) is right-handed.
+the target to the sun, the sky or the camera. Along a ray that travels along k, h is horizontal and to the right of an
+observer who looks toward the source of the light, v = k x h is up, and (h, v, k) is right-handed.
 """
 
 import numpy as np

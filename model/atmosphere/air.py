@@ -68,14 +68,14 @@ _SHORTEST_M, _LONGEST_M = 0.25e-6, 1.1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class AtmosphereState:
-    """State of an atmosphere as far as it is known; all else is the US standard of 1976.
+    """Known properties of an atmosphere; all others are those of the US standard of 1976.
 
     Attributes
     ----------
     visibility_m, aerosol_optical_depth
         Exactly one of them: meteorological range [m], or vertical optical depth of the aerosol at 550 nm.
     boundary_aerosol, upper_aerosol
-        Aerosol of the lowest 2 km and of the air above: a documented kind, or spheres of one's own.
+        Aerosol of the lowest 2 km and of the air above: a documented kind, or spheres with stated sizes and indices.
     angstrom_exponent
         Of the aerosol's extinction over wavelength, in place of the spectrum of its kind; or None.
     relative_humidity
@@ -181,7 +181,7 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
     Parameters
     ----------
     state
-        What is known of it.
+        Its known properties.
     wavelength_m
         [m], 0.3e-6 to 1.06e-6.
 
@@ -220,7 +220,7 @@ def column(state: AtmosphereState, *, wavelength_m: float) -> Column:
 
 
 def kinks_m(state: AtmosphereState, *, aerosol: AerosolKind) -> tuple[float, ...]:
-    """Wavelengths at which the light has a kink, for the tables of the aerosol have one [m], increasing."""
+    """Wavelengths at which the light has a kink because the tables of the aerosol have one [m], increasing."""
     choices = {state.boundary_aerosol, state.upper_aerosol}
     if aerosol is AerosolKind.SPHERES:
         choices |= {spheres_of(choice, relative_humidity=state.relative_humidity) for choice in choices}

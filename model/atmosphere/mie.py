@@ -288,13 +288,13 @@ class MieAerosol:
     Attributes
     ----------
     name
-        What to call it.
+        Its name in reports.
     modes
         One or more; their shares count relative to each other.
     source
-        Where its numbers come from.
+        Origin of its numbers.
     assumed
-        What of it is assumed rather than documented; empty if nothing is.
+        Properties that are assumed rather than documented, in words; empty if there are none.
     """
 
     name: str

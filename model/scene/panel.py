@@ -1,7 +1,9 @@
-"""Light that one panel reflects toward one view, at the aperture of the camera.
+"""Light that one panel reflects toward cameras, at their apertures.
 
-The lobe and the diffuse term are integrated apart. For the lobe the nodes lie over the slopes of the facets, so that a
-narrow lobe has as many as a wide one; for the diffuse term they cover the sky evenly.
+`aperture_lights` adds reflected sun, reflected sky and path. The sky is integrated over the hemisphere by
+`reflected_diffuse`, with finer and finer rules until the estimated error meets the tolerance. Lobe and diffuse term are
+integrated separately: for the lobe the nodes lie over the slopes of the facets, so that a narrow lobe has as many as a
+wide one; for the diffuse term they cover the sky evenly.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,8 +18,6 @@ from model.scene.sky_light import DiffuseRadiance, Illumination, Nodes, hemisphe
 from model.stokes import rotate_frame
 from model.surface.facets import SLOPE_CUT, facet_nodes
 from model.surface.pbrdf import LocalGeometry, Surface, Tilt, local_geometry, mueller
-
-# Position of a camera, as seen from its target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,26 +59,23 @@ class View:
             raise ValueError(f"camera height = {self.height_m} m; allowed is 0 or more")
 
 
-# Light that one panel reflects to cameras, of the beam and of diffuse radiance, by rules of a given order
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 # A camera closer than this to the panel's normal has no direction of its own in the panel's plane.
 _OVERHEAD = 1e-9
-# So many nodes at a time stay in the processor's cache, whoever sees them.
+# So many nodes at a time stay in the processor's cache.
 _BLOCK = 8192
 # Few nodes are better spent where most facets are: slopes are taken up to so many standard deviations, and so many more
 # for each order. With these the rules of order 6 to 12 miss a half to a tenth of what they miss up to seven.
 _LEAST_CUT, _CUT_BY_ORDER = 2.9, 0.15
-# What a panel does with light from its nodes is kept for other suns and heights: of many rules of few nodes, of few
-# rules of many.
+# Matrices of the nodes are kept for other suns and heights: many rules of few nodes, few rules of many nodes.
 _FEW_NODES, _MANY_NODES = 1024, 4096
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rule:
-    """Nodes of a quadrature, and what the panel does with their light, whatever that is."""
+    """Nodes of a quadrature, and the Mueller matrices by which the panel reflects their light."""
 
     nodes: Nodes
     camera: IntArray
@@ -99,7 +96,7 @@ class PanelLight:
     def __init__(self, *, surface: Surface, tilt: Tilt, views: Sequence[View]) -> None:
         """Set a panel before cameras."""
         self._surface, self._tilt = surface, tilt
-        # Height and roll of a camera are nothing to the panel.
+        # Height and roll of a camera do not change what the panel reflects.
         self._views = tuple(replace(view, height_m=0.0, roll_rad=0.0) for view in views)
         self._zenith_rad = np.array([view.zenith_rad for view in views])
         self._azimuth_rad = np.array([view.azimuth_rad for view in views])
@@ -277,20 +274,17 @@ def _panel_axes(normal: FloatArray, cameras: FloatArray, camera_azimuth_rad: Flo
     return np.stack([along, np.cross(normal, along), np.broadcast_to(normal, along.shape)], axis=1)
 
 
-# Diffuse radiance reflected to the camera: the integral of pBRDF times sky over the hemisphere, with its error
-
-
 TOLERANCE = 1e-4
-# What the far tail of a lobe sees of the ground below the horizon, share of S0: too little for a rule to notice.
+# Light of the ground that the far tail of a lobe reflects, as a share of S0: too little for a rule to resolve.
 _TAIL = 3e-5
-# Each rule is set beside the one before it; that between two is tried where the finer one is needed, and may do.
+# Each rule is compared with the one before it; where the finer one is needed, the one between the two is tried.
 _ORDERS = (6, 10, 14, 20, 34, 48, 72)
 _BETWEEN = {10: 8, 14: 12, 20: 17, 34: 26, 48: 40, 72: 60}
 # A step that is no more than this share of the one before falls regularly.
 _REGULAR = 0.25
-# What regular steps leave, over the last of them; and at the least over the one before, for one may be small by chance.
+# Error of regular steps, over the last step; and at least over the one before, since one may be small by chance.
 _MARGIN, _LEAST_LEFT = 1.5, 0.2
-# What irregular ones leave, over the larger of the last two; and the one before these in such a share.
+# Error of irregular steps, over the larger of the last two; the one before these counts by this share.
 _IRREGULAR, _EARLIER = 3.0, 0.3
 
 
@@ -323,7 +317,7 @@ def reflected_diffuse(panel: PanelLight, light: DiffuseRadiance, *, tolerance: f
     """
     if not tolerance > 0.0:
         raise ValueError(f"reflected_diffuse: tolerance = {tolerance!r}, but it must be above 0")
-    # The edge of the ground may lie in what a tilted panel sees: it must be seen to fall regularly once more.
+    # A tilted panel may see the edge of the ground: its steps must fall regularly once more.
     regular = 2 if panel.is_level else 3
     lobe = _refined(lambda order: panel.lobe(light, order), tolerance, regular)
     diffuse = _refined(lambda order: panel.diffuse(light, order), tolerance, regular)
@@ -361,7 +355,7 @@ class _Refined:
 def _refined(rule: Callable[[int], FloatArray], tolerance: float, regular: int) -> _Refined:
     """Rules of growing order until the estimated error of the last one is below the tolerance for every camera.
 
-    Of so many steps at the least it is said that they fall regularly.
+    Steps count as regular only from the number `regular` on.
     """
     values = [rule(_ORDERS[0])]
     steps = [np.full(len(values[0]), np.inf)]
@@ -386,14 +380,15 @@ def _refined(rule: Callable[[int], FloatArray], tolerance: float, regular: int) 
 
 
 def _error(steps: list[FloatArray], regular: int) -> FloatArray:
-    """Error of the last of a row of rules for each camera, from the steps between them, the first of which is infinite.
+    """Error of the last rule for each camera, from the steps between the rules; the first step is infinite.
 
-    Where each step is a quarter of the one before or less, what is missing is of the size of the last. Else steps are
-    of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe, or at the kink
-    of the shadowing.
+    Where each step is a quarter of the one before or less, the error is of the size of the last step. Otherwise steps
+    are of the size of the error, and one may be small by chance, as at an edge of the sky within the lobe or at the
+    kink of the shadowing.
 
-    Of 640 lobes and 250 diffuse terms under random skies, half of hostile scenes, to tolerances of 0.01 to 1e-4, one of
-    200 was off by more than this says and a tenth of the tolerance: by up to 1.2 times at 0.01, 2.3 times below.
+    Tried on 640 lobes and 250 diffuse terms under random skies, half of them hard cases, with tolerances of 0.01 to
+    1e-4: one of 200 errors exceeded this estimate plus a tenth of the tolerance, by a factor of up to 1.2 at 0.01 and
+    2.3 below.
     """
     before, last = steps[-2:]
     earlier = _EARLIER * steps[-3] if len(steps) > 3 else 0.0
@@ -402,9 +397,6 @@ def _error(steps: list[FloatArray], regular: int) -> FloatArray:
         falls = (last <= _REGULAR * before) & (before <= _REGULAR * steps[-3])
         careful = np.where(falls, np.maximum(_MARGIN * last, _LEAST_LEFT * before), careful)
     return np.asarray(np.where(last == 0.0, 0.0, careful))
-
-
-# Radiance at the aperture: reflected sun, reflected sky and path, kept apart
 
 
 # Of a panel on which no skylight falls.

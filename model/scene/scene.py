@@ -1,4 +1,4 @@
-"""Records of a scene: regions under a sky before a camera, and the light that they send."""
+"""Records of a scene: `LitScene` is regions under a sky before a camera, `Scenario` the light that they send to it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,8 +15,6 @@ from model.scene.panel import View
 from model.scene.sky_light import require_sun_zenith
 from model.sensor import PERFECT, Imperfections, Sensor
 from model.surface.pbrdf import Surface, Tilt
-
-# Scenario of a prediction: the light of each region at the aperture, the sensor, and its readout
 
 FloatArray = NDArray[np.float64]
 
@@ -85,12 +83,12 @@ class Readout:
     channel_names
         A name for each of them, as it stands in a report: "dn_45".
     cycles
-        How many times all angles are gone through, >= 1.
+        Number of times that all angles are measured, >= 1.
     extinction_ratio
-        Of the polarizer, as the processing takes it to be; infinite for ideal.
+        Of the polarizer, as the processing assumes it; infinite for ideal.
     noise_factor
-        What the processing makes of the variance of temporal noise before anything else, one factor a frame, such as
-        by interpolation between pixels; None for nothing.
+        Factor of each frame by which the processing changes the variance of temporal noise first, for instance by
+        interpolation between pixels; or None.
     flat_error
         Relative standard deviation of the error of each frame's flat field over the pixels, one a frame; None where
         frames are not divided by a flat field, and show the response of each pixel.
@@ -114,16 +112,13 @@ class Scenario:
     imperfections: Imperfections = PERFECT
 
 
-# Record of a scene: air, sun, camera, what stands before it, sensor, and what is asked of it
-
-
 # False alarm probabilities at which detection is predicted.
 P_FALSE_ALARM = (1e-4, 1e-3, 1e-2, 1e-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Air:
-    """Air and sun: what their light depends on, but for the sun's azimuth and for numerical settings.
+    """Air and sun: all that their light depends on except the sun's azimuth and numerical settings.
 
     Attributes
     ----------
@@ -132,10 +127,10 @@ class Air:
     band
         Spectrum of the sun at its actual distance, with the sensor's response.
     fidelity
-        ANALYTIC, SINGLE and TABLE are models of their own; FAST and STANDARD are one, to different accuracy, and the
-        numerical settings alone say to which.
+        ANALYTIC, SINGLE and TABLE are models of their own. FAST and STANDARD are the same model; the numerical settings
+        decide its accuracy.
     aerosol
-        What aerosol does to polarization.
+        Effect of the aerosol's scattering on polarization.
     state
         The atmosphere; None for a table.
     ground_albedo
@@ -145,8 +140,7 @@ class Air:
     table
         The light of a table; None for all other fidelity levels.
     alternative, share
-        Another air that it might as well be, and how much of its light is taken
-        (`model.atmosphere.sky`); None for none.
+        Another air that is possible, and the share of its light (`model.atmosphere.sky.MixedLighting`); or None.
 
     Raises
     ------
@@ -192,8 +186,8 @@ class LitRegion:
     name
         Of the region.
     surface, tilt, part
-        What it is made of, how it stands, and the part of the field that it fills (None for a point on the axis);
-        surface and tilt are None where the radiance is given.
+        Material, tilt, and the part of the field that it fills (None for a point on the axis); surface and tilt are
+        None where the radiance is given.
     radiance
         Mean Stokes radiance at the aperture, shape (3,) [W m-2 sr-1, in band]; None for a material.
     texture_rms, texture_diagonal, texture_cov

@@ -1,4 +1,10 @@
-"""Sky and aureole sampled for a scene, and the light that falls on a panel."""
+"""The sky sampled for a scene, and the light that falls on a panel.
+
+`sample_sky` keeps a computed sky on a grid of directions, so that reading it again costs next to nothing. The bright
+ring around the sun (the aureole) and the brightening of thin air toward the horizon are divided out first, because no
+polynomial follows them. `illuminate` puts sun, sky and ground together, `hemisphere_nodes` are directions for sums over
+the hemisphere of a panel.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -14,8 +20,6 @@ from model.atmosphere.sky import Lighting
 from model.numerics import ClampedSpline, fit_above_zero, gauss_legendre
 from model.surface.pbrdf import Tilt
 
-# Protocol of a sky, computed, sampled or made up
-
 FloatArray = NDArray[np.float64]
 
 
@@ -30,11 +34,11 @@ class Sky(Protocol):
 # The bright ring around the sun, as a function of the angle from it
 
 
-# Asymmetries of the functions of the angle from the sun of which an aureole is put together.
+# Asymmetries of the Henyey-Greenstein functions whose sum describes an aureole.
 _ASYMMETRIES = np.array([0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.87, 0.92, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998])
 _AUREOLE_SAMPLES = 60
 _AUREOLE_EDGE_RAD = float(np.radians(60.0))
-# Nearer to the zenith the ring of the sun's own zenith angle is too small to show the aureole.
+# With a higher sun the ring of the sun's own zenith angle is too small to sample the aureole.
 _HIGH_SUN_RAD = float(np.radians(15.0))
 
 
@@ -58,12 +62,14 @@ class Aureole:
         return np.asarray(smooth * np.exp(self.correction(np.minimum(root, self.correction.x[-1]))))
 
 
-# Even in all directions.
+# The same in all directions.
 NO_AUREOLE = Aureole(sun_zenith_rad=0.0, asymmetries=np.zeros(1), weights=np.ones(1))
 
 
 def aureole_of(sky: Sky, sun_zenith_rad: float) -> Aureole:
-    """Return the sum of functions that is closest to a sky around the sun, in relative terms; even where it is black.
+    """Return the sum of functions that is closest to a sky around the sun, in relative terms.
+
+    `NO_AUREOLE` where the sky is black somewhere.
 
     Definition: least squares with weights of 0 or more.
     """
@@ -104,15 +110,15 @@ def _henyey_greenstein(asymmetries: FloatArray, cosine: FloatArray) -> FloatArra
     return np.asarray((1.0 - squares) / (1.0 + squares - 2.0 * asymmetries * cosine[..., np.newaxis]) ** 1.5)
 
 
-# A computed sky kept on a grid of directions, so that reading it again costs next to nothing
+# The sky on a grid of directions
 
 
-# Directions between the grid's at which it is set beside the sky itself: steps of the grid in azimuth, and zenith
+# Directions between those of the grid at which it is compared with the sky: steps of the grid in azimuth, and zenith
 # angles around the sun's and down to the horizon.
 _PROBED_STEPS = (0.05, 0.5, 1.5, 4.5)
 _PROBED_BESIDE_SUN_RAD = np.radians([-9.0, -2.5, 0.0, 0.7, 2.5, 9.0])
 _PROBED_ZENITH_RAD = np.radians([6.0, 33.0, 71.0, 83.0, 88.0])
-# Depths of air that are tried, by which a sky brightens toward the horizon.
+# Optical depths of air that are tried for the brightening toward the horizon.
 _DEPTHS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7, 1.2)
 # Cosine of the zenith angle at the horizon: below that of any angle that a double can hold.
 _LEVEL = 1e-18
@@ -163,8 +169,8 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
 
     Zenith angle and azimuth are coordinates in which a sky is smooth, also at the zenith, where its frame turns: the
     series converge geometrically, as fast as the phase function of the aerosol lets them. A bright aureole is divided
-    out first, as it shows on the ring of the sun's own zenith angle, and how thin air brightens toward the horizon:
-    a polynomial would follow neither, and leave ripples over all of the sky that no rule of few nodes integrates.
+    out first, as sampled on the ring of the sun's own zenith angle, and so is the brightening of thin air toward the
+    horizon. A polynomial follows neither, and would leave ripples that no rule of few nodes integrates.
     """
     nodes_rad, phi_rad = _grid(zeniths, azimuths)
     samples = sky(zenith_rad=nodes_rad[:, np.newaxis], phi_rad=phi_rad)
@@ -182,7 +188,7 @@ def sample_sky(sky: Sky, *, sun_zenith_rad: float, zeniths: int = 24, azimuths: 
         found = [_over(aureole, depth, nodes_rad, phi_rad, samples) for aureole in aureoles for depth in depths]
         return min(map(with_error, found), key=lambda sampled: sampled.relative_error)
 
-    # Without an aureole what is divided out may bend the sky more than the sky itself; so may the brightening.
+    # In a sky without an aureole the division may bend the sky more than it was; so may that by the brightening.
     aureole = aureole_of(sky, sun_zenith_rad)
     depth = best((aureole,), (0.0, *_thin_depth(nodes_rad, samples), *_DEPTHS)).depth
     return best((aureole, NO_AUREOLE), (depth, 0.0))
@@ -198,9 +204,9 @@ def _over(
 
 
 def _thin_depth(nodes_rad: FloatArray, samples: FloatArray) -> tuple[float, ...]:
-    """Depth of air that is thinner than those tried, from the horizon and the node above it; none for other air.
+    """Depth of air that is thinner than those tried, from the horizon and the node above it; empty for other air.
 
-    Such a sky falls off by orders of magnitude between the two, and no polynomial follows another depth than its own.
+    Such a sky falls off by orders of magnitude between the two, so that only its own depth leaves a smooth rest.
     """
     above, level = np.mean(samples[-2:, :, 0], axis=1).tolist()
     if not 0.0 < above < level:
@@ -286,7 +292,7 @@ class DiffuseRadiance:
     sun_azimuth_rad: float
     ground_radiance: float = 0.0
     relative_error: float = 0.0
-    # By tilt and order: what all views of all panels that lie alike see of it.
+    # By tilt and order: shared by all views of all panels of the same tilt.
     _on_nodes: dict[tuple[Tilt, int], FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def stokes(self, *, zenith_rad: FloatArray, azimuth_rad: FloatArray) -> FloatArray:
@@ -361,11 +367,11 @@ class Illumination:
     lighting
         Beam, transmittance and path.
     diffuse_radiance
-        What shines on a panel but the beam.
+        Diffuse light on a panel: sky and ground.
     sky_irradiance
         Of the sky on level ground [W m-2].
     sun_zenith_rad, sun_azimuth_rad
-        Where the sun is, azimuth clockwise from north [rad].
+        Position of the sun, azimuth clockwise from north [rad].
     """
 
     lighting: Lighting
@@ -412,7 +418,7 @@ def illuminate(
 
 
 def require_sun_zenith(sun_zenith_rad: float) -> None:
-    """Refuse a sun for which no atmosphere of this model holds."""
+    """Raise ValueError for a sun too low for a plane-parallel atmosphere."""
     if not 0.0 <= sun_zenith_rad <= LARGEST_SUN_ZENITH_RAD + 1e-12:
         raise ValueError(
             f"solar zenith = {np.degrees(sun_zenith_rad):.2f} deg, allowed is 0 to 85 deg: a plane-parallel atmosphere "

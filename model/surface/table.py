@@ -1,4 +1,7 @@
-"""Measured BRDF as a surface: a table of geometries made reciprocal and mirror-symmetric, smoothed, with its error.
+"""Measured BRDF as a surface: a table of geometries, made reciprocal and mirror-symmetric, smoothed, with its error.
+
+`MeasuredTable` holds the geometries as measured; its method `at` gives the `TabulatedBrdf` of a wavelength, which
+evaluates Mueller matrices and their standard errors between the measured directions.
 
 Elements over f00 are taken in the axes of the plane of scattering, in which they vary slowly. Each element is a
 Gaussian process over the cosines of incidence, reflection and half the angle between the rays. Reciprocity and mirror
@@ -21,11 +24,11 @@ from model.surface.facets import HalfVectorGeometry, half_vector_geometry
 
 FloatArray = NDArray[np.float64]
 
-# Places of the smooth function's centres, and rows from which lengths of correlation are found.
+# Number of centres of the smooth function, and of rows from which the correlation lengths are estimated.
 _CENTRES, _SAMPLE = 240, 700
-# A table must hold the shape of a BRDF.
+# With fewer rows the shape of a BRDF is not determined.
 LEAST_ROWS = 30
-# Wavelengths this close, relative, are one; angles beyond the largest measured by this much are as that.
+# Wavelengths that differ by less than this share are the same; angles this far beyond the largest count as it.
 _SAME_WAVELENGTH, _ROOM_RAD = 1e-3, 1e-3
 _PLACES = ((1, 0), (2, 0), (1, 1), (2, 2), (2, 1))
 
@@ -37,7 +40,7 @@ class TabulatedBrdf:
     Parameters
     ----------
     source
-        Where it is from, in words.
+        Origin, in words.
     fits
         Smooth functions of one measured wavelength, or of the two around this one, each with its share.
     largest_rad
@@ -146,12 +149,12 @@ def _hemispherical_row(table: TabulatedBrdf, theta_i_rad: tuple[float, ...]) -> 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredTable:
-    """Geometries and what was measured in each; what `at` makes of a wavelength is kept.
+    """Measured geometries with their Mueller matrices; the smooth functions of each wavelength are kept.
 
     Parameters
     ----------
     source
-        Where it is from, in words.
+        Origin, in words.
     wavelength_m, theta_i_rad, theta_r_rad, phi_rad
         Shape (N,), in the frames of `model.surface.pbrdf.mueller`.
     f00_per_sr
@@ -253,7 +256,8 @@ def _fitted(table: MeasuredTable, rows: NDArray[np.intp]) -> _Fit:
     g = half_vector_geometry(table.theta_i_rad[rows], table.theta_r_rad[rows], phi)
     elements = table.ratios[rows]
     if not table.is_degree:
-        elements = _whole(elements)
+        # Rows or blocks that were not measured are not fitted.
+        elements = np.nan_to_num(elements, nan=0.0)
         elements = _axes(g.cos_2eta_r, g.sin_2eta_r) @ elements @ _axes(g.cos_2eta_i, -g.sin_2eta_i)
     has_row = not table.is_degree and bool(np.all(np.isfinite(table.ratios[rows, 0, 1])))
     has_block = has_row and bool(np.all(np.isfinite(table.ratios[rows, 1:, 1:])))
@@ -272,11 +276,6 @@ def _fitted(table: MeasuredTable, rows: NDArray[np.intp]) -> _Fit:
         ratios += [_process(_even(g), elements[:, i, i]) for i in (1, 2)]
         ratios.append(_process(both, directed(2, 1), factor=twice))
     return _Fit(log_f00=log_f00, ratios=tuple(ratios), has_block=has_block)
-
-
-def _whole(ratios: FloatArray) -> FloatArray:
-    """Return elements with zero where not measured: rows or blocks, of which no fits are made."""
-    return np.nan_to_num(ratios, nan=0.0)
 
 
 def _axes(cosine: FloatArray, sine: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 _DAY_S = 86400.0
 # Julian date of the midnight at which day 0 of Python's calendar begins.
 _JULIAN_DAY_OF_YEAR_1 = 1721424.5
-# Where the Earth's axis stands off its mean: 0.0001 deg at most.
+# Motion of the pole, which is at most 0.0001 deg, is left out.
 _POLE_RAD = (0.0, 0.0)
 # Pressure [hPa], temperature [degC], humidity, wavelength [um]: without pressure there is no refraction.
 _NO_AIR = (0.0, 0.0, 0.0, 0.55)
@@ -35,21 +35,6 @@ class SunPosition:
     zenith_rad: float  #: Geometric, without refraction [rad].
     azimuth_rad: float  #: Clockwise from north [rad].
     distance_factor: float  #: Irradiance outside the atmosphere over that at the mean distance.
-
-
-def sun_moved_by_place(time: datetime, place: Place, std: Place) -> NDArray[np.float64]:
-    """Return by how much zenith and azimuth of the sun change with each number of the place that is uncertain."""
-    steps = {field.name: getattr(std, field.name) for field in fields(std)}
-    moved = [_moved(time, place, name, step) for name, step in steps.items() if step > 0.0]
-    return np.array(moved).reshape(-1, 2)
-
-
-def _moved(time: datetime, place: Place, name: str, step: float) -> tuple[float, float]:
-    before, after = (
-        sun_position(time, replace(place, **{name: getattr(place, name) + 0.5 * by})) for by in (-step, step)
-    )
-    turned = (after.azimuth_rad - before.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
-    return after.zenith_rad - before.zenith_rad, float(turned)
 
 
 def sun_position(time: datetime, place: Place) -> SunPosition:
@@ -91,7 +76,7 @@ def sun_position(time: datetime, place: Place) -> SunPosition:
 
 
 def _julian_date(time: datetime) -> tuple[float, float]:
-    """Return the day at whose beginning it is midnight in Greenwich and the part of it that has passed, UTC."""
+    """Return the Julian date of the last midnight UTC and the part of the day since, as two numbers."""
     utc = time.astimezone(UTC)
     midnight = utc.replace(hour=0, minute=0, second=0, microsecond=0)
     return _JULIAN_DAY_OF_YEAR_1 + utc.toordinal(), (utc - midnight).total_seconds() / _DAY_S
@@ -139,6 +124,15 @@ def band_points(sensor: SensorSection, scene_name: str) -> tuple[tuple[float, fl
 
 
 def sun_covariance_deg2(site: SiteSection, time: datetime) -> FloatArray:
-    """Return the covariance of zenith and azimuth of the sun by what is not known of the site, shape (2, 2) [deg^2]."""
-    moved = np.rad2deg(sun_moved_by_place(time, site.place, site.std))
-    return np.asarray(moved.T @ moved)
+    """Return the covariance of zenith and azimuth of the sun from the uncertainty of the site, shape (2, 2) [deg^2]."""
+    moved = []
+    for number in fields(site.std):
+        if (step := getattr(site.std, number.name)) > 0.0:
+            at = getattr(site.place, number.name)
+            before, after = (
+                sun_position(time, replace(site.place, **{number.name: at + 0.5 * by})) for by in (-step, step)
+            )
+            turned = (after.azimuth_rad - before.azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
+            moved.append([after.zenith_rad - before.zenith_rad, turned])
+    moved_deg = np.rad2deg(np.array(moved).reshape(-1, 2))
+    return np.asarray(moved_deg.T @ moved_deg)
