@@ -43,10 +43,10 @@ _T_S = 2048.0 / 6e6  # sampling interval of a K-Cube DC servo
 class AptModel:
     """A controller with its stage."""
 
-    name: str  #: What people call the two.
+    name: str  #: Name of the two together.
     is_stepper: bool  #: Whether it speaks the messages of stepper motors, else those of DC servo motors.
-    counts_per_deg: float  #: Counts of a degree.
-    speed_deg_per_s: float  #: What moves and homing are set to.
+    counts_per_deg: float  #: Counts per degree.
+    speed_deg_per_s: float  #: Speed of moves and homing.
     #: Data of the messages that set speed and homing at every start, since some controllers forget theirs at power-off.
     velocity: bytes
     home: bytes
@@ -129,7 +129,7 @@ _FAULT_BITS = sum(FAULT_MEANINGS)
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """Answer of a controller on what it is; `stage_id` is 0 where a stage is built in."""
+    """A controller's description of itself; `stage_id` is 0 if the stage is built in."""
 
     serial_number: int
     model: str
@@ -138,7 +138,7 @@ class Information:
 
     @property
     def identity(self) -> DeviceIdentity:
-        """What goes into every frame."""
+        """The identity that every frame records."""
         return DeviceIdentity(model=self.model, serial_number=str(self.serial_number), firmware=self.firmware)
 
 
@@ -161,7 +161,7 @@ class Status:
 
     @property
     def faults(self) -> int:
-        """The bits that tell of a fault."""
+        """The bits that report a fault."""
         return self.bits & _FAULT_BITS
 
 
@@ -178,71 +178,31 @@ def _long(number: int, data: bytes) -> bytes:
     return struct.pack("<HHBB", number, len(data), _UNIT | _LONG, _HOST) + data
 
 
-def identify() -> bytes:
-    """Return the message that is answered by `Information`."""
-    return _short(0x0005)
-
-
-def stop_updates() -> bytes:
-    """Return the message that ends status messages which nobody asked for."""
-    return _short(0x0012)
-
-
-def no_flash_programming() -> bytes:
-    """Return the message that a host begins with."""
-    return _short(0x0018)
-
-
-def enable() -> bytes:
-    """Return the message that switches the motor on."""
-    return _short(0x0210, _CHANNEL, 1)
-
-
-def channel_state() -> bytes:
-    """Return the question whether the motor is switched on; see `is_enabled`."""
-    return _short(0x0211, _CHANNEL)
-
-
-def status(*, is_stepper: bool) -> bytes:
-    """Return the message that is answered by `Status`."""
-    return _short(0x0480 if is_stepper else 0x0490, _CHANNEL)
-
-
-def home() -> bytes:
-    """Return the message that searches the reference mark."""
-    return _short(0x0443, _CHANNEL)
-
-
-def stop() -> bytes:
-    """Return the message that ends any motion, slowing down."""
-    return _short(0x0465, _CHANNEL, 2)
+# Messages that the host sends. Questions are answered by the message of the next number.
+NO_FLASH_PROGRAMMING = _short(0x0018)  # a host begins with it
+STOP_UPDATES = _short(0x0012)  # ends status messages without a question
+IDENTIFY = _short(0x0005)  # see `Information`
+ENABLE = _short(0x0210, _CHANNEL, 1)  # switches the motor on
+ASK_ENABLED = _short(0x0211, _CHANNEL)  # see `is_enabled`
+ASK_STATUS_OF_STEPPER, ASK_STATUS_OF_SERVO = _short(0x0480, _CHANNEL), _short(0x0490, _CHANNEL)  # see `Status`
+HOME = _short(0x0443, _CHANNEL)  # searches the reference mark
+STOP = _short(0x0465, _CHANNEL, 2)  # ends any motion, slowing down
+ASK_VELOCITY, ASK_HOME = _short(0x0414, _CHANNEL), _short(0x0441, _CHANNEL)
 
 
 def move_absolute(counts: int) -> bytes:
     """Return the message that moves to a position."""
-    if not -(1 << 31) <= counts < 1 << 31:
-        raise LimitError(f"position {counts} counts: a position has 32 bits with sign")
     return _long(0x0453, struct.pack("<Hi", _CHANNEL, counts))
 
 
 def set_velocity(parameters: bytes) -> bytes:
-    """Return the message that sets what moves run at."""
+    """Return the message that sets the velocity of moves."""
     return _long(0x0413, parameters)
-
-
-def ask_velocity() -> bytes:
-    """Return the message that is answered by what moves run at."""
-    return _short(0x0414, _CHANNEL)
 
 
 def set_home(parameters: bytes) -> bytes:
     """Return the message that sets how the reference mark is searched."""
     return _long(0x0440, parameters)
-
-
-def ask_home() -> bytes:
-    """Return the message that is answered by how the reference mark is searched."""
-    return _short(0x0441, _CHANNEL)
 
 
 class MessageParser:
@@ -320,7 +280,7 @@ def data_of(message: bytes) -> bytes:
 
 
 def information_of(message: bytes) -> Information:
-    """Return what a controller says of itself."""
+    """Return a controller's description of itself."""
     serial_number, model, minor, interim, major = struct.unpack_from("<I8s2x3B", message, _HEADER.size)
     (stage_id,) = struct.unpack_from("<H", message, _HEADER.size + 76)
     name = model.partition(b"\x00")[0]
@@ -449,7 +409,7 @@ class AptLink(Line):
 
 def ask_apt(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) -> list[Answer]:
     """Return the APT controller on a line at 115200 bits/s."""
-    question, answers = identify(), []
+    question, answers = IDENTIFY, []
     for message in events_after(port, question, MessageParser(), wait_s=_PROBE_ANSWER_S, enough=1, now_s=now_s):
         if number_of(message) == number_of(question) + 1:
             with suppress(ProtocolError):
@@ -485,13 +445,13 @@ class AptStage(SerialStage):
         self._model = model
 
     def identify(self) -> DeviceIdentity:
-        """Return what the controller said of itself when the connection was made."""
+        """Return model, serial number and firmware, as read when the connection was made."""
         return self._identity
 
     def home(self) -> StagePosition:
         """Search the reference mark; return the readback."""
         for _ in range(_TRIES):
-            self._link.tell(home())
+            self._link.tell(HOME)
             if self._homing_begins() and self._await_rest(deadline_s=self._link.now_s() + _HOME_S).homed:
                 return self.position()
         raise DeviceTimeoutError(
@@ -511,7 +471,7 @@ class AptStage(SerialStage):
 
     def stop(self) -> None:
         """Stop any motion."""
-        self._link.tell(stop())
+        self._link.tell(STOP)
         self._await_rest(deadline_s=self._link.now_s() + _START_S)
 
     def _turn(self, angle_deg: float, *, way: Way) -> StagePosition:
@@ -547,13 +507,19 @@ class AptStage(SerialStage):
         resting = 0
         while True:
             status = self._ask_status()
-            if status.faults:
-                self._raise_fault(self._agreed(lambda status: status.faults))
+            if status.faults and (faults := self._agreed(lambda status: status.faults)):
+                meaning = fault_in_words(faults)
+                raise DeviceFaultError(
+                    f"{self._link.name}: it reports status bits {faults:#x} ({meaning}). Check that nothing blocks it, "
+                    "then home it again",
+                    code=faults,
+                    meaning=meaning,
+                )
             resting = 0 if status.moving else resting + 1
             if resting == 2:
                 return status
             if self._link.now_s() >= deadline_s:
-                self._link.tell(stop())
+                self._link.tell(STOP)
                 raise DeviceTimeoutError(
                     f"{self._link.name}: still moving after its deadline, so it was stopped. It is worn or hindered, "
                     "or it lost its parameters: open it again"
@@ -561,7 +527,8 @@ class AptStage(SerialStage):
             self._link.sleep(_POLL_S)
 
     def _ask_status(self) -> Status:
-        return self._link.ask(status(is_stepper=self._model.is_stepper), status_of)
+        question = ASK_STATUS_OF_STEPPER if self._model.is_stepper else ASK_STATUS_OF_SERVO
+        return self._link.ask(question, status_of)
 
     def _read_position(self) -> StagePosition:
         counts = self._ask_status().counts
@@ -575,16 +542,6 @@ class AptStage(SerialStage):
             tries=_TRIES,
             differ=lambda *_: "its status is otherwise each time. Check the cable",
         )
-
-    def _raise_fault(self, faults: int) -> None:
-        if faults:
-            meaning = fault_in_words(faults)
-            raise DeviceFaultError(
-                f"{self._link.name}: it reports status bits {faults:#x} ({meaning}). Check that nothing blocks it, "
-                "then home it again",
-                code=faults,
-                meaning=meaning,
-            )
 
     def _require_homed(self) -> None:
         if not self._agreed(lambda status: status.homed):
@@ -601,11 +558,11 @@ def connect_apt(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> AptStage:
-    """Return the stage on an open link, once it has told what it is and taken its parameters."""
+    """Return the stage on an open line, once it is identified and has its parameters."""
     link = AptLink(port, now_s=now_s, sleep=sleep)
-    link.tell(no_flash_programming())
-    link.tell(stop_updates())
-    information = link.ask_until_two_agree(identify(), information_of)
+    link.tell(NO_FLASH_PROGRAMMING)
+    link.tell(STOP_UPDATES)
+    information = link.ask_until_two_agree(IDENTIFY, information_of)
     try:
         model = find_model(information.model, stage_id=information.stage_id, actuator=actuator)
     except ProtocolError as error:
@@ -639,12 +596,12 @@ def open_apt(
 
 
 def _set_up(link: AptLink, model: AptModel) -> None:
-    """Set what some controllers forget at power-off, and see that it was taken; switch the motor on."""
+    """Set the parameters that some controllers forget at power-off, read them back, and switch the motor on."""
     for _ in range(_TRIES):
         link.tell(set_velocity(model.velocity))
         link.tell(set_home(model.home))
-        velocity = link.ask_until_two_agree(ask_velocity(), data_of)
-        home = link.ask_until_two_agree(ask_home(), data_of)
+        velocity = link.ask_until_two_agree(ASK_VELOCITY, data_of)
+        home = link.ask_until_two_agree(ASK_HOME, data_of)
         if (velocity, home) == (model.velocity, model.home):
             break
     else:
@@ -652,8 +609,8 @@ def _set_up(link: AptLink, model: AptModel) -> None:
             f"{link.name}: it does not keep its parameters: it has {velocity.hex(' ')} and {home.hex(' ')}"
         )
     for _ in range(_TRIES):
-        if link.ask_until_two_agree(channel_state(), is_enabled):
+        if link.ask_until_two_agree(ASK_ENABLED, is_enabled):
             return
-        link.tell(enable())
+        link.tell(ENABLE)
         link.sleep(_AFTER_ENABLE_S)
     raise ProtocolError(f"{link.name}: its motor does not switch on")

@@ -107,17 +107,6 @@ class Reply:
     checked: bool  #: Whether a checksum came with it.
 
 
-@dataclass(frozen=True, kw_only=True)
-class Unasked:
-    """An alert (``!``) or an information line (``#``), which answers nothing."""
-
-    kind: str
-    text: str
-
-
-Event = Reply | Unasked
-
-
 def check_address(address: str) -> int:
     """Return the address as a number if it is one that a device can have, else raise LimitError."""
     if not re.fullmatch("[0-9]{1,2}", address) or int(address) == 0:
@@ -177,12 +166,13 @@ class ReplyParser:
             start, self._unread = self._unread[:16], b""
             raise ProtocolError(f"more than {_LONGEST_UNREAD} bytes that make no message, beginning {start!r}")
 
-    def next_event(self) -> Event | None:
-        """Return the next message that has come in whole, or None when more bytes are needed."""
-        if b"\n" not in self._unread:
-            return None
-        line, _, self._unread = self._unread.partition(b"\n")
-        return _decode(line + b"\n")
+    def next_event(self) -> Reply | None:
+        """Return the next whole reply, or None when more bytes are needed; alerts and information are skipped."""
+        reply = None
+        while reply is None and b"\n" in self._unread:
+            line, _, self._unread = self._unread.partition(b"\n")
+            reply = _decode(line + b"\n")
+        return reply
 
     def reset(self) -> None:
         """Forget what has come in."""
@@ -193,7 +183,8 @@ _FRAME = re.compile(rb"([@!#])([ -~]*?)(?::([0-9A-F]{2}))?\r\n")
 _REPLY = re.compile(r"([0-9]{2}) ([0-9]) (?:([0-9]{2}) )?(OK|RJ) (BUSY|IDLE) ([A-Z0-9]{2}|--) ([ -~]*)")
 
 
-def _decode(line: bytes) -> Event:
+def _decode(line: bytes) -> Reply | None:
+    """Return the reply of a line; None for an alert (``!``) or information (``#``)."""
     frame = _FRAME.fullmatch(line)
     if frame is None:
         raise ProtocolError(f"{line!r} is no message")
@@ -201,7 +192,7 @@ def _decode(line: bytes) -> Event:
     if frame[3] is not None and frame[3].decode("ascii") != checksum(text):
         raise ProtocolError(f"{line!r}: the checksum is not {checksum(text)}")
     if kind != "@":
-        return Unasked(kind=kind, text=text)
+        return None
     parts = _REPLY.fullmatch(text)
     if parts is None:
         raise ProtocolError(f"{line!r} is no reply")
@@ -238,7 +229,7 @@ class ZaberLink(Line):
         self._next_id = 0
 
     def begin(self) -> None:
-        """Make the device add a checksum to all that it says from now on."""
+        """Make the device add a checksum to every message from now on."""
         self._ask("set comm.checksum 1", axis=0, unchecked=True)
 
     def ask(self, words: str, *, axis: int = 1) -> Reply:
@@ -255,7 +246,7 @@ class ZaberLink(Line):
             return None
 
     def fault(self, code: str, meaning: str, *, advice: str) -> DeviceFaultError:
-        """Return the error that tells of a fault."""
+        """Return the error for a fault."""
         return DeviceFaultError(f"{self.name}: it reports {code} ({meaning}). {advice}", code=code, meaning=meaning)
 
     def _ask(self, words: str, *, axis: int, unchecked: bool) -> Reply:
@@ -289,13 +280,13 @@ class ZaberLink(Line):
         damaged: ProtocolError | None = None
         while True:
             try:
-                event = self._parser.next_event()
+                reply = self._parser.next_event()
             except ProtocolError as error:
                 damaged = error  # it may be another's: what was asked for may yet come
                 continue
-            if isinstance(event, Reply) and event.device == self._device and event.message_id == message_id:
-                return event
-            if event is None and not self.take_in(deadline_s):
+            if reply is not None and reply.device == self._device and reply.message_id == message_id:
+                return reply
+            if reply is None and not self.take_in(deadline_s):
                 raise self.unanswered(f"{sent!r}", damaged, check="the cable and the address")
 
 
@@ -305,9 +296,9 @@ def ask_zaber(port: BytePort, *, now_s: Callable[[], float] = time.monotonic) ->
     for message_id, setting in enumerate(("deviceid", "system.serial", "version")):
         question = command(f"get {setting}", device=0, axis=0, message_id=message_id)
         parser = ReplyParser()
-        for event in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=None, now_s=now_s):
-            if isinstance(event, Reply) and event.accepted and event.message_id == message_id:
-                told.setdefault(event.device, {})[setting] = event.data
+        for reply in events_after(port, question, parser, wait_s=_PROBE_ANSWER_S, enough=None, now_s=now_s):
+            if reply.accepted and reply.message_id == message_id:
+                told.setdefault(reply.device, {})[setting] = reply.data
     return [
         Answer(
             address=str(device),
@@ -356,7 +347,7 @@ class ZaberStage(SerialStage):
         self._scale = scale
 
     def identify(self) -> DeviceIdentity:
-        """Return what the stage said of itself when the connection was made."""
+        """Return model, serial number and firmware, as read when the connection was made."""
         return self._identity
 
     def home(self) -> StagePosition:
@@ -375,7 +366,7 @@ class ZaberStage(SerialStage):
         return StagePosition(angle_deg=counts * 360.0 / self._scale.counts_per_turn % 360.0, counts=counts)
 
     def status(self) -> StageStatus:
-        """Ask the stage what it is doing; flags stay set."""
+        """Return the status; flags stay set."""
         moving = self._link.ask("").busy
         flags = warning_flags(self._link.ask("warnings").data)
         return StageStatus(
@@ -447,7 +438,7 @@ def connect_zaber(
     now_s: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> ZaberStage:
-    """Return the stage on an open link, once it has told what it is and how it counts."""
+    """Return the stage on an open line, once it is identified and its scale is known."""
     link = ZaberLink(port, address=address, now_s=now_s, sleep=sleep)
     link.begin()
     return ZaberStage(
@@ -476,7 +467,7 @@ def open_zaber(
 
 
 def read_identity(link: ZaberLink) -> DeviceIdentity:
-    """Return what a device says of itself; its names are in a database of the maker's, so it is called by number."""
+    """Return a device's identity; its name is only in the maker's database, so the model is a number."""
     model, serial_number, firmware = (
         link.ask(f"get {setting}", axis=0).data for setting in ("deviceid", "system.serial", "version")
     )
@@ -500,7 +491,7 @@ def _read_scale(link: ZaberLink, *, steps_per_turn: int | None) -> Scale:
 
 
 def _counts_per_turn(link: ZaberLink, *, steps_per_turn: int | None) -> int:
-    """Return the microsteps of a turn: told by the stage, or from the data sheet and the resolution that is set."""
+    """Return the microsteps of a turn: read from the stage, or from the data sheet and the resolution."""
     resolution = whole_number(link.ask("get resolution").data)
     told = link.get_or_none("limit.cycle.dist")
     if told is None and steps_per_turn is None:

@@ -49,9 +49,7 @@ ZABER = st.builds(
 )
 
 
-def zaber_text(event: zaber.Event) -> bytes:
-    if isinstance(event, zaber.Unasked):
-        return f"{event.kind}{event.text}".encode()
+def zaber_text(event: zaber.Reply) -> bytes:
     flag, state = "OK" if event.accepted else "RJ", "BUSY" if event.busy else "IDLE"
     message_id = "" if event.message_id is None else f"{event.message_id:02d} "
     return f"@{event.device:02d} {event.axis} {message_id}{flag} {state} {event.flag} {event.data}".encode()
