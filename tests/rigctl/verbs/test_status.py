@@ -1,3 +1,5 @@
+"""`rigctl status --contents`: what a run contains."""
+
 import json
 
 import pytest
@@ -30,27 +32,21 @@ def run_path(tmp_path):
     return path
 
 
-def test_frames_taken_alike_are_counted_together(run_path):
-    groups = contents_of(read_run(run_path)).groups
-    table = [(g.kind, g.polarizer_angle_target_deg, g.frames, g.cycles) for g in groups]
+def test_the_contents_of_a_run_are_counted_and_printed(run_path, capsys):
+    contents = contents_of(read_run(run_path))
+    table = [(g.kind, g.polarizer_angle_target_deg, g.frames, g.cycles) for g in contents.groups]
     assert table == [("scene", 0.0, 2, 2), ("scene", 90.0, 2, 2), ("dark", None, 1, 0), ("scene", 45.0, 1, 1)]
-
-
-def test_readback_is_given_as_a_span(run_path):
-    assert contents_of(read_run(run_path)).groups[0].polarizer_angle_deg == pytest.approx((-0.02, 0.01), abs=1e-9)
-
-
-def test_remarks_and_events_are_counted(run_path):
-    summary = contents_of(read_run(run_path))
-    assert summary.remarks["button pressed"] == 2
-    assert summary.events == {"paused": 2}
-
-
-def test_devices_and_times_are_printed(run_path):
-    summary = contents_of(read_run(run_path))
-    assert summary.stages == ("ELL14 11400001",)
-    assert summary.start_utc == FULL_RECORD.start_utc
-    assert summary.sizes == ((7, 5),)
+    assert contents.groups[0].polarizer_angle_deg == pytest.approx((-0.02, 0.01), abs=1e-9)
+    assert (contents.remarks["button pressed"], contents.events) == (2, {"paused": 2})
+    assert (contents.stages, contents.sizes) == (("ELL14 11400001",), ((7, 5),))
+    assert contents.start_utc == FULL_RECORD.start_utc
+    assert cli.main(["status", "--contents", str(run_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    head = next(line for line in lines if line.startswith("kind"))
+    dark = next(line for line in lines if line.startswith("dark"))
+    assert "angle [deg]" in head
+    # Numbers are right-aligned under their title.
+    assert dark[: head.index("exposure [s]") + len("exposure [s]")].endswith(" 0.002")
 
 
 @pytest.mark.parametrize(
@@ -72,22 +68,6 @@ def test_errors_of_starts_are_printed_by_their_source(tmp_path, capsys, error_s,
     )
     assert cli.main(["status", "--contents", str(path)]) == 0
     assert told in " ".join(capsys.readouterr().out.split())
-
-
-def test_command_answers_in_json(run_path, capsys):
-    assert cli.main(["status", "--contents", str(run_path), "--json"]) == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert (answer["origin"], answer["frames"]) == ("simulated", 6)
-
-
-def test_command_prints_a_table_with_units(run_path, capsys):
-    assert cli.main(["status", "--contents", str(run_path)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    head = next(line for line in lines if line.startswith("kind"))
-    dark = next(line for line in lines if line.startswith("dark"))
-    assert "angle [deg]" in head
-    # Numbers stand right-aligned under their title.
-    assert dark[: head.index("exposure [s]") + len("exposure [s]")].endswith(" 0.002")
 
 
 def test_run_without_its_frames_ends_with_4(run_path, capsys):
