@@ -189,11 +189,14 @@ def test_a_repair_that_makes_the_manifest_again_leaves_a_whole_run(run):
     assert verification_of(run).state == "whole"
 
 
-def test_a_repair_refuses_the_session_file_of_another_run(run, tmp_path):
+def test_a_repair_refuses_a_damaged_session_file_and_that_of_another_run(run, tmp_path):
     before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
     other = make_run(tmp_path / "other")
     shutil.copy(other / "session.json", run / "session.json")
     with pytest.raises(RunFolderError, match="manifest and events begin elsewhere"):
+        repair_run(run)
+    (run / "session.json").write_text("{")
+    with pytest.raises(RunFolderError, match=r"session\.json: .*what was to be taken is not known"):
         repair_run(run)
     (run / "session.json").write_bytes(before[run / "session.json"])
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
