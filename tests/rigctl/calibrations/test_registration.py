@@ -43,17 +43,17 @@ def walking_run(path: Path) -> Path:
     return path
 
 
-def test_the_circle_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "registration", str(walking_run(tmp_path / "run")), "--json"]) == 0
+def test_the_circle_is_found_and_the_table_has_a_row_an_angle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = str(walking_run(tmp_path / "run"))
+    assert main(["calibrate", "registration", run, "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     # OpenCV moves a picture in steps of 1 / 32 pixel; half of that is the error of the truth here.
     assert shown["wander"]["radius_pixels"] == pytest.approx(RADIUS, abs=0.03)
     assert shown["wander"]["residual_pixels"] < 0.04
     assert [row["angle_deg"] for row in shown["angles"]] == list(STAGE_DEG)
-
-
-def test_the_table_has_a_row_an_angle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "registration", str(walking_run(tmp_path / "run"))]) == 0
+    assert main(["calibrate", "registration", run]) == 0
     assert "135.00" in capsys.readouterr().out
 
 
