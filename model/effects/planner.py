@@ -202,7 +202,7 @@ def _by_request(is_on: bool) -> str:
     return "switched on by request" if is_on else "left out by request"
 
 
-# What each effect changes, what computing it costs, and how it is removed
+# Each effect: what it changes, how it is removed, whether a scene states it; and its usual size and cost
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,13 +216,13 @@ class Usual:
     fits: Callable[[LitScene, float], bool] = lambda _, __: True  #: whether it leaves room for so much of it
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class EffectEntry:
     """An effect: a new one is an entry here and the place that computes it; one of the light has a bound as well."""
 
-    changes: str
-    removed: Callable[[LitScene], LitScene]
-    is_stated: Callable[[LitScene], bool]
+    changes: str  #: what it acts on, in words
+    removed: Callable[[LitScene], LitScene]  #: gives a scene without it
+    is_stated: Callable[[LitScene], bool]  #: whether a scene has it
     usual: Usual | None = None  #: None for an effect that every scene states, or that follows from others
     reason_stated: str = "stated"
     reason_absent: str = "stated as 0"  #: why it is not there where it is neither stated nor has a usual size
@@ -297,9 +297,9 @@ _IN_RADIANCE = "in the radiance"
 EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
     {
         Effect.FIELD_OF_VIEW: EffectEntry(
-            changes="mean light and its spread over a region",
-            removed=_without_part("field_of_view"),
-            is_stated=_has_extents,
+            "mean light and its spread over a region",
+            _without_part("field_of_view"),
+            _has_extents,
             usual=Usual(
                 low=np.radians(1.0), high=np.radians(5.0), stated=_with_field, can_be=_has_materials, fits=_is_on_ground
             ),
@@ -308,104 +308,96 @@ EFFECTS: Mapping[Effect, EffectEntry] = MappingProxyType(
             cost="a light for each tile",
         ),
         Effect.TEXTURE: EffectEntry(
-            changes="covariance over pixels",
-            removed=_without_texture,
-            is_stated=_has_texture,
+            "covariance over pixels",
+            _without_texture,
+            _has_texture,
             usual=Usual(low=0.005, high=0.03, stated=_with_texture),
         ),
         Effect.SKYLIGHT: EffectEntry(
-            changes="mean light",
-            removed=_without_part("skylight"),
-            is_stated=_has_materials,
+            "mean light",
+            _without_part("skylight"),
+            _has_materials,
             reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="sky, and an integral over it a view",
         ),
         Effect.PATH_RADIANCE: EffectEntry(
-            changes="mean light",
-            removed=_without_part("path_radiance"),
-            is_stated=lambda scene: _has_materials(scene) and scene.sensor_height_m > 0.0,
+            "mean light",
+            _without_part("path_radiance"),
+            lambda scene: _has_materials(scene) and scene.sensor_height_m > 0.0,
             usual=Usual(low=1.5, high=30.0, stated=_from_height, can_be=_has_materials),
             reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="one ray a view",
         ),
         Effect.LEAKAGE: EffectEntry(
-            changes="counts, noise of S1 and S2",
-            removed=_without_leakage,
-            is_stated=lambda scene: (
-                scene.sensor.tau_perpendicular != 0.0 or bool(np.isfinite(scene.readout.extinction_ratio))
-            ),
+            "counts, noise of S1 and S2",
+            _without_leakage,
+            lambda scene: scene.sensor.tau_perpendicular != 0.0 or bool(np.isfinite(scene.readout.extinction_ratio)),
         ),
         Effect.DARK_CURRENT: EffectEntry(
-            changes="temporal noise",
-            removed=_without_noise(dark_current_e_per_s=0.0),
-            is_stated=lambda scene: scene.sensor.noise.dark_current_e_per_s > 0.0,
+            "temporal noise",
+            _without_noise(dark_current_e_per_s=0.0),
+            lambda scene: scene.sensor.noise.dark_current_e_per_s > 0.0,
         ),
         Effect.SHOT_NOISE: EffectEntry(
-            changes="temporal noise",
-            removed=_without_noise(shot_noise=False),
-            is_stated=lambda scene: scene.sensor.noise.shot_noise,
+            "temporal noise", _without_noise(shot_noise=False), lambda scene: scene.sensor.noise.shot_noise
         ),
         Effect.READ_NOISE: EffectEntry(
-            changes="temporal noise",
-            removed=_without_noise(read_noise_e=0.0),
-            is_stated=lambda scene: scene.sensor.noise.read_noise_e > 0.0,
+            "temporal noise", _without_noise(read_noise_e=0.0), lambda scene: scene.sensor.noise.read_noise_e > 0.0
         ),
         Effect.QUANTISATION: EffectEntry(
-            changes="temporal noise",
-            removed=_without_noise(quantisation=False),
-            is_stated=lambda scene: scene.sensor.noise.quantisation,
+            "temporal noise", _without_noise(quantisation=False), lambda scene: scene.sensor.noise.quantisation
         ),
         Effect.WAVELENGTHS: EffectEntry(
-            changes="light of sky and path",
-            removed=_without_part("wavelengths"),
-            is_stated=_has_materials,
+            "light of sky and path",
+            _without_part("wavelengths"),
+            _has_materials,
             reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",
             cost="a solution for each",
         ),
         Effect.POLARIZER_ANGLE: EffectEntry(
-            changes="degree of polarization, temporal noise",
-            removed=_without_session(polarizer_angle_std_rad=0.0),
-            is_stated=lambda scene: scene.imperfections.polarizer_angle_std_rad > 0.0,
+            "degree of polarization, temporal noise",
+            _without_session(polarizer_angle_std_rad=0.0),
+            lambda scene: scene.imperfections.polarizer_angle_std_rad > 0.0,
             usual=Usual(low=np.radians(0.02), high=np.radians(0.2), stated=_with_session("polarizer_angle_std_rad")),
         ),
         Effect.MISREGISTRATION: EffectEntry(
-            changes="correlation of texture between frames",
-            removed=_without_session(misregistration_pixels=0.0),
-            is_stated=lambda scene: scene.imperfections.misregistration_pixels > 0.0 and _has_texture(scene),
+            "correlation of texture between frames",
+            _without_session(misregistration_pixels=0.0),
+            lambda scene: scene.imperfections.misregistration_pixels > 0.0 and _has_texture(scene),
             usual=Usual(low=0.05, high=0.5, stated=_with_session("misregistration_pixels"), can_be=_has_texture),
             reason_absent="no texture to shift",
         ),
         Effect.DRIFT: EffectEntry(
-            changes="mean Stokes parameters",
-            removed=_without_session(drift=0.0),
-            is_stated=lambda scene: scene.imperfections.drift != 0.0,
+            "mean Stokes parameters",
+            _without_session(drift=0.0),
+            lambda scene: scene.imperfections.drift != 0.0,
             usual=Usual(low=0.001, high=0.01, stated=_with_session("drift")),
         ),
         Effect.NONUNIFORMITY: EffectEntry(
-            changes="covariance over pixels",
-            removed=_without_noise(prnu=0.0, dsnu_e=0.0),
-            is_stated=lambda scene: scene.sensor.noise.prnu > 0.0 or scene.sensor.noise.dsnu_e > 0.0,
+            "covariance over pixels",
+            _without_noise(prnu=0.0, dsnu_e=0.0),
+            lambda scene: scene.sensor.noise.prnu > 0.0 or scene.sensor.noise.dsnu_e > 0.0,
         ),
         Effect.SATURATION: EffectEntry(
-            changes="warnings; the share of pixels for which the model is void",
-            removed=lambda scene: replace(scene, sensor=replace(scene.sensor, saturates=False)),
-            is_stated=lambda scene: scene.sensor.saturates,
+            "warnings; the share of pixels for which the model is void",
+            lambda scene: replace(scene, sensor=replace(scene.sensor, saturates=False)),
+            lambda scene: scene.sensor.saturates,
         ),
         Effect.FALLOFF: EffectEntry(
-            changes="counts and their spread over a region",
-            removed=_without_session(off_axis_falloff=False),
-            is_stated=lambda scene: scene.imperfections.off_axis_falloff and _has_extents(scene),
+            "counts and their spread over a region",
+            _without_session(off_axis_falloff=False),
+            lambda scene: scene.imperfections.off_axis_falloff and _has_extents(scene),
             reason_stated="field of view",
             reason_absent="no extent",
             place="model.accuracy.chain",
         ),
         Effect.ADJACENCY: EffectEntry(
-            changes="mean light",
-            removed=_without_session(surround_albedo=None),
-            is_stated=lambda scene: scene.imperfections.surround_albedo is not None,
+            "mean light",
+            _without_session(surround_albedo=None),
+            lambda scene: scene.imperfections.surround_albedo is not None,
             usual=Usual(low=0.05, high=0.5, stated=_with_session("surround_albedo"), can_be=_has_materials),
             reason_absent=_IN_RADIANCE,
             place="model.accuracy.chain",

@@ -1,14 +1,9 @@
-"""Prediction of a scene file without a run, and where the light of each region comes from.
+"""Prediction of a scene file without a run.
 
-Performance of predictions: the distribution of each region's DoLP, and RX detection between regions.
-
-Propagation of the uncertainty of the inputs to predicted numbers.
-
-Standard uncertainties that the inputs of a scene file give the numbers predicted from it, without a run.
-
-Whole ROC curves of a pair of regions, on Stokes parameters and on the counts behind the polarizer.
-
-Axes of a sweep: the numbers of a scene that change, and their values, from requests of a user.
+`ScenePredictor` holds a scene with its uncertain inputs and predicts it, with any of its numbers changed, with the
+settings of the file or to a tolerance. Around it: the distribution of DoLP and RX detection between regions
+(`performance_of`), the standard uncertainties that uncertain inputs give each predicted number
+(`predicted_uncertainty`), whole ROC curves of a pair of regions, and the axes of a sweep as a user states them.
 """
 
 import math
@@ -441,12 +436,8 @@ def _without_rounding(effects: FloatArray, value: float) -> FloatArray:
 ROC_RATES = np.concatenate([np.logspace(-6.0, -1.0, 51), np.linspace(0.1, 1.0, 19)[1:]])
 
 
-@dataclass(frozen=True, kw_only=True)
-class RocPair:
-    """Region that is sought, and region on which."""
-
-    target: str
-    background: str
+#: Target, and background.
+RocPair = tuple[str, str]
 
 
 def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
@@ -456,7 +447,7 @@ def parse_roc(request: str, regions: tuple[str, ...]) -> RocPair:
         raise ConfigError(
             f"--roc: is {request!r}, must be TARGET,BACKGROUND, two of the scene's regions: {', '.join(regions)}"
         )
-    return RocPair(target=names[0], background=names[1])
+    return names[0], names[1]
 
 
 def roc_curves(found: Mapping[str, "RegionPrediction"], pair: RocPair) -> dict[RocKind, PairDetection]:
@@ -468,7 +459,7 @@ def roc_curves_of_sweep(
     found: Sequence[Mapping[str, "RegionPrediction"]], pair: RocPair
 ) -> dict[RocKind, tuple[PairDetection, ...]]:
     """Return the whole ROC of a pair at each point of a sweep, for each kind of vector."""
-    cases = [(pair.target, pair.background, one) for one in found]
+    cases = [(*pair, one) for one in found]
     return {kind: detections_of_cases(cases, ROC_RATES, kind=kind) for kind in ROC_KINDS}
 
 

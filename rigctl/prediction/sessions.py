@@ -1,6 +1,8 @@
-"""The light of a scene as sessions see it: what one cycle of frames shows of each region.
+"""Error of DoLP against the time of a session.
 
-Sessions of a scene, what each gives for its time, and the shortest that reaches what is wanted.
+`SceneSessions` gives the light of each region as one cycle of frames records it, at given angles and exposure.
+`acquisition_tradeoff` tries angle sets, orders, exposures and waits, and finds the shortest session that reaches what
+is wanted.
 """
 
 from collections.abc import Iterable, Iterator

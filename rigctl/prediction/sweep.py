@@ -1,4 +1,4 @@
-"""Numbers of a scene through ranges, one or a grid of several: what the model says at each point."""
+"""Predictions of a scene over a range of one of its numbers, or over a grid of several."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,17 +16,8 @@ from rigctl.scene.scene import Scene, require_within, with_values
 
 FloatArray = NDArray[np.float64]
 
-# What light and air hang on: these change least often, so that no sky is made twice.
+# Numbers on which light and air depend: they change least often, so that no sky is solved twice.
 SKY_KEYS = ("sun.", "atmosphere.", "sensor.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class MissingNumber:
-    """A number that does not exist at a point: its place along each axis, its name, and why."""
-
-    index: tuple[int, ...]
-    number: str
-    reason: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +30,7 @@ class Sweep:
     detections: tuple[tuple[PairDetection, ...], ...]
     rocs: dict[RocKind, tuple[PairDetection, ...]]  #: Kind to a curve for each point; empty where none was asked for.
     warnings: tuple[tuple[tuple[int, ...], str], ...]  #: Of predictions and detection: place along each axis, words.
-    missing: tuple[MissingNumber, ...]  #: What does not exist.
+    missing: tuple[tuple[tuple[int, ...], str, str], ...]  #: Numbers that do not exist: place, name and reason.
 
     @property
     def key(self) -> str:
@@ -116,9 +107,7 @@ def sweep_of(
             for message in _warnings(found, pairs, roc_pairs)
         ),
         missing=tuple(
-            MissingNumber(index=index, number=number, reason=reason)
-            for index, found, pairs, _ in points
-            for number, reason in _missing(found, pairs)
+            (index, number, reason) for index, found, pairs, _ in points for number, reason in _missing(found, pairs)
         ),
     )
 

@@ -1,6 +1,8 @@
-"""Numerical choices of the paper, and of a user, as points of error against time beside ours.
+"""Error against time of the computation of a scene.
 
-Error against time for a scene: of the whole chain, of each numerical setting, and the floor of uncertain inputs.
+`accuracy_curves` measures, for each of some tolerances, the time that a prediction takes and its true error against
+far finer settings; the same for each numerical setting alone and for fixed choices, those of the paper and a user's;
+and the floor below which a tolerance buys nothing, because the inputs are uncertain.
 """
 
 import time
@@ -48,7 +50,7 @@ _LEAST_EXCEEDING = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class NamedChoice:
-    """One choice of settings beside ours."""
+    """A fixed choice of settings, which states no error of its own."""
 
     name: str  #: In words.
     seconds: float  #: Of the whole chain with it, nothing being kept from before [s].

@@ -114,7 +114,7 @@ def sweep_json(found: Sweep, *, remarks: Iterable[str] = ()) -> dict[str, Json]:
         ],
         "warnings": [{"index": list(index), "message": message} for index, message in found.warnings],
         "reasons": [
-            {"index": list(point.index), "number": point.number, "reason": point.reason} for point in found.missing
+            {"index": list(index), "number": number, "reason": reason} for index, number, reason in found.missing
         ],
         "remarks": list(remarks),
     }
@@ -128,7 +128,7 @@ def sweep_csv(found: Sweep, *, remarks: Sequence[str] = ()) -> bytes:
     is to be said of all.
     """
     warnings = _by_row(found, found.warnings)
-    reasons = _by_row(found, ((one.index, f"{one.number}: {one.reason}") for one in found.missing))
+    reasons = _by_row(found, ((index, f"{number}: {reason}") for index, number, reason in found.missing))
     columns: tuple[Column[int], ...] = (
         *_axis_columns(found),
         *(

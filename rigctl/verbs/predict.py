@@ -431,7 +431,7 @@ class SweepResult(Result):
             yield from series_lines(self.accuracy)
         yield from warning_lines(self.found)
         yield from self.scene_remarks
-        yield from dict.fromkeys(f"{one.number}: missing where {one.reason}" for one in self.found.missing)
+        yield from dict.fromkeys(f"{number}: missing where {reason}" for _, number, reason in self.found.missing)
 
     def _answer(self) -> str:
         import numpy as np

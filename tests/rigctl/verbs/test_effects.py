@@ -5,11 +5,9 @@ import pytest
 
 from model.effects.names import ALL, Effect
 from rigctl.cli import main
-from rigctl.errors import ConfigError
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
 from rigctl.prediction.predict import ScenePredictor
-from rigctl.scene.effects import plan_effects, verify_effects
-from rigctl.scene.reading import scene_of_file, with_choices
+from rigctl.scene.reading import with_choices
 from rigctl.scene.scene import acting_effects
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
@@ -32,25 +30,13 @@ def small(tmp_path):
     return written
 
 
-def test_every_effect_is_listed_with_bound_decision_and_reason(capsys):
-    found = answer(capsys, PANELS)
-    assert sorted(one["effect"] for one in found["effects"]) == sorted(effect.value for effect in Effect)
-    assert all(one["reason"] and one["cost"] and one["place"] for one in found["effects"])
-    assert found["tolerance"] == 0.005
-
-
 def test_verified_bounds_hold_and_times_are_given(capsys):
     found = answer(capsys, PANELS, "--tolerance", 0.02, "--verify")
+    assert sorted(one["effect"] for one in found["effects"]) == sorted(effect.value for effect in Effect)
     assert found["violations"] == []
     assert found["time_s"]["all_effects"] > 0.0
     left_out = [one for one in found["effects"] if not one["acts"]]
     assert all(one["actual"]["deviations"] <= one["bound"]["deviations"] + 1e-9 for one in left_out)
-
-
-def test_bound_that_does_not_hold_is_reported(capsys, monkeypatch):
-    monkeypatch.setattr("model.accuracy.effect_check.CheckedEffect.holds", False)
-    assert main(["effects", str(PANELS), "--verify"]) == 1
-    assert "does NOT hold" in capsys.readouterr().out
 
 
 def test_table_is_printed_for_people(capsys):
@@ -64,18 +50,18 @@ def test_table_is_printed_for_people(capsys):
     assert max(map(len, rows)) <= 80
 
 
-def test_wide_shows_the_bound_of_every_kind_of_number(capsys):
-    assert main(["effects", str(PANELS), "--wide"]) == 0
-    assert "DoLP <=" in capsys.readouterr().out
-
-
-def test_verification_adds_a_column_and_ends_with_one_line(capsys):
+def test_verification_adds_a_column_and_ends_with_one_line(capsys, monkeypatch):
     assert main(["effects", str(PANELS), "--verify"]) == 0
     lines = capsys.readouterr().out.splitlines()
     (start,) = [place for place, line in enumerate(lines) if line.startswith("effect ")]
     assert "truly" in lines[start]
     assert max(map(len, lines[start : start + len(Effect) + 1])) <= 80
     assert lines[-1].startswith("Verified: every bound holds")
+    monkeypatch.setattr("model.accuracy.effect_check.CheckedEffect.holds", False)
+    assert main(["effects", str(PANELS), "--verify", "--wide"]) == 1
+    shown = capsys.readouterr().out
+    assert "DoLP <=" in shown
+    assert "does NOT hold" in shown
 
 
 def test_verification_obeys_what_a_scene_leaves_out(capsys):
@@ -134,22 +120,17 @@ def test_the_chart_is_written_with_the_numbers(tmp_path):
     assert json.loads((tmp_path / "out" / "effects.json").read_text())["rule"] == "safe"
 
 
-def test_effect_left_out_by_option_is_said(capsys):
-    found = answer(capsys, PANELS, "--without", "read-noise")
-    (entry,) = [one for one in found["effects"] if one["effect"] == "read noise"]
-    assert entry["forced"]
-    assert not entry["acts"]
-    assert any("read noise is left out by request" in remark for remark in found["remarks"])
-
-
-def test_unknown_effect_is_refused_with_those_there_are(capsys):
-    assert main(["effects", str(PANELS), "--without", "coma"]) == 2
-    assert "read-noise" in capsys.readouterr().err
-
-
-def test_effect_both_on_and_off_is_refused():
-    with pytest.raises(ConfigError, match="both"):
-        with_choices(load_scene(PANELS), switched_on=["texture"], left_out=["texture"])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["effects", "--without", "coma"], "read-noise"),
+        (["effects", "--with", "texture", "--without", "texture"], "both"),
+        (["predict", "--effects", "all"], "--tolerance"),
+    ],
+)
+def test_choices_that_cannot_be_are_refused(capsys, arguments, words):
+    assert main([arguments[0], str(PANELS), *arguments[1:]]) == 2
+    assert words in capsys.readouterr().err
 
 
 def test_options_go_before_the_file(small):
@@ -186,13 +167,6 @@ def test_planner_and_accuracy_share_a_tolerance():
     assert found.result.effects == plan.active
 
 
-def test_verification_counts_every_effect():
-    planned = plan_effects(scene_of_file(load_scene(PANELS)), tolerance=0.02)
-    checked = verify_effects(planned)
-    assert {one.effect for one in checked.checked} == ALL
-    assert checked.violations == ()
-
-
 def test_names_of_files_lead_back_to_effects():
     assert [effect_of(name) for name in effect_names()] == list(Effect)
 
@@ -211,11 +185,6 @@ def test_all_effects_act_where_nothing_decides(capsys):
     effects = json.loads(capsys.readouterr().out)["effects"]
     assert effects["rule"] == "all"
     assert all(one["acts"] for one in effects["effects"])
-
-
-def test_a_rule_without_a_tolerance_is_refused(capsys):
-    assert main(["predict", str(PANELS), "--effects", "all"]) == 2
-    assert "--tolerance" in capsys.readouterr().err
 
 
 def test_a_rig_file_shows_what_each_effect_of_its_pictures_costs(capsys):
