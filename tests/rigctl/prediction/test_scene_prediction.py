@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model.effects.names import LIGHT, Effect
-from model.prediction import pair_detections
+from model.prediction import detections_of_sweep
 from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
@@ -129,7 +129,7 @@ def test_files_of_a_sweep(predictor):
 def test_a_sweep_shows_detection_of_each_pair(predictor):
     found = sweep(predictor, "geometry.camera_zenith_deg=20:60:2")
     assert found.pairs == (("paint", "road"), ("road", "paint"))
-    alone = pair_detections(predictor.predictions({"geometry.camera_zenith_deg": 60.0}), [1e-2])
+    (alone,) = detections_of_sweep([predictor.predictions({"geometry.camera_zenith_deg": 60.0})], [1e-2])
     assert found.detection(("paint", "road"), 1e-2)[1] == pytest.approx(alone[0].p_detection[0])
     header, _, last = sweep_csv(found).decode().splitlines()
     place = header.split(",").index("paint_on_road.p_detection.0.01")
