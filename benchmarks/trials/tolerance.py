@@ -15,7 +15,7 @@ import numpy as np
 from model.accuracy.chain import ChainResult, Reading, Settings, Value, differences, evaluate, readings
 from model.accuracy.predict import Predicted, predict
 from model.atmosphere.sky import SolverSettings
-from model.prediction import detections_of_pairs
+from model.prediction import detections_of_sweep
 from model.prediction import predict as predict_scenario
 from model.scene.scene import LitScene
 from tests.model.accuracy.random_scenes import hostile_scene, random_scene
@@ -111,7 +111,7 @@ def truth(scene: LitScene, found: ChainResult, settings: Settings) -> dict[Readi
     """
     fine = evaluate(scene, replace(settings, solver=replace(settings.solver, face_m=scene.sensor_height_m)))
     looser = predict_scenario(fine.scenario, tolerance=found.settings.dolp_tolerance)
-    (detections,) = detections_of_pairs(scene.pairs, (fine.predictions,), scene.p_false_alarm, tolerance=_ROC_TO)
+    (detections,) = detections_of_sweep((fine.predictions,), scene.p_false_alarm, pairs=scene.pairs, tolerance=_ROC_TO)
     return readings(fine.scenario, looser, detections) | fine.readings
 
 

@@ -1,4 +1,4 @@
-"""Sessions killed at random moments and gone on with; the long version is `make trials`."""
+"""Sessions that are killed at random moments and resumed; the long version is `make trials`."""
 
 from dataclasses import replace
 
