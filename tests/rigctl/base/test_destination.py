@@ -154,11 +154,12 @@ _RARE_FILES = [
         *_rows(
             {"stokes-rare": _FOLDERS["stokes"]}, [*_RARE, ("into-run/x", "takes no results"), ("full", "is a folder")]
         ),
-        *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is no folder"), (".", "is not empty")]),
+        *_rows(_NEW, [*_UNPLACEABLE, ("session.toml", "is not a folder"), (".", "is not empty")]),
         *_rows({"acquire-rare": _NEW["acquire"]}, _RARE),
         *_rows(_ABSENT, [*_UNPLACEABLE, ("session.toml", "is there already"), ("none/x", "does not exist")]),
         *_rows(
-            _RUN, [*_UNPLACEABLE, ("session.toml", "is no folder"), (".", "is not empty"), ("fifo", "is no folder")]
+            _RUN,
+            [*_UNPLACEABLE, ("session.toml", "is not a folder"), (".", "is not empty"), ("fifo", "is not a folder")],
         ),
         *_rows(_EDITED, [(".", "is a folder"), ("none.toml", "none.toml"), ("fifo", "no regular file")]),
     ],
