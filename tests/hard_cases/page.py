@@ -29,24 +29,25 @@ FOUND = Path(__file__).with_name("found.json")
 _LEAST_SHOWN = 1e-17
 
 _READING = """
-Each case is a scene with one thing at its edge (`tests/hard_cases/cases.py` has the files). Every command runs on it:
-`predict`, `predict --tolerance 0.01`, `sweep`, `predict --uncertainty`, `effects`, `tradeoff` (where every radiance is
-stated; under a sky it takes minutes) and `compare`. A fault is an exit code of 70, a number that is not
-finite, a refusal without words, a DoLP that is not what the case states, or a run that disagrees with its own scene.
+If your scene is near such an edge, this page shows how accurate its numbers are, and what is refused. In each case one
+quantity of the scene is at its limit (`tests/hard_cases/cases.py` has the files). These commands run on each case:
+`predict`, `predict --tolerance 0.01`, `sweep`, `predict --uncertainty`, `effects`, `compare`, and `tradeoff` where
+every radiance is stated (under a sky it takes minutes). A fault is an exit code of 70, a number that is not finite, a
+refusal without an explanation, a DoLP that differs from the stated one, or a run that disagrees with its own scene.
 
-- **Reference.** Where the radiance is stated, DoLP is what is stated, to rounding (1e-14). Where a material is under a
-  sky, the sky is solved by sasktran2 (discrete ordinates, an independent program); the difference between its fast and
-  its standard settings is the reference's own error. SNR and P_D are those of a million draws from the normal law of
-  the pixels, with their sampling error.
+- **Reference.** Where the radiance is stated, the reference is the stated DoLP, to rounding (1e-14). Where a material
+  is under a sky, sasktran2 solves the sky (discrete ordinates, an independent program). The difference between its fast
+  and its standard settings is the reference's own error. SNR and P_D come from a million draws from the normal law of
+  the pixels, and have a sampling error.
 - **Own run.** The light of the reference is drawn pixel by pixel and goes through the simulated camera, which shares no
-  formula with the model: four cycles of frames. `compare` then holds this run against the scene file.
+  formula with the model. It takes four cycles of frames. `compare` then compares this run with the scene file.
 """
 
 _ANSWERED = """
 ## Answers and references
 
-DoLP and P_D (at a false alarm rate of 1e-3) are those of the target. `off` is the difference from the reference;
-"no SNR": mean and deviation of DoLP do not exist, for S0 is too near to 0, or nothing fluctuates.
+DoLP and P_D (at a false alarm rate of 1e-3) are those of the target. `off` is the difference from the reference.
+"no SNR" means that mean and deviation of DoLP do not exist because S0 is too near to 0, or that nothing fluctuates.
 
 | case | reference: DoLP | `predict` off | `--tolerance` off | SNR | off | P_D | off | own run |
 |---|---|---|---|---|---|---|---|---|"""
@@ -55,8 +56,8 @@ _OTHERS = """
 ## Other commands
 
 `--tolerance 0.01`: the largest estimated error of any number, and whether all are promised. `sweep`: DoLP at two
-f-numbers. `--uncertainty`: what f_number = 2.00 ± 0.02 makes of S0 [DN] and of DoLP. `effects`: how many act.
-`tradeoff`: the true error at a tolerance of 0.1. Area: under the ROC curve.
+f-numbers. `--uncertainty`: the uncertainty of S0 [DN] and of DoLP that f_number = 2.00 ± 0.02 causes. `effects`: number
+of effects that act. `tradeoff`: the true error at a tolerance of 0.1. `area`: area under the ROC curve.
 
 | case | --tolerance | sweep | --uncertainty | effects | tradeoff | detection |
 |---|---|---|---|---|---|---|"""
@@ -64,16 +65,17 @@ f-numbers. `--uncertainty`: what f_number = 2.00 ± 0.02 makes of S0 [DN] and of
 _REFUSED = """
 ## Refused
 
-Every command refuses these with the same exit code (2: the scene file is wrong).
+Every command refuses these cases with exit code 2 (the scene file is wrong).
 
-| case | words |
+| case | message |
 |---|---|"""
 
 _DEEP = """
 ## Limits
 
-**Deep air.** A solution takes time with the square of the optical depth. A prediction to a tolerance stops at coarse
-settings beyond a depth of 12 and says what these do not keep; `tradeoff` refuses such a scene.
+**Deep air.** The time of a solution rises with the square of the optical depth. Beyond a depth of 12, a prediction to a
+tolerance stops at coarse settings and lists the numbers for which these are not enough. `tradeoff` refuses such a
+scene.
 """
 
 
@@ -143,7 +145,7 @@ def _answer(rows: Sequence[Row]) -> str:
     disagree = sum(row.verdict == "disagrees" for row in rows)
     return (
         f"Of {len(rows)} scenes at the edges of what can be computed, rigctl answers {len(rows) - refused} and refuses "
-        f"{refused} with words; there are {faults} faults. {_count(disagree)} with its own scene.\n"
+        f"{refused} with an explanation. There are {faults} faults. {_count(disagree)} with its own scene.\n"
     )
 
 
@@ -159,7 +161,7 @@ def _summary(rows: Sequence[Row]) -> Iterator[str]:
     yield "| | |\n|---|---|"
     yield f"| cases | {len(rows)} |"
     yield f"| answered | {len(answered)} |"
-    yield f"| refused, with words | {len(rows) - len(answered)} |"
+    yield f"| refused, with an explanation | {len(rows) - len(answered)} |"
     yield f"| faults | {sum(len(row.faults) for row in rows)} |"
     yield f"| own run agrees | {agreeing} of {len(answered)} |"
     yield f"| own run cannot be judged, with a reason | {sum(_is_unjudged(row) for row in answered)} |"

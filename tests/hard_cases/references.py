@@ -126,7 +126,7 @@ _DOLP_HEAD = """## Moments of DoLP compared with 170-bit quadrature
 _RX_HEAD = """
 ## Probabilities of detection compared with 170-bit quadrature by two unrelated methods
 
-The smallest of each case that a double can hold, of either tail.
+For each case and each tail: the smallest probability that a double can hold.
 
 | case | tail | reference | ours | relative error |
 |---|---|---|---|---|"""

@@ -19,17 +19,17 @@ _WAVELENGTHS_M, _STREAMS, _MOMENTS = (450e-9, 550e-9), 16, 128
 _CAMERA_M = 100e3
 _STEPS = 20001
 
-_HEAD = """**The round earth.** The atmosphere is plane-parallel, without correction, and this is its error. The air
-along a slant way over that along the same way through spherical shells (Chapman's function, without refraction), in
-per cent too much:
+_HEAD = """**The round earth.** The atmosphere is plane-parallel, without correction. The first table gives its error in
+the amount of air along a slant path: the excess, in per cent, over the same path through spherical shells (Chapman's
+function, without refraction).
 """
 _BY_SOLVER = """
-The same in light: sasktran2 with plane layers and with a sphere of 6371 km, all else equal (visibility 23 km,
-ground of albedo 0.1). The table gives the excess of S0 of the plane layers in per cent, and their DoLP minus that of
-the sphere.
+The next tables give the error in the light: sasktran2 with plane layers compared with a sphere of 6371 km, all else
+equal (visibility 23 km, ground of albedo 0.1). They show the excess of S0 of the plane layers in per cent, and their
+DoLP minus that of the sphere.
 """
 _TAIL = """
-From zenith angles of 75 deg on, of the sun or the view, this is not small compared with a tolerance of 0.01. No
+If the sun or the view is 75 deg or more from the zenith, this is not small compared with a tolerance of 0.01. No
 estimate includes this error, because it is an error of the model, not of its numbers. A sun more than 85 deg from the
 zenith is refused. For a view beyond 85 deg, a remark states by how much the path is too long.
 """
