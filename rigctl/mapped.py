@@ -169,6 +169,11 @@ def mapped(
             compute_all(client, work, tasks(slots_of(client)), kept, parts=parts, lost=lost)
     except KeyboardInterrupt:
         return "stopped"
+    except RuntimeError as error:
+        # Ctrl-C while dask waits for a condition can appear as its failure to release a lock that it no longer holds.
+        if not isinstance(error.__context__, KeyboardInterrupt):
+            raise
+        return "stopped"
     return "whole"
 
 
