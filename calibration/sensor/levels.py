@@ -47,7 +47,7 @@ _OUTLIER_PASSES = 5
 _ROUNDING_STD_DN = 12.0**-0.5
 # More defects than this share are shading or structure rather than single pixels: none is left out then.
 _MOST_DEFECTS = 0.03
-# Blocks along the shorter side of a picture, on which uneven light is told from pixels.
+# Blocks along the shorter side of a picture, that separate uneven light from differences of pixels.
 _BLOCKS_ACROSS = 16
 # A value that its neighbours predict so often is missing by chance once in 1e10 (Poisson).
 _LEAST_EXPECTED, _NEIGHBOURS = 25.0, 9

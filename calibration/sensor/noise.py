@@ -1055,8 +1055,8 @@ def _with_light(calibration: NoiseCalibration, light: Estimate) -> NoiseCalibrat
     message = (
         f"dark frames show the pattern that pixels have in the light, as "
         f"{number_with_error(light.value, light.std_error)} DN of light would (more than {_LIGHT_SIGMA:.0f} standard "
-        f"errors): light got in, or each pixel has a gain of its own; the dark current cannot be told from it: cover "
-        f"the lens, and take the dark frames again"
+        f"errors): light got in, or each pixel has a gain of its own; the dark current cannot be separated from it: "
+        f"cover the lens, and take the dark frames again"
     )
     flag, current, stacks = (
         Flag(name="light_in_darks", message=message),

@@ -99,7 +99,7 @@ def find_model(controller: str, *, stage_id: int, actuator: str | None) -> AptMo
         return _prm1(controller)
     known = ", ".join([*_BUILT_IN, *(f"{name} with PRM1-Z8" for name in _DC_CONTROLLERS)])
     raise ProtocolError(
-        f"controller {controller!r} with a stage of number {stage_id} is none of {known}. If a PRM1-Z8 is plugged "
+        f"controller {controller!r} with a stage of number {stage_id} is not one of {known}. If a PRM1-Z8 is plugged "
         'in and the controller does not say so: actuator = "PRM1-Z8"'
     )
 

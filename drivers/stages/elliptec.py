@@ -117,7 +117,7 @@ def pulses_per_revolution(information: Information) -> int:
     lowest, highest = _PULSES_RANGE
     if information.stage_type not in ROTATION_STAGES:
         problem = (
-            f"type ELL{information.stage_type} is none of the rotation stages {', '.join(ROTATION_STAGES.values())}"
+            f"type ELL{information.stage_type} is not one of the rotation stages {', '.join(ROTATION_STAGES.values())}"
         )
     elif information.travel != _TRAVEL_DEG:
         problem = f"travel {information.travel} is not the {_TRAVEL_DEG} degrees of a rotation stage"

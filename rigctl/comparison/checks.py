@@ -158,8 +158,8 @@ def _linear(found: RunDiagnosis) -> Check:
         name=name,
         verdict=verdict,
         text=f"the residual of the angles depends on the light as by a response that is {size}; flagged above "
-        f"{_CURVATURE_FLAGGED:.0%} if it can be told from other faults, refused above {_CURVATURE_REFUSED:.0%}: gamma, "
-        "tone mapping, saturation, or a wrong dark level",
+        f"{_CURVATURE_FLAGGED:.0%} if it can be distinguished from other faults, refused above "
+        f"{_CURVATURE_REFUSED:.0%}: gamma, tone mapping, saturation, or a wrong dark level",
     )
 
 

@@ -417,7 +417,7 @@ def _signal_by_law(
     if ends[0] > _MOSTLY_CLIPPED:
         raise DataError(
             f"region {name}: {ends[0]:.0%} of its counts behind {grid.channel_names[int(at_zero.argmax())]} are 0: "
-            "what the light is cannot be told; raise the camera's black level, or expose for longer"
+            "the light cannot be determined; raise the camera's black level, or expose for longer"
         )
     is_moved = (np.maximum(at_zero, at_top) > _CLIPPED) | (stds < DITHERED_DN)
     signal, rounding = pixels.mean(axis=0), np.zeros(len(tops))

@@ -303,7 +303,7 @@ def _confused(move: InputMove) -> str:
 
 
 def fault_table(terms: Sequence[FaultTerm]) -> Table[FaultTerm]:
-    """Return faults with their size, the shifts that they cause, and the faults that they cannot be told from."""
+    """Return faults with their size, the shifts that they cause, and the faults with which they can be confused."""
     columns: tuple[Column[FaultTerm], ...] = (
         Column(title="fault", text=lambda term: term.title, left=True),
         Column(title="size", text=lambda term: _number(term.value)),
@@ -325,7 +325,7 @@ def _fault_result(term: FaultTerm) -> str:
         return f"not testable: {term.reason}"
     score = None if term.value is None or not term.std_error else term.value / term.std_error
     result = "found" if term.named else f"not found ({signed(score)} errors)"
-    return result + (f"; cannot be told from {', '.join(term.confused_with)}" if term.confused_with else "")
+    return result + (f"; cannot be distinguished from {', '.join(term.confused_with)}" if term.confused_with else "")
 
 
 def parameter_table(noise: NoiseParameters) -> Table[_Known]:

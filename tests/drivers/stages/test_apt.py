@@ -138,7 +138,7 @@ def test_the_scales_are_those_of_the_document() -> None:
 
 @pytest.mark.parametrize(("controller", "stage_id"), [("K10CR9", 0), ("KDC101", 5), ("KDC101", 0), ("", 0)])
 def test_a_stage_whose_counts_are_not_known_is_refused(controller: str, stage_id: int) -> None:
-    with pytest.raises(ProtocolError, match="none of K10CR1, K10CR2, KDC101 with PRM1-Z8"):
+    with pytest.raises(ProtocolError, match="not one of K10CR1, K10CR2, KDC101 with PRM1-Z8"):
         find_model(controller, stage_id=stage_id, actuator=None)
 
 

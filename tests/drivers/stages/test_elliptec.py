@@ -90,7 +90,7 @@ def test_a_flood_without_replies_is_not_kept() -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"stage_type": 17}, "ELL17 is none of the rotation stages"),
+        ({"stage_type": 17}, "ELL17 is not one of the rotation stages"),
         ({"travel": 28}, "travel 28"),
         ({"pulses": 0}, "0 pulses"),
         ({"pulses": 1024}, "1024 pulses"),

@@ -52,7 +52,7 @@ def test_inputs_that_act_alike_are_said_to_be_indistinguishable(tmp_path: Path) 
     first = attribution.moves[0]
     assert first.name == "sensor.quantum_efficiency"
     assert {"sensor.optics_transmittance", "rig.exposure_ratio"} <= set(first.indistinguishable_from)
-    assert "cannot tell it from" in attribution.remark
+    assert "cannot distinguish it from" in attribution.remark
 
 
 def test_the_joint_update_is_marked_as_fitted_and_narrows_what_the_data_see(tmp_path: Path) -> None:
