@@ -22,7 +22,8 @@ _MOST_TEXTS = 12
 # By the name of a key: times of the clock and of the machine, versions, hashes, places on this machine or in the code.
 _MASKED_KEY = re.compile(
     r"(^|[_/])(utc|monotonic_ns|sha256|checksum|versions?|hostname|host|host_folder|machine|platform|python|pid|user|by"
-    r"|created_by|program|expected_s|elapsed_s|wall_s|cpu_s|stage_s|seconds(_of_\w+)?|settle_s|frame_s|cost_s|disk_free_mb|next|place)$"
+    r"|created_by|program|expected_s|elapsed_s|wall_s|cpu_s|stage_s|time_s(\.\w+)?|share_of_estimates|seconds(_of_\w+)?"
+    r"|settle_s|frame_s|cost_s|disk_free_mb|next|place)$"
     r"|^(DATE-.*|MONONS|SWVER|DATASUM|CHECKSUM|SETTLE)$"
 )
 _MASKED_TEXT = (
