@@ -22,10 +22,10 @@ from pydantic_core import PydanticUndefined
 from model.atmosphere import aerosols, layers
 from model.effects.planner import EFFECTS
 from model.surface.materials import MATERIALS, Property, properties
+from rigctl import console
 from rigctl.archive.index import COLUMNS
 from rigctl.cli import commands_page
 from rigctl.comparison.checks import AGREES, VERDICT_WORDS, VerdictName
-from rigctl.console import failures
 from rigctl.files.materials import MaterialFile
 from rigctl.files.regions import RegionsFile
 from rigctl.files.rig_file import RigFile
@@ -243,13 +243,13 @@ or a region exist once the run has been compared.
 
 
 _EXIT_MEANINGS = {
-    failures.EXIT_USAGE: "usage, or a file that people write",
-    failures.EXIT_DEVICE: "a device",
-    failures.EXIT_DATA: "unfit data: refused, damaged, wrong checksum; a comparison that cannot be judged",
-    failures.EXIT_DISAGREES: "model and measurement disagree",
-    failures.EXIT_OWN_FAULT: "a fault of rigctl itself: one line, and a log with the traceback",
-    failures.EXIT_INCOMPLETE: "a session stopped on request or by Ctrl-C, to be resumed; `verify`: an unfinished run",
-    failures.EXIT_INTERRUPTED: "interrupted; in `acquire` and `resume` by a second Ctrl-C",
+    console.EXIT_USAGE: "usage, or a file that people write",
+    console.EXIT_DEVICE: "a device",
+    console.EXIT_DATA: "unfit data: refused, damaged, wrong checksum; a comparison that cannot be judged",
+    console.EXIT_DISAGREES: "model and measurement disagree",
+    console.EXIT_OWN_FAULT: "a fault of rigctl itself: one line, and a log with the traceback",
+    console.EXIT_INCOMPLETE: "a session stopped on request or by Ctrl-C, to be resumed; `verify`: an unfinished run",
+    console.EXIT_INTERRUPTED: "interrupted; in `acquire` and `resume` by a second Ctrl-C",
 }
 _VERDICT_STEPS = {
     "agrees": "nothing; the report states the smallest difference it could have seen",
@@ -273,7 +273,7 @@ def _exit_codes() -> str:
     text = "\n## Exit codes\n\n| code | meaning | what to do |\n|---|---|---|\n"
     text += "| 0 | done; model and measurement agree, perhaps with stated reservations | |\n"
     for code, meaning in sorted(_EXIT_MEANINGS.items()):
-        step = str(failures.failure_content(code, "", verb="VERB")["error"]["next"])
+        step = str(console.failure_content(code, "", verb="VERB")["error"]["next"])
         text += f"| {code} | {meaning} | {step} |\n"
     return (
         f'{text}\nWith `--json` a failure prints `{{"error": {{"code", "kind", "message", "key", "next"}}}}` to '

@@ -39,9 +39,7 @@ from rigctl.base.destination import (
     results_of,
     snapshot,
 )
-from rigctl.console.anonymity import anonymous
-from rigctl.console.console_streams import lasting_streams, visible
-from rigctl.console.failures import EXIT_INTERRUPTED, EXIT_USAGE, failure_json, failure_of
+from rigctl.console import EXIT_INTERRUPTED, EXIT_USAGE, anonymous, failure_json, failure_of, lasting_streams, visible
 from rigctl.errors import ConfigError
 from rigctl.verbs.headings import HEADINGS
 from rigctl.verbs.options import NOT_AN_INPUT, Writes

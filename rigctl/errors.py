@@ -1,4 +1,4 @@
-"""What the application itself refuses. One table in ``rigctl.console.failures`` maps each to its exit code."""
+"""What the application itself refuses. One table in ``rigctl.console`` maps each to its exit code."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from rigctl.console.terminal import progress
+from rigctl.console import progress
 from rigctl.errors import ConfigError, DataError
 from rigctl.scene.light import sources_of
 from rigctl.version import VERSION

@@ -49,7 +49,7 @@ from rigctl.scene.light import SceneLight
 from rigctl.scene.scene import get, require_within, with_values
 
 if TYPE_CHECKING:
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.files.scene_file import SceneFile
     from rigctl.files.study_file import CasesSection, StudyFile, VariedSection
     from rigctl.mapped import Engine, Outcome

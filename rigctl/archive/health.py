@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 from rigctl.base.numbers import is_utc_text, wrapped
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import TALLY_EVENT, FrameRecord, RunEvent, read_events

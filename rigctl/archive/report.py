@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rigctl.archive.health import RunHealth
     from rigctl.archive.index import IndexColumn
     from rigctl.archive.rows import RunRow, Verb
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
 
 
 # What fits a terminal; programs get all.

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from rigctl.archive.index import KEPT_FILES
 from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded, write_durably
-from rigctl.console.failures import EXIT_OWN_FAULT
+from rigctl.console import EXIT_OWN_FAULT
 from rigctl.errors import DataError
 from rigctl.mapped import PARTS_FOLDER
 from rigctl.runs.folder import FRAMES_FOLDER

@@ -21,7 +21,7 @@ from rigctl.base.arrays import read_arrays
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.record import CalibrationRecord, checked_record, header_of, made_for_scene, source_of_run
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord

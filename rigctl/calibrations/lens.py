@@ -13,7 +13,7 @@ from calibration.pointing.pose import NAMES, Lens, LensCalibration
 from rigctl.base.numbers import utc_text
 from rigctl.calibrations.made_for import Bounded, Measured, Positive, UtcText
 from rigctl.calibrations.record import read_record, source_of
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.version import VERSION
 
 SCHEMA_VERSION = 1

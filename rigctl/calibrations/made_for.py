@@ -14,7 +14,7 @@ from urllib.parse import parse_qsl
 from pydantic import AfterValidator, Field
 
 from rigctl.base.numbers import is_utc_text, utc_moment
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import DataError
 
 if TYPE_CHECKING:

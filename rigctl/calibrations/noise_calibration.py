@@ -20,7 +20,7 @@ from calibration.sensor.pattern import Defect, FixedPattern, PatternHistogram, S
 from rigctl.base.numbers import covariance_rows, utc_text
 from rigctl.calibrations.noise import QUANTITIES, SCHEMA_VERSION
 from rigctl.calibrations.noise_frames import FrameGroup, FrameSet
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.version import VERSION
 

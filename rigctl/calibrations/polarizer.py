@@ -15,7 +15,7 @@ from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import Bounded, MadeFor, Measured, at_least
 from rigctl.calibrations.polarizer_scan import PolarizerCalibration, candidate_offset_deg
 from rigctl.calibrations.record import CalibrationRecord, header_of, made_for_scene, source_of_run
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import PolarizerSection, load_rig
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG

@@ -22,8 +22,7 @@ from rigctl.calibrations.made_for import (
     made_for_of_file,
     require_fit,
 )
-from rigctl.console.anonymity import told_content
-from rigctl.console.json_text import Json
+from rigctl.console import Json, told_content
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.toml import describe, other_schema
 from rigctl.runs.folder import MANIFEST_FILE, Run

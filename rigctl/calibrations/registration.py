@@ -11,7 +11,7 @@ from calibration.polarimeter.pictures import Registration, Wander, fit_wander, r
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.made_for import Bounded, MadeFor, NotNegative, at_least
 from rigctl.calibrations.record import CalibrationRecord, header_of, source_of_run
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord

@@ -30,8 +30,7 @@ from rigctl.calibrations.made_for import (
     misfits,
     temperature_step_k,
 )
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
+from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError, DataError
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from rigctl.calibrations.radiometric import SCHEMA_VERSION
 from rigctl.calibrations.record import header_of, source_of, source_of_run
 from rigctl.comparison.predict_run import differences, one_exposure_s, run_readout, scene_of_run
 from rigctl.comparison.scale import modelled_response, without_throughput
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import ConfigError, DataError
 from rigctl.measure.measure import MeasuredRegion, Measurement
 from rigctl.scene.light import SceneLight, build_scenario

@@ -24,7 +24,7 @@ from rigctl.calibrations.store import (
     choose,
     read_store,
 )
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import ConfigError
 from rigctl.files.regions import Region
 from rigctl.files.rig_file import PLACEHOLDER

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from model.prediction import RegionPrediction
     from model.processing.dolp_studies import EstimatorError
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.paper.check import CheckedPaper, DigitisedPoint, MaterialSet
 
 

@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from rigctl.comparison.compare import Comparison, NumericalAccuracy
     from rigctl.comparison.explain import FittedInput, InputAttribution, InputMove
     from rigctl.comparison.rows import RegionBudget, Row
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.files.regions import Region
     from rigctl.measure.faults import FaultTerm
     from rigctl.measure.measure import Measurement

@@ -19,14 +19,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigctl.console.anonymity import LEFT_OUT, is_anonymous, is_personal, told, told_content
-from rigctl.console.json_text import json_text
+from rigctl.console import LEFT_OUT, is_anonymous, is_personal, json_text, rewritten, told, told_content
 from rigctl.report.table import Shown, Table, text_columns
 from rigctl.version import VERSION
 
 if TYPE_CHECKING:
     from rigctl.comparison.compare import Comparison
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.measure.measure import Measurement
     from rigctl.report.table import AnyTable, Column, Value
     from rigctl.runs.fits import CardValue
@@ -108,16 +107,11 @@ def _machine() -> dict[str, str]:
 
 def told_places(content: Any, *, anonymous: bool) -> Any:
     """Return the content of a report without absolute paths."""
-    if isinstance(content, dict):
-        return {
-            key: LEFT_OUT
-            if anonymous and value is not None and is_personal(key)
-            else told_places(value, anonymous=anonymous)
-            for key, value in content.items()
-        }
-    if isinstance(content, list | tuple):
-        return [told_places(value, anonymous=anonymous) for value in content]
-    return _told_path(content, anonymous=anonymous) if isinstance(content, str) else content
+
+    def value(key: str, one: Json) -> Json:
+        return LEFT_OUT if anonymous and one is not None and is_personal(key) else one
+
+    return rewritten(content, text=lambda text: _told_path(text, anonymous=anonymous), value=value)
 
 
 def _told_path(text: str, *, anonymous: bool) -> str:

@@ -25,7 +25,7 @@ from rigctl.report.table import Column, Shown, Table
 if TYPE_CHECKING:
     from model.prediction import PairDetection
     from rigctl.comparison.detect import RxOnRun
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.files.choices import RocKind
 
 

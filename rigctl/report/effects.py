@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from model.accuracy.effect_check import CheckedEffect
     from model.effects.names import Bound, Decision, Effect, EffectPlan
     from rigctl.comparison.compare import NumericalAccuracy
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.scene.effects import Verification
 
 

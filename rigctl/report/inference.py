@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
 
     FloatArray = NDArray[np.float64]
 

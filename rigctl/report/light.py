@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
     from model.scene.field import FieldLight, Source
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.prediction.predict import ScenePrediction
     from rigctl.scene.sky_map import SkyMap, SkyOfKind
 

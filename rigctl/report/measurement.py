@@ -23,7 +23,7 @@ from rigctl.report.table import Column, Table
 
 if TYPE_CHECKING:
     from rigctl.comparison.detect import RxOnRun
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.files.regions import Region
     from rigctl.measure.measure import MeasuredRegion, Measurement, PolarizationImages
 

@@ -20,7 +20,7 @@ from rigctl.runs.records import frames_text
 if TYPE_CHECKING:
     from model.prediction import PairDetection, PolarizationStrength, RegionPrediction
     from model.processing.samples import Texture
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.measure.diagnose import RunDiagnosis
     from rigctl.measure.faults import FaultTerm
     from rigctl.measure.measure import MeasuredRegion, Measurement

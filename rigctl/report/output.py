@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from rigctl.base.destination import require_replaceable
 from rigctl.base.durable import write_durably
-from rigctl.console.anonymity import told
+from rigctl.console import told
 from rigctl.report.table import Shown
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from reportlab.lib.pagesizes import A4
 from reportlab.lib.styles import ParagraphStyle
 from reportlab.lib.units import mm
 
-from rigctl.console.anonymity import told
+from rigctl.console import told
 from rigctl.report.document import Bullets, Paragraph, Picture, Pictures, Terms, Verbatim
 from rigctl.report.table import Shown, Table
 

@@ -25,7 +25,7 @@ from rigctl.report.table import Column, Table, text_columns
 
 if TYPE_CHECKING:
     from model.prediction import PairDetection, RegionPrediction
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.files.choices import SnrKind
     from rigctl.prediction.predict import Performance, PredictedUncertainty
 

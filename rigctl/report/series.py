@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from rigctl.comparison.compare import Comparison
     from rigctl.comparison.rows import Row
     from rigctl.comparison.series import ComparedSeries, SeriesDrift
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
 
 
 # Of a drift that is worth a word, in standard errors.

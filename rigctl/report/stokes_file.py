@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigctl.base.durable import sha256_of
-from rigctl.console.anonymity import is_anonymous, told
+from rigctl.console import is_anonymous, told
 from rigctl.errors import ConfigError
 from rigctl.measure.measure import Measurement
 from rigctl.measure.pixel_errors import Doubt, PixelErrors

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
     from model.surface.materials import Material, Property
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.scene.reflected_light import Reflectance, ReflectedLight, SurfaceSheet
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.files.choices import SnrKind
     from rigctl.prediction.sweep import Sweep
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from model.accuracy.chain import Reading
     from model.accuracy.predict import Predicted, Predictions
     from model.acquisition import DolpBudget
-    from rigctl.console.json_text import Json
+    from rigctl.console import Json
     from rigctl.prediction.sessions import AcquisitionTradeoff
     from rigctl.prediction.tradeoff import CurvePoint, Curves, DigitPoint, NamedChoice
 

@@ -15,7 +15,7 @@ from drivers.errors import NotConnectedError
 from drivers.interfaces import DeviceIdentity, RotationStage
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.base.numbers import utc_text, wrapped
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.files.toml import describe, other_schema
 from rigctl.version import VERSION

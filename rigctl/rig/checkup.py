@@ -18,7 +18,7 @@ from drivers.interfaces import Camera, CameraWithFacts, Frame, ReportingCamera, 
 from drivers.network_path import interface_of, path_mtu
 from drivers.serial_port import resolve_port
 from rigctl.base.durable import read_bounded
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import DataError
 from rigctl.files.rig_file import RigFile
 from rigctl.rig.rig import SIMULATED, cell_problem, find_driver, open_rig

@@ -32,7 +32,7 @@ from drivers.interfaces import (
 from drivers.serial_port import resolve_port
 from model.processing.mosaic import pair_by_light
 from rigctl.base.numbers import wrapped
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile, StageSection

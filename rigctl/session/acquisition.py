@@ -22,7 +22,7 @@ from drivers.interfaces import Camera, ReportingCamera
 from model.processing.mosaic import samples_per_pixel
 from rigctl.base.durable import DiskCalls
 from rigctl.base.numbers import NS_PER_S
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import RunFolderError
 from rigctl.files.choices import FrameKind
 from rigctl.files.rig_file import RigFile

@@ -13,7 +13,7 @@ from model.prediction import RegionPrediction
 from model.quantities import is_counts
 from rigctl.base.numbers import NS_PER_S
 from rigctl.calibrations.noise import NoiseParameters
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RigFile
 from rigctl.files.scene_file import SceneFile, SunSection

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.errors import DeviceError, LimitError, ProtocolError
 from drivers.interfaces import Camera, StageStatus
 from rigctl.base.numbers import NS_PER_S, wrapped
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import DataError, RunFolderError
 from rigctl.files.session_file import PICTURE, Action, InterlockSection
 from rigctl.rig.rig import cell_problem

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 
 from drivers.interfaces import Monitor, MonitorOptions
 from rigctl.base.numbers import utc_text
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import MonitorSection
 from rigctl.rig.rig import find_driver

@@ -16,7 +16,7 @@ from pathlib import Path
 from pydantic import JsonValue
 
 from rigctl.base.numbers import utc_text
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.files.rig_file import NotifySection
 from rigctl.runs.records import NOTICE_EVENT, RunEvent, event_facts
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from model.processing.reconstruction import design, reconstruct
 from rigctl.base.numbers import NS_PER_S, unix_ns, utc_text
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import ConfigError
 from rigctl.files.choices import FrameKind
 from rigctl.files.place import SiteSection

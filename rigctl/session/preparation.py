@@ -11,8 +11,7 @@ from rigctl.calibrations.made_for import CalibrationKind, MadeFor, made_for_rig
 from rigctl.calibrations.noise import NoiseParameters, read_noise_file
 from rigctl.calibrations.polarizer import read_polarizer_file, require_polarizer_fits
 from rigctl.calibrations.store import NONE, RigPicks, picked_for_rig
-from rigctl.console.json_text import json_text
-from rigctl.console.terminal import note, warn
+from rigctl.console import json_text, note, warn
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import RoofChange
 from rigctl.files.regions import load_regions

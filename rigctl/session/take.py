@@ -22,9 +22,8 @@ from drivers.errors import DeviceTimeoutError, NotConnectedError
 from drivers.interfaces import Camera, DeviceIdentity, ReportingCamera
 from rigctl.base.durable import DiskCalls
 from rigctl.base.numbers import NS_PER_S, unix_ns, utc_moment, utc_text
-from rigctl.console.console_streams import visible
-from rigctl.console.terminal import progress as progress_console
-from rigctl.console.terminal import warn
+from rigctl.console import progress as progress_console
+from rigctl.console import visible, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.rig_file import NotifySection, RigFile, load_rig
 from rigctl.files.session_file import SessionFile

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from rigctl.base.numbers import NS_PER_S, unix_ns, utc_text
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.files.rig_file import RigFile
 from rigctl.files.session_file import PICTURE, InterlockSection, MeteringSection, SessionFile
 from rigctl.rig import checkup as host_checkup

@@ -20,7 +20,7 @@ from typing import Any, TextIO
 
 from drivers.interfaces import CameraWithFacts
 from drivers.serial_port import heard_by
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import ConfigError
 from rigctl.rig.rig import Rig
 from rigctl.version import VERSION

@@ -6,8 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack, cast, get_type_hints
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
+from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     NOT_AN_INPUT,

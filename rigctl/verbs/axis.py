@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 from cyclopts import Parameter, validators
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.options import FilePath, RegionsPath, RunOptions, RunPath, ValidDays, Writes, regions_of
 from rigctl.verbs.result import Part, Result
@@ -104,7 +103,7 @@ def axis(
     from rigctl.calibrations.polarizer import polarizer_content, require_writable_rig, write_into_rig
     from rigctl.calibrations.polarizer_scan import load_generator, polarimeter_maps
     from rigctl.calibrations.record import write_content, write_whole
-    from rigctl.console.failures import with_answer
+    from rigctl.console import with_answer
     from rigctl.runs.check import used_run
 
     if write is not None:

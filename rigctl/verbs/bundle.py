@@ -1,7 +1,9 @@
 """`rigctl bundle`: packs a run for a fault report: log, versions, check-up, a few frames, no secrets."""
 
+import getpass
 import json
 import platform
+import re
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,8 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json, json_text
-from rigctl.console.scrubbing import Scrubber
+from rigctl.console import LEFT_OUT, Json, json_text, rewritten
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.options import FilePath, RunPath, Writes
 from rigctl.verbs.result import Part, Result
@@ -133,14 +134,14 @@ def _readable(file: Path) -> str:
         raise ConfigError(f"--trace: {file} cannot be read: {error.strerror}") from error
 
 
-def _scrubbed_lines(file: Path, scrubber: Scrubber) -> bytes:
+def _scrubbed_lines(file: Path, scrubber: "Scrubber") -> bytes:
     """Return a file of JSON, or of lines of it, without secrets; lines that are not valid JSON are kept as text."""
     if file.suffix == ".json":
         return _scrubbed(_text(file), scrubber).encode()
     return "".join(f"{_scrubbed(line, scrubber)}\n" for line in _text(file).splitlines()).encode()
 
 
-def _scrubbed(text: str, scrubber: Scrubber) -> str:
+def _scrubbed(text: str, scrubber: "Scrubber") -> str:
     try:
         content: Json = json.loads(text)
     except (ValueError, RecursionError):
@@ -184,7 +185,7 @@ def _checked() -> Iterator[str]:
             yield from () if finding.advice is None else (f"  change: {finding.advice}",)
 
 
-def _frames(run_path: Path, scrubber: Scrubber, count: int) -> Iterator[tuple[str, bytes]]:
+def _frames(run_path: Path, scrubber: "Scrubber", count: int) -> Iterator[tuple[str, bytes]]:
     """Yield some frames of a run with new headers; those that cannot be read are left out."""
     from rigctl.runs.fits import encode_frame, header_cards
     from rigctl.runs.folder import read_frame, read_run
@@ -201,7 +202,7 @@ def _frames(run_path: Path, scrubber: Scrubber, count: int) -> Iterator[tuple[st
         yield record.file, encode_frame(counts, header_cards(_without_names(record, scrubber)))
 
 
-def _without_names(record: "FrameRecord", scrubber: Scrubber) -> "FrameRecord":
+def _without_names(record: "FrameRecord", scrubber: "Scrubber") -> "FrameRecord":
     source = record.source_file
     return replace(
         record,
@@ -228,3 +229,89 @@ def _write(out: Path, packed: dict[str, bytes]) -> None:
     except OSError as error:
         part.unlink(missing_ok=True)
         raise ConfigError(f"--out: {out} cannot be written: {error.strerror}") from error
+
+
+# Names that say nothing of anybody.
+_PLAIN_NAMES = frozenset({"root", "user", "pi", "home", "admin", "localhost", ""})
+_LEAST_NAME = 3
+_URL = re.compile(r"\b[a-zA-Z][a-zA-Z0-9+.-]*://[^\s\"'<>]+")
+_MAIL = re.compile(r"\b[\w.+-]+@[\w-]+(?:\.[\w-]+)+\b")
+_HOME = re.compile(r"(/(?:home|Users|media|run/media)/)[^/\s\"',:;]+")
+# A word that names a secret, and what follows it: token=..., "password": "...", Authorization: Bearer ...
+_NAMED_SECRET = re.compile(
+    r"(?i)([\"']?[\w.-]*(?:token|passw(?:or)?d|passphrase|secret|api[_-]?key|authorization|credential|cookie)[\w.-]*"
+    r"[\"']?\s*(?:=|:|\s)\s*)(?:(?:bearer|basic|token)\s+)?(\"[^\"]*\"|'[^']*'|[^\s,;&\"')\]}]+)"
+)
+_BEARER = re.compile(r"(?i)\b(bearer|basic)\s+[\w.~+/=-]{6,}")
+# Keys whose whole value goes, whatever it holds.
+_SECRET_KEY = re.compile(r"(?i)token|passw|passphrase|secret|api_?key|authorization|credential|cookie")
+_SECRET_TABLES = frozenset({"notify"})
+_SECRET_OPTIONS = frozenset({"command", "webhook", "ask"})
+_HEADER = re.compile(r"^\s*\[{1,2}\s*([\w.\"-]+)\s*\]{1,2}")
+_ASSIGNED = re.compile(r"^(\s*)([\w.\"-]+)(\s*=)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scrubber:
+    """Takes secrets and names out of texts: web addresses, tokens, users, the machine."""
+
+    names: tuple[tuple[str, str], ...] = ()  #: words of this machine and its user, and what replaces them
+
+    @classmethod
+    def of_this_machine(cls) -> "Scrubber":
+        """Return one that knows the names of this machine and of whoever works at it."""
+        try:
+            user = getpass.getuser()
+        except (KeyError, OSError):
+            user = ""
+        host = platform.node()
+        known = {Path.home().name: "USER", user: "USER", host: "MACHINE", host.partition(".")[0]: "MACHINE"}
+        told = ((word, instead) for word, instead in known.items() if len(word) >= _LEAST_NAME)
+        return cls(names=tuple(sorted((one for one in told if one[0] not in _PLAIN_NAMES), key=lambda p: -len(p[0]))))
+
+    def text(self, text: str) -> str:
+        """Return a text without secrets and names."""
+        text = _URL.sub(LEFT_OUT, text)
+        text = _NAMED_SECRET.sub(rf"\g<1>{LEFT_OUT}", text)
+        text = _BEARER.sub(LEFT_OUT, text)
+        text = _MAIL.sub(LEFT_OUT, text)
+        text = _HOME.sub(r"\g<1>USER", text)
+        for word, instead in self.names:
+            text = re.sub(rf"(?<![A-Za-z0-9]){re.escape(word)}(?![A-Za-z0-9])", instead, text)
+        return text
+
+    def content(self, content: Json) -> Json:
+        """Return what JSON holds, without secrets and names."""
+        return rewritten(content, text=self.text, value=_without_secret)
+
+    def toml(self, text: str) -> str:
+        """Return a file that a person wrote, without secrets and names; its comments are kept."""
+        lines, table, depth = [], "", 0
+        for line in text.splitlines():
+            header = _HEADER.match(line)
+            if header is not None and depth == 0:
+                table = header[1]
+            assigned = _ASSIGNED.match(line)
+            is_secret = depth > 0 or (assigned is not None and header is None and _is_secret(table, assigned[2]))
+            if not is_secret:
+                lines.append(self.text(line))
+                continue
+            if depth == 0 and assigned is not None:
+                lines.append(f'{assigned[1]}{assigned[2]}{assigned[3]} "{LEFT_OUT}"')
+            # A value may go on in the next lines: all of them go.
+            depth = max(0, depth + sum(line.count(one) for one in "[{") - sum(line.count(one) for one in "]}"))
+        return "\n".join([*lines, ""])
+
+
+def _without_secret(key: str, value: Json) -> Json:
+    is_secret = key in _SECRET_TABLES or key in _SECRET_OPTIONS or _SECRET_KEY.search(key)
+    return LEFT_OUT if value is not None and is_secret else value
+
+
+def _is_secret(table: str, key: str) -> bool:
+    last = table.rpartition(".")[2].strip('"')
+    if last in _SECRET_TABLES or table.partition(".")[0] in _SECRET_TABLES:
+        return True
+    # Options of a monitor may stand in one line with what it asks and whom.
+    is_options = table.partition(".")[0] == "monitors" and key in ("options", *_SECRET_OPTIONS)
+    return is_options or key in _SECRET_TABLES or bool(_SECRET_KEY.search(key)) or key in ("command", "webhook")

@@ -16,8 +16,7 @@ from cyclopts import Parameter, validators
 
 from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, progress, warn
+from rigctl.console import Json, note, progress, warn
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ExposureUnit
 from rigctl.verbs.options import (
@@ -142,7 +141,7 @@ def noise(
     from rigctl.calibrations.noise import QUANTITIES
     from rigctl.calibrations.noise_calibration import calibrate_frames
     from rigctl.calibrations.record import write_content, write_whole
-    from rigctl.console.failures import with_answer
+    from rigctl.console import with_answer
     from rigctl.images import ImageReading
 
     written = [Path(path) for path in (out, plot, report, defects) if path is not None]
@@ -735,7 +734,7 @@ class RegistrationResult(Result):
     @property
     def exit_code(self) -> int:
         """4 for a registration that is refused."""
-        from rigctl.console.failures import EXIT_DATA
+        from rigctl.console import EXIT_DATA
 
         return EXIT_DATA if self.is_refused else 0
 

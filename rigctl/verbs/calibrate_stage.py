@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import progress, warn
+from rigctl.console import Json, progress, warn
 from rigctl.errors import ConfigError
 from rigctl.report.table import Column, Table
 from rigctl.verbs.options import FilePath, Writes

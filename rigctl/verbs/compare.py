@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
 from cyclopts import Parameter
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     CompareOptions,
@@ -277,7 +276,7 @@ class SeriesResult(Result):
 
 
 def _exit_code(agrees: bool | None) -> int:
-    from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES
+    from rigctl.console import EXIT_DATA, EXIT_DISAGREES
 
     return {True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[agrees]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.terminal import note
+from rigctl.console import note
 from rigctl.errors import ConfigError
 from rigctl.files.choices import Perturbation
 from rigctl.verbs import calibrate

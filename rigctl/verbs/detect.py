@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 from cyclopts import Parameter
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import (
     FilePath,

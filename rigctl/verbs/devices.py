@@ -7,8 +7,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import warn
+from rigctl.console import Json, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.result import Part, Result
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result
@@ -97,7 +96,7 @@ class CheckUp(Result):
     @property
     def exit_code(self) -> int:
         """3 where something has to be changed."""
-        from rigctl.console.failures import EXIT_DEVICE
+        from rigctl.console import EXIT_DEVICE
 
         return EXIT_DEVICE if self.to_change else 0
 

@@ -12,8 +12,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from rigctl.base.numbers import change_text
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown
+from rigctl.console import Json, note, solving_shown
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import EffectOptions, FilePath, Writes
 from rigctl.verbs.result import Part, Result

@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import warn
+from rigctl.console import Json, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import ExportFormat
 from rigctl.verbs.options import (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Unpack
 
 from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.files.choices import FrameKind
 from rigctl.verbs.options import COMMA_SEPARATED, FilePath, FrameOptions, MaxFrameMb, Writes
 from rigctl.verbs.result import Part, Result

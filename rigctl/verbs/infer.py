@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, steps_shown
+from rigctl.console import Json, note, steps_shown
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, RegionsPath, RunPath, ScaledOptions, ScenePath, Writes
 from rigctl.verbs.result import Part, Result
@@ -123,7 +122,7 @@ class InferenceResult(Result):
     @property
     def exit_code(self) -> int:
         """5 where the model does not explain the runs, even with its discrepancy."""
-        from rigctl.console.failures import EXIT_DISAGREES
+        from rigctl.console import EXIT_DISAGREES
         from rigctl.report.inference import unexplained
 
         return EXIT_DISAGREES if unexplained(self.inference) else 0

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from drivers.cameras.raw_planes import Plane
 from rigctl.base.durable import MOST_FRAME_MB
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.errors import ConfigError, DataError
 from rigctl.verbs.options import COMMA_SEPARATED, FilePath, MaxFrameMb, Writes
 from rigctl.verbs.result import Part, Result

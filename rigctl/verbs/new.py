@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
+from rigctl.console import Json
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from rigctl.base.numbers import is_utc_text, unix_ns, utc_moment, utc_text
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import warn
+from rigctl.console import Json, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import RunPath
 from rigctl.verbs.result import Part, Result

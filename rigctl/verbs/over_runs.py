@@ -18,8 +18,7 @@ from rigctl.base.durable import sha256_of
 from rigctl.calibrations.made_for import KINDS
 from rigctl.calibrations.store import NONE
 from rigctl.comparison.compare import Comparison
-from rigctl.console.failures import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT, failure_of
-from rigctl.console.json_text import Json
+from rigctl.console import EXIT_DATA, EXIT_DISAGREES, EXIT_INCOMPLETE, EXIT_OWN_FAULT, Json, failure_of
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region, load_regions
 from rigctl.files.scene_file import load_scene

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.files.choices import SnrForm
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result

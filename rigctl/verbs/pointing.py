@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 from cyclopts import Parameter, validators
 
 from rigctl.base.numbers import time_option
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
+from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, RunPath, Writes
 from rigctl.verbs.result import Part, Result

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Unpack
 
 from cyclopts import Parameter
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown, warn
+from rigctl.console import Json, note, solving_shown, warn
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RocKind, SnrKind
 from rigctl.verbs.options import FilePath, PredictOptions, ScenePath, Writes, changes_of, scene_file_of

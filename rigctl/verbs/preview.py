@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.terminal import note, results, warn
+from rigctl.console import note, results, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Unpack
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.errors import DataError
 from rigctl.files.choices import Dictionary
 from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes

@@ -1,9 +1,10 @@
 """What a verb gives back: one content for the terminal, a notebook and programs."""
 
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
-from rigctl.console.json_text import Json
+from rigctl.console import Json, json_text, results, told_content
 
 if TYPE_CHECKING:
     from rigctl.report.table import AnyTable
@@ -35,18 +36,13 @@ class Result:
 
     def show(self) -> None:
         """Print the content on standard output."""
-        from rigctl.console.terminal import results
-
         for part in self.content():
             if not callable(part):
                 results().print(part, markup=False)
 
     def show_json(self) -> None:
         """Print what programs read on standard output."""
-        from rigctl.console.terminal import print_json, print_json_list
-
-        content = self.as_json()
-        print_json(content) if isinstance(content, Mapping) else print_json_list(content)
+        sys.stdout.write(json_text(told_content(self.as_json())))
 
     def follow(self) -> None:
         """Go on after the content was shown: a page answers until Ctrl-C."""

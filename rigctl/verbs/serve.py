@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, progress
+from rigctl.console import Json, note, progress
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.verbs.options import FilePath
 from rigctl.verbs.result import Part, Result
@@ -127,7 +126,7 @@ class ServedPage(Result):
 
     def show_json(self) -> None:
         """Print the addresses in one line, for a program that reads it while the page is served."""
-        from rigctl.console.json_text import json_text
+        from rigctl.console import json_text
 
         sys.stdout.write(json_text(self.as_json(), indent=None))
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 from cyclopts import Parameter
 
 from rigctl.base.numbers import time_option
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
+from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError, RunFolderError
 from rigctl.files.choices import RoofChange
 from rigctl.report.table import Column, Table
@@ -379,7 +378,7 @@ class SessionResult(Result):
     @property
     def exit_code(self) -> int:
         """75 where the session ended before its last frame, as schedulers understand it."""
-        from rigctl.console.failures import EXIT_INCOMPLETE
+        from rigctl.console import EXIT_INCOMPLETE
 
         return 0 if self.outcome is None or self.outcome.is_finished else EXIT_INCOMPLETE
 

@@ -9,8 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter, validators
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 from rigctl.verbs.result import Part, Result

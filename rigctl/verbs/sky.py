@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown
+from rigctl.console import Json, note, solving_shown
 from rigctl.files.choices import Engine
 from rigctl.verbs.options import FilePath, ScenePath, Writes, scene_file_of
 from rigctl.verbs.result import Part, Result

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
+from rigctl.console import Json, note, warn
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, RunOptions, RunPath, Writes
 from rigctl.verbs.result import Part, Result

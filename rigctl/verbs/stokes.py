@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
 from cyclopts import Parameter
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, warn
+from rigctl.console import Json, note, warn
 from rigctl.verbs.options import (
     FilePath,
     FrameOptions,
@@ -193,7 +192,7 @@ class StokesResult(Result):
     @property
     def exit_code(self) -> int:
         """4 where the run is unsound, or none of its regions can be measured."""
-        from rigctl.console.failures import EXIT_DATA
+        from rigctl.console import EXIT_DATA
 
         return EXIT_DATA if self.refused or (self.regions and not self.measurement.regions) else 0
 

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Unpack
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.failures import EXIT_INCOMPLETE
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import warn
+from rigctl.console import EXIT_INCOMPLETE, Json, warn
 from rigctl.verbs.options import EngineOptions, FilePath, Writes, engine_of
 from rigctl.verbs.result import Part, Result
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note
+from rigctl.console import Json, note
 from rigctl.errors import ConfigError
 from rigctl.files.choices import DiffuseKind, Shadowing
 from rigctl.verbs.options import FilePath, Writes

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rigctl.console.json_text import Json
-from rigctl.console.terminal import note, solving_shown, steps_shown
+from rigctl.console import Json, note, solving_shown, steps_shown
 from rigctl.errors import ConfigError
 from rigctl.verbs.options import COMMA_SEPARATED, FilePath, Writes
 from rigctl.verbs.result import Part, Result

@@ -5,8 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigctl.console.failures import EXIT_DATA, EXIT_INCOMPLETE
-from rigctl.console.json_text import Json
+from rigctl.console import EXIT_DATA, EXIT_INCOMPLETE, Json
 from rigctl.verbs.options import RunPath
 from rigctl.verbs.result import Part, Result
 
@@ -82,7 +81,7 @@ class VerifiedRun(Result):
 def _with_progress(frames: "Sequence[FrameRecord]") -> "Iterable[FrameRecord]":
     from rich.progress import track
 
-    from rigctl.console.terminal import progress
+    from rigctl.console import progress
 
     return track(frames, description="verifying", console=progress(), transient=True)
 

@@ -22,7 +22,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from drivers.errors import DeviceError
-from rigctl.console.json_text import json_text
+from rigctl.console import json_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region
 from rigctl.runs.records import explain_invalid

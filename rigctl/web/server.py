@@ -32,7 +32,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
-from rigctl.console.terminal import warn
+from rigctl.console import warn
 from rigctl.errors import ConfigError
 
 Right = Literal["look", "act"]

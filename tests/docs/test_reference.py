@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from docs import reference_pages
 from model.effects.planner import EFFECTS
-from rigctl.console import failures
+from rigctl import console
 from rigctl.files.session_file import InterlockSection
 from rigctl.runs.records import FrameRecord
 from rigctl.session.interlocks import Name
@@ -62,7 +62,7 @@ def test_the_page_of_frames_has_every_field_of_a_record():
 
 def test_the_page_of_codes_has_every_exit_code_interlock_flag_check_and_effect():
     page = reference_pages.codes_page()
-    codes = [value for name, value in vars(failures).items() if name.startswith("EXIT_") and isinstance(value, int)]
+    codes = [value for name, value in vars(console).items() if name.startswith("EXIT_") and isinstance(value, int)]
     assert all(f"\n| {code} | " in page for code in codes)
     assert all(f"\n| `{name}` | `" in page for name in InterlockSection.model_fields)
     assert all(name in InterlockSection.model_fields for name in get_args(Name))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_CODES
+from rigctl.console import EXIT_CODES
 from rigctl.verbs.compare import compare_run
 from tests.hard_cases.cases import HardCase
 from tests.hard_cases.own_run import draw_run

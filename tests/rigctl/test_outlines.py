@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import DataError
 from rigctl.files.regions import Marker, Markers, Rectangle, Region, RegionsFile, load_regions
 from rigctl.outlines import follow_markers, grey_picture, moved_markers, search_markers

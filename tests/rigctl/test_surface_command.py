@@ -9,7 +9,7 @@ import pytest
 
 from model.surface.pbrdf import Surface, mueller
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_USAGE
+from rigctl.console import EXIT_USAGE
 from tests.rigctl.example_files import EXAMPLES
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -9,7 +9,7 @@ import pytest
 from astropy.io import fits
 
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from tests.rigctl.calibrations.polarizer_runs import (
     BLACK_DN,
     DIATTENUATION,

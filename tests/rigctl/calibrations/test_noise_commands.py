@@ -11,7 +11,7 @@ import pytest
 
 from rigctl.calibrations.noise import QUANTITIES, read_noise_file
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.runs.writer import RunWriter
 from rigctl.session.numbers import noise_numbers

@@ -26,7 +26,7 @@ from rigctl.calibrations.noise_frames import (
     table_frames,
 )
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.runs.writer import RunWriter
 from tests.rigctl.noise_sessions import SHAPE, SIGNALS_E, frames, write_emva_set, write_noise_run

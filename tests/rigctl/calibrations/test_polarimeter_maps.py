@@ -12,7 +12,7 @@ from calibration.results import CalibrationError
 from rigctl.calibrations import polarizer_scan as polarimeter_maps_module
 from rigctl.calibrations.polarizer_scan import PolarimeterMaps, polarimeter_maps
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_USAGE
+from rigctl.console import EXIT_USAGE
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
 from rigctl.runs.writer import RunWriter

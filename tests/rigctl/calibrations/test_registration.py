@@ -10,7 +10,7 @@ import pytest
 
 from rigctl.calibrations.registration import register_run
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA
+from rigctl.console import EXIT_DATA
 from rigctl.imports.images import ImportRequest
 from rigctl.runs.folder import read_run
 from rigctl.runs.writer import RunWriter

@@ -24,7 +24,7 @@ from rigctl.comparison.checks import (
     verdict_of,
 )
 from rigctl.comparison.rows import Row
-from rigctl.console.failures import EXIT_DATA
+from rigctl.console import EXIT_DATA
 from rigctl.files.regions import Region
 from rigctl.measure.measure import measure
 from tests.rigctl.made_runs import at, make_run

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.trials import uncertain_panels
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_USAGE
+from rigctl.console import EXIT_USAGE
 
 CHOSEN = ("regions.black.stokes_radiance.1", "rig.polarizer_offset_deg", "regions.white.stokes_radiance.0")
 WORDS = [word for key in CHOSEN for word in ("--input", key)]

@@ -11,7 +11,7 @@ from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.panel_response import PanelResponse, panel_response
-from rigctl.console.failures import EXIT_USAGE
+from rigctl.console import EXIT_USAGE
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure

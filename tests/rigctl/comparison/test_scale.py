@@ -16,7 +16,7 @@ from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.panel_response import panel_response, radiometric_content
 from rigctl.comparison.rows import Row
 from rigctl.comparison.scale import with_panel_scale
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measure.measure import measure

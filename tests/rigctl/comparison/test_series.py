@@ -11,7 +11,7 @@ import pytest
 import benchmarks.trials.uncertain_panels as panels
 from rigctl.cli import main
 from rigctl.comparison.series import ComparedSeries, require_one_instrument
-from rigctl.console.failures import EXIT_DATA
+from rigctl.console import EXIT_DATA
 from rigctl.errors import ConfigError, DataError
 from rigctl.report.pdf import pdf
 from rigctl.report.series import series_json, series_report

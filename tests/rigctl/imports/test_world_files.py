@@ -9,7 +9,7 @@ from astropy.io import fits
 from numpy.typing import NDArray
 
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.imports.images import constant_border
 from rigctl.runs.folder import read_run
 from tests.worldlike import Faults, World, expose

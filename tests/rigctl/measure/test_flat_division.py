@@ -16,7 +16,7 @@ from model.scene.scene import Readout
 from model.sensor import ChannelMoments
 from rigctl.calibrations.flat import FlatFields
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA
+from rigctl.console import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.frames import flat_remarks

@@ -11,7 +11,7 @@ import pytest
 
 from model.processing.reconstruction import design
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.measure.diagnose import diagnose_pictures
 from rigctl.measure.frames import FoundCorrections
 from rigctl.runs.folder import Run

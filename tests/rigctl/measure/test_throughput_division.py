@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from rigctl.calibrations.polarizer import PolarizerParameters
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA
+from rigctl.console import EXIT_DATA
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
 from rigctl.measure.measure import measure, temporal_noise, temporal_variance

@@ -7,7 +7,7 @@ import pytest
 
 from model.acquisition import Disturbances, Wanted
 from rigctl import cli
-from rigctl.console.failures import EXIT_USAGE
+from rigctl.console import EXIT_USAGE
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from rigctl.console.scrubbing import Scrubber
 from rigctl.errors import RunFolderError
 from rigctl.files.rig_file import load_rig
 from rigctl.runs.folder import read_run
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
-from rigctl.verbs.bundle import bundle
+from rigctl.verbs.bundle import Scrubber, bundle
 from tests.rigctl.example_files import small_rig_text, small_session
 
 # Planted below; none may be found in what is passed on.
@@ -36,8 +35,8 @@ SCRUBBER = Scrubber(names=(("janedoe", "USER"), ("lab-machine-7", "MACHINE")))
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a run with secrets in its files, its events and its frames."""
-    monkeypatch.setattr("rigctl.console.scrubbing.getpass.getuser", lambda: "janedoe")
-    monkeypatch.setattr("rigctl.console.scrubbing.platform.node", lambda: "lab-machine-7.example.org")
+    monkeypatch.setattr("rigctl.console.getpass.getuser", lambda: "janedoe")
+    monkeypatch.setattr("rigctl.console.platform.node", lambda: "lab-machine-7.example.org")
     text = small_rig_text(tmp_path)
     text += """
 [notify]

@@ -8,7 +8,7 @@ import pytest
 from astropy.io import fits
 
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA, EXIT_USAGE
+from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.verbs.look import look
 
 DOLP, AOLP_DEG = 0.4, 30.0

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigctl.cli import main
-from rigctl.console.failures import EXIT_DATA
+from rigctl.console import EXIT_DATA
 from tests.rigctl.example_files import EXAMPLES
 
 AXIS = {"schema_version": 2, "sense": -1, "offset_deg": {"value": 31.7, "std_error": 0.01}}
