@@ -31,8 +31,14 @@ from scipy.stats import qmc, sobol_indices
 from model.prediction import RegionPrediction, detections_of_sweep
 from model.quantities import is_counts
 from rigctl import mapped as on_dask
-from rigctl.base.arrays import read_arrays
-from rigctl.base.durable import MOST_RECORD_BYTES, MOST_TEXT_BYTES, flush_folder, read_bounded, write_durably
+from rigctl.base.durable import (
+    MOST_RECORD_BYTES,
+    MOST_TEXT_BYTES,
+    flush_folder,
+    read_arrays,
+    read_bounded,
+    write_durably,
+)
 from rigctl.base.numbers import utc_text
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ROC_KINDS

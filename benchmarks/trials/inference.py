@@ -28,8 +28,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.measure.diagnose import DiagnosedRun, diagnose_run
 from rigctl.measure.measure import measure
 from rigctl.runs.folder import Run
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import Scene
+from rigctl.scene.scene import Scene, scene_of_file
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rigctl.comparison.compare import compare_with_scene
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 
 ALPHA = 1e-3
 MOVED_STD = 5.0

@@ -15,7 +15,7 @@ from rigctl.files.choices import Interpolation
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 from rigctl.runs.folder import read_run
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from rigctl.session.take import take_session
 from tests.rigctl.session.test_mosaic_session import TAKES, mosaic_rig, mosaic_session
 

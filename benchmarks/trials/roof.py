@@ -21,7 +21,7 @@ from rigctl.files.session_file import SessionFile
 from rigctl.measure.measure import measure
 from rigctl.rig.simulation import with_simulation
 from rigctl.runs.folder import read_run
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from rigctl.session.take import take_session
 
 Hour = Literal["noon", "morning"]

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from model.surface.materials import material, surface_of
 from model.surface.pbrdf import Surface, mueller
 from model.surface.table import MeasuredTable
-from rigctl.files.brdf_table import read_brdf_table
+from rigctl.files.materials import read_brdf_table
 
 # Name of a parameter, where to look for it.
 FREE = {

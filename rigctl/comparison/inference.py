@@ -30,8 +30,7 @@ from model.processing import posterior as bayes
 from model.processing.posterior import Posterior, Problem
 from model.stokes import rotation
 from model.surface.pbrdf import Tilt, local_geometry
-from rigctl.base.arrays import read_arrays
-from rigctl.base.durable import write_durably
+from rigctl.base.durable import read_arrays, write_durably
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.comparison.checks import not_judged, refused_regions, registration_of, run_checks, titles, verdict_of
 from rigctl.comparison.compare import accuracy_at

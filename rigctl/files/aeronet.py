@@ -18,7 +18,7 @@ import numpy as np
 
 from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
 from rigctl.errors import ConfigError
-from rigctl.files.number_table import refuse
+from rigctl.files.csv_table import refuse
 
 _DEPTH = re.compile(r"AOD_(\d+)nm$")
 _INVERTED_DEPTH = re.compile(r"(?:AOD_Coincident_Input|AOD_Extinction-Total)\[(\d+)nm\]$")

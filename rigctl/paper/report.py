@@ -24,7 +24,7 @@ from rigctl.report.light import sky_picture
 from rigctl.report.output import html, write_folder
 from rigctl.report.prediction import laws_of
 from rigctl.report.table import Column, Shown, Table, text_columns
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from rigctl.scene.sky_map import sky_map
 
 if TYPE_CHECKING:

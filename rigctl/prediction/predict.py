@@ -22,7 +22,6 @@ from model.quantities import difference
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import ROC_KINDS, RocKind
 from rigctl.scene.light import SceneLight, build_scenario, camera_view, lit_scene, readout_of, sensor_of
-from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import (
     Inputs,
     acting_effects,
@@ -31,6 +30,7 @@ from rigctl.scene.scene import (
     only_uncertain,
     require_within,
     rig_errors,
+    scene_of_file,
     with_values,
 )
 

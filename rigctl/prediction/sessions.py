@@ -36,7 +36,7 @@ from rigctl.calibrations.noise import NoiseParameters
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.scene_file import SceneFile
 from rigctl.scene.light import SceneLight, build_scenario, readout_of
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 
 # The brightest counts go up to this share of the largest that the sensor gives.
 _FILLING = 0.8

@@ -12,8 +12,7 @@ from rigctl.base.durable import sha256_of, write_durably
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import SceneFile, SceneRegion, load_scene
 from rigctl.scene.light import build_scenario, readout_of, sun_text
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import with_values
+from rigctl.scene.scene import scene_of_file, with_values
 
 _NOT_OF_THE_TRUTH = {"sun", "geometry", "atmosphere", "field_of_view", "errors", "effects", "rig", "site"}
 

@@ -19,8 +19,7 @@ from rigctl.files.rig_file import RigFile, SimulatedCamera, SimulatedPolarizer
 from rigctl.files.scene_file import SceneFile, SunSection
 from rigctl.runs.records import SimulatedLight
 from rigctl.scene.light import SceneLight, build_scenario, readout_of, sun_text
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import Scene, get, parameters, with_value
+from rigctl.scene.scene import Scene, get, parameters, scene_of_file, with_value
 from rigctl.scene.sun import sun_position
 from sim_devices.world import RegionLight
 

@@ -37,8 +37,7 @@ from model.scene.scene import Air, LitRegion, LitScene, Readout, Scenario
 from model.sensor import Imperfections, Sensor, SensorNoise
 from model.surface.materials import surface_here
 from model.surface.pbrdf import Tilt
-from rigctl.base.arrays import read_arrays
-from rigctl.base.durable import MOST_RECORD_BYTES, read_bounded
+from rigctl.base.durable import MOST_RECORD_BYTES, read_arrays, read_bounded
 from rigctl.base.numbers import wrapped
 from rigctl.errors import ConfigError, DataError, as_config_error
 from rigctl.files.choices import Engine

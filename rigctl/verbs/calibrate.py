@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rigctl.calibrations.noise_calibration import FrameCalibration
     from rigctl.calibrations.noise_frames import FrameSet
     from rigctl.calibrations.registration import AngleShift, RunRegistration
-    from rigctl.comparison.panel_response import PanelResponse
+    from rigctl.comparison.scale import PanelResponse
 
 _BOARD = re.compile(r"(\d{1,3})x(\d{1,3})")
 _LEAST_CORNERS = 3
@@ -610,11 +610,11 @@ def radiometric(
     """
     from rigctl.calibrations.noise import NoiseParameters
     from rigctl.calibrations.record import write_content
-    from rigctl.comparison.panel_response import panel_response, radiometric_content
+    from rigctl.comparison.scale import panel_response, radiometric_content
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure
     from rigctl.runs.check import used_run
-    from rigctl.scene.reading import scene_of_file
+    from rigctl.scene.scene import scene_of_file
 
     content = scene_file_of(scene)
     record = used_run(Path(run), ignore_exclusions=frames.get("ignore_exclusions", False))

@@ -385,7 +385,7 @@ def read_scene_run(run: Path, scene: ScenePath | None, regions: RegionsPath | No
     from rigctl.measure.calibrations import picked_for_run, read_calibrations
     from rigctl.measure.diagnose import diagnosed
     from rigctl.runs.check import used_run
-    from rigctl.scene.reading import scene_of_file
+    from rigctl.scene.scene import scene_of_file
 
     paths = calibrations_of(options)
     model, drawn = _outlined(scene, regions, options)
@@ -421,7 +421,7 @@ def _outlined(
     scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions
 ) -> "tuple[SceneFile | None, list[Region]]":
     """Return scene and regions; those of a scene with the outlines of the regions file, where it has them."""
-    from rigctl.scene.reading import with_choices
+    from rigctl.scene.scene import with_choices
 
     drawn = regions_of(regions)
     if scene is None:

@@ -85,7 +85,7 @@ def detect(
     from rigctl.files.rig_file import unset_polarizer
     from rigctl.measure.measure import measure, signal_of_cycle
     from rigctl.runs.check import used_run
-    from rigctl.scene.reading import scene_of_file
+    from rigctl.scene.scene import scene_of_file
 
     if (regions is None) == (scene is None):
         raise ConfigError("give --regions FILE, or --scene SCENE.toml to predict from a scene")

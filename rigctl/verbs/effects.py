@@ -89,7 +89,7 @@ def effects(
     from rigctl.calibrations.noise import read_noise_file
     from rigctl.files.scene_file import load_scene
     from rigctl.scene.effects import plan_effects, verify_effects, with_sizes
-    from rigctl.scene.reading import scene_of_file, with_choices
+    from rigctl.scene.scene import scene_of_file, with_choices
 
     chosen = with_choices(
         load_scene(Path(file)),

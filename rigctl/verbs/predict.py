@@ -570,7 +570,7 @@ def _predictor(
     from rigctl.calibrations.store import NONE, picked_for_scene
     from rigctl.prediction.predict import ScenePredictor
     from rigctl.scene.light import SceneLight, require_engine
-    from rigctl.scene.reading import with_choices
+    from rigctl.scene.scene import with_choices
 
     engine, noise, radiometric = options.get("engine", "own"), options.get("noise"), options.get("radiometric")
     file = with_choices(

@@ -54,7 +54,7 @@ def sky(
     ConfigError
         The file states no sun and atmosphere, the sun is too low, or the engine is not installed.
     """
-    from rigctl.scene.reading import scene_of_file
+    from rigctl.scene.scene import scene_of_file
     from rigctl.scene.sky_map import skies_of_kinds, sky_map
 
     record, kinds = scene_of_file(scene_file_of(scene)), list["SkyOfKind"]()

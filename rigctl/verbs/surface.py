@@ -130,8 +130,8 @@ def _readings(
     import numpy as np
 
     from model.surface.materials import surface_of
+    from rigctl.files.csv_table import read_number_table
     from rigctl.files.materials import NM_PER_M, find_material
-    from rigctl.files.number_table import read_number_table
     from rigctl.scene.reflected_light import readings_at
 
     stated = find_material(name, beside=Path())

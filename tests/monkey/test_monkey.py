@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rigctl.verbs.headings import VERBS
+from rigctl.cli import VERBS
 from tests.monkey.cases import HEAVY, QUICK, SERVING, SLOW, Case, make_case
 from tests.monkey.judge import problems_of
 from tests.monkey.workspace import make_workspace

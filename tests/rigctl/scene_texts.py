@@ -1,7 +1,7 @@
 """A scene given by materials, as text, for tests: the fast tier, two regions."""
 
 from rigctl.files.scene_file import load_scene
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 
 SENSOR = """
 [sensor]

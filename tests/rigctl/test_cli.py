@@ -6,8 +6,8 @@ import pytest
 
 from drivers.errors import DeviceTimeoutError
 from rigctl import cli
+from rigctl.cli import HEADINGS, VERBS
 from rigctl.errors import ConfigError, DataError
-from rigctl.verbs.headings import HEADINGS, VERBS
 from tests.rigctl.example_files import EXAMPLES
 
 GROUPS = [verb for verbs in HEADINGS.values() for verb, (target, _) in verbs.items() if target is None]

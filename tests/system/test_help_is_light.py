@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import pytest
 
-from rigctl.verbs.headings import VERBS
+from rigctl.cli import VERBS
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.run_samples import noisy_counts
 
@@ -21,7 +21,7 @@ def help_of(*words):
     with contextlib.redirect_stdout(io.StringIO()):
         code = cli.main([*words, "--help"])
     found[" ".join(words)] = [code, [name for name in sys.argv[1:] if name in sys.modules]]
-from rigctl.verbs.headings import VERBS
+from rigctl.cli import VERBS
 for verb in VERBS:
     help_of(*verb.split())
 print(json.dumps(found))

@@ -95,7 +95,7 @@ def test_values_have_ranges(changes: dict, word: str) -> None:
 @pytest.mark.skipif(REAL_DATA is None, reason="set RIGCTL_REAL_DATA to the folder of measured data (ptfe_mueller)")
 def test_the_library_describes_measured_sintered_ptfe() -> None:
     from benchmarks.trials.white_panel import element_noise, judged, noise_of_dolp
-    from rigctl.files.brdf_table import read_brdf_table
+    from rigctl.files.materials import read_brdf_table
 
     data = read_brdf_table(Path(REAL_DATA or "") / "ptfe_mueller" / "PTFE.data.csv")
     rows = np.flatnonzero((np.abs(data.wavelength_m - 633e-9) < 1e-9) & (data.theta_i_rad > 0.1))

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from rigctl import cli
+from rigctl.cli import HEADINGS
 from rigctl.errors import ConfigError
 from rigctl.report.output import write_folder
-from rigctl.verbs.headings import HEADINGS
 from tests.rigctl.made_runs import at, make_run
 
 

@@ -9,7 +9,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
 from rigctl.rig.roof import PERTURBATIONS, perturbed
 from rigctl.runs.folder import read_run
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from rigctl.session.take import take_session
 from tests.rigctl.example_files import small_rig, small_session
 from tests.rigctl.made_runs import at, make_run

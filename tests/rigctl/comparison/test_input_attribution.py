@@ -11,7 +11,7 @@ from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.explain import _remark
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 
 
 def compared(

@@ -10,12 +10,12 @@ import pytest
 from rigctl.calibrations.made_for import MadeFor
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
-from rigctl.comparison.panel_response import PanelResponse, panel_response
+from rigctl.comparison.scale import PanelResponse, panel_response
 from rigctl.console import EXIT_USAGE
 from rigctl.errors import DataError
 from rigctl.files.scene_file import load_scene
 from rigctl.measure.measure import measure
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from tests.rigctl.comparison.panel_runs import panel_run, response_dn, scene_text
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -16,8 +16,7 @@ from rigctl.measure.measure import frame_order, measure
 from rigctl.runs.folder import Run
 from rigctl.runs.records import FrameRecord, RigAsTaken, SessionRecord
 from rigctl.runs.writer import RunWriter
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import OFFSET
+from rigctl.scene.scene import OFFSET, scene_of_file
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

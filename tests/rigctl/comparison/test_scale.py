@@ -13,16 +13,15 @@ from calibration.results import CalibrationError
 from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.cli import main
 from rigctl.comparison.compare import Comparison, compare_with_scene
-from rigctl.comparison.panel_response import panel_response, radiometric_content
 from rigctl.comparison.rows import Row
-from rigctl.comparison.scale import with_panel_scale
+from rigctl.comparison.scale import panel_response, radiometric_content, with_panel_scale
 from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import SceneFile, load_scene
 from rigctl.measure.measure import measure
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.report.comparison import compared_json
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from rigctl.verbs.compare import compare_run
 from tests.rigctl.comparison.panel_runs import panel_run, scene_text
 from tests.rigctl.scene_texts import written

@@ -8,7 +8,7 @@ import pytest
 from model.stokes import rotation
 from model.surface.pbrdf import Surface, mueller
 from rigctl.errors import ConfigError
-from rigctl.files.brdf_table import read_brdf_table
+from rigctl.files.materials import read_brdf_table
 
 SURFACE = Surface(n=1.5, slope_rms=0.4, dhr=0.5, diffuse="polarised")
 GEOMETRIES = np.array([[30.0, 40.0, 180.0], [60.0, 50.0, 130.0], [60.0, 50.0, -130.0], [10.0, 70.0, 20.0]])

@@ -13,8 +13,7 @@ from rigctl.prediction.sweep import Sweep, sweep_over
 from rigctl.report.light import light_json, phi_text
 from rigctl.report.sweep import sweep_csv, sweep_json, sweep_png, sweep_tables
 from rigctl.scene.light import SceneLight, SkyStore
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import gather
+from rigctl.scene.scene import gather, scene_of_file
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

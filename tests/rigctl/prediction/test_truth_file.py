@@ -6,7 +6,7 @@ import pytest
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.truth_file import write_truth
 from rigctl.scene.light import build_scenario, readout_of
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from tests.rigctl.example_files import EXAMPLES
 
 

@@ -12,8 +12,7 @@ from rigctl.files.rig_file import load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.rig.roof import CLOUD_S, LitRoof, changed_roof, cloud_factor
 from rigctl.rig.simulation import with_simulation
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import get
+from rigctl.scene.scene import get, scene_of_file
 from tests.rigctl.example_files import EXAMPLES
 
 MORNING_NS = 1_274_796_580 * NS_PER_S  # 2010-05-25T14:09:40Z

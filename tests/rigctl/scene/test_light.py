@@ -19,8 +19,7 @@ from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore, camera_view, read_sky_table
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import get, with_value, with_values
+from rigctl.scene.scene import get, scene_of_file, with_value, with_values
 from rigctl.scene.sun import response_band
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, scene_of, written

@@ -8,7 +8,6 @@ import pytest
 from rigctl.errors import ConfigError
 from rigctl.files.scene_file import load_scene
 from rigctl.scene.light import build_scenario, readout_of
-from rigctl.scene.reading import scene_of_file
 from rigctl.scene.scene import (
     ANGLE,
     EXPOSURE_RATIO,
@@ -18,6 +17,7 @@ from rigctl.scene.scene import (
     get,
     parameters,
     rig_errors,
+    scene_of_file,
     with_value,
     with_values,
 )

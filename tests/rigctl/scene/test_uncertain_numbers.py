@@ -9,8 +9,7 @@ from rigctl.files.scene_file import load_scene
 from rigctl.files.toml import with_std_apart
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
-from rigctl.scene.reading import scene_of_file
-from rigctl.scene.scene import gather, get
+from rigctl.scene.scene import gather, get, scene_of_file
 from tests.rigctl.example_files import EXAMPLES
 from tests.rigctl.scene_texts import SCENE, written
 

@@ -24,7 +24,7 @@ from rigctl.rig.rig import Rig, open_rig, require_cell
 from rigctl.runs.check import repair_run
 from rigctl.runs.folder import Run, read_run
 from rigctl.runs.records import FrameRecord
-from rigctl.scene.reading import scene_of_file
+from rigctl.scene.scene import scene_of_file
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.verify import verification_of
 from rigctl.web.rig import REST, LiveRig, Task

@@ -7,8 +7,7 @@ from model.effects.names import ALL, Effect
 from rigctl.cli import main
 from rigctl.files.scene_file import effect_names, effect_of, load_scene
 from rigctl.prediction.predict import ScenePredictor
-from rigctl.scene.reading import with_choices
-from rigctl.scene.scene import acting_effects
+from rigctl.scene.scene import acting_effects, with_choices
 from tests.rigctl.example_files import EXAMPLES, SMALL_SCENE
 
 PANELS = EXAMPLES / "scene-panels.toml"
