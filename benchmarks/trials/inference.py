@@ -25,8 +25,7 @@ from rigctl.comparison.inference import Evidence, gather_evidence, infer_inputs
 from rigctl.errors import DataError
 from rigctl.files.regions import Region
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.diagnose import DiagnosedRun, diagnose_run
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import MeasuredRun, measure_run
 from rigctl.runs.folder import Run
 from rigctl.scene.scene import Scene, scene_of_file
 
@@ -91,11 +90,10 @@ exposure_ms = 0.03
 {regions}"""
 
 
-def seen_run(run: Run, scene: Scene) -> DiagnosedRun:
+def seen_run(run: Run, scene: Scene) -> MeasuredRun:
     """Return a run, measured in the regions of a scene."""
     regions = [Region(name=one.name, rectangle=one.given.rectangle) for one in scene.regions]
-    measurement = measure(run, regions=regions)
-    return DiagnosedRun(measurement=measurement, diagnosis=diagnose_run(measurement), remarks=())
+    return measure_run(run, regions)
 
 
 def panels_draw(seed: int) -> dict[str, float]:

@@ -11,7 +11,7 @@ from benchmarks.trials.uncertain_panels import STATED, drawn_truth, scene_text, 
 from rigctl.comparison.compare import compare_with_scene
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from rigctl.scene.scene import scene_of_file
 
 ALPHA = 1e-3
@@ -39,7 +39,7 @@ def one_seed(seed: int, *, moved: str | None = None) -> Outcome:
         path.write_text(scene_text())
         scene = load_scene(path)
         run = take_run(folder / "run", drawn_truth(draws, moved=moved, by_std=MOVED_STD), draws)
-        found = compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(scene), alpha=ALPHA)
+        found = compare_with_scene(measure_run(run, list(scene.regions)), scene_of_file(scene), alpha=ALPHA)
     attribution = found.attribution
     if attribution is None or attribution.best is None:
         raise RuntimeError("a scene with uncertain inputs has to have an explanation")

@@ -13,7 +13,7 @@ from benchmarks.trials.harness import are_normal, over
 from rigctl.comparison.compare import compare_with_scene
 from rigctl.files.choices import Interpolation
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from rigctl.runs.folder import read_run
 from rigctl.scene.scene import scene_of_file
 from rigctl.session.take import take_session
@@ -32,7 +32,7 @@ def scores(interpolation: Interpolation, seed: int) -> tuple[bool, dict[tuple[st
         session = mosaic_session(name=f"trial {seed}", take=[TAKES[0], {**TAKES[2], "cycles": 4}])
         take_session(rig, session, folder / "run", files={})
         scene = load_scene(folder / "scene.toml")
-        measured = measure(read_run(folder / "run"), regions=list(scene.regions))
+        measured = measure_run(read_run(folder / "run"), list(scene.regions))
         found = compare_with_scene(measured, scene_of_file(scene), alpha=0.001)
         off: dict[tuple[str, str], list[float]] = defaultdict(list)
         for row in found.rows:

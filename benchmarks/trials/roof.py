@@ -1,7 +1,7 @@
 """Simulated roofs at noon and in the morning: are scores standard normal in each row, are changes of the roof named?"""
 
 from collections import Counter, defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from itertools import product
@@ -11,14 +11,13 @@ from typing import Literal
 from benchmarks.trials.harness import are_normal, over, scratch
 from model.surface.materials import MATERIALS, properties
 from rigctl.base.numbers import unix_ns
-from rigctl.comparison.checks import registration_of, run_checks
 from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.explain import InputAttribution
 from rigctl.files.choices import ROOF_CHANGES, RoofChange
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from rigctl.rig.simulation import with_simulation
 from rigctl.runs.folder import read_run
 from rigctl.scene.scene import scene_of_file
@@ -95,9 +94,9 @@ def roof_comparison(folder: Path, *, hour: Hour, seed: int, perturb: RoofChange 
     session = SessionFile.model_validate(_SESSION | {"name": f"{hour}-{seed}"})
     take_session(_rig(path, hour, seed, perturb), session, folder / "run", files={})
     scene = load_scene(path)
-    measurement = measure(read_run(folder / "run"), regions=list(scene.regions))
-    found = compare_with_scene(measurement, scene_of_file(scene), alpha=ALPHA)
-    return replace(found, checks=run_checks(measurement, registration_of(measurement)))
+    return compare_with_scene(
+        measure_run(read_run(folder / "run"), list(scene.regions)), scene_of_file(scene), alpha=ALPHA
+    )
 
 
 _SESSION = {

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.pictures import Registration, register
-from calibration.results import CalibrationError
+from calibration.polarimeter.pictures import Registration
 from model.effects.names import Effect
 from model.moments import Moments
 from model.processing.agreement import RankCorrelation, chi_square_tail, rank_correlation
@@ -27,7 +26,7 @@ from model.sensor import drifting_light
 from model.stokes import dolp
 from rigctl.base.numbers import p_value
 from rigctl.imports.levels import histogram, odd_pattern, saturation_plateau
-from rigctl.measure.diagnose import RunDiagnosis, diagnose_run
+from rigctl.measure.diagnose import MeasuredRun, RunDiagnosis
 from rigctl.measure.measure import Measurement, frame_order, signal_of_cycle
 
 if TYPE_CHECKING:
@@ -74,23 +73,13 @@ class Check:
         return self.name.removesuffix(f" of {self.region}")
 
 
-def registration_of(measurement: Measurement) -> Registration | str:
-    """Return the shifts of a run's pictures against the first, or why they cannot be measured."""
-    try:
-        return register(measurement.channels, ~(measurement.saturated | measurement.missing))
-    except CalibrationError as error:
-        return str(error)
-
-
-def run_checks(
-    measurement: Measurement, registration: Registration | str, diagnosis: RunDiagnosis | None = None
-) -> tuple[Check, ...]:
-    """Return every check of a run; `registration` is the result of `registration_of`."""
-    found = diagnose_run(measurement) if diagnosis is None else diagnosis
+def run_checks(run: MeasuredRun) -> tuple[Check, ...]:
+    """Return every check of a run."""
+    measurement = run.measurement
     return (
         *_pair_sums(measurement),
-        _linear(found),
-        _registration(measurement, registration),
+        _linear(run.diagnosis),
+        _registration(measurement, run.registration),
         _drift(measurement),
         *_usable(measurement),
         *_at_ends(measurement),
@@ -312,8 +301,9 @@ def _slope(measurement: Measurement) -> tuple[float, float]:
     return slope, float(np.sqrt(left @ left / (cycles - 2) / (time @ time)))
 
 
-def shown_effects(measurement: Measurement, registration: Registration | str) -> dict[Effect, tuple[float, float]]:
+def shown_effects(run: MeasuredRun) -> dict[Effect, tuple[float, float]]:
     """Return size and standard error of the effects that the run itself shows: drift and misregistration."""
+    measurement, registration = run.measurement, run.registration
     found: dict[Effect, tuple[float, float]] = {}
     if measurement.grid.cycles >= 3 and measurement.regions:
         found[Effect.DRIFT] = _slope(measurement)

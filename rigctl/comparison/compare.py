@@ -1,18 +1,17 @@
 """A run compared with the model, number by number, with one verdict.
 
-`compare_run_with_model` does all of it. With a scene, `rigctl.comparison.predict_run` predicts the run;
-`rigctl.comparison.rows` sets each predicted number next to the measured one, with the errors of both, and decides by
-Holm's rule. Numerical settings are then chosen so that numerical errors are far below those of the rows. Without a
-scene, noise model and DoLP law predict the run from its own means and texture. Checks of the run itself
-(`rigctl.comparison.checks`) tell which regions can be judged at all.
+With a scene (`compare_with_scene`), `rigctl.comparison.predict_run` predicts the run; `rigctl.comparison.rows` sets
+each predicted number next to the measured one, with the errors of both, and decides by Holm's rule. Numerical settings
+are chosen so that numerical errors are far below those of the rows. Without a scene (`compare_with_itself`), noise
+model and DoLP law predict the run from its own means and texture. Checks of the run (`rigctl.comparison.checks`) tell
+which regions can be judged at all.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import copysign, hypot, inf, radians
-from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +27,7 @@ from model.processing.samples import Sample, check_dolp_distribution, deviation
 from model.quantities import SHARES, angle_of, counts_name, is_counts
 from model.scene.field import FieldLight
 from model.sensor import ChannelMoments
-from rigctl.base.durable import sha256_of
 from rigctl.base.numbers import wrapped
-from rigctl.calibrations.noise import NoiseParameters
-from rigctl.calibrations.radiometric import RadiometricResponse
 from rigctl.comparison.checks import (
     AGREES,
     Cause,
@@ -43,7 +39,6 @@ from rigctl.comparison.checks import (
     nothing_tested,
     refused_regions,
     region_verdicts,
-    registration_of,
     run_checks,
     shown_effects,
     trends_of,
@@ -74,11 +69,10 @@ from rigctl.comparison.rows import (
     with_run_errors,
 )
 from rigctl.comparison.scale import Scale, scale_inputs
+from rigctl.console import Json
 from rigctl.errors import ConfigError, as_config_error
 from rigctl.files.choices import ScaleKind
-from rigctl.files.regions import Region
-from rigctl.measure.calibrations import PickedCalibrations
-from rigctl.measure.diagnose import DiagnosedRun, RunDiagnosis
+from rigctl.measure.diagnose import MeasuredRun
 from rigctl.measure.measure import (
     MeasuredRegion,
     Measurement,
@@ -95,6 +89,7 @@ from rigctl.prediction.predict import (
     performance_of,
     propagate_numbers,
 )
+from rigctl.runs.records import monitor_traces, read_events
 from rigctl.scene.effects import plan_effects
 from rigctl.scene.light import lit_scene, sensor_of
 from rigctl.scene.scene import Inputs, Scene, acting_effects, only_uncertain
@@ -114,19 +109,6 @@ _NOT_LINEAR = 0.03
 _LONGEST_S = 10.0
 # How many hardly tested numbers of a region are listed at the head of a report; its tables have all.
 _MOST_LISTED = 4
-
-
-@dataclass(frozen=True, kw_only=True)
-class UsedFile:
-    """A file that a result rests on."""
-
-    path: Path
-    sha256: str
-
-
-def used_file(path: Path) -> UsedFile:
-    """Return a file with its hash."""
-    return UsedFile(path=path, sha256=sha256_of(path))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -233,7 +215,7 @@ class Comparison:
 
     #: "scene": predicted from a scene file. "closed loop": predicted from the run's own means and texture.
     kind: Literal["scene", "closed loop"]
-    measurement: Measurement
+    run: MeasuredRun  #: measurement, regions, calibrations and faults of the run itself
     alpha: float  #: family-wise error rate: chance that any row is called a disagreement where all agree
     rows: tuple[Row, ...]
     points_to: tuple[Cause, ...]  #: causes that would show as the disagreements do; `ADVICE` has a sentence for each
@@ -247,17 +229,17 @@ class Comparison:
     attribution: InputAttribution | None = None
     unstated: tuple[UnstatedEffect, ...] = ()  #: effects that nobody stated, the largest first
     trends: tuple[Trend, ...] = ()  #: whether the order of numbers is as predicted; empty without a scene
-    #: uncertainty of each region's polarization by cause
-    budgets: dict[str, RegionBudget] = field(default_factory=dict)
-    checks: tuple[Check, ...] = ()  #: whether the run is sound, before any model
-    unjudged: dict[str, str] = field(default_factory=dict)  #: region that cannot be judged to the reason
-    run_diagnosis: RunDiagnosis | None = None  #: faults that the redundancy of the run's angles shows
+    budgets: dict[str, RegionBudget]  #: uncertainty of each region's polarization by cause
+    checks: tuple[Check, ...]  #: whether the run is sound, before any model
+    unjudged: dict[str, str]  #: region that cannot be judged to the reason
     lights: dict[str, FieldLight] = field(default_factory=dict)  #: of the regions that are given by a material
-    outlines: tuple[Region, ...] = ()  #: regions as they were drawn
-    noise: NoiseParameters | None = None  #: the noise calibration
-    picked: PickedCalibrations | None = None  #: which calibrations were picked from the store
     accuracy: NumericalAccuracy | None = None  #: effects and numerical settings that were chosen; None without a scene
-    files: dict[str, UsedFile] = field(default_factory=dict)  #: by role, such as "scene"
+    files: dict[str, dict[str, Json]] = field(default_factory=dict)  #: path and sha256 by role, such as "scene"
+
+    @property
+    def measurement(self) -> Measurement:
+        """The numbers of the run."""
+        return self.run.measurement
 
     @cached_property
     def performance(self) -> Performance:
@@ -303,141 +285,148 @@ class Comparison:
 _MOST_TRIED = 3
 
 
-def compare_run_with_model(
-    seen: DiagnosedRun,
-    regions: list[Region],
-    *,
-    scene: Scene | None,
-    noise: NoiseParameters | None,
-    alpha: float,
-    scale: ScaleKind = "absolute",
-    radiometric: RadiometricResponse | None = None,
-    rule: EffectRule = "safe",
-    tolerance: float | None = None,
-) -> Comparison:
-    """Compare a run that was measured and diagnosed with a scene, or without one with its own means.
-
-    The numerical tolerance to begin with is chosen unless it is given.
-    """
-    if scene is None:
-        return _judged(compare_closed_loop(seen.measurement, noise=noise, alpha=alpha), seen, regions)
-    run = run_predictor(seen.measurement, scene)
-    made = _to_its_errors(
-        run,
-        alpha=alpha,
-        scale=scale,
-        radiometric=radiometric,
-        rule=rule,
-        tolerance=tolerance or _FIRST_TOLERANCE,
-    )
-    return _with_unstated(_judged(made, seen, regions), run)
-
-
-def _to_its_errors(
-    run: RunPredictor,
-    *,
-    alpha: float,
-    scale: ScaleKind,
-    radiometric: RadiometricResponse | None,
-    rule: EffectRule,
-    tolerance: float,
-) -> Comparison:
-    """Return a comparison with a scene whose numerical errors are far below those of its rows."""
-
-    def compared(tried: NumericalAccuracy, coarser: Comparison | None = None) -> tuple[Comparison, NumericalAccuracy]:
-        predictor = replace(run.without(tried.left_out), settings=tried.predicted.result.settings)
-        made = _with_prediction(predictor, alpha=alpha, scale=scale, radiometric=radiometric, coarser=coarser)
-        return made, tried.of_rows(made.rows, made.predictions)
-
-    comparison, accuracy = compared(accuracy_at(run, tolerance, rule))
-    # The errors of the first comparison's rows decide the tolerance of a second comparison.
-    chosen = accuracy
-    for _ in range(_MOST_TRIED):
-        if chosen.next_tolerance is None:
-            break
-        finer = accuracy_at(run, chosen.next_tolerance, rule).of_rows(comparison.rows, comparison.predictions)
-        # Without finer settings, as for very deep air, a smaller tolerance changes nothing.
-        if finer.share >= chosen.share:
-            break
-        chosen = finer
-    if chosen is not accuracy:
-        comparison, accuracy = compared(chosen, comparison)
-    return replace(comparison, remarks=(*comparison.remarks, accuracy.remark), accuracy=accuracy)
-
-
 def compare_with_scene(
-    measurement: Measurement,
+    run: MeasuredRun,
     scene: Scene,
     *,
     alpha: float,
     scale: ScaleKind = "absolute",
-    radiometric: RadiometricResponse | None = None,
+    rule: EffectRule = "safe",
+    tolerance: float | None = None,
+    files: dict[str, dict[str, Json]] | None = None,
 ) -> Comparison:
-    """Compare a run with what a scene predicts for it, with the numerical settings of its file."""
-    predictor = run_predictor(measurement, scene)
-    return _with_prediction(predictor, alpha=alpha, scale=scale, radiometric=radiometric)
+    """Compare a run with a scene; the numerical tolerance to begin with is chosen unless it is given."""
+    measurement, stated = run.measurement, run_predictor(run.measurement, scene)
+    accuracy = accuracy_at(stated, tolerance or _FIRST_TOLERANCE, rule)
+    found = _with_prediction(_at_accuracy(stated, accuracy), run, alpha=alpha, scale=scale)
+    accuracy = accuracy.of_rows(found.rows, found.predictions)
+    # The errors of the first rows decide the tolerance of a second prediction.
+    finer = _finer(stated, accuracy, found, rule)
+    if finer is not None:
+        found = _with_prediction(_at_accuracy(stated, finer), run, alpha=alpha, scale=scale, coarser=found)
+        accuracy = finer.of_rows(found.rows, found.predictions)
+    predictor, inputs, uncertain, scale_used = found.predictor, found.inputs, only_uncertain(found.inputs), found.scale
+    coarse = [
+        name
+        for name, prediction in found.predictions.items()
+        if name in measurement.regions and is_coarse(prediction, measurement.regions[name], measurement)
+    ]
+    not_tested = (*_not_tested(measurement, inputs.scene, scale_used, uncertain), *_too_coarse(coarse))
+    checks, unjudged = _judged(run, found.rows, not_tested)
+    rows = without_decisions(found.rows, unjudged)
+    unstated = _unstated(run, stated, accuracy, rows)
+    budgets = scene_budgets(
+        found.predictions,
+        measurement,
+        inputs=inputs,
+        rows=found.rows,
+        propagation=found.propagation,
+        uncertain=uncertain,
+    )
+    return Comparison(
+        kind="scene",
+        run=run,
+        alpha=alpha,
+        rows=rows,
+        points_to=diagnose(found.rows),
+        predictions=found.predictions,
+        remarks=(
+            *_of_run(run),
+            *inputs.scene.remarks,
+            scale_used.remark,
+            *_overruled(inputs.scene, measurement, predictor.exposure_s),
+            *predictor.remarks,
+            *predictor.light.remarks(inputs.scene),
+            *model_warnings(found.predictions),
+            *curved_inputs(found.propagation, uncertain),
+            accuracy.remark,
+            *unstated_lines(unstated, disagrees=any(row.agrees is False for row in rows)),
+        ),
+        not_tested=not_tested,
+        scale=scale_used,
+        inputs=uncertain,
+        propagation=found.propagation,
+        attribution=attribute_residuals(
+            found.rows, propagation=found.propagation, inputs=uncertain, measurement=measurement
+        ),
+        unstated=unstated,
+        trends=trends_of(found.rows, found.propagation.cov, measurement),
+        budgets=with_run_errors(budgets, run, found.predictions),
+        checks=checks,
+        unjudged=unjudged,
+        lights=predictor.lights(inputs.scene),
+        accuracy=accuracy,
+        files=files or {},
+    )
+
+
+class _Predicted(NamedTuple):
+    """A run with its prediction: decided rows, and what they were made from."""
+
+    predictor: RunPredictor
+    inputs: Inputs
+    scale: Scale
+    predictions: dict[str, RegionPrediction]
+    propagation: Propagation
+    rows: tuple[Row, ...]
 
 
 def _with_prediction(
-    predictor: RunPredictor,
-    *,
-    alpha: float,
-    scale: ScaleKind = "absolute",
-    radiometric: RadiometricResponse | None = None,
-    coarser: Comparison | None = None,
-) -> Comparison:
-    """Compare a run with its prediction; errors of the inputs are those of a coarser comparison of the same rows."""
-    measurement, predicted = predictor.measurement, predictor.predictions
+    predictor: RunPredictor, run: MeasuredRun, *, alpha: float, scale: ScaleKind, coarser: _Predicted | None = None
+) -> _Predicted:
+    """Predict a run and decide its rows; errors of the inputs are those of a coarser prediction of the same rows."""
+    measurement, predicted = run.measurement, predictor.predictions
     inputs, scale_used = scale_inputs(
-        scale, predictor.inputs, measurement=measurement, radiometric=radiometric, predicted=predicted
+        scale,
+        predictor.inputs,
+        measurement=measurement,
+        radiometric=run.calibrations.radiometric,
+        predicted=predicted,
     )
     predictions = predicted(inputs.values)
     rows = tuple(_paired(predictions, measurement))
-    uncertain = only_uncertain(inputs)
-    propagation = _known_propagation(coarser, rows)
-    if propagation is None:
+    if coarser is not None and [row.key for row in coarser.rows] == [row.key for row in rows]:
+        propagation = coarser.propagation
+    else:
         propagation = propagate_numbers({row.key: row.predicted for row in rows}, inputs, predicted)
     errors = np.sqrt(np.maximum(np.diag(propagation.cov), 0.0))
     all_scored = tuple(scored(row, error) for row, error in zip(rows, errors, strict=True))
     decided = decide(with_joint_scores(all_scored, predictions, measurement, propagation.cov), alpha=alpha)
-    coarse = [
-        name
-        for name, prediction in predictions.items()
-        if name in measurement.regions and is_coarse(prediction, measurement.regions[name], measurement)
-    ]
-    assumed = (
-        *inputs.scene.remarks,
-        scale_used.remark,
-        *_overruled(inputs.scene, measurement, predictor.exposure_s),
-        *predictor.remarks,
-        *predictor.light.remarks(inputs.scene),
-    )
-    return Comparison(
-        kind="scene",
-        measurement=measurement,
-        alpha=alpha,
-        rows=decided,
-        points_to=diagnose(decided),
-        predictions=predictions,
-        remarks=(*assumed, *model_warnings(predictions), *curved_inputs(propagation, uncertain)),
-        not_tested=(*_not_tested(measurement, inputs.scene, scale_used, uncertain), *_too_coarse(coarse)),
-        scale=scale_used,
-        inputs=uncertain,
-        propagation=propagation,
-        attribution=attribute_residuals(decided, propagation=propagation, inputs=uncertain, measurement=measurement),
-        trends=trends_of(decided, propagation.cov, measurement),
-        budgets=scene_budgets(
-            predictions, measurement, inputs=inputs, rows=decided, propagation=propagation, uncertain=uncertain
-        ),
-        lights=predictor.lights(inputs.scene),
-    )
+    return _Predicted(predictor, inputs, scale_used, predictions, propagation, decided)
 
 
-def _known_propagation(coarser: Comparison | None, rows: tuple[Row, ...]) -> Propagation | None:
-    """Return the propagation of a coarser comparison if it has the same rows."""
-    if coarser is None or [row.key for row in coarser.rows] != [row.key for row in rows]:
-        return None
-    return coarser.propagation
+def _at_accuracy(run: RunPredictor, accuracy: NumericalAccuracy) -> RunPredictor:
+    return replace(run.without(accuracy.left_out), settings=accuracy.predicted.result.settings)
+
+
+def _finer(
+    run: RunPredictor, accuracy: NumericalAccuracy, found: _Predicted, rule: EffectRule
+) -> NumericalAccuracy | None:
+    """Return finer settings that bring the numerical errors far below those of the rows; None where none are needed."""
+    chosen = accuracy
+    for _ in range(_MOST_TRIED):
+        if chosen.next_tolerance is None:
+            break
+        finer = accuracy_at(run, chosen.next_tolerance, rule).of_rows(found.rows, found.predictions)
+        # Without finer settings, as for very deep air, a smaller tolerance changes nothing.
+        if finer.share >= chosen.share:
+            break
+        chosen = finer
+    return None if chosen is accuracy else chosen
+
+
+def _judged(
+    run: MeasuredRun, rows: Sequence[Row], not_tested: Sequence[str], unpredicted: Mapping[str, str] | None = None
+) -> tuple[tuple[Check, ...], dict[str, str]]:
+    """Return the checks of a run, and the regions that cannot be judged, each with the reason."""
+    checks = (*run_checks(run), *nothing_tested(rows, not_tested))
+    return checks, run.measurement.unmeasured | dict(unpredicted or {}) | refused_regions(checks)
+
+
+def _of_run(run: MeasuredRun) -> tuple[str, ...]:
+    """Return how the run was measured: its calibrations, its corrections, and what monitors recorded."""
+    traces = monitor_traces(read_events(run.measurement.run.path))
+    return (*run.calibrations.picked.lines, *run.remarks, *(trace.line for trace in traces))
 
 
 def _paired(predictions: Mapping[str, RegionPrediction], measurement: Measurement) -> Iterable[Row]:
@@ -465,51 +454,22 @@ def _weakly_tested(rows: Sequence[Row]) -> str:
     return f"a difference would have been detected (with a probability of 90 %) in {listed}{more}"
 
 
-def _judged(comparison: Comparison, seen: DiagnosedRun, regions: list[Region]) -> Comparison:
-    """Return a comparison with the checks and faults of the run, and the regions that cannot be judged."""
-    measurement, diagnosis = seen.measurement, seen.diagnosis
-    registration = registration_of(measurement)
-    checks = (
-        *run_checks(measurement, registration, diagnosis),
-        *nothing_tested(comparison.rows, comparison.not_tested),
-    )
-    unjudged = measurement.unmeasured | comparison.unjudged | refused_regions(checks)
-    return replace(
-        comparison,
-        rows=without_decisions(comparison.rows, unjudged),
-        checks=checks,
-        budgets=with_run_errors(
-            comparison.budgets,
-            measurement,
-            comparison.predictions,
-            regions=regions,
-            registration=registration,
-            diagnosis=diagnosis,
-        ),
-        unjudged=unjudged,
-        run_diagnosis=diagnosis,
-    )
-
-
-def _with_unstated(comparison: Comparison, run: RunPredictor) -> Comparison:
-    """Return a comparison with the effects that are not stated, of the sizes that the run shows or that are usual."""
-    accuracy, scene = comparison.accuracy, run.inputs.scene
-    if accuracy is None:
-        return comparison
-    shown = shown_effects(run.measurement, registration_of(run.measurement))
-    sensor = sensor_of(scene, run.exposure_s)
+def _unstated(
+    run: MeasuredRun, predictor: RunPredictor, accuracy: NumericalAccuracy, rows: tuple[Row, ...]
+) -> tuple[UnstatedEffect, ...]:
+    """Return the effects that are not stated, of the sizes that the run shows or that are usual."""
+    scene, shown = predictor.inputs.scene, shown_effects(run)
+    sensor = sensor_of(scene, predictor.exposure_s)
     with as_config_error(f"scene {scene.name}"):
         whole, others = with_unstated(
-            lit_scene(scene, sensor=sensor, readout=run.readout),
+            lit_scene(scene, sensor=sensor, readout=predictor.readout),
             accuracy.effects,
             accuracy.predicted.result.settings,
-            store=run.light.lights,
+            store=predictor.light.lights,
             ranges={effect: (value, value + copysign(2.0 * error, value)) for effect, (value, error) in shown.items()},
         )
     predicted = [(effect, other.predictions) for effect, other in others]
-    unstated = unstated_effects(comparison.rows, whole.predictions, predicted, shown)
-    lines = unstated_lines(unstated, disagrees=bool(comparison.disagreements))
-    return replace(comparison, unstated=unstated, remarks=(*comparison.remarks, *lines))
+    return unstated_effects(rows, whole.predictions, predicted, shown)
 
 
 def accuracy_at(run: RunPredictor, tolerance: float, rule: EffectRule) -> NumericalAccuracy:
@@ -623,13 +583,16 @@ def _too_coarse(regions: Sequence[str]) -> tuple[str, ...]:
     return (f"the DoLP of single pixels of {', '.join(regions)}: {text}",)
 
 
-def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | None, alpha: float) -> Comparison:
-    """Compare the pixels of each region with the prediction by its own channel means and texture."""
+def compare_with_itself(
+    run: MeasuredRun, *, alpha: float, files: dict[str, dict[str, Json]] | None = None
+) -> Comparison:
+    """Compare the pixels of each region of a run with the prediction by its own channel means and texture."""
+    measurement, noise = run.measurement, run.calibrations.noise
     calibrated = None if noise is None else temporal_noise(noise)
     rows: list[Row] = []
     remarks: list[str] = [] if calibrated is None else list(calibrated.remarks)
     predictions: dict[str, RegionPrediction] = {}
-    unjudged: dict[str, str] = {}
+    unpredicted: dict[str, str] = {}
     same: dict[str, list[str]] = {}
     coarse: list[str] = []
     for name, region in measurement.regions.items():
@@ -637,7 +600,7 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
             loop = _RegionLoop(name, region, measurement, calibrated)
             own_rows, own_remarks = loop.rows(), loop.remarks()
         except (ValueError, ArithmeticError) as error:
-            unjudged[name] = f"its numbers cannot be predicted: {error}"
+            unpredicted[name] = f"its numbers cannot be predicted: {error}"
             continue
         predictions[name] = loop.prediction
         coarse += [name] if loop.is_coarse else []
@@ -645,25 +608,28 @@ def compare_closed_loop(measurement: Measurement, *, noise: NoiseParameters | No
         remarks += own_remarks
         same.setdefault(loop.one_number(), []).append(name)
     decided, light = decide(tuple(rows), alpha=alpha), measurement.run.session.simulated_light
+    not_tested = (
+        *_NOT_TESTED,
+        *(f"{', '.join(regions)}: {numbers}: {_ONE_NUMBER}" for numbers, regions in same.items() if numbers),
+        *_too_coarse(coarse),
+        *(("temporal noise: no noise calibration was given",) if calibrated is None else ()),
+        *(() if light is None else light.caution),
+    )
+    checks, unjudged = _judged(run, decided, not_tested, unpredicted)
+    gain_dn_per_e = None if calibrated is None else float(calibrated.values[0])
     return Comparison(
         kind="closed loop",
-        measurement=measurement,
+        run=run,
         alpha=alpha,
-        rows=decided,
+        rows=without_decisions(decided, unjudged),
         points_to=diagnose(decided, is_of_law=True),
         predictions=predictions,
+        remarks=(*_of_run(run), *remarks),
+        not_tested=not_tested,
+        budgets=with_run_errors(run_budgets(predictions, measurement, gain_dn_per_e=gain_dn_per_e), run, predictions),
+        checks=checks,
         unjudged=unjudged,
-        budgets=run_budgets(
-            predictions, measurement, gain_dn_per_e=None if calibrated is None else float(calibrated.values[0])
-        ),
-        remarks=tuple(remarks),
-        not_tested=(
-            *_NOT_TESTED,
-            *(f"{', '.join(regions)}: {numbers}: {_ONE_NUMBER}" for numbers, regions in same.items() if numbers),
-            *_too_coarse(coarse),
-            *(("temporal noise: no noise calibration was given",) if calibrated is None else ()),
-            *(() if light is None else light.caution),
-        ),
+        files=files or {},
     )
 
 

@@ -31,15 +31,14 @@ from model.processing.posterior import Posterior, Problem
 from model.stokes import rotation
 from model.surface.pbrdf import Tilt, local_geometry
 from rigctl.base.durable import read_arrays, write_durably
-from rigctl.calibrations.radiometric import RadiometricResponse
-from rigctl.comparison.checks import not_judged, refused_regions, registration_of, run_checks, titles, verdict_of
+from rigctl.comparison.checks import not_judged, refused_regions, run_checks, titles, verdict_of
 from rigctl.comparison.compare import accuracy_at
 from rigctl.comparison.predict_run import RunPredictor, run_predictor
 from rigctl.comparison.scale import panel_scaled, without_throughput
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.choices import ScaleKind
 from rigctl.mapped import code_version
-from rigctl.measure.diagnose import DiagnosedRun
+from rigctl.measure.diagnose import MeasuredRun
 from rigctl.measure.measure import Measurement
 from rigctl.scene.light import SceneLight, camera_view, sun_azimuth_rad
 from rigctl.scene.scene import Inputs, Parameter, Scene, get, only_uncertain
@@ -110,18 +109,17 @@ class Inference:
 
 
 def gather_evidence(
-    seen: Sequence[DiagnosedRun],
+    measured: Sequence[MeasuredRun],
     scenes: Sequence[Scene],
     *,
     chosen: Sequence[str] = (),
     scale: ScaleKind = "absolute",
-    radiometric: RadiometricResponse | None = None,
     discrepancy: float = 0.02,
 ) -> Evidence:
     """Return what runs of a scene say of its inputs; `scenes` is the scene with the noise calibration of each run."""
     runs = [
-        _taken_run(one, scene, scale=scale, radiometric=radiometric, discrepancy=discrepancy)
-        for one, scene in zip(seen, scenes, strict=True)
+        _taken_run(one, scene, scale=scale, discrepancy=discrepancy)
+        for one, scene in zip(measured, scenes, strict=True)
     ]
     used = [run for run in runs if run.regions]
     if not used:
@@ -346,17 +344,10 @@ class _Run:
         return np.array([sun, camera]), rotation(float(local.reflected_rotation_rad) + view.roll_rad)[1:, 1:]
 
 
-def _taken_run(
-    seen: DiagnosedRun,
-    scene: Scene,
-    *,
-    scale: ScaleKind,
-    radiometric: RadiometricResponse | None,
-    discrepancy: float,
-) -> _Run:
-    measurement = seen.measurement
+def _taken_run(run: MeasuredRun, scene: Scene, *, scale: ScaleKind, discrepancy: float) -> _Run:
+    measurement, radiometric = run.measurement, run.calibrations.radiometric
     name, inverse = measurement.run.path.resolve().name, measurement.plan.inverse
-    checks = run_checks(measurement, registration_of(measurement), seen.diagnosis)
+    checks = run_checks(run)
     if verdict_of((), checks, {}) == "cannot_be_judged":
         raise DataError(f"{measurement.run.path}: {not_judged(checks)}")
     predictor = run_predictor(measurement, scene)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.pictures import Registration
 from model.moments import Moments
 from model.numerics import ndtri
 from model.prediction import RegionPrediction, budget, noise_causes, shift_cause
@@ -22,8 +21,8 @@ from model.processing.reconstruction import channel_ratios, normalized_moments, 
 from model.processing.samples import Sample
 from model.quantities import difference, is_counts, ratio_name
 from model.sensor import ChannelMoments
-from rigctl.files.regions import Region, inner_masks, masks
-from rigctl.measure.diagnose import RunDiagnosis
+from rigctl.files.regions import inner_masks, masks
+from rigctl.measure.diagnose import MeasuredRun, RunDiagnosis
 from rigctl.measure.measure import MeasuredRegion, Measurement
 from rigctl.prediction.predict import NumberKey
 from rigctl.scene.scene import ANGLE, DRIFT, OFFSET, Inputs
@@ -286,23 +285,18 @@ def run_budgets(
 
 
 def with_run_errors(
-    budgets: Mapping[str, RegionBudget],
-    measurement: Measurement,
-    predictions: Mapping[str, RegionPrediction],
-    *,
-    regions: list[Region],
-    registration: Registration | str,
-    diagnosis: RunDiagnosis,
+    budgets: Mapping[str, RegionBudget], run: MeasuredRun, predictions: Mapping[str, RegionPrediction]
 ) -> dict[str, RegionBudget]:
     """Return budgets with what the run shows of itself: misregistration, and the faults of its diagnosis.
 
     Misregistration is left out where it is not known, or where a registration was given.
     """
+    measurement, registration = run.measurement, run.registration
     known = {name: parts for name, parts in budgets.items() if parts}
     shifts: dict[str, RegionBudget] = {}
     if measurement.shifts is None and not isinstance(registration, str):
-        outer = masks(regions, width=measurement.grid.width, height=measurement.grid.height)
-        inside = inner_masks(regions, outer, least_px=reach_px(measurement.run.session.interpolation))
+        outer = masks(run.regions, width=measurement.grid.width, height=measurement.grid.height)
+        inside = inner_masks(run.regions, outer, least_px=reach_px(measurement.run.session.interpolation))
         sizes = np.hypot(registration.shift_pixels, registration.std_error_pixels)
         for name in known:
             cause = shift_cause(measurement.channels, inside[name], shift_pixels=sizes)
@@ -310,7 +304,7 @@ def with_run_errors(
             shifts[name] = budget(mean_dn, {"registration": cause}, plan=measurement.plan)
     return dict(budgets) | {
         name: {
-            quantity: causes | shifts.get(name, {}).get(quantity, {}) | _faults(diagnosis, name, quantity)
+            quantity: causes | shifts.get(name, {}).get(quantity, {}) | _faults(run.diagnosis, name, quantity)
             for quantity, causes in known[name].items()
         }
         for name in known

@@ -13,11 +13,12 @@ from rigctl.comparison.checks import (
     Trend,
     trend,
 )
-from rigctl.comparison.compare import Comparison, UsedFile
+from rigctl.comparison.compare import Comparison
 from rigctl.comparison.rows import (
     Row,
     off_prediction,
 )
+from rigctl.console import Json
 from rigctl.errors import DataError
 from rigctl.prediction.predict import NumberKey
 from rigctl.runs.folder import Run
@@ -48,7 +49,7 @@ class ComparedSeries:
     drifts: tuple[SeriesDrift, ...]
     trends: tuple[Trend, ...]
     alpha: float  #: family-wise error rate: chance of any false disagreement over all runs
-    scene: UsedFile  #: the scene file of all
+    scene: dict[str, Json]  #: path and sha256 of the scene file of all
 
     @property
     def agrees(self) -> bool | None:

@@ -1,9 +1,9 @@
 """The calibrations of a run: named by options or picked from the store, read, and found to be of its devices.
 
-`picked_for_run` says which files, and why not others; `read_calibrations` reads them, with doubts in words.
+`picked_for_run` says which files, and why not others; `calibrations_of_run` reads them too, with doubts in words.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -26,25 +26,15 @@ from rigctl.calibrations.store import (
 )
 from rigctl.console import Json
 from rigctl.errors import ConfigError
-from rigctl.files.regions import Region
 from rigctl.files.rig_file import PLACEHOLDER
 from rigctl.measure.frames import (
-    FoundCorrections,
     FrameGrid,
-    Throughput,
     arrange,
     flat_division,
-    flat_remarks,
     frame_shifts,
     throughput_of,
 )
-from rigctl.measure.measure import Measurement, measure
 from rigctl.runs.folder import Run
-
-_MOVED = (
-    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
-    "fixed pattern of single pixels are smoothed too, and their prediction is not"
-)
 
 _Content = TypeVar("_Content")
 _Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
@@ -52,9 +42,9 @@ _Read = Callable[[Path, Run], tuple[_Content, tuple[str, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationPaths:
-    """Files of calibrations, None is not given; a registration that helps no edges is used only if that is forced."""
+    """Files of calibrations; None is not given."""
 
-    noise: Path | None = None  #: Files that are named.
+    noise: Path | None = None
     radiometric: Path | None = None
     registration: Path | None = None
     flat: Path | None = None
@@ -83,35 +73,31 @@ class CalibrationPaths:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class PickedCalibrations(RigPicks):
+    """Calibrations of a run: those that were named, and those that were picked from the store."""
+
+    paths: CalibrationPaths = CalibrationPaths()  #: all of them
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunCalibrations:
-    """Contents of calibration files, as far as there are any, and doubts about using them for a run, in words."""
+    """Calibrations of a run: which they are, their contents, and doubts about using them for it, in words."""
 
-    noise: NoiseParameters | None
-    radiometric: RadiometricResponse | None
-    registration: ImageRegistration | None
-    flats: FlatFields | None
-    polarizer: PolarizerParameters | None
-    doubts: tuple[str, ...]
-    force_registration: bool = False
-
-    def measure(self, run: Run, regions: list[Region], found: FoundCorrections | None = None) -> Measurement:
-        """Return what a run measured, processed with them, and corrected by what it shows of itself."""
-        return measure(
-            run,
-            regions=regions,
-            noise=self.noise,
-            registration=self.registration,
-            flats=self.flats,
-            polarizer=self.polarizer,
-            found=found,
-            may_measure_none=True,
-        )
+    picked: PickedCalibrations = PickedCalibrations()
+    noise: NoiseParameters | None = None
+    radiometric: RadiometricResponse | None = None
+    registration: ImageRegistration | None = None
+    flats: FlatFields | None = None
+    polarizer: PolarizerParameters | None = None
+    doubts: tuple[str, ...] = ()
 
 
-def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
-    """Return the calibrations of a run."""
-    doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and paths.polarizer is None else []
+def calibrations_of_run(paths: CalibrationPaths, run: Run, kinds: Sequence[CalibrationKind]) -> RunCalibrations:
+    """Return the calibrations of a run; of some kinds, those that are not named are picked from the store."""
+    picked = picked_for_run(paths, run, kinds)
+    used = picked.paths
+    doubts = [f"{run.path}: {PLACEHOLDER}"] if run.session.polarizer.placeholder and used.polarizer is None else []
 
     def read(path: Path | None, reader: _Read[_Content]) -> _Content | None:
         if path is None:
@@ -121,61 +107,18 @@ def read_calibrations(paths: CalibrationPaths, run: Run) -> RunCalibrations:
         return content
 
     return RunCalibrations(
-        noise=read(paths.noise, NoiseParameters.read_fitting),
-        radiometric=read(paths.radiometric, RadiometricResponse.read_fitting),
-        registration=read(paths.registration, ImageRegistration.read_fitting),
-        flats=read(paths.flat, FlatFields.read_fitting),
-        polarizer=read(paths.polarizer, PolarizerParameters.read_fitting),
+        picked=picked,
+        noise=read(used.noise, NoiseParameters.read_fitting),
+        radiometric=read(used.radiometric, RadiometricResponse.read_fitting),
+        registration=read(used.registration, ImageRegistration.read_fitting),
+        flats=read(used.flat, FlatFields.read_fitting),
+        polarizer=read(used.polarizer, PolarizerParameters.read_fitting),
         doubts=tuple(doubts),
-        force_registration=paths.force_registration,
-    )
-
-
-def correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple[str, ...]:
-    """Return what was done to frames by calibrations and to regions by their repeats, in words."""
-    done = measurement.corrections
-    return (
-        *_of_repeats(measurement),
-        *(() if done.throughput is None else (_of_throughput(done.throughput),)),
-        *(() if done.flat is None else flat_remarks(done.flat, regions)),
-        *(() if done.shifts is None else (_MOVED,)),
-    )
-
-
-# Less drift than this share of the light from cycle to cycle is not worth a word.
-_SMALL_DRIFT = 1e-3
-
-
-def _of_repeats(measurement: Measurement) -> Iterable[str]:
-    """Return which pixels the repeats of a run show to be hit, and what light that drifts was divided by."""
-    for name, region in measurement.regions.items():
-        if region.hit and measurement.grid.cycles > 1:
-            yield (
-                f"{name}: {region.hit} of {region.hit + region.pixels} pixels were hit in single frames, as by cosmic "
-                "rays or pixels that jump; they are left out"
-            )
-        drift = region.repeatability.drift
-        if abs(drift) > _SMALL_DRIFT:
-            yield f"{name}: the light drifts by {drift:+.2%} a cycle; that is divided out"
-
-
-def _of_throughput(throughput: Throughput) -> str:
-    values = throughput.value.tolist()
-    return (
-        f"frames were divided by the throughput of their angle, {min(values):.4f} to {max(values):.4f}, known to "
-        f"{throughput.error.max():.2%}"
     )
 
 
 # As many folders above a run are looked into for its rig file.
 _ABOVE = 3
-
-
-@dataclass(frozen=True, kw_only=True)
-class PickedCalibrations(RigPicks):
-    """Calibrations of a run: those that were named, and those that were picked from the store."""
-
-    paths: CalibrationPaths  #: all of them
 
 
 def calibration_paths(

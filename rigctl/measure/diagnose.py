@@ -1,19 +1,21 @@
 """Faults that a run shows of itself, by the redundancy of its angles; and the run corrected for them.
 
 Four angles or more over-determine the Stokes parameters. `diagnose_run` tells faults apart that leave a residual:
-throughput, dark level, shift, response and others (`model.processing.diagnosis`). `diagnosed` measures a run, diagnoses
-it, and corrects it for the faults that were found, on request. `recalibrated` is a run as if it had been taken with
-other calibrations.
+throughput, dark level, shift, response and others (`model.processing.diagnosis`). `measure_run` measures a run with its
+calibrations, diagnoses it, and corrects it for the faults that were found, on request. `recalibrated` is a run as if it
+had been taken with other calibrations.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.polarimeter.pictures import moved_back
+from calibration.polarimeter.pictures import Registration, moved_back, register
+from calibration.results import CalibrationError
 from model.processing.diagnosis import Diagnosis, Term, consequence, diagnose
 from model.processing.fault_fit import PER_FRAME
 from model.processing.mosaic import coarse_pictures
@@ -22,9 +24,22 @@ from rigctl.calibrations.made_for import CalibrationKind
 from rigctl.calibrations.polarizer import PolarizerParameters, read_polarizer_file
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.regions import Region
-from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, RunCalibrations, picked_for_run
+from rigctl.measure.calibrations import (
+    CalibrationPaths,
+    PickedCalibrations,
+    RunCalibrations,
+    picked_for_run,
+)
 from rigctl.measure.faults import FaultTerm, fault_lines, fault_title
-from rigctl.measure.frames import FoundCorrections, FrameGrid, FrameShifts, Throughput, moved_edges, region_slopes
+from rigctl.measure.frames import (
+    FoundCorrections,
+    FrameGrid,
+    FrameShifts,
+    Throughput,
+    flat_remarks,
+    moved_edges,
+    region_slopes,
+)
 from rigctl.measure.measure import Measurement, measure, signal_of_cycle
 from rigctl.runs.folder import Run
 from rigctl.runs.records import PolarizerAsTaken, RigAsTaken
@@ -376,25 +391,100 @@ def _numbers(values: FloatArray, digits: str) -> str:
     return ", ".join(format(value, digits) for value in values.tolist())
 
 
+_MOVED = (
+    "frames were moved to lie on one another, bilinearly: the prediction of temporal noise follows that; texture and "
+    "fixed pattern of single pixels are smoothed too, and their prediction is not"
+)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DiagnosedRun:
-    """A run, measured and diagnosed."""
+class MeasuredRun:
+    """A run that was measured in regions with its calibrations, and diagnosed."""
 
-    measurement: Measurement  #: after the corrections
+    measurement: Measurement  #: after all corrections
+    regions: list[Region]  #: as they were drawn
+    calibrations: RunCalibrations
     diagnosis: RunDiagnosis
-    remarks: tuple[str, ...]  #: corrections in words
+    remarks: tuple[str, ...]  #: doubts about the calibrations, and how frames were corrected
+
+    @cached_property
+    def registration(self) -> Registration | str:
+        """Shifts of the pictures against the first, or why they cannot be measured."""
+        measurement = self.measurement
+        try:
+            return register(measurement.channels, ~(measurement.saturated | measurement.missing))
+        except CalibrationError as error:
+            return str(error)
 
 
-def diagnosed(run: Run, regions: list[Region], given: RunCalibrations, *, correct: Sequence[str]) -> DiagnosedRun:
-    """Return a run measured with its calibrations, diagnosed, and corrected by what was found."""
-    measurement = given.measure(run, regions)
-    moved = _registered(measurement, force=given.force_registration)
-    diagnosis = diagnose_run(measurement)
-    if not correct:
-        return DiagnosedRun(measurement=measurement, diagnosis=diagnosis, remarks=moved)
-    found = _helpful(measurement, found_faults(measurement.grid, diagnosis, correct), force=given.force_registration)
-    corrected = given.measure(run, regions, found)
-    return DiagnosedRun(measurement=corrected, diagnosis=diagnose_run(corrected), remarks=(*moved, *found.remarks))
+def measure_run(
+    run: Run, regions: list[Region], calibrations: RunCalibrations | None = None, *, correct: Sequence[str] = ()
+) -> MeasuredRun:
+    """Measure a run with its calibrations, diagnose it, and correct it for the faults of some names."""
+    given = RunCalibrations() if calibrations is None else calibrations
+    is_forced = given.picked.paths.force_registration
+
+    def measured(found: FoundCorrections | None = None) -> Measurement:
+        return measure(
+            run,
+            regions=regions,
+            noise=given.noise,
+            registration=given.registration,
+            flats=given.flats,
+            polarizer=given.polarizer,
+            found=found,
+            may_measure_none=True,
+        )
+
+    measurement = measured()
+    remarks, diagnosis = _registered(measurement, force=is_forced), diagnose_run(measurement)
+    if correct:
+        found = _helpful(measurement, found_faults(measurement.grid, diagnosis, correct), force=is_forced)
+        measurement = measured(found)
+        remarks, diagnosis = (*remarks, *found.remarks), diagnose_run(measurement)
+    return MeasuredRun(
+        measurement=measurement,
+        regions=regions,
+        calibrations=given,
+        diagnosis=diagnosis,
+        remarks=(*given.doubts, *remarks, *_correction_remarks(measurement, regions)),
+    )
+
+
+def _correction_remarks(measurement: Measurement, regions: list[Region]) -> tuple[str, ...]:
+    """Return what was done to frames by calibrations and to regions by their repeats, in words."""
+    done = measurement.corrections
+    return (
+        *_of_repeats(measurement),
+        *(() if done.throughput is None else (_of_throughput(done.throughput),)),
+        *(() if done.flat is None else flat_remarks(done.flat, regions)),
+        *(() if done.shifts is None else (_MOVED,)),
+    )
+
+
+# Less drift than this share of the light from cycle to cycle is not worth a word.
+_SMALL_DRIFT = 1e-3
+
+
+def _of_repeats(measurement: Measurement) -> Iterable[str]:
+    """Return which pixels the repeats of a run show to be hit, and what light that drifts was divided by."""
+    for name, region in measurement.regions.items():
+        if region.hit and measurement.grid.cycles > 1:
+            yield (
+                f"{name}: {region.hit} of {region.hit + region.pixels} pixels were hit in single frames, as by cosmic "
+                "rays or pixels that jump; they are left out"
+            )
+        drift = region.repeatability.drift
+        if abs(drift) > _SMALL_DRIFT:
+            yield f"{name}: the light drifts by {drift:+.2%} a cycle; that is divided out"
+
+
+def _of_throughput(throughput: Throughput) -> str:
+    values = throughput.value.tolist()
+    return (
+        f"frames were divided by the throughput of their angle, {min(values):.4f} to {max(values):.4f}, known to "
+        f"{throughput.error.max():.2%}"
+    )
 
 
 def _registered(measurement: Measurement, *, force: bool) -> tuple[str, ...]:

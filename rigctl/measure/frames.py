@@ -2,18 +2,19 @@
 
 `arrange` finds which frame is which; `find_dark_level` what is taken off. `Corrections` are, in this order: the
 throughput of the polarizer at an angle, flat fields, and a registration that moves frames to lie on one another; each
-says what it does to noise. `CorrectedFrames` reads frames one by one and keeps what is known of all of them.
+says what it does to noise. `corrected_frames` gives a reader of frames, one by one, that keeps what is known of all.
 """
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.pictures import edges_left, moved_back
 from model.counts import ROUNDING_VAR_DN2
+from model.processing.mosaic import variance_factor
 from model.quantities import counts_name
 from rigctl.base.numbers import wrapped
 from rigctl.calibrations.flat import FlatFields
@@ -341,7 +342,7 @@ class Throughput:
     error: FloatArray
 
 
-def together(one: Throughput | None, other: Throughput | None) -> Throughput | None:
+def _together(one: Throughput | None, other: Throughput | None) -> Throughput | None:
     """Return two throughputs as one; None where there is none."""
     if one is None or other is None:
         return one or other
@@ -597,3 +598,34 @@ class CorrectedFrames:
             self.missing |= self.corrections.touched(~received, record)
         self.saturated |= self.corrections.touched(received & (counts >= record.saturation_dn), record)
         self.at_zero |= received & (counts == 0)
+
+
+def corrected_frames(
+    run: Run,
+    grid: FrameGrid,
+    *,
+    noise: NoiseParameters | None,
+    registration: ImageRegistration | None,
+    flats: FlatFields | None,
+    polarizer: PolarizerParameters | None,
+    found: FoundCorrections | None,
+) -> CorrectedFrames:
+    """Return a reader of a run's frames, corrected by calibrations and by the faults that the run itself shows."""
+    dark_level = find_dark_level(run, grid, noise)
+    throughput = None if polarizer is None else throughput_of(grid, polarizer)
+    shifts = None if found is None else found.shifts
+    if shifts is None and registration is not None:
+        shifts = frame_shifts(run, grid, registration)
+    if found is not None and found.dark is not None:
+        dark_level = replace(
+            dark_level,
+            level_dn=dark_level.level_dn + found.dark / grid.to_unit,
+            source=f"{dark_level.source}; and what the run itself shows of single angles",
+        )
+    corrections = Corrections(
+        throughput=_together(throughput, None if found is None else found.throughput),
+        flat=None if flats is None else flat_division(grid, flats),
+        shifts=shifts,
+        interpolated=variance_factor(run.session.interpolation),
+    )
+    return CorrectedFrames(run, grid, dark_level, corrections)

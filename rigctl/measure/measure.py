@@ -25,7 +25,7 @@ from model.moments import Moments, propagate_linear
 from model.processing import dolp
 from model.processing.dolp_interval import aolp_limits_rad, dolp_intervals, is_polarized, student_intervals
 from model.processing.maps import Float32Array, polarization_maps
-from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px, variance_factor
+from model.processing.mosaic import Interpolation, deviation_inflation, mean_inflation, reach_px
 from model.processing.reconstruction import Design, aolp_moments_rad, channel_ratios, design, normalized_moments
 from model.processing.samples import (
     Hits,
@@ -61,11 +61,7 @@ from rigctl.measure.frames import (
     FrameGrid,
     FrameShifts,
     arrange,
-    find_dark_level,
-    flat_division,
-    frame_shifts,
-    throughput_of,
-    together,
+    corrected_frames,
 )
 from rigctl.runs.folder import Run
 
@@ -165,16 +161,11 @@ def measure(
     stated = run.session.polarizer.extinction_ratio
     extinction_ratio = np.inf if stated is None else stated
     plan = _plan(run, grid, extinction_ratio)
-    dark_level = find_dark_level(run, grid, noise)
-    if found is not None and found.dark is not None:
-        dark_level = replace(
-            dark_level,
-            level_dn=dark_level.level_dn + found.dark / grid.to_unit,
-            source=f"{dark_level.source}; and what the run itself shows of single angles",
-        )
     outer = masks(regions, width=grid.width, height=grid.height)
     inside = inner_masks(regions, outer, least_px=reach_px(run.session.interpolation))
-    frames = CorrectedFrames(run, grid, dark_level, _corrections(run, grid, registration, flats, polarizer, found))
+    frames = corrected_frames(
+        run, grid, noise=noise, registration=registration, flats=flats, polarizer=polarizer, found=found
+    )
     measured, unmeasured = _measured_regions(outer, inside, frames, _repeats(inside, frames, plan), plan, found)
     if unmeasured and not measured and not may_measure_none:
         raise DataError("; ".join(dict.fromkeys(unmeasured.values())))
@@ -183,7 +174,7 @@ def measure(
         grid=grid,
         plan=plan,
         extinction_ratio=extinction_ratio,
-        dark_level=dark_level,
+        dark_level=frames.dark_level,
         channels=frames.sums / grid.cycles,
         saturated=frames.saturated,
         missing=frames.missing,
@@ -221,27 +212,6 @@ def _plan(run: Run, grid: FrameGrid, extinction_ratio: float) -> Design:
         return design(grid.polarizer_angles_rad, extinction_ratio)
     except ValueError as error:
         raise DataError(f"{run.path}: its polarizer angles do not give Stokes parameters: {error}") from error
-
-
-def _corrections(
-    run: Run,
-    grid: FrameGrid,
-    registration: ImageRegistration | None,
-    flats: FlatFields | None,
-    polarizer: PolarizerParameters | None,
-    found: FoundCorrections | None,
-) -> Corrections:
-    """Return the corrections by calibrations, and by the faults that the run itself shows."""
-    throughput = None if polarizer is None else throughput_of(grid, polarizer)
-    shifts = None if found is None else found.shifts
-    if shifts is None and registration is not None:
-        shifts = frame_shifts(run, grid, registration)
-    return Corrections(
-        throughput=together(throughput, None if found is None else found.throughput),
-        flat=None if flats is None else flat_division(grid, flats),
-        shifts=shifts,
-        interpolated=variance_factor(run.session.interpolation),
-    )
 
 
 # Pixels of regions over all frames are held up to this size; where they are more, frames are read twice.

@@ -354,7 +354,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "diagnosis": {
             "points_to": list(comparison.points_to),
             "advice": [ADVICE[cause] for cause in comparison.points_to],
-            **diagnosis_json(comparison.run_diagnosis),
+            **diagnosis_json(comparison.run.diagnosis),
         },
         "statistics": STATISTICS,
         "unit": measurement.grid.unit,
@@ -373,7 +373,7 @@ def compared_json(comparison: Comparison) -> dict[str, Json]:
         "not_tested": list(comparison.not_tested),
         "accuracy": None if comparison.accuracy is None else _accuracy(comparison.accuracy),
         "provenance": provenance_json(comparison),
-        **({} if comparison.picked is None else comparison.picked.as_json()),
+        **comparison.run.calibrations.picked.as_json(),
         **annotations_of(measurement.run, measurement.grid.left_out),
     }
 
@@ -619,7 +619,7 @@ def comparison_report(comparison: Comparison) -> Report:
         verdict=Verdict(good=comparison.agrees is True, text=_headline(comparison)),
         sections=[
             _summary(comparison),
-            _pictures(measurement, comparison.outlines),
+            _pictures(measurement, comparison.run.regions),
             *_attributed(comparison),
             *_disagreements(comparison),
             Section(title="What the verdict rests on", blocks=(Bullets(items=tuple(_reasons(comparison))),)),
@@ -634,7 +634,7 @@ def comparison_report(comparison: Comparison) -> Report:
             *_strength(comparison),
             *_numbers(comparison, measurement),
             *_limits_section(comparison),
-            *_calibration(comparison.noise),
+            *_calibration(comparison.run.calibrations.noise),
             *_sources(comparison),
         ],
     )
@@ -849,7 +849,7 @@ def _effects(effects: NumericalAccuracy | None) -> Iterable[Section]:
 
 def _by_itself(comparison: Comparison) -> Iterable[Section]:
     blocks: tuple[Block, ...] = (check_table(comparison.checks),)
-    found = comparison.run_diagnosis
+    found = comparison.run.diagnosis
     if found is not None and found.terms:
         blocks += (
             Paragraph(

@@ -89,7 +89,7 @@ def provenance_json(found: Comparison) -> dict[str, Json]:
     told = {
         "program": f"rigctl {VERSION}",
         "run": {"path": str(run.path), "created_by": run.created_by, "created_utc": run.created_utc},
-        "files": {what: {"path": str(file.path), "sha256": file.sha256} for what, file in found.files.items()},
+        "files": found.files,
         "settings": {"alpha": found.alpha, "scale": "absolute" if found.scale is None else found.scale.kind},
         "machine": _machine(),
         "session": run.session_json,

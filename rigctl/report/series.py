@@ -126,7 +126,7 @@ def series_json(series: ComparedSeries) -> dict[str, Json]:
         "schema_version": SCHEMA_VERSION,
         "agrees": series.agrees,
         "alpha": series.alpha,
-        "scene": {"path": str(series.scene.path), "sha256": series.scene.sha256},
+        "scene": series.scene,
         "runs": [_run_json(comparison) for comparison in series.comparisons],
         "drifts": [
             {"region": d.region, "quantity": d.quantity, "z": d.z, "per_hour": asdict(d.line)} for d in series.drifts

@@ -282,7 +282,8 @@ class Scrubber:
 
     def content(self, content: Json) -> Json:
         """Return what JSON holds, without secrets and names."""
-        return rewritten(content, text=self.text, value=_without_secret)
+        found: Json = rewritten(content, text=self.text, value=_without_secret)
+        return found
 
     def toml(self, text: str) -> str:
         """Return a file that a person wrote, without secrets and names; its comments are kept."""

@@ -1,7 +1,7 @@
 """`rigctl compare`: a run, or several, against the model, with a verdict."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
@@ -24,12 +24,11 @@ from rigctl.verbs.options import (
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.comparison.compare import Comparison, UsedFile
+    from rigctl.comparison.compare import Comparison
     from rigctl.comparison.series import ComparedSeries
     from rigctl.files.regions import Region
     from rigctl.files.scene_file import SceneFile
-    from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations, RunCalibrations
-    from rigctl.measure.diagnose import DiagnosedRun
+    from rigctl.measure.diagnose import MeasuredRun
     from rigctl.scene.scene import Scene
 
 _FILES = (
@@ -130,8 +129,7 @@ def _report(comparison: "Comparison") -> None:
     from rigctl.files.rig_file import PLACEHOLDER
 
     run = comparison.measurement.run
-    if comparison.picked is not None:
-        comparison.picked.report()
+    comparison.run.calibrations.picked.report()
     if run.session.polarizer.placeholder:
         warn(f"{run.path}: {PLACEHOLDER}")
     if comparison.agrees is None:
@@ -148,8 +146,8 @@ class ComparisonResult(Result):
     def __repr__(self) -> str:
         from rigctl.measure.calibrations import named_calibrations
 
-        found = self.comparison
-        return f"<comparison of {found.measurement.run.path}: {_short(found)}{named_calibrations(found.picked)}>"
+        found, named = self.comparison, named_calibrations(self.comparison.run.calibrations.picked)
+        return f"<comparison of {found.measurement.run.path}: {_short(found)}{named}>"
 
     @property
     def agrees(self) -> bool | None:
@@ -166,7 +164,7 @@ class ComparisonResult(Result):
         """Calibrations by kind: file, sha256, why, age_days; empty where there is no store."""
         from rigctl.measure.calibrations import calibrations_json
 
-        return calibrations_json(self.comparison.picked)
+        return calibrations_json(self.comparison.run.calibrations.picked)
 
     @property
     def exit_code(self) -> int:
@@ -314,8 +312,7 @@ def _of_run(found: "Comparison") -> Iterable[str]:
     from rigctl.comparison.checks import said_of, unjudged_lines
     from rigctl.measure.faults import term_text
 
-    if found.run_diagnosis is not None:
-        yield from (f"the run shows {term_text(term)}" for term in found.run_diagnosis.mentioned)
+    yield from (f"the run shows {term_text(term)}" for term in found.run.diagnosis.mentioned)
     shown = ("flagged",) if found.agrees is None else ("flagged", "refused")
     yield from (f"{title}: {text}" for title, text in said_of(found.checks, *shown))
     if found.agrees is not None:
@@ -331,75 +328,37 @@ def compare_run(
     **options: Unpack[CompareOptions],
 ) -> "Comparison":
     """Compare one run with the model; the numerical tolerance to begin with is chosen unless it is given."""
-    from rigctl.comparison.compare import compare_run_with_model
-    from rigctl.measure.calibrations import correction_remarks
-    from rigctl.runs.records import monitor_traces, read_events
+    from rigctl.comparison.compare import compare_with_itself, compare_with_scene
 
     require_possible(scene, regions, options)
-    read = read_scene_run(run, scene, regions, options)
-    model, drawn, given, seen = read.model, read.outlines, read.calibrations, read.seen
-    scale = options.get("scale", "absolute")
-    if model is None and (scale != "absolute" or given.radiometric is not None):
+    measured, model = read_scene_run(run, scene, regions, options)
+    scale, files = options.get("scale", "absolute"), _used_files(run, scene, regions, measured)
+    if model is not None:
+        rule = options.get("effects") or "safe"
+        return compare_with_scene(
+            measured, model, alpha=_alpha(options), scale=scale, rule=rule, tolerance=tolerance, files=files
+        )
+    if scale != "absolute" or measured.calibrations.radiometric is not None:
         raise ConfigError("--scale and --radiometric are for a comparison with a scene file")
-    made = compare_run_with_model(
-        seen,
-        drawn,
-        scene=model,
-        noise=given.noise,
-        alpha=_alpha(options),
-        scale=scale,
-        radiometric=given.radiometric,
-        rule=options.get("effects") or "safe",
-        tolerance=tolerance,
-    )
-    return replace(
-        made,
-        remarks=(
-            *read.picked.lines,
-            *given.doubts,
-            *seen.remarks,
-            *correction_remarks(seen.measurement, drawn),
-            *(trace.line for trace in monitor_traces(read_events(seen.measurement.run.path))),
-            *made.remarks,
-        ),
-        outlines=tuple(drawn),
-        noise=given.noise,
-        picked=read.picked,
-        files=_used_files(run, scene, regions, read.picked.paths),
-    )
+    return compare_with_itself(measured, alpha=_alpha(options), files=files)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneRun:
-    """A run, measured in the regions of a scene."""
-
-    model: "Scene | None"  #: the scene with the run's noise calibration; None where there is none
-    outlines: "list[Region]"
-    picked: "PickedCalibrations"
-    calibrations: "RunCalibrations"
-    seen: "DiagnosedRun"
-
-
-def read_scene_run(run: Path, scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions) -> SceneRun:
-    """Read a run with its calibrations, and measure the regions of a scene or of a regions file."""
-    from rigctl.measure.calibrations import picked_for_run, read_calibrations
-    from rigctl.measure.diagnose import diagnosed
+def read_scene_run(
+    run: Path, scene: ScenePath | None, regions: RegionsPath | None, options: ScaledOptions
+) -> "tuple[MeasuredRun, Scene | None]":
+    """Measure a run in the regions of a scene or of a regions file; return it, and the scene with its noise."""
+    from rigctl.measure.calibrations import calibrations_of_run
+    from rigctl.measure.diagnose import MEASURED_WITH, measure_run
     from rigctl.runs.check import used_run
     from rigctl.scene.scene import scene_of_file
 
     paths = calibrations_of(options)
     model, drawn = _outlined(scene, regions, options)
     record = used_run(run, ignore_exclusions=options.get("ignore_exclusions", False))
-    scaling = ("radiometric",) if options.get("scale") == "panel" else ()
-    picked = picked_for_run(paths, record, ("noise", "polarizer", "flat", "registration", *scaling))
-    given = read_calibrations(picked.paths, record)
-    return SceneRun(
-        model=None if model is None else scene_of_file(model, given.noise),
-        outlines=drawn,
-        picked=picked,
-        calibrations=given,
-        seen=diagnosed(record, drawn, given, correct=tuple(options.get("correct", ()))),
-    )
+    kinds = (*MEASURED_WITH, "radiometric") if options.get("scale") == "panel" else MEASURED_WITH
+    given = calibrations_of_run(paths, record, kinds)
+    measured = measure_run(record, drawn, given, correct=options.get("correct", ()))
+    return measured, None if model is None else scene_of_file(model, given.noise)
 
 
 def require_possible(scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions) -> None:
@@ -443,21 +402,21 @@ def _outlined(
 
 
 def _used_files(
-    run: Path, scene: ScenePath | None, regions: RegionsPath | None, calibrations: "CalibrationPaths"
-) -> "dict[str, UsedFile]":
-    from rigctl.comparison.compare import used_file
+    run: Path, scene: ScenePath | None, regions: RegionsPath | None, measured: "MeasuredRun"
+) -> "dict[str, dict[str, Json]]":
+    from rigctl.calibrations.record import source_of
     from rigctl.runs.folder import MANIFEST_FILE
 
-    named = {str(kind): path for kind, path in calibrations.files.items()}
+    named = {str(kind): path for kind, path in measured.calibrations.picked.paths.files.items()}
     files = {"scene": scene, "regions": regions, **named, "manifest": run / MANIFEST_FILE}
-    return {what: used_file(Path(path)) for what, path in files.items() if isinstance(path, str | Path)}
+    return {what: source_of(Path(path)) for what, path in files.items() if isinstance(path, str | Path)}
 
 
 def _series(
     runs: Sequence[Path], scene: ScenePath | None, regions: RegionsPath | None, options: CompareOptions
 ) -> "ComparedSeries":
     """Compare many runs of one rig with one scene; the chance of a false disagreement is that over all runs."""
-    from rigctl.comparison.compare import used_file
+    from rigctl.calibrations.record import source_of
     from rigctl.comparison.series import ComparedSeries, drifts_of, require_one_instrument, trends_over_runs
     from rigctl.runs.check import used_run
 
@@ -481,5 +440,5 @@ def _series(
         drifts=drifts_of(found),
         trends=trends_over_runs(found),
         alpha=alpha,
-        scene=used_file(Path(scene)),
+        scene=source_of(Path(scene)),
     )

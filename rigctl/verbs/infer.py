@@ -89,15 +89,14 @@ def infer(
     if scene is None:
         raise ConfigError("give a scene file, last or with --scene: its numbers with a std are the prior")
     read = [read_scene_run(Path(one), scene, regions, options) for one in given]
-    require_one_instrument([one.seen.measurement.run for one in read])
+    require_one_instrument([one.measurement.run for one, _ in read])
     folder = None if out is None else Path(out)
     with steps_shown() as tell, nullcontext() if folder is None else held_folder(folder):
         evidence = gather_evidence(
-            [one.seen for one in read],
-            [one.model for one in read if one.model is not None],
+            [one for one, _ in read],
+            [model for _, model in read if model is not None],
             chosen=tuple(inputs),
             scale=options.get("scale", "absolute"),
-            radiometric=read[0].calibrations.radiometric,
             discrepancy=discrepancy,
         )
         found = infer_inputs(

@@ -287,7 +287,7 @@ def _compared(name: str, run: Path, job: ArchiveJob) -> RunRow:
         exit_code={True: 0, False: EXIT_DISAGREES, None: EXIT_DATA}[comparison.agrees],
         verdict=comparison.verdict,
         reason="; ".join(reasons),
-        calibrations=_calibrations_text(comparison.picked),
+        calibrations=_calibrations_text(comparison.run.calibrations.picked),
         regions=_compared_regions(comparison),
     )
 

@@ -23,11 +23,10 @@ from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
     from model.processing.samples import Texture
-    from rigctl.calibrations.noise import NoiseParameters
     from rigctl.comparison.checks import Check
     from rigctl.files.regions import Region
     from rigctl.measure.calibrations import CalibrationPaths, PickedCalibrations
-    from rigctl.measure.diagnose import RunDiagnosis
+    from rigctl.measure.diagnose import MeasuredRun
     from rigctl.measure.measure import Measurement
     from rigctl.measure.pixel_errors import PixelErrors
     from rigctl.report.stokes_file import Plane
@@ -92,9 +91,8 @@ def stokes(
         correct=tuple(frames.get("correct", ())),
         is_wide=wide,
     )
-    if found.picked is not None:
-        found.picked.report()
-    for remark in found.remarks:
+    found.picked.report()
+    for remark in found.run.remarks:
         warn(remark)
     if out is not None:
         note(f"written: {', '.join(found.write(Path(out)))} in {out}", below=True)
@@ -107,15 +105,19 @@ def stokes(
 class StokesResult(Result):
     """Stokes parameters of a run, as arrays, as a table and as `stokes.json` has them."""
 
-    measurement: "Measurement"
-    regions: "list[Region]"
-    textures: "dict[str, Texture] | None"  #: by region; None without a noise calibration, which tells it from noise
-    remarks: tuple[str, ...]  #: doubts, and how frames were corrected
-    diagnosis: "RunDiagnosis"  #: faults that the run itself shows
+    run: "MeasuredRun"  #: measurement, regions, calibrations and faults of the run
     checks: "tuple[Check, ...]"  #: whether the run is sound
-    picked: "PickedCalibrations | None" = None  #: which calibrations were used, and which of them picked from the store
-    noise: "NoiseParameters | None" = None  #: the noise calibration
     is_wide: bool = False  #: whether every number is shown
+
+    @property
+    def measurement(self) -> "Measurement":
+        """The numbers of the run and its regions."""
+        return self.run.measurement
+
+    @property
+    def picked(self) -> "PickedCalibrations":
+        """Which calibrations were used, and which of them were picked from the store."""
+        return self.run.calibrations.picked
 
     def __repr__(self) -> str:
         from rigctl.measure.calibrations import named_calibrations
@@ -134,7 +136,7 @@ class StokesResult(Result):
     @property
     def calibration_files(self) -> dict[str, Path]:
         """Files of the calibrations that were used, by kind."""
-        return {} if self.picked is None else {str(kind): path for kind, path in self.picked.paths.files.items()}
+        return {str(kind): path for kind, path in self.picked.paths.files.items()}
 
     @property
     def s0(self) -> Any:
@@ -166,7 +168,32 @@ class StokesResult(Result):
         """Errors of every pixel by noise: covariance of S0, S1, S2, errors of DoLP and AoLP; and a mask of doubts."""
         from rigctl.measure.pixel_errors import pixel_errors
 
-        return pixel_errors(self.measurement, self.noise)
+        return pixel_errors(self.measurement, self.run.calibrations.noise)
+
+    @cached_property
+    def textures(self) -> "dict[str, Texture] | None":
+        """Texture of each region's Stokes parameters [grid.unit^2]; None without a noise calibration.
+
+        Noise is taken off, the fixed pattern stays in it.
+        """
+        import numpy as np
+
+        from model.processing.samples import estimate_texture
+        from rigctl.measure.measure import temporal_noise, temporal_variance
+
+        noise, inverse = self.run.calibrations.noise, self.measurement.plan.inverse
+        if noise is None:
+            return None
+        temporal = temporal_noise(noise)
+        return {
+            name: estimate_texture(
+                region.stokes_pixels_mean,
+                (inverse * temporal_variance(self.measurement, region, temporal.values)) @ inverse.T,
+                repeats=self.measurement.grid.cycles,
+                pattern_cov=np.zeros((3, 3)),
+            )
+            for name, region in self.measurement.regions.items()
+        }
 
     @property
     def planes(self) -> "dict[str, Plane]":
@@ -194,12 +221,12 @@ class StokesResult(Result):
         """4 where the run is unsound, or none of its regions can be measured."""
         from rigctl.console import EXIT_DATA
 
-        return EXIT_DATA if self.refused or (self.regions and not self.measurement.regions) else 0
+        return EXIT_DATA if self.refused or (self.run.regions and not self.measurement.regions) else 0
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Calibrations that were picked, doubts and corrections."""
-        return (*(() if self.picked is None else self.picked.lines), *self.remarks)
+        return (*self.picked.lines, *self.run.remarks)
 
     def content(self) -> Iterable[Part]:
         """Return DoLP and AoLP, the run's faults, and with --wide all numbers of the regions and their texture."""
@@ -236,7 +263,7 @@ class StokesResult(Result):
             high = max(regions, key=lambda name: regions[name].value)
             among = f", the largest of {len(regions)} regions" if len(regions) > 1 else ""
             return f"DoLP {with_error('dolp', regions[high].value, regions[high].std_error)} ({high}){among}"
-        if self.regions:
+        if self.run.regions:
             return "no region can be measured"
         good = self.dolp[np.isfinite(self.dolp)]
         if not good.size:
@@ -254,7 +281,7 @@ class StokesResult(Result):
         yield f"clipped in one frame or more: {high} of the pixels at the upper end, {low} at 0" + (
             f"; missing: {percent(missing)}" if missing else ""
         )
-        yield from (f"the run shows {term_text(term)}" for term in self.diagnosis.mentioned)
+        yield from (f"the run shows {term_text(term)}" for term in self.run.diagnosis.mentioned)
         yield from (f"{title}: {text}" for title, text in said_of(self.checks, "flagged", "refused"))
         yield from (f"{name} cannot be measured: {why}" for name, why in self.measurement.unmeasured.items())
 
@@ -264,11 +291,11 @@ class StokesResult(Result):
 
         return measurement_json(self.measurement, self.textures) | {
             "unmeasured": self.measurement.unmeasured,
-            "diagnosis": diagnosis_json(self.diagnosis),
+            "diagnosis": diagnosis_json(self.run.diagnosis),
             "checks": [asdict(check) for check in self.checks],
             "flags": [check.name for check in self.checks if check.verdict == "flagged"],
             "sound": not any(check.verdict == "refused" for check in self.checks),
-            **({} if self.picked is None else self.picked.as_json()),
+            **self.picked.as_json(),
         }
 
     def write(self, folder: Path) -> tuple[str, ...]:
@@ -277,7 +304,7 @@ class StokesResult(Result):
         from rigctl.report.stokes_file import stokes_fits
 
         fits = stokes_fits(self.measurement, self.errors, self.calibration_files)
-        return write_stokes(self.measurement, self.regions, folder, fits=fits, numbers=self.as_json())
+        return write_stokes(self.measurement, self.run.regions, folder, fits=fits, numbers=self.as_json())
 
     def table(self, *, backend: Literal["pandas", "polars"] = "pandas") -> Any:
         """Return every measured number as a data frame: region, quantity, statistic, value, std_error."""
@@ -308,43 +335,12 @@ def stokes_of(
     is_wide: bool = False,
 ) -> StokesResult:
     """Measure a run that was read already."""
-    from rigctl.comparison.checks import registration_of, run_checks
-    from rigctl.measure.calibrations import correction_remarks, picked_for_run, read_calibrations
-    from rigctl.measure.diagnose import diagnosed
+    from rigctl.comparison.checks import run_checks
+    from rigctl.measure.calibrations import calibrations_of_run
+    from rigctl.measure.diagnose import MEASURED_WITH, measure_run
 
-    picked = picked_for_run(paths, run, ("noise", "polarizer", "flat", "registration"))
-    given = read_calibrations(picked.paths, run)
-    seen = diagnosed(run, regions, given, correct=correct)
-    return StokesResult(
-        measurement=seen.measurement,
-        regions=regions,
-        textures=None if given.noise is None else _region_textures(seen.measurement, given.noise),
-        remarks=(*given.doubts, *seen.remarks, *correction_remarks(seen.measurement, regions)),
-        diagnosis=seen.diagnosis,
-        checks=run_checks(seen.measurement, registration_of(seen.measurement), seen.diagnosis),
-        picked=picked,
-        noise=given.noise,
-        is_wide=is_wide,
-    )
-
-
-def _region_textures(measurement: "Measurement", noise: Any) -> "dict[str, Texture]":
-    """Return the texture of each region's Stokes parameters [grid.unit^2]; the fixed pattern stays in it."""
-    import numpy as np
-
-    from model.processing.samples import estimate_texture
-    from rigctl.measure.measure import temporal_noise, temporal_variance
-
-    temporal, inverse = temporal_noise(noise), measurement.plan.inverse
-    return {
-        name: estimate_texture(
-            region.stokes_pixels_mean,
-            (inverse * temporal_variance(measurement, region, temporal.values)) @ inverse.T,
-            repeats=measurement.grid.cycles,
-            pattern_cov=np.zeros((3, 3)),
-        )
-        for name, region in measurement.regions.items()
-    }
+    measured = measure_run(run, regions, calibrations_of_run(paths, run, MEASURED_WITH), correct=correct)
+    return StokesResult(run=measured, checks=run_checks(measured), is_wide=is_wide)
 
 
 def _texture_line(name: str, texture: "Texture") -> str:

@@ -12,11 +12,10 @@ import pytest
 from scipy.special import chdtri
 
 from model.processing.fault_fit import SHARED as RESPONSES
-from rigctl.comparison.compare import Comparison, compare_closed_loop
+from rigctl.comparison.compare import Comparison, compare_with_itself
 from rigctl.files.regions import Rectangle, Region
 from rigctl.imports.images import ImportRequest
-from rigctl.measure.diagnose import diagnose_run
-from rigctl.measure.measure import Measurement, measure
+from rigctl.measure.diagnose import MeasuredRun, measure_run
 from rigctl.runs.folder import read_run
 from rigctl.verbs.compare import compare_run
 from rigctl.verbs.import_images import ImportedRun, imported
@@ -52,7 +51,7 @@ def imported_mosaic(
     )
 
 
-def imported_state(folder: Path, state: str) -> Measurement:
+def imported_state(folder: Path, state: str) -> MeasuredRun:
     """Import the middle of one state of light, measured over the region of its table."""
     files = []
     for angle in TURN_DEG:
@@ -69,11 +68,11 @@ def imported_state(folder: Path, state: str) -> Measurement:
             same_exposure=True,
         )
     )
-    return measure(read_run(folder / "run"), regions=[MIDDLE])
+    return measure_run(read_run(folder / "run"), [MIDDLE])
 
 
 @pytest.fixture(scope="module")
-def states(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Measurement]:
+def states(tmp_path_factory: pytest.TempPathFactory) -> dict[str, MeasuredRun]:
     """Return the twelve states of light, measured."""
     return {state: imported_state(tmp_path_factory.mktemp("state"), state) for state in STATES}
 
@@ -118,20 +117,20 @@ def wrapped_deg(angle_deg: float) -> float:
     return (angle_deg + 90.0) % 180.0 - 90.0
 
 
-def test_no_state_of_a_linear_camera_is_called_non_linear(states: dict[str, Measurement]) -> None:
+def test_no_state_of_a_linear_camera_is_called_non_linear(states: dict[str, MeasuredRun]) -> None:
     # Whole pictures of all states: tests/model/processing/diagnosis.
     for state in STATES[::4]:
-        found = diagnose_run(states[state])
+        found = states[state].diagnosis
         assert not {term.name for term in found.named} & set(RESPONSES), state
         for term in found.terms:
             if term.name in RESPONSES and term.value is not None and term.std_error is not None:
                 assert abs(term.value) < 4.0 * term.std_error, (state, term)
 
 
-def test_errors_cover_what_half_turns_differ_by(states: dict[str, Measurement], table: dict[str, Any]) -> None:
+def test_errors_cover_what_half_turns_differ_by(states: dict[str, MeasuredRun], table: dict[str, Any]) -> None:
     scores = []
-    for state, measurement in states.items():
-        numbers = measurement.regions["middle"].quantities
+    for state, run in states.items():
+        numbers = run.measurement.regions["middle"].quantities
         first, last = (np.array(table[state][key]) for key in ("S_of_first_four", "S_of_last_four"))
         degrees = [np.hypot(s[1], s[2]) / s[0] for s in (first, last)]
         angles_deg = [np.degrees(0.5 * np.arctan2(s[2], s[1])) for s in (first, last)]
@@ -144,11 +143,11 @@ def test_errors_cover_what_half_turns_differ_by(states: dict[str, Measurement], 
 
 
 def test_polarization_agrees_with_the_published_calibration(
-    states: dict[str, Measurement], table: dict[str, Any]
+    states: dict[str, MeasuredRun], table: dict[str, Any]
 ) -> None:
     off, turned_deg = [], []
-    for state, measurement in states.items():
-        numbers, said = measurement.regions["middle"].quantities, table[state]
+    for state, run in states.items():
+        numbers, said = run.measurement.regions["middle"].quantities, table[state]
         assert numbers["dolp"]["mean"].value == pytest.approx(said["DoLP_of_mean"], abs=1e-9)
         if state.startswith("630nm"):
             off.append(numbers["dolp"]["mean"].value - said["published_model_DoLP"])
@@ -159,10 +158,10 @@ def test_polarization_agrees_with_the_published_calibration(
     assert abs(np.mean(turned_deg)) < 2.0 * 0.58 / np.sqrt(8.0)
 
 
-def test_rounding_is_no_disagreement_and_points_to_no_calibration(states: dict[str, Measurement]) -> None:
-    for state, measurement in states.items():
+def test_rounding_is_no_disagreement_and_points_to_no_calibration(states: dict[str, MeasuredRun]) -> None:
+    for state, run in states.items():
         # 8 bits, noise of 0.2 to 0.45 DN; nobody gave a noise calibration.
-        found = compare_closed_loop(measurement, noise=None, alpha=1e-3)
+        found = compare_with_itself(run, alpha=1e-3)
         assert found.verdict != "disagrees", state
         assert not found.points_to, state
 
@@ -171,7 +170,7 @@ def test_rounding_is_no_disagreement_and_points_to_no_calibration(states: dict[s
 def test_two_per_cent_between_pairs_are_throughput_and_applied(tmp_path: Path, name: str, x: int, y: int) -> None:
     imported_mosaic(tmp_path, name, x=x, y=y, side=(800, 800))
     found = compared(tmp_path, quarters(400))
-    diagnosis = found.run_diagnosis
+    diagnosis = found.run.diagnosis
     assert diagnosis is not None
     assert diagnosis.first is not None
     assert diagnosis.first.name == "throughput of pairs"
@@ -197,7 +196,7 @@ def test_a_tone_mapped_picture_has_its_response_named_first_and_every_disc_repor
     ]
     street = Region(name="street", rectangle=Rectangle(x=400, y=20, width=120, height=25))
     found = compared(tmp_path, [*discs, street])
-    diagnosis = found.run_diagnosis
+    diagnosis = found.run.diagnosis
     assert diagnosis is not None
     assert diagnosis.first is not None
     assert diagnosis.first.name in RESPONSES
@@ -205,7 +204,7 @@ def test_a_tone_mapped_picture_has_its_response_named_first_and_every_disc_repor
     assert found.agrees is None
     assert set(found.regions) == {*DISCS, "street"}
     for name, (_, _, aolp_deg) in DISCS.items():
-        numbers = found.measurement.regions[name].quantities
+        numbers = found.run.measurement.regions[name].quantities
         assert abs(wrapped_deg(numbers["aolp_deg"]["mean"].value - aolp_deg)) < 0.5
         # By the source 0.43 to 0.52 instead of near 1, over another part of each disc.
         assert 0.35 < numbers["dolp"]["mean"].value < 0.6
@@ -244,7 +243,7 @@ def test_nothing_false_is_said_of_a_real_triplet(tmp_path: Path) -> None:
     assert checks["pair sums"].verdict == "not testable"
     assert checks["linear response"].verdict == "not testable"
     assert checks["registration"].verdict == "sound"
-    diagnosis = found.run_diagnosis
+    diagnosis = found.run.diagnosis
     assert diagnosis is not None
     assert not diagnosis.terms
     assert "three angles" in diagnosis.reason

@@ -19,14 +19,13 @@ from rigctl.comparison.checks import (
     nothing_tested,
     refusals,
     region_verdicts,
-    registration_of,
     run_checks,
     verdict_of,
 )
 from rigctl.comparison.rows import Row
 from rigctl.console import EXIT_DATA
 from rigctl.files.regions import Region
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from tests.rigctl.made_runs import at, make_run
 
 ANGLES = (0.0, 45.0, 90.0, 135.0)
@@ -53,8 +52,7 @@ def scene() -> list[Picture]:
 def checked(folder: Path, frames: list[Picture]) -> dict[str, Check]:
     run = make_run(folder / "run", [(at(angle), np.rint(f)) for angle, f in zip(ANGLES, frames, strict=True)])
     region = Region.model_validate({"name": "all", "rectangle": {"x": 10, "y": 10, "width": 180, "height": 180}})
-    measurement = measure(run, regions=[region])
-    return {check.name: check for check in run_checks(measurement, registration_of(measurement))}
+    return {check.name: check for check in run_checks(measure_run(run, [region]))}
 
 
 def pairs_off(frames: list[Picture]) -> list[Picture]:
@@ -129,8 +127,8 @@ def test_light_that_fades_is_flagged(tmp_path: Path) -> None:
         for k, (angle, frame) in enumerate(zip(ANGLES, frames, strict=True))
     ]
     region = Region.model_validate({"name": "all", "rectangle": {"x": 10, "y": 10, "width": 180, "height": 180}})
-    measurement = measure(make_run(tmp_path / "run", taken), regions=[region])
-    found = {check.name: check for check in run_checks(measurement, "not asked")}
+    measured = measure_run(make_run(tmp_path / "run", taken), [region])
+    found = {check.name: check for check in run_checks(measured)}
     assert found["drift of the light"].verdict == "flagged"
     assert "-1.0" in found["drift of the light"].text
 

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from rigctl.comparison.compare import compare_closed_loop
+from rigctl.comparison.compare import compare_with_itself
 from rigctl.errors import DataError
 from rigctl.files.regions import Rectangle, Region
-from rigctl.measure.measure import measure
+from rigctl.measure.calibrations import RunCalibrations
+from rigctl.measure.diagnose import measure_run
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
 
@@ -36,7 +37,7 @@ def _run(tmp_path, *, cycles, seed=1, gain=GAIN, dolp=0.3, level_e=3000.0):
 
 def _compared(run, content, **options):
     noise = None if content is None else noise_parameters(content)
-    return compare_closed_loop(measure(run, regions=[REGION], noise=noise), noise=noise, alpha=1e-3, **options)
+    return compare_with_itself(measure_run(run, [REGION], RunCalibrations(noise=noise)), alpha=1e-3, **options)
 
 
 def test_a_sound_run_agrees_with_its_calibration_and_its_law(tmp_path):

@@ -1,12 +1,10 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from rigctl.comparison.compare import compare_with_scene
 from rigctl.errors import ConfigError, DataError
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from rigctl.rig.roof import PERTURBATIONS, perturbed
 from rigctl.runs.folder import read_run
 from rigctl.scene.scene import scene_of_file
@@ -27,8 +25,8 @@ def _compared(folder, *, seed=1, perturbation=None, alpha=1e-3):
     rig = rig if perturbation is None else perturbed(rig, perturbation)
     take_session(rig, small_session(cycles=4), folder / "run", files={})
     scene = load_scene(folder / "scene.toml")
-    measurement = measure(read_run(folder / "run"), regions=list(scene.regions))
-    return compare_with_scene(measurement, scene_of_file(scene), alpha=alpha)
+    measured = measure_run(read_run(folder / "run"), list(scene.regions))
+    return compare_with_scene(measured, scene_of_file(scene), alpha=alpha)
 
 
 def test_an_undisturbed_rig_agrees(tmp_path):
@@ -74,13 +72,13 @@ def test_an_unknown_exposure_is_refused(tmp_path):
     scene = load_scene(tmp_path / "scene.toml")
     run = make_run(tmp_path / "run", [(at(a), np.random.default_rng(a).normal(500, 9, (48, 96))) for a in (0, 60, 120)])
     with pytest.raises(DataError, match="exposure is not known"):
-        compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(scene), alpha=1e-3)
+        compare_with_scene(measure_run(run, list(scene.regions)), scene_of_file(scene), alpha=1e-3)
 
 
 def test_a_region_that_was_not_measured_is_refused(tmp_path):
     take_session(small_rig(tmp_path), small_session(), tmp_path / "run", files={})
     scene = load_scene(tmp_path / "scene.toml")
-    measurement = measure(read_run(tmp_path / "run"), regions=list(scene.regions))
-    less = replace(measurement, regions={"left": measurement.regions["left"]})
+    left = next(region for region in scene.regions if region.name == "left")
+    less = measure_run(read_run(tmp_path / "run"), [left])
     with pytest.raises(ConfigError, match="region right"):
         compare_with_scene(less, scene_of_file(scene), alpha=1e-3)

@@ -5,7 +5,7 @@ import pytest
 
 from rigctl.comparison.compare import compare_with_scene
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.scene.light import SceneLight, SkyStore
 from tests.rigctl.made_runs import at, make_run
@@ -39,7 +39,7 @@ def compared(folder, cache, text=SCENE, sun=SUN, rig=None, told=None):
     ]
     polarizer = {"polarizer": {"extinction_ratio": 500.0}}
     run = make_run(folder / "run", frames, session={"origin": "device", "rig": polarizer | (rig or {})})
-    return compare_with_scene(measure(run, regions=list(scene.regions)), scene_of(folder, told or text), alpha=1e-3)
+    return compare_with_scene(measure_run(run, list(scene.regions)), scene_of(folder, told or text), alpha=1e-3)
 
 
 @pytest.fixture(scope="module")

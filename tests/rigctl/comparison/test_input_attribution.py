@@ -10,7 +10,7 @@ from benchmarks.trials.uncertain_panels import STATED, drawn_truth, scene_text, 
 from rigctl.comparison.compare import Comparison, compare_with_scene
 from rigctl.comparison.explain import _remark
 from rigctl.files.scene_file import load_scene
-from rigctl.measure.measure import measure
+from rigctl.measure.diagnose import measure_run
 from rigctl.scene.scene import scene_of_file
 
 
@@ -21,7 +21,7 @@ def compared(
     (folder / "scene.toml").write_text(scene_text() if text is None else text)
     scene = load_scene(folder / "scene.toml")
     run = take_run(folder / f"run-{seed}", drawn_truth(draws, moved=moved, by_std=by_std), draws)
-    return compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(scene), alpha=1e-3)
+    return compare_with_scene(measure_run(run, list(scene.regions)), scene_of_file(scene), alpha=1e-3)
 
 
 def test_inputs_drawn_from_what_is_stated_agree_and_have_standard_normal_scores(tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_light_that_is_off_by_half_of_itself_is_named_first_beside_a_well_known_
     scene = load_scene(path)
     truth = {name: number.value for name, number in STATED.items()} | {"regions.black.stokes_radiance.0": 3.5}
     run = take_run(tmp_path / "run", truth, np.random.default_rng(5))
-    found = compare_with_scene(measure(run, regions=list(scene.regions)), scene_of_file(scene), alpha=1e-3)
+    found = compare_with_scene(measure_run(run, list(scene.regions)), scene_of_file(scene), alpha=1e-3)
     assert found.attribution is not None
     best = found.attribution.best
     assert best is not None

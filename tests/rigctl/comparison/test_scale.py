@@ -17,7 +17,10 @@ from rigctl.comparison.rows import Row
 from rigctl.comparison.scale import panel_response, radiometric_content, with_panel_scale
 from rigctl.console import EXIT_DATA, EXIT_USAGE
 from rigctl.errors import ConfigError, DataError
+from rigctl.files.choices import ScaleKind
 from rigctl.files.scene_file import SceneFile, load_scene
+from rigctl.measure.calibrations import RunCalibrations
+from rigctl.measure.diagnose import measure_run
 from rigctl.measure.measure import measure
 from rigctl.prediction.predict import ScenePredictor
 from rigctl.report.comparison import compared_json
@@ -42,11 +45,12 @@ def calibrated(folder: Path, told: SceneFile, *, exposure_s: float = 6e-5) -> Ra
     return TypeAdapter(RadiometricResponse).validate_python(content)
 
 
-def compared(folder: Path, told: SceneFile, **options: Any) -> Comparison:
+def compared(
+    folder: Path, told: SceneFile, scale: ScaleKind = "free", radiometric: RadiometricResponse | None = None
+) -> Comparison:
     run = panel_run(folder / "run", seed=3, efficiency=TRUE)
-    return compare_with_scene(
-        measure(run, regions=list(told.regions)), scene_of_file(told), alpha=1e-3, **{"scale": "free"} | options
-    )
+    measured = measure_run(run, list(told.regions), RunCalibrations(radiometric=radiometric))
+    return compare_with_scene(measured, scene_of_file(told), alpha=1e-3, scale=scale)
 
 
 def rows(found: Comparison, quantity: str, statistic: str = "mean") -> dict[str, Row]:

@@ -18,6 +18,7 @@ from rigctl.errors import ConfigError, DataError
 from rigctl.files.rig_file import RigFile, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.files.session_file import SessionFile
+from rigctl.measure.diagnose import measure_run
 from rigctl.measure.measure import measure
 from rigctl.rig.checkup import RigCheckup
 from rigctl.rig.rig import Rig, open_rig, require_cell
@@ -97,8 +98,7 @@ def test_four_frames_are_one_exposure(run: Run) -> None:
 
 def compared(run: Run) -> Comparison:
     scene = load_scene(run.path.parent / "scene.toml")
-    measurement = measure(run, regions=list(scene.regions))
-    return compare_with_scene(measurement, scene_of_file(scene), alpha=0.001)
+    return compare_with_scene(measure_run(run, list(scene.regions)), scene_of_file(scene), alpha=0.001)
 
 
 def test_model_and_samples_agree(run: Run) -> None:

@@ -35,8 +35,8 @@ SCRUBBER = Scrubber(names=(("janedoe", "USER"), ("lab-machine-7", "MACHINE")))
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a run with secrets in its files, its events and its frames."""
-    monkeypatch.setattr("rigctl.console.getpass.getuser", lambda: "janedoe")
-    monkeypatch.setattr("rigctl.console.platform.node", lambda: "lab-machine-7.example.org")
+    monkeypatch.setattr("rigctl.verbs.bundle.getpass.getuser", lambda: "janedoe")
+    monkeypatch.setattr("rigctl.verbs.bundle.platform.node", lambda: "lab-machine-7.example.org")
     text = small_rig_text(tmp_path)
     text += """
 [notify]

@@ -59,8 +59,8 @@ def test_regions_of_a_scene_are_taken_where_they_were_found_again(folder):
     name, *others = (region.name for region in load_scene(folder / "scene.toml").regions)
     square = [(4.0, 5.0), (14.0, 5.0), (14.0, 15.0), (4.0, 15.0)]
     found = _compare(folder, regions=_regions_file(folder, (name, square)))
-    assert [region.name for region in found.outlines] == [name, *others]
-    assert found.outlines[0].outline() == square
+    assert [region.name for region in found.run.regions] == [name, *others]
+    assert found.run.regions[0].outline() == square
     measured = found.measurement.regions[name]
     assert measured.pixels + measured.excluded == 100
     assert set(found.predictions) == {name, *others}
