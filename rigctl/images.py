@@ -80,7 +80,10 @@ def _directory_bytes(entries: dict[int, int]) -> int:
     if not entries.get(_WIDTH) or not entries.get(_HEIGHT):
         raise DataError("is damaged: a picture of a TIFF file without width or height")
     if entries.get(_SAMPLES, 1) > 1 and entries.get(_PLANAR) == _SEPARATE:
-        raise DataError("is a TIFF file whose colours are stored one after another; write them pixel by pixel")
+        raise DataError(
+            "is a TIFF file whose pictures or colours are stored one after another: give one file for each picture, "
+            "and write colours pixel by pixel"
+        )
     samples = entries[_WIDTH] * entries[_HEIGHT] * max(1, entries.get(_SAMPLES, 1))
     return samples * max(1, entries.get(_BITS, 8) // 8)
 
@@ -272,7 +275,7 @@ def _chunks(data: bytes) -> list[tuple[bytes, memoryview]]:
 
 
 FirstRow = Literal["top", "bottom"]
-_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".gz")
+_SUFFIXES = (".png", ".tif", ".tiff", ".fits", ".fit", ".fts", ".fz", ".gz")
 _COLOURS: tuple[Plane, ...] = ("red", "green", "blue")
 
 # Of the remark on a header's checksum.
@@ -358,6 +361,12 @@ def image_files(given: Sequence[Path]) -> list[Path]:
     return found
 
 
+def name_of(path: Path) -> str:
+    """Return the name of an image: of its file, and the place of an array in it."""
+    place = _ARRAY.fullmatch(str(path))
+    return path.name if place is None else Path(place["file"]).name + str(path)[len(place["file"]) :]
+
+
 def _images_in(folder: Path) -> list[Path]:
     if (folder / "manifest.jsonl").exists():
         raise ConfigError(f"{folder}: is a run: rigctl stokes {folder} --out FOLDER measures it")
@@ -437,8 +446,10 @@ def _grey(pixels: NDArray[Any], plane: Plane | None) -> NDArray[Any]:
         if plane is not None:
             raise ConfigError(f"--plane {plane}: is for colour images and RAW files, and this image is grey")
         return pixels
-    if len(pixels) not in (3, 4) or pixels.ndim != 3:
+    if len(pixels) != 3 or pixels.ndim != 3:
         raise DataError(f"has axes of {' x '.join(map(str, pixels.shape))}; give one file for each picture")
+    if plane is None and np.array_equal(pixels[0], pixels[1]) and np.array_equal(pixels[0], pixels[2]):
+        return np.asarray(pixels[0])
     if plane not in _COLOURS:
         raise ConfigError(
             f"{'' if plane is None else f'--plane {plane}: '}is a colour image: say --plane red, green or blue, for "
@@ -514,7 +525,9 @@ def _first_fits_image(data: bytes, most_bytes: int) -> tuple[dict[str, HeaderVal
                 # By the header: asking for the samples of a unit takes memory for them.
                 images = [unit for unit in units if unit.is_image and unit.shape]
                 require_size(max(map(_fits_bytes, images), default=0), most_bytes)
-                header = {key: images[0].header[key] for key in set(images[0].header)} if images else {}
+                # An image in an extension shares the header of the file, FITS standard 4.0, appendix K.
+                cards = [units[0].header, images[0].header] if images else []
+                header = {key: one[key] for one in cards for key in set(one)}
                 pixels = images[0].data if images else None
         except DataError:
             raise

@@ -1,6 +1,6 @@
 """Analyzers: fits of Malus' law, mounting axis, diattenuation and the measured data reduction matrix."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,8 @@ _ROUNDING = 1e-12
 # Effects in addition to the law: least frames, terms of the drift, wander of a wedge over its size, usual size of a
 # harmonic over the mean, probability that there is one, and the probability of the models that make the covariance.
 _LEAST_MODELLED, _DRIFT_TERMS, _WEDGE_WANDER, _USUAL_HARMONIC, _P_HARMONIC, _KEPT = 16, 8, 0.25, 0.02, 0.3, 0.9
+# Largest harmonic of real sheets and wire grids over the mean.
+_LARGEST_HARMONIC = 0.03
 # An amplitude of noise alone is larger than this many standard errors of its parts in 1 of 1000 cases.
 SEEN_SIGMAS = 3.717
 
@@ -156,8 +158,12 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     probability. The size of a harmonic that is there is a priori 2 % of the mean, as of real sheets and wire grids.
 
     The law of 3 terms alone leaves harmonics in its residual, which makes errors of a whole turn ten times too large,
-    and drift in its axis, which makes them three times too small. Scans of fewer than 16 frames, or of less
-    than a whole turn, are fitted with the law alone, since they cannot tell a wedge or a harmonic from the axis.
+    and drift in its axis, which makes them three times too small. Scans of fewer than 16 frames are fitted with the
+    law alone.
+
+    Scans of less than a whole turn, or of fewer than 12 frames, do not determine harmonics, and none are returned. The
+    law is fitted alone; its covariance contains what each harmonic would move, where the residual does not exclude the
+    harmonic, up to 3 % of the mean.
 
     References
     ----------
@@ -165,7 +171,9 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     Statistical Science 14, 382 (1999), for the mean over models.
     """
     law = fit_fourier(angles_rad, values)
-    if len(values) < _LEAST_MODELLED or not harmonics_are_told_apart(angles_rad):
+    if not harmonics_are_told_apart(angles_rad):
+        return _with_unknown_harmonics(law, angles_rad, values), ()
+    if len(values) < _LEAST_MODELLED:
         return law, _harmonics(angles_rad, values, np.zeros((len(values), 0)))
     mean = float(law.terms[0])
     shape, time = law.at(angles_rad) / mean, (np.arange(len(values)) + 0.5) / len(values)
@@ -191,6 +199,23 @@ def fit_scan(angles_rad: FloatArray, values: FloatArray) -> tuple[FourierFit, tu
     terms_of_law = law.terms + middle
     fit = FourierFit(terms=terms_of_law, unit_covariance=total / noise**2, variance=np.array(noise**2), dof=law.dof)
     return fit, _harmonics(angles_rad, values, best[-1] * drift)
+
+
+def _with_unknown_harmonics(law: FourierFit, angles_rad: FloatArray, values: FloatArray) -> FourierFit:
+    """Return Malus' law with the error by harmonics of any phase that its residual does not exclude."""
+    of_law = _design(angles_rad, (2,))
+    residual = values - of_law @ law.terms
+    covariance = law.unit_covariance * law.variance
+    for order in _HARMONIC_ORDERS:
+        wave = _design(angles_rad, (order,))[:, 1:]
+        absorbed = np.linalg.pinv(of_law) @ wave
+        # Cosine and sine part of a random phase have half of the squared amplitude each.
+        left = 0.5 * float(np.sum(np.square(wave - of_law @ absorbed)))
+        square = (_LARGEST_HARMONIC * float(law.terms[0])) ** 2
+        if left > _ROUNDING:
+            square = min(square, float(residual @ residual) / left)
+        covariance = covariance + 0.5 * square * (absorbed @ absorbed.T)
+    return replace(law, unit_covariance=covariance, variance=np.array(1.0))
 
 
 def _effect_grid(harmonic_ratio: float) -> tuple[FloatArray, FloatArray]:
@@ -241,30 +266,22 @@ def _noise(design: FloatArray, values: FloatArray) -> float:
 
 
 def _harmonics(angles_rad: FloatArray, values: FloatArray, drift: FloatArray) -> tuple[Harmonic, ...]:
-    """Return the harmonics in addition to Malus' law: all together over a whole turn, else each alone with the law."""
-    together = harmonics_are_told_apart(angles_rad)
-    found = []
-    for order in _HARMONIC_ORDERS:
-        others = tuple(one for one in _HARMONIC_ORDERS if one != order) if together else ()
-        design = _design(angles_rad, (2, *others, order))
-        freedom = len(angles_rad) - design.shape[1]
-        if freedom < 1 or np.linalg.cond(design) > _WORST_CONDITION:
-            continue
-        columns = np.column_stack([drift, design])
-        # Drift has a normal prior; the law and the harmonics have none.
-        information = columns.T @ columns + np.diag(np.arange(columns.shape[1]) < drift.shape[1])
-        terms = np.linalg.solve(information, columns.T @ values)
-        variance = max(float(values @ (values - columns @ terms)), 0.0) / freedom
-        covariance = np.linalg.inv(information)[-2:, -2:] * variance
-        mean = terms[drift.shape[1]]
-        found.append(
-            Harmonic(
-                order=order,
-                amplitude=float(np.hypot(terms[-2], terms[-1]) / mean),
-                std_error=float(np.sqrt(0.5 * np.trace(covariance)) / mean),
-            )
+    """Return the harmonics in addition to Malus' law, all fitted together."""
+    columns = np.column_stack([drift, _design(angles_rad, (2, *_HARMONIC_ORDERS))])
+    # Drift has a normal prior; the law and the harmonics have none.
+    inverse = np.linalg.inv(columns.T @ columns + np.diag(np.arange(columns.shape[1]) < drift.shape[1]))
+    terms = inverse @ columns.T @ values
+    freedom = len(values) - columns.shape[1] + drift.shape[1]
+    variance = max(float(values @ (values - columns @ terms)), 0.0) / freedom
+    mean, waves = terms[drift.shape[1]], drift.shape[1] + _TERMS + 2 * np.arange(len(_HARMONIC_ORDERS))
+    return tuple(
+        Harmonic(
+            order=order,
+            amplitude=float(np.hypot(terms[at], terms[at + 1]) / mean),
+            std_error=float(np.sqrt(0.5 * variance * (inverse[at, at] + inverse[at + 1, at + 1])) / mean),
         )
-    return tuple(found)
+        for order, at in zip(_HARMONIC_ORDERS, waves.tolist(), strict=True)
+    )
 
 
 def false_dolp(harmonic: Harmonic, angles_rad: FloatArray) -> float:

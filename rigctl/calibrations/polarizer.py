@@ -34,6 +34,10 @@ HARMONIC_MEANING = {
     5: "a wedge or a tilted element",
     6: "a detector not linear, or the polarizer",
 }
+NO_HARMONICS = (
+    "harmonics beyond the second are not determined: that takes 12 frames or more over a whole turn. The error of the "
+    "offset allows for up to 3 % of each where the residual does not exclude it"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +141,7 @@ def polarizer_content(
             "condition": reduction.condition,
         },
         "harmonics": _harmonics(found),
-        "harmonics_told_apart": found.harmonics_told_apart,
+        "harmonics_told_apart": bool(found.harmonics),
         "regions": [
             {
                 "name": name,

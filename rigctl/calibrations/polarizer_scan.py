@@ -31,7 +31,6 @@ from calibration.polarimeter.analyzer import (
     fit_axis,
     fit_scan,
     half_turn,
-    harmonics_are_told_apart,
     linear_states,
     measured_data_reduction,
     pooled_diattenuation,
@@ -270,7 +269,8 @@ class PolarizerCalibration:
     channels: AnalyzerChannels | None = None  #: each analyzer angle by itself
     stage_rad: FloatArray | None = None  #: stage angles of the channels [rad]
     reduction: DataReduction | None = None  #: W, for intensities over twice their mean
-    harmonics: tuple[Harmonic, ...]  #: residuals of Malus' law, each of the scan that shows it best
+    #: residuals of Malus' law, each of the scan that shows it best; none where no scan determines them
+    harmonics: tuple[Harmonic, ...]
     curves: tuple[ScanCurve, ...]  #: the scans
     frames: int  #: number of frames
 
@@ -278,11 +278,6 @@ class PolarizerCalibration:
     def offset_deg(self) -> Measured[float]:
         """Polarizer angle where the stage stands at 0, of the sense that fits better [deg]."""
         return candidate_offset_deg(self.axis.best)
-
-    @property
-    def harmonics_told_apart(self) -> bool:
-        """The scans go far enough round to tell the harmonics apart."""
-        return all(harmonics_are_told_apart(curve.angle_rad) for curve in self.curves)
 
 
 def candidate_offset_deg(candidate: AxisCandidate) -> Measured[float]:
@@ -315,15 +310,19 @@ def from_generator(cells: GeneratorCells, signal_dn: FloatArray, known: KnownLig
     """Return the calibration by a generator that turns; without a stated DoLP it is taken as perfect."""
     dolp = known.dolp or Uncertain(value=1.0)
     channels = analyzer_channels(cells.generator_rad, signal_dn, generator_dolp=dolp.value)
+    curves = tuple(
+        ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", cells.generator_rad, column)
+        for stage, column in zip(cells.stage_rad.tolist(), signal_dn.T, strict=True)
+    )
+    if not any(curve.harmonics for curve in curves):
+        # Harmonics of the generator may turn all channels alike.
+        squares = [float(curve.fit.phase_error_rad()) ** 2 for curve in curves] - np.square(channels.axis_error_rad)
+        known = replace(known, axis_error_rad=float(np.hypot(known.axis_error_rad, np.sqrt(np.mean(squares)))))
     axis = _axis(
         known,
         axis_rad=channels.axis_rad,
         stage_rad=cells.stage_rad,
         std_error_rad=channels.axis_error_rad,
-    )
-    curves = tuple(
-        ScanCurve.of(f"stage at {np.degrees(stage):.1f} deg", cells.generator_rad, column)
-        for stage, column in zip(cells.stage_rad.tolist(), signal_dn.T, strict=True)
     )
     pooled, pooled_error = (float(number) for number in pooled_diattenuation(channels))
     return replace(

@@ -30,7 +30,7 @@ from rigctl.base.numbers import is_utc_text
 from rigctl.errors import ConfigError, DataError, RunFolderError
 from rigctl.files.choices import FrameKind
 from rigctl.files.csv_table import csv_rows
-from rigctl.images import FLIP, STALE, FirstRow, HeaderValue, ImageFile, read_image, unlike_settings
+from rigctl.images import FLIP, STALE, FirstRow, HeaderValue, ImageFile, name_of, read_image, unlike_settings
 from rigctl.imports import headers
 from rigctl.imports.levels import (
     LEVELS,
@@ -214,14 +214,16 @@ def _clipped_shares(
 def _file_remarks(images: Sequence["SurveyedImage"], scale: "Scale") -> Iterator[str]:
     """Yield what was recognised in single files, and in how many."""
     saturated = ceil(scale.saturation_dn * (1 << scale.shift_bits))
-    shares = {image.path.name: float(image.levels[saturated:].sum() / max(image.levels.sum(), 1)) for image in images}
+    shares = {
+        name_of(image.path): float(image.levels[saturated:].sum() / max(image.levels.sum(), 1)) for image in images
+    }
     clipped = [f"{share:.2%} of {name}" for name, share in shares.items() if share > _CLIPPED_SHARE]
     if clipped:
         yield f"saturated pixels, where nothing is measured: {', '.join(clipped)}"
-    odd = {image.path.name: text for image in images if (text := odd_pattern(image.levels))}
+    odd = {name_of(image.path): text for image in images if (text := odd_pattern(image.levels))}
     if odd:
         yield f"odd bits in {len(odd)} of {len(images)} files ({', '.join(odd)}): {next(iter(odd.values()))}"
-    coded = [image.path.name for image in images if image.is_jpeg]
+    coded = [name_of(image.path) for image in images if image.is_jpeg]
     if coded:
         yield f"{len(coded)} of {len(images)} files ({', '.join(coded)}): {_JPEG}"
     yield from dict.fromkeys(remark for image in images for remark in image.remarks if STALE in remark)
@@ -686,7 +688,9 @@ def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: li
     scenes = [image for image in images if image.kind == "scene"]
     ways = (request.angles_deg, request.angle_key, request.mosaic_deg, request.stage_angles)
     if scenes and all(way is None for way in ways):
-        angles, source = headers.angles_of([image.path.name for image in scenes], [image.header for image in scenes])
+        angles, source = headers.angles_of(
+            [name_of(image.path) for image in scenes], [image.header for image in scenes]
+        )
         remarks.append(f"polarizer angles {source}: {', '.join(f'{one:g}' for one in dict.fromkeys(angles))} deg")
         found = dict(zip((image.path for image in scenes), angles, strict=True))
         images = [replace(image, angle_deg=found.get(image.path)) for image in images]
@@ -696,7 +700,7 @@ def _by_headers(request: ImportRequest, images: list[SurveyedImage], remarks: li
 def _survey(
     request: ImportRequest, index: int, image: ImageFile, tables: Mapping[str, Mapping[str, float]]
 ) -> SurveyedImage:
-    path = request.files[index]
+    path, name = request.files[index], name_of(request.files[index])
     reads, is_sum, _ = headers.reads_of(image.header)
     if request.coadds is not None or request.averaged is not None:
         reads, is_sum = request.coadds or request.averaged or 1, request.coadds is not None
@@ -716,13 +720,13 @@ def _survey(
     return SurveyedImage(
         path=path,
         shape=(counts.shape[0], counts.shape[1]),
-        kind=request.kind or headers.kind_of(image.header, path.name) or "scene",
+        kind=request.kind or headers.kind_of(image.header, name) or "scene",
         sample_bits=image.sample_bits,
         first_row=_first_row(request, image),
         angle_deg=_angle_of_header(image.header, "--angle-key", request.angle_key)
         if request.angle_key is not None
-        else _stated_angle(request.angles_deg, "--angles", index, path.name, image.header, tables),
-        stage_angle_deg=_stated_angle(request.stage_angles, "--stage-angles", index, path.name, image.header, tables),
+        else _stated_angle(request.angles_deg, "--angles", index, name, image.header, tables),
+        stage_angle_deg=_stated_angle(request.stage_angles, "--stage-angles", index, name, image.header, tables),
         exposure_s=_number(image.header, "--exposure-key", request.exposure_key, request.exposure_s),
         black_level_dn=None if black_level_dn is None else black_level_dn / unit,
         start_utc=_start(image.header),
@@ -784,7 +788,7 @@ def _angle_table(stated: tuple[float | str, ...] | None, column: str) -> dict[st
         return {}
     path = Path(str(stated[0]))
     try:
-        found = {Path(str(row["file"]).strip()).name: float(row[column] or "") for row in csv_rows(path)}
+        found = {name_of(Path(str(row["file"]).strip())): float(row[column] or "") for row in csv_rows(path)}
     except (KeyError, ValueError) as error:
         raise ConfigError(f"{path}: needs the columns file and {column}, a number of degrees ({error})") from error
     if not found or not all(map(isfinite, found.values())):

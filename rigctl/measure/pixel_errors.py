@@ -7,8 +7,8 @@ noise behind each polarizer angle comes from the best source there is:
 2. the scatter of the pixels over the cycles, as a line over the signal (read noise and shot noise);
 3. what is left of the fit, where one cycle has more angles than three. That holds what single angles get wrong, too.
 
-With one cycle of three angles nothing shows the noise: all errors are NaN. What dark level and throughput may be off by
-is the same for all pixels, and stands by itself (`PixelErrors.calibration`); errors of regions hold both.
+With one cycle of three angles nothing shows the noise: all errors are NaN. Errors of the dark level, the throughput and
+the axis of the polarizer are shared by all pixels and are kept apart (`PixelErrors.calibration`).
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class PixelErrors:
     aolp_deg: Float32Array  #: to first order, and at most 52 deg, where any angle may be
     doubts: NDArray[np.uint8]  #: bits of `Doubt`
     source: str  #: where the noise is known from, in words
-    calibration: Float32Array  #: standard errors of S0, S1, S2 by dark level and throughput, shape (3, H, W)
+    calibration: Float32Array  #: standard errors of S0, S1, S2 by dark level, throughput and axis, shape (3, H, W)
 
 
 def pixel_errors(measurement: Measurement, noise: NoiseParameters | None) -> PixelErrors:
@@ -97,7 +97,7 @@ def _cov_of_stokes(inverse: FloatArray, variance: FloatArray) -> Float32Array:
 
 
 def _by_shared_errors(measurement: Measurement) -> Float32Array:
-    """Return the standard errors of S0, S1, S2 by the dark level, one for all angles, and the throughput of each."""
+    """Return the standard errors of S0, S1, S2 by dark level and axis, one for all angles, and throughput of each."""
     grid, inverse = measurement.grid, measurement.plan.inverse
     of_level = measurement.dark_level.std_error_dn * grid.to_unit
     off = inverse @ of_level
@@ -106,6 +106,9 @@ def _by_shared_errors(measurement: Measurement) -> Float32Array:
     found = np.broadcast_to(level[:, None, None], (3, *measurement.saturated.shape))
     if relative.any():
         found = found + np.tensordot(relative, np.square(measurement.channels), axes=1)
+    if axis_deg := measurement.run.session.polarizer.offset_std_deg:
+        _, s1, s2 = measurement.images.stokes
+        found = found + np.square(2.0 * np.radians(axis_deg) * np.stack([np.zeros_like(s1), s2, s1]))
     return np.asarray(np.sqrt(found), dtype=np.float32)
 
 

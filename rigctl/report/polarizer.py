@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.polarimeter.analyzer import SEEN_SIGMAS, false_dolp, half_turn
-from rigctl.calibrations.polarizer import HARMONIC_MEANING, rig_lines
+from rigctl.calibrations.polarizer import HARMONIC_MEANING, NO_HARMONICS, rig_lines
 from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 from rigctl.report.document import Paragraph, Picture, Report, Section, Verbatim
 from rigctl.report.drawing import (
@@ -169,7 +169,7 @@ def _draw_curve(above: Axes, below: Axes, curve: ScanCurve, *, color: str, marke
 
 
 def harmonics_png(found: PolarizerCalibration) -> bytes | None:
-    """Return the harmonics beside Malus' law; None where the angles tell none."""
+    """Return the harmonics of the residual; None where no scan determines them."""
     if not found.harmonics:
         return None
     figure, (axes,) = subplots(1, 1, size=(7.4, 3.0))
@@ -297,7 +297,6 @@ _HARMONICS = (
     "three and five cycles are a wedge or a tilted element, four and six the polarizer or a detector not linear. "
     "The false DoLP is what frames at 0, 45, 90 and 135 deg give to unpolarized light at most."
 )
-_HALF_TURN = "A scan of half a turn does not tell these apart: take it over a whole turn to see which it is."
 _CHANNELS = (
     "Each stage angle by itself: response to unpolarized light over the mean, diattenuation, and how far the axis is "
     "from the common line. Bars are standard errors."
@@ -329,11 +328,12 @@ def polarizer_report(
 
 
 def _left(found: PolarizerCalibration) -> Iterable[Block]:
-    if (drawn := harmonics_png(found)) is not None:
+    drawn = harmonics_png(found)
+    if drawn is None:
+        yield Paragraph(text=f"{NO_HARMONICS[0].upper()}{NO_HARMONICS[1:]}.")
+    else:
         yield Picture(png=drawn, caption=_HARMONICS)
-    yield harmonic_table(found)
-    if found.harmonics and not found.harmonics_told_apart:
-        yield Paragraph(text=_HALF_TURN)
+        yield harmonic_table(found)
 
 
 def _channels_section(found: PolarizerCalibration) -> Iterable[Section]:

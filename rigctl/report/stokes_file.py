@@ -21,7 +21,7 @@ from rigctl.runs.fits import encode_image
 from rigctl.runs.folder import MANIFEST_FILE
 from rigctl.version import VERSION
 
-_NOISE, _SHARED = "standard error by noise", "standard error by dark level and throughput, one for all pixels,"
+_NOISE, _SHARED = "standard error by noise", "standard error by dark level, throughput and axis, shared by all pixels,"
 # Name to unit and meaning; "S" is the unit of S0: DN, or DN/s where exposures differ.
 PLANES = {
     "s0": ("S", "S0, all of the light, dark level off"),
@@ -141,6 +141,8 @@ def _facts(measurement: Measurement, errors: PixelErrors, calibrations: Mapping[
         "RUNHASH": sha256_of(run.path / MANIFEST_FILE),
         "SWVER": f"rigctl {VERSION}",
     }
+    if axis_deg := run.session.polarizer.offset_std_deg:
+        facts["AXISERR"] = (axis_deg, "[deg] std error that all polarizer angles share")
     starts, ends = [f.start_utc for f in frames if f.start_utc], [f.end_utc or f.start_utc for f in frames]
     known = [np.datetime64(text.removesuffix("Z"), "us") for text in (*starts, *filter(None, ends))]
     if starts:

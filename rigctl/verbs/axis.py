@@ -194,7 +194,7 @@ def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
     import numpy as np
 
     from calibration.polarimeter.analyzer import false_dolp
-    from rigctl.calibrations.polarizer import HARMONIC_MEANING
+    from rigctl.calibrations.polarizer import HARMONIC_MEANING, NO_HARMONICS
     from rigctl.files.session_file import DEFAULT_ANGLES_DEG
 
     for one in found.harmonics:
@@ -202,8 +202,8 @@ def _harmonics(found: "PolarizerCalibration") -> Iterable[str]:
         yield f"residual, {one.order} cycles a turn: {one.amplitude:.2%} +- {one.std_error:.2%} ({seen})"
         if one.is_seen:
             yield _effect(false_dolp(one, np.radians(DEFAULT_ANGLES_DEG)))
-    if found.harmonics and not found.harmonics_told_apart:
-        yield "a scan of half a turn does not tell these apart: take it over a whole turn to see which it is"
+    if not found.harmonics:
+        yield NO_HARMONICS
 
 
 def _effect(false: float) -> str:

@@ -75,7 +75,7 @@ def look(
 
     from model.processing.reconstruction import design
     from rigctl.base.durable import write_durably
-    from rigctl.images import image_files
+    from rigctl.images import image_files, name_of
     from rigctl.imports.headers import angles_of
     from rigctl.imports.levels import histogram, saturation_plateau
     from rigctl.measure.measure import polarization_images
@@ -101,7 +101,7 @@ def look(
     elif angles is not None:
         found, source = tuple(angles), "as given"
     else:
-        found, source = angles_of([path.name for path in paths], [image.header for image in images])
+        found, source = angles_of([name_of(path) for path in paths], [image.header for image in images])
     at = np.round(np.mod(found, 180.0), 6) % 180.0
     distinct = np.unique(at)
     if distinct.size < _LEAST_ANGLES:
@@ -156,13 +156,14 @@ class LookResult(Result):
     def content(self) -> Iterable[Part]:
         """Return the DoLP of the pixels, what is clipped, the angles, and that nothing is calibrated."""
         from rigctl.base.numbers import percent
+        from rigctl.images import name_of
         from rigctl.report.measurement import uncalibrated_pictures
 
         low, middle, high = self._quartiles.values()
         yield f"DoLP {middle:.3f} (median; 90 % of the pixels {low:.3f} to {high:.3f}), {_LABEL}"
         top, bottom = map(percent, self.clipped_shares)
         yield f"clipped in one image or more: {top} of the pixels at {self.largest_dn} DN, {bottom} at 0"
-        named = "; ".join(f"{Path(file).name} {angle:g}" for file, angle in self.angles_deg.items())
+        named = "; ".join(f"{name_of(Path(file))} {angle:g}" for file, angle in self.angles_deg.items())
         yield f"angles {self.angle_source}" + (f" [deg]: {named}" if named else "")
         yield lambda: uncalibrated_pictures(self.maps)
 

@@ -35,8 +35,10 @@ cycles = 4
 [[take]]
 kind = "scene"
 exposure_ms = 0.03
-angles_deg = [0, 15, 30, 45, 60, 75, 90, 105, 120, 135, 150, 165]
-cycles = 2
+angles_deg = [
+    0, 15, 30, 45, 60, 75, 90, 105, 120, 135, 150, 165,
+    180, 195, 210, 225, 240, 255, 270, 285, 300, 315, 330, 345,
+]
 """
 _REST = """
 # 2. Noise of the sensor: flats (an even light) and darks

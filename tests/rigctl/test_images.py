@@ -76,16 +76,20 @@ def test_frame_of_ours_can_be_read_as_an_image(tmp_path):
     assert (image.first_row, image.header["EXPTIME"]) == ("top", 0.5)
 
 
-def test_compressed_fits_file_is_read(tmp_path):
+def test_compressed_fits_files_are_read(tmp_path):
     (tmp_path / "image.fits.gz").write_bytes(gzip.compress(fits_bytes(COUNTS)))
-    np.testing.assert_array_equal(read_image(tmp_path / "image.fits.gz").counts, COUNTS)
+    fits.CompImageHDU(COUNTS).writeto(tmp_path / "image.fits.fz")
+    for path in image_files([tmp_path]):
+        np.testing.assert_array_equal(read_image(path).counts, COUNTS)
 
 
 def test_first_image_of_a_fits_file_is_taken_and_that_is_said(tmp_path):
     units = [fits.PrimaryHDU(), fits.ImageHDU(COUNTS), fits.ImageHDU(COUNTS + 1)]
+    units[0].header["EXPTIME"], units[0].header["FILTER"], units[1].header["FILTER"] = 0.5, "B", "V"
     fits.HDUList(units).writeto(tmp_path / "two.fits")
     image = read_image(tmp_path / "two.fits")
     np.testing.assert_array_equal(image.counts, COUNTS)
+    assert (image.header["EXPTIME"], image.header["FILTER"]) == (0.5, "V")
     assert image.remarks == ("the first of 2 images of its file",)
 
 
@@ -131,6 +135,12 @@ def test_a_colour_of_an_image_is_read(tmp_path, name, plane, place):
     else:
         PIL.Image.fromarray(colours).save(tmp_path / name)
     np.testing.assert_array_equal(read_image(tmp_path / name, plane=plane).counts, colours[..., place])
+
+
+def test_a_grey_picture_that_is_stored_as_colours_is_grey(tmp_path):
+    grey = np.random.default_rng(1).integers(0, 256, (5, 7)).astype(np.uint8)
+    PIL.Image.fromarray(grey).convert("RGB").save(tmp_path / "grey.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "grey.png").counts, grey)
 
 
 STACK = np.arange(24, dtype=np.int32).reshape(2, 3, 4) * 40000 - 5
@@ -203,7 +213,7 @@ def separate_colours(path):
 
 
 def colour_picture(path):
-    cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
+    cv2.imwrite(str(path), np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
 
 
 def one_bit(path):

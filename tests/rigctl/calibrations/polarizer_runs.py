@@ -13,7 +13,7 @@ SENSE, OFFSET_DEG, DIATTENUATION, DOLP = -1, 22.5, 0.996, 0.995
 BLACK_DN = 60.0
 SHAPE = (20, 30)
 STAGE_DEG = (0.0, 45.0, 90.0, 135.0)
-GENERATOR_DEG = tuple(float(angle) for angle in range(0, 180, 5))
+GENERATOR_DEG = tuple(float(angle) for angle in range(0, 360, 10))
 
 
 def transmitted(stage_deg: float, light_deg: float) -> float:

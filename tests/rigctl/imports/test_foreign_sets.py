@@ -2,6 +2,7 @@
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -166,6 +167,15 @@ def test_reads_by_headers(header, reads, is_sum):
 @pytest.mark.parametrize("key", ["POLANG", "POLAR", "POLARREF"])
 def test_angles_by_headers(key):
     assert headers.angles_of(["a", "b", "c"], [{key: "0"}, {key: 60.0}, {key: "-60 Deg"}])[0] == (0.0, 60.0, -60.0)
+
+
+def test_angles_by_the_names_of_files_of_arrays(tmp_path):
+    for angle in ANGLES_DEG:
+        with h5py.File(tmp_path / f"p_{angle}.h5", "w") as file:
+            file["entry/data"] = noisy_counts(angle)
+    files = [f"{tmp_path}/p_{angle}.h5:/entry/data" for angle in ANGLES_DEG]
+    import_images(tmp_path / "run", files, same_exposure=True, bit_depth=12, black_level_dn=1)
+    assert [record.polarizer_angle_deg for record in read_run(tmp_path / "run").frames] == list(ANGLES_DEG)
 
 
 def test_angles_by_a_table(tmp_path):

@@ -11,6 +11,8 @@ from astropy.wcs import WCS
 from rigctl.base.numbers import covariance_rows
 from rigctl.measure.measure import measure
 from rigctl.measure.pixel_errors import Doubt, pixel_errors
+from rigctl.report.stokes_file import stokes_fits
+from rigctl.runs.records import PolarizerAsTaken, RigAsTaken
 from rigctl.verbs.stokes import stokes
 from tests.rigctl.made_runs import at, make_run
 from tests.rigctl.noise_records import noise_parameters
@@ -150,6 +152,17 @@ def test_what_all_pixels_share_stands_by_itself_and_is_that_of_the_regions(tmp_p
     # At exact angles S1 and S2 have no frame in common.
     assert not found.cov[1, 2].any()
     assert found.cov[0, 1].any()
+
+
+def test_the_error_of_the_axis_turns_s1_into_s2(tmp_path):
+    made = session(tmp_path / "run", 1, cycles=2)
+    rig = RigAsTaken(polarizer=PolarizerAsTaken(offset_std_deg=0.5))
+    measured = measure(replace(made, session=replace(made.session, rig=rig)), regions=[])
+    found, (_, s1, s2) = pixel_errors(measured, noise_calibration()), measured.images.stokes
+    turned = 2.0 * np.radians(0.5) * np.abs([0.0 * s1, s2, s1])
+    np.testing.assert_allclose(found.calibration, turned, rtol=1e-5, atol=1e-9)
+    header = fits.Header.fromstring(stokes_fits(measured, found, {}).decode("latin-1"))
+    assert header["AXISERR"] == 0.5
 
 
 def test_a_covariance_that_cancels_to_rounding_is_written_as_0():
