@@ -17,6 +17,7 @@ TRIALS = {
     "monkey": "tests.monkey.__main__:run_monkey",
     "study": "study:run_study",
     "archive": "archive:run_archive",
+    "floods": "floods:run_floods",
     "kills": "kills:run_kills",
     "lost_terminals": "kills:run_lost_terminals",
     "hard_times": "hard_times:run_hard_times",

@@ -1,4 +1,4 @@
-"""Opens the devices of a rig file: the one place where a rig is put together.
+"""Opens the devices of a rig file, and writes down what they say where that is asked for.
 
 Drivers are found by their entry points; simulated devices by addresses that begin with ``sim:``.
 """
@@ -6,14 +6,15 @@ Drivers are found by their entry points; simulated devices by addresses that beg
 import inspect
 import re
 import sys
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, dataclass, replace
 from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from drivers.interfaces import (
     StageStatus,
     Way,
 )
-from drivers.serial_port import resolve_port
+from drivers.serial_port import heard_by, resolve_port
 from model.processing.mosaic import pair_by_light
 from rigctl.base.numbers import wrapped
 from rigctl.console import warn
@@ -40,6 +41,7 @@ from rigctl.rig.characterise import load_settle_s
 from rigctl.rig.simulated_parts import SimulatedClock, require_known_camera
 from rigctl.rig.simulation import Simulation, simulate
 from rigctl.runs.records import SimulatedLight
+from rigctl.version import VERSION
 from sim_devices.clock import SimClock
 from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import serve_on_pty
@@ -56,6 +58,7 @@ _PLACES = ("upper left", "upper right", "lower left", "lower right")
 # A cell that is calibrated differs by some degrees from the one that was meant, another one by 45.
 _CELL_TOLERANCE_DEG = 22.5
 _CAMERAS = "rigctl.cameras"
+_TRACE_SCHEMA = 1
 # What is printed on a device, and the driver for it.
 _DRIVERS_OF_MODELS = (
     (("ell", "elliptec"), "ellx"),
@@ -305,6 +308,75 @@ def _driver_meant(name: str, installed: Collection[str]) -> str:
     known = by_model is not None and by_model in installed
     close = [by_model] if known else get_close_matches(word, list(installed), n=1)
     return f"; did you mean {close[0]}?" if close else ""
+
+
+class Trace:
+    """Devices of a session as plain text: each byte of serial lines, and what the camera was set to and gave.
+
+    One event a line: seconds since the trace began, who spoke, and what::
+
+        0.001204 /dev/ttyUSB0 > 30 69 6e                     sent, in hexadecimal
+        0.014117 /dev/ttyUSB0 < 30 49 4e 30 45               received
+        0.020000 /dev/ttyUSB0 gone
+        0.120332 camera set exposure_s=0.01 gain_db=0: exposure_s=0.0100012 gain_db=0 width=782 height=582 bit_depth=12
+        0.230541 camera frame 12: exposure_s=0.0100012 gain_db=0 width=782 height=582 bit_depth=12
+        0.250000 camera failed: DeviceTimeoutError: no frame within 2 s
+
+    Several threads write; a full disk ends the trace, not the session.
+    """
+
+    def __init__(self, file: TextIO, *, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._file: TextIO | None = file
+        self._now_s, self._began_s = now_s, now_s()
+        self._lock = threading.Lock()
+        self.line(f"trace of rigctl {VERSION}, schema {_TRACE_SCHEMA}")
+
+    def line(self, text: str) -> None:
+        """Write one event with its time."""
+        with self._lock:
+            if self._file is None:
+                return
+            try:
+                self._file.write(f"{self._now_s() - self._began_s:.6f} {' '.join(text.split())}\n")
+            except OSError as error:
+                self._file = None
+                warn(f"--trace: nothing more is written: {error.strerror}")
+
+    def hear(self, data: bytes, *, port: str, from_host: bool) -> None:
+        """Take in bytes on a serial line; none from the device: its port has gone away."""
+        self.line(f"{port} {'>' if from_host else '<'} {data.hex(' ')}" if data or from_host else f"{port} gone")
+
+    @contextmanager
+    def of(self, opened: AbstractContextManager[Rig]) -> Iterator[Rig]:
+        """Give the rig that a context opens, with its devices traced."""
+        with heard_by(self.hear), opened as rig:
+            for what, identity in (("stage", rig.stage_identity), ("camera", rig.camera_identity)):
+                if identity is not None:
+                    self.line(f"{what} is {fields_text(identity)}")
+            if isinstance(rig.camera, CameraWithFacts):
+                self.line(f"camera has {fields_text(rig.camera.facts())}")
+            yield replace(rig, trace=self.line)
+
+
+@contextmanager
+def trace_into(path: Path | None) -> Iterator[Trace | None]:
+    """Give a trace that is written line by line into a new file; None without a path."""
+    if path is None:
+        yield None
+        return
+    try:
+        file = path.open("x", encoding="utf-8", buffering=1)
+    except OSError as error:
+        raise ConfigError(f"--trace: {path} cannot be written: {error.strerror}") from error
+    with file:
+        yield Trace(file)
+
+
+def fields_text(record: Any) -> str:
+    """Return the fields of a record as ``name=value``, in one line."""
+    return " ".join(
+        f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in asdict(record).items()
+    )
 
 
 class _SettlingStage:

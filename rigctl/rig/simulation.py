@@ -1,28 +1,32 @@
 """A simulated rig, made from a rig file: the stage answers bytes on a port, the camera sees one world.
 
-`rehearse` checks a session before it is taken; `rendering_costs` measures the time of each effect on a picture.
+`rehearse` checks a session before it is taken; `rendering_costs` measures the time of each effect on a picture;
+`serve_stage` and `serve_rig_camera` serve simulated devices to other programs.
 """
 
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.interfaces import Camera
 from rigctl.base.numbers import NS_PER_S
 from rigctl.errors import ConfigError
 from rigctl.files.choices import RoofChange
 from rigctl.files.regions import Region, masks
-from rigctl.files.rig_file import RigFile, SimulationSection
+from rigctl.files.rig_file import RigFile, SimulationSection, load_rig
 from rigctl.files.scene_file import load_scene
 from rigctl.rig.simulated_parts import (
     ON_NETWORK,
+    SERVED,
     TEXTURE_STREAM,
     THIS_MACHINE,
     FreshNoise,
@@ -42,11 +46,11 @@ from rigctl.rig.simulated_parts import (
 )
 from rigctl.runs.records import SimulatedLight
 from sim_devices.camera import SimCamera
-from sim_devices.cameras.gige_server import serve_behind_network, serve_gige_camera
+from sim_devices.cameras.gige_server import AravisDevice, GigeFaults, serve_behind_network, serve_gige_camera
 from sim_devices.clock import SimClock
 from sim_devices.exposure import Place, RenderingEffect, Shot
 from sim_devices.micro_polarizers import MicroPolarizers
-from sim_devices.stages.catalogue import make_stage
+from sim_devices.stages.catalogue import make_stage, parse_stage_address
 from sim_devices.stages.stage import SimulatedStage, serve_on_pty
 from sim_devices.world import TexturedScene, World
 
@@ -58,6 +62,10 @@ FloatArray = NDArray[np.float64]
 BeginStep = Callable[[int], bool]
 # Of the background's radiance, where a session's clock begins at night: hardly a photon.
 _NIGHT_SHARE = 1e-6
+_EXAMPLE = "rig-sim.toml"
+_LOOK_EACH_S = 0.02
+_LOOPBACK = "127."
+_SMALLEST_CHANGE_DEG = 1e-6
 # Time from one frame to the next, for turning and storing, as in the plan of a session [s].
 STEP_S = 0.42
 # Frames of which the median time is taken.
@@ -283,3 +291,72 @@ def rehearse(
     changed = [] if roof.record.perturbed is None else [f"the roof is changed on purpose: {roof.record.perturbed}"]
     suns = dict.fromkeys(roof.sun_text(time_ns) for time_ns in (times_ns[0], times_ns[-1]))
     return (*roof.record.remarks, *changed, *(f"sun: {text}" for text in suns))
+
+
+class StageServer:
+    """A served stage, whose true angle is logged."""
+
+    def __init__(self, stage: SimulatedStage, clock: SimClock, log: TextIO | None) -> None:
+        self._stage = stage
+        self._clock = clock
+        self._log = log
+        self._logged_deg: float | None = None
+
+    def run(self) -> None:
+        """Log the true angle each time that it has changed; never return."""
+        while True:
+            self.look()
+            time.sleep(_LOOK_EACH_S)
+
+    def look(self) -> None:
+        """Log the true angle if it has changed."""
+        angle_deg = self._stage.true_angle_deg()
+        unchanged = self._logged_deg is not None and abs(angle_deg - self._logged_deg) < _SMALLEST_CHANGE_DEG
+        if self._log is None or unchanged:
+            return
+        self._log.write(f"{self._clock.now_s():.3f},{angle_deg:.6f}\n")
+        self._log.flush()
+        self._logged_deg = angle_deg
+
+
+@contextmanager
+def serve_stage(address: str, *, link: Path, truth: Path | None) -> Iterator[StageServer]:
+    """Give a simulated stage that answers on a pseudo-terminal until the context is left."""
+    try:
+        options = parse_stage_address(address)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    clock = SimClock(speed=options.speed)
+    stage = make_stage(options, clock=clock)
+    log = nullcontext(None) if truth is None else truth.open("w", encoding="utf-8")
+    with log as opened, serve_on_pty(stage, clock=clock, link=link):
+        if opened is not None:
+            opened.write("time_s,angle_deg\n")
+        yield StageServer(stage, clock, opened)
+
+
+@contextmanager
+def serve_rig_camera(address: str, *, rig_path: Path | None, lost_share: float) -> Iterator[str]:
+    """Serve it until the context is left; give the port of the rig's stage, which turns the polarizer."""
+    place, _, options = address.partition("?")
+    faults, rest = split_faults(options)
+    if rest:
+        raise ConfigError(f"{address}: {rest}: no fault that the simulated camera has; docs/cameras.md lists them")
+    faults = replace(faults, lost_share=lost_share or faults.lost_share)
+    with as_file(files("rigctl") / "data" / "examples") as examples:
+        rig = load_rig(rig_path or examples / _EXAMPLE)
+        camera_section = rig.camera.model_copy(update={"address": SERVED})  # not twice on the network
+        rig = rig.model_copy(update={"camera": camera_section})
+        with simulate(rig, session_name="served") as simulation:
+            serial_number = simulation.camera.identify().serial_number
+            with _served(simulation.camera, place, serial_number=serial_number, faults=faults):
+                yield simulation.stage_port or "none: the camera has polarizers on its pixels"
+
+
+def _served(
+    camera: Camera, place: str, *, serial_number: str, faults: GigeFaults
+) -> AbstractContextManager[AravisDevice | str]:
+    """Serve a camera where it was asked for: behind a network of its own, where that is another loopback address."""
+    if place != THIS_MACHINE and place.startswith(_LOOPBACK):
+        return serve_behind_network(camera, address=place, serial_number=serial_number, faults=faults)
+    return serve_gige_camera(camera, address=place, serial_number=serial_number, faults=faults)

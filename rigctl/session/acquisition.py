@@ -69,8 +69,9 @@ def acquire(
         try:
             missed = session.run()
             thread.flush()
+            session.pause.answer_rest("the session has finished")
         except StopAskedError:
-            session.pause.answer_rest()
+            session.pause.answer_rest("the session stops")
             dropped = thread.flush_or_drop()
             not_stored = {"not_stored": list(dropped)} if dropped else {}
             writer.event("stopped", reason="requested", **not_stored)

@@ -17,14 +17,13 @@ from rigctl.files.choices import RoofChange
 from rigctl.files.regions import load_regions
 from rigctl.files.rig_file import RigFile, load_rig, placeholder_doubt
 from rigctl.files.session_file import SessionFile, load_session
-from rigctl.rig.rig import Rig, open_rig, require_drivers
+from rigctl.rig.rig import Rig, Trace, open_rig, require_drivers
 from rigctl.rig.simulation import rehearse, with_simulation
 from rigctl.runs.writer import require_new_folder
 from rigctl.session.numbers import noise_numbers
 from rigctl.session.plan import Step, grouping_cost, missing_axes, plan_steps, round_times_ns
 from rigctl.session.take import Outcome, require_person, take_session
 from rigctl.session.timing import SessionClock, clock_of
-from rigctl.session.trace import Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,11 +15,10 @@ from rigctl.files.choices import FrameKind
 from rigctl.files.place import SiteSection
 from rigctl.files.rig_file import CameraSection, RigFile
 from rigctl.files.session_file import MeteringSection
-from rigctl.rig.rig import Rig
+from rigctl.rig.rig import Rig, fields_text
 from rigctl.runs.records import METERED_EVENT, FrameRecord
 from rigctl.runs.writer import RunWriter
 from rigctl.session.plan import Step, SunAngles, nominal_deg
-from rigctl.session.trace import fields_text
 
 # A share above this may be clipped: it says only that the exposure is too long.
 _CLIPPED = 0.98

@@ -33,8 +33,7 @@ from rigctl.runs.folder import Run, files_of, read_contents, read_inputs, read_r
 from rigctl.runs.records import FrameRecord, SessionNoise, metered_exposures, read_events
 from rigctl.runs.writer import RunWriter
 from rigctl.session.acquisition import acquire
-from rigctl.session.control import Control
-from rigctl.session.notices import notices
+from rigctl.session.control import Control, notices
 from rigctl.session.numbers import LiveNumbers
 from rigctl.session.plan import Step, plan_steps, round_times_ns, step_times_ns
 from rigctl.session.status import LiveContent, LiveStatus, live_lines, write_status
@@ -81,10 +80,11 @@ def take_session(
     rounds = round_times_ns(session, rig_file.site, now_ns=now_ns, until_ns=until_ns)
     rounds = (at_ns,) if rounds == (None,) else rounds
     steps = plan_steps(session, rounds, cell_deg=rig_file.cell_deg)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=out, clock=clock.simulated))
-    with notices(rig_file.notify, out) as notifier, ExitStack() as devices:
-        rig = devices.enter_context(opener())
-        require_person(steps, are_asked=rig.origin != "device" or asks_by_hold)
+    context = session_context(
+        session, rig_file, clock=clock, control=Control(out), until_ns=until_ns, noise=noise, asks_by_hold=asks_by_hold
+    )
+
+    def begun(rig: Rig) -> RunWriter:
         inputs = read_inputs(rig_file, files)
         description = _description(rig, rig_file, session, files, inputs) | {
             "rounds_ns": list(rounds),
@@ -92,22 +92,9 @@ def take_session(
             "noise": None if noise is None else asdict(noise),
             **(calibrations or {}),
         }
-        with RunWriter.create(
-            out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns
-        ) as writer:
-            if notifier is not None:
-                writer.listener, notifier.note = notifier.tell, writer.event
-            context = session_context(
-                session,
-                rig_file,
-                clock=clock,
-                control=Control(out),
-                until_ns=until_ns,
-                noise=noise,
-                asks_by_hold=asks_by_hold,
-            )
-            loop = _ReconnectLoop(rig_file, steps, writer, context, opener)
-            return loop.take(rig, devices, title=session.name)
+        return RunWriter.create(out, description, inputs=inputs, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns)
+
+    return _Taking(rig_file, session, out, steps, context, opener).take(steps, begun, notify=rig_file.notify)
 
 
 def resume_session(
@@ -121,34 +108,27 @@ def resume_session(
     run = read_run(path)
     rig_file, session = files_of(run)
     clock = clock_of(rig_file, after_ns=_last_ns(run)) if clock is None else clock
-    until_ns = run.session.until_ns
     steps = plan_steps(session, run.session.rounds_ns, cell_deg=rig_file.cell_deg)
     left = _left_of(run, steps)
     if not left and any(event.event == "finished" for event in read_events(path)):
         _close_again(path, clock)
         return Outcome(frames=len(run.frames), planned=len(steps), is_finished=True, repair=repair, was_finished=True)
-    opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=path, clock=clock.simulated))
-    with notices(_notices_of(run), path) as notifier, ExitStack() as devices:
-        rig = devices.enter_context(opener())
-        require_person(left, are_asked=rig.origin != "device" or asks_by_hold)
+    context = session_context(
+        session,
+        rig_file,
+        clock=clock,
+        control=Control(path),
+        until_ns=run.session.until_ns,
+        noise=run.session.noise,
+        asks_by_hold=asks_by_hold,
+    )
+
+    def begun(rig: Rig) -> RunWriter:
         _require_same_devices(rig, run)
-        with RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns) as writer:
-            if notifier is not None:
-                writer.listener, notifier.note = notifier.tell, writer.event
-            _note_resumed(writer, repair, left)
-            control = Control(path)
-            control.forget()
-            context = session_context(
-                session,
-                rig_file,
-                clock=clock,
-                control=control,
-                until_ns=until_ns,
-                noise=run.session.noise,
-                asks_by_hold=asks_by_hold,
-            )
-            loop = _ReconnectLoop(rig_file, steps, writer, context, opener)
-            return replace(loop.take(rig, devices, title=session.name), repair=repair)
+        return RunWriter.append(path, utc_ns=clock.utc_ns, monotonic_ns=clock.monotonic_ns)
+
+    taking = _Taking(rig_file, session, path, steps, context, opener)
+    return replace(taking.take(left, begun, notify=_notices_of(run), repair=repair), repair=repair)
 
 
 def require_person(steps: Sequence[Step], *, are_asked: bool) -> None:
@@ -252,35 +232,61 @@ class Watch:
                 self._disk.call(lambda: write_status(self._run, status))
 
 
-class _ReconnectLoop:
+class _Taking:
     """Takes the remaining steps of a session, and opens the devices again if one is lost."""
 
     def __init__(
-        self, rig_file: RigFile, steps: tuple[Step, ...], writer: RunWriter, context: SessionContext, opener: Opener
+        self,
+        rig_file: RigFile,
+        session: SessionFile,
+        run: Path,
+        steps: tuple[Step, ...],
+        context: SessionContext,
+        opener: Opener | None,
     ) -> None:
-        self._rig_file, self._steps, self._writer = rig_file, steps, writer
-        self._context, self._opener = context, opener
+        self._rig_file, self._title, self._run, self._steps = rig_file, session.name, run, steps
+        self._context, clock = context, context.clock.simulated
+        self._opener = opener or (lambda: open_rig(rig_file, session_name=session.name, run=run, clock=clock))
         self._disconnected_since_s: float | None = None
         self._frames = 0
 
-    def take(self, rig: Rig, devices: ExitStack, *, title: str) -> Outcome:
-        """Take the remaining steps; return how the session ended."""
+    def take(
+        self,
+        left: tuple[Step, ...],
+        begun: Callable[[Rig], RunWriter],
+        *,
+        notify: NotifySection | None,
+        repair: Repair | None = None,
+    ) -> Outcome:
+        """Take the steps that are left into the run that `begun` makes or opens; return how the session ended."""
+        with notices(notify, self._run) as notifier, ExitStack() as devices:
+            rig = devices.enter_context(self._opener())
+            require_person(left, are_asked=rig.origin != "device" or self._context.asks_by_hold)
+            with begun(rig) as self._writer:
+                if notifier is not None:
+                    self._writer.listener, notifier.note = notifier.tell, self._writer.event
+                if repair is not None:
+                    _note_resumed(self._writer, repair, left)
+                    self._context.control.forget()
+                return self._take_all(rig, devices)
+
+    def _take_all(self, rig: Rig, devices: ExitStack) -> Outcome:
         opened: Rig | None = rig
         context = self._context
         show = Watch(
-            self._writer.path,
+            self._run,
             self._steps,
-            title=title,
+            title=self._title,
             clock=context.clock,
             live=context.live,
             disk=self._writer.disk,
         )
-        with show as watch, self._context.control.listening():
+        with show as watch, context.control.listening():
             while True:
                 try:
                     opened = opened or self._opened_again(devices)
                     finished = self._take_rest(opened, watch)
-                    frames = len(read_run(self._writer.path).frames)
+                    frames = len(read_run(self._run).frames)
                     return Outcome(frames=frames, planned=len(self._steps), is_finished=finished)
                 except (NotConnectedError, DeviceTimeoutError) as error:
                     devices.close()
@@ -288,7 +294,7 @@ class _ReconnectLoop:
                     self._wait_or_give_up(error)
 
     def _take_rest(self, rig: Rig, watch: Watch) -> bool:
-        run = read_run(self._writer.path)
+        run = read_run(self._run)
         left = _left_of(run, self._steps)
         watch.begin(left=len(left))
         metered = metered_exposures(read_events(run.path))
@@ -297,7 +303,7 @@ class _ReconnectLoop:
 
     def _opened_again(self, devices: ExitStack) -> Rig:
         rig = devices.enter_context(self._opener())
-        _require_same_devices(rig, read_run(self._writer.path))
+        _require_same_devices(rig, read_run(self._run))
         self._writer.event("devices opened again")
         return rig
 
@@ -305,7 +311,7 @@ class _ReconnectLoop:
         """Note that a device is lost; raise the error if it is not back in time."""
         clock, locks = self._context.clock, self._context.interlocks
         now_s = clock.monotonic_ns() / NS_PER_S
-        frames = len(read_run(self._writer.path).frames)
+        frames = len(read_run(self._run).frames)
         if self._disconnected_since_s is None or frames > self._frames:
             self._disconnected_since_s, self._frames = now_s, frames
             self._writer.event("interlock", interlock="gone", action=locks.gone, message=str(error))

@@ -185,10 +185,10 @@ class Pause:
             raise StopAskedError
         return request
 
-    def answer_rest(self) -> None:
-        """Note requests that came after a stop."""
+    def answer_rest(self, answer: str) -> None:
+        """Note requests that came after a stop, or after the last frame."""
         while (request := self._control.poll()) is not None:
-            self._note(ASKED_EVENT, request=request, answer="the session stops")
+            self._note(ASKED_EVENT, request=request, answer=answer)
 
 
 class Timing:

@@ -181,7 +181,7 @@ def monitor_findings(sections: "Sequence[MonitorSection]") -> "Iterator[Finding]
 def _notice_finding(section: "NotifySection") -> "Finding":
     """Send a notice; return whether it went."""
     from rigctl.rig.checkup import Finding
-    from rigctl.session.notices import notice_of, send
+    from rigctl.session.control import notice_of, send
 
     problems = send(section, notice_of("none", "test", "rigctl doctor"))
     if not problems:

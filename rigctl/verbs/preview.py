@@ -15,13 +15,11 @@ from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath, Writes
 
 if TYPE_CHECKING:
-    from rigctl.web.rig import Task
+    from rigctl.web.rig import LiveRig, Task
     from rigctl.web.server import Place
 
-_TIMEOUT_S = 10.0
 _LOOK_EACH_S = 1.0
 _LINE_EACH_S = 1.0
-_MS_PER_S = 1e3
 _RIG_FILE = ".toml"
 
 #: Numbers of each picture in words.
@@ -102,50 +100,48 @@ def _report(where: str) -> None:
 
 def preview_on_page(camera: str, task: "Task", place: "Place", *, opened: Callable[[str], None]) -> Lines:
     """Show what a camera sees on the page of `rigctl serve`, whose address `opened` gets; yield its numbers."""
-    from rigctl.rig.focus import Focus
-    from rigctl.web.page import Actions, camera_acts, page_app
-    from rigctl.web.rig import REST, LiveRig
+    from rigctl.web.acts import camera_acts
+    from rigctl.web.page import Actions, page_app
+    from rigctl.web.rig import LiveRig
     from rigctl.web.run_reader import NoRuns
     from rigctl.web.server import PageServer
 
-    rig, seen = LiveRig(camera, camera_only=True), 0
+    rig = LiveRig(camera, camera_only=True)
     name = Path(camera).name if camera.endswith(_RIG_FILE) else camera
     actions = Actions(view=rig, acts=camera_acts(rig), title=f"preview {name}")
     with PageServer(page_app(NoRuns(), actions), place, can_act=True) as server:
         opened(server.addresses.act_url or "")
-        rig.begin(task)
-        try:
-            while True:
-                look = rig.newer_look(seen, timeout_s=_LOOK_EACH_S)
-                if look.width and look.sequence != seen:
-                    seen = look.sequence
-                    focus = Focus(sharpness=look.sharpness, brightest=look.brightest, saturated=look.clipped)
-                    yield focus.text(look.best_sharpness)
-        finally:
-            rig.begin(REST)
+        yield from _lines(rig, task)
 
 
 def _preview_in_file(camera: str, task: "Task", file: Path) -> Lines:
     """Write what a camera sees into a file, stretched for the eye, picture after picture; yield its numbers."""
     from rigctl.base.durable import write_durably
-    from rigctl.rig.focus import focus_of, jpeg_of, middle
-    from rigctl.web.rig import LiveLook, next_exposure_ms, open_camera
+    from rigctl.web.rig import VIEW, LiveRig
 
-    best = 0.0
-    with open_camera(camera) as one:
-        _report(str(file))
-        exposure_ms = task.exposure_ms or LiveLook().exposure_ms
-        while True:
-            settings = one.configure(exposure_s=exposure_ms / _MS_PER_S, gain_db=task.gain_db)
-            frame = one.take_frame(timeout_s=settings.exposure_s + _TIMEOUT_S)
-            shown, bit_depth = middle(frame.counts, zoom=task.zoom), frame.settings.bit_depth
-            focus = focus_of(shown, bit_depth=bit_depth)
-            if task.exposure_ms is None:
-                exposure_ms = next_exposure_ms(exposure_ms, focus.brightest)
-            best = max(best, focus.sharpness)
-            text = focus.text(best)
+    rig = LiveRig(camera, camera_only=True)
+    _report(str(file))
+    with closing(_lines(rig, task)) as lines:
+        for line in lines:
+            picture = rig.picture(VIEW)
             try:
-                write_durably(file, jpeg_of(shown, bit_depth=bit_depth, text=text))
+                write_durably(file, b"" if picture is None else picture.jpeg)
             except OSError as error:
                 raise ConfigError(f"--picture {file}: cannot be written: {error.strerror}") from error
-            yield text
+            yield line
+
+
+def _lines(rig: "LiveRig", task: "Task") -> Lines:
+    """Yield the numbers of each picture that a rig takes; its devices are closed in the end."""
+    from rigctl.web.rig import REST
+
+    seen = 0
+    rig.begin(task)
+    try:
+        while True:
+            look = rig.newer_look(seen, timeout_s=_LOOK_EACH_S)
+            if look.width and look.sequence != seen:
+                seen = look.sequence
+                yield str(look)
+    finally:
+        rig.begin(REST)

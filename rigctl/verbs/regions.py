@@ -71,7 +71,7 @@ def draw(
     """
     from rigctl.files.regions import Markers
     from rigctl.outlines import search_markers
-    from rigctl.web.regions_page import RegionsPage
+    from rigctl.web.acts import RegionsPage
 
     picture = _picture(run, frames)
     drawn = [] if start is None else _read(start).regions

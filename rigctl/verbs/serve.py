@@ -1,30 +1,24 @@
 """`rigctl serve`: a rig, a run or the runs of a folder in a browser."""
 
 import re
-import subprocess
 import sys
 import webbrowser
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from rigctl.console import Json, note, progress
-from rigctl.errors import ConfigError, RunFolderError
+from rigctl.errors import ConfigError
 from rigctl.verbs.options import FilePath
 from rigctl.verbs.result import Part, Result
 
 if TYPE_CHECKING:
-    from rigctl.files.regions import Region
-    from rigctl.session.preparation import PreparedSession
-    from rigctl.web.page import Question
     from rigctl.web.server import Addresses, PageServer, Place
 
 _RIG_FILE = ".toml"
-_REGIONS_FILE = "regions.toml"
 # Beside the runs, for this user's eyes alone.
 _TOKENS_FILE = ".rigctl-page.json"
 # Such as gige:192.168.0.5; a run may be named by a time.
@@ -142,124 +136,21 @@ class ServedPage(Result):
 
 def _rig_server(rig: str, sessions: Path, runs: Path, place: "Place", *, new_tokens: bool) -> "PageServer":
     """Return the server of a rig: its page acts on camera, stage, regions and sessions."""
-    from rigctl.web.page import Actions, camera_acts, page_app, region_acts, session_acts, stage_acts
-    from rigctl.web.regions_page import write_regions
+    from rigctl.web.acts import Sessions, camera_acts, region_acts, session_acts, stage_acts
+    from rigctl.web.page import Actions, page_app
     from rigctl.web.rig import LiveRig
     from rigctl.web.run_reader import RunsOfFolder
     from rigctl.web.server import PageServer
 
     if not sessions.is_dir():
         raise ConfigError(f"--sessions {sessions}: there is no such folder")
-    own = _Sessions(rig, sessions, runs)
-    live = LiveRig(rig)
+    own, live = Sessions(rig, sessions, runs), LiveRig(rig)
     try:
         runs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"--runs {runs}: cannot be made: {error.strerror}") from error
-    regions = runs / _REGIONS_FILE
-    drawing = region_acts(lambda body: write_regions(regions, body, live.newest_counts()))
+    drawing = region_acts(own.regions, live.newest_counts)
     acts = {**camera_acts(live), **stage_acts(live), **session_acts(own, live), **drawing}
-    actions = Actions(view=live, acts=acts, session_names=own.names, drawn=own.drawn, regions_file=regions.name)
+    actions = Actions(view=live, acts=acts, session_names=own.names, drawn=own.drawn, regions_file=own.regions.name)
     page = page_app(RunsOfFolder(runs), actions)
     return PageServer(page, place, can_act=True, kept=runs / _TOKENS_FILE, is_new=new_tokens)
-
-
-class _Sessions:
-    """Session files of a folder, and the runs that they become."""
-
-    def __init__(self, rig: str, sessions: Path, runs: Path) -> None:
-        self._rig, self._sessions, self._runs = rig, sessions, runs
-        self._regions = runs / _REGIONS_FILE
-
-    def names(self) -> tuple[str, ...]:
-        """Return the session files by name; other files of the folder are left out."""
-        if not self._rig.endswith(_RIG_FILE):
-            return ()
-        return tuple(file.name for file in sorted(self._sessions.glob("*.toml")) if _is_session(file))
-
-    def drawn(self) -> "Sequence[Region]":
-        """Return the regions that were drawn here; none where their file cannot be read."""
-        from rigctl.files.regions import load_regions
-
-        try:
-            return load_regions(self._regions) if self._regions.is_file() else ()
-        except ConfigError:
-            return ()
-
-    def plan(self, name: str) -> str:
-        """Return frames, time and disk of a session in words; or raise what refuses it."""
-        from rigctl.session.preparation import prepare_session, require_takeable
-
-        prepared = prepare_session(Path(self._rig), self._file(name), regions=self._regions if self.drawn() else None)
-        doubts, light = require_takeable(prepared, self._new_run(name), asks_by_hold=True)
-        return "\n".join([_need_text(name, prepared), *prepared.picked.lines, *prepared.doubts, *doubts, *light])
-
-    def start(self, name: str) -> str:
-        """Start the session of a file in a process of its own; return the name of its run."""
-        self.plan(name)
-        run = self._new_run(name)
-        drawn = ("--regions", str(self._regions)) if self.drawn() else ()
-        self._spawn("acquire", self._rig, str(self._file(name)), "--out", str(run), *drawn, log=run)
-        return run.name
-
-    def ask(self, name: str, what: "Question") -> None:
-        """Send a request to the session of a run; an ended session is resumed in a process of its own."""
-        from rigctl.runs.folder import writing_process
-        from rigctl.session.control import ask_process
-
-        run = self._run(name)
-        process = writing_process(run)
-        if process is not None:
-            ask_process(run, process, "go on" if what == "resume" else what)
-        elif what == "resume":
-            self._spawn("resume", str(run), log=run)
-        else:
-            raise RunFolderError(f"{name}: no session writes into this run")
-
-    def _spawn(self, *words: str, log: Path) -> None:
-        """Start rigctl so that it outlives this page; its output goes into a file beside the run."""
-        with log.with_name(f"{log.name}.log").open("ab") as output:
-            subprocess.Popen(
-                [sys.executable, "-m", "rigctl", *words, "--ask", "hold"],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-            )
-
-    def _file(self, name: str) -> Path:
-        if name not in self.names():
-            raise ConfigError(f"{name!r}: there is no such session; there are {', '.join(self.names()) or 'none'}")
-        return self._sessions / name
-
-    def _run(self, name: str) -> Path:
-        known = {path.name: path for path in self._runs.iterdir() if path.is_dir()}
-        if name not in known:
-            raise RunFolderError(f"{name!r}: there is no such run")
-        return known[name]
-
-    def _new_run(self, name: str) -> Path:
-        return self._runs / f"{datetime.now(UTC):%Y-%m-%dT%H%M%SZ}-{Path(name).stem}"
-
-
-def _is_session(file: Path) -> bool:
-    """Return whether a file of the folder is for a session; links to nowhere, folders and pipes are not."""
-    from rigctl.base.durable import MOST_TEXT_BYTES, read_bounded
-
-    try:
-        return b"[[take]]" in read_bounded(file, MOST_TEXT_BYTES)
-    except OSError:
-        return False
-
-
-def _need_text(name: str, prepared: "PreparedSession") -> str:
-    from rigctl.session.plan import estimate
-
-    steps = prepared.steps
-    duration_s, disk_bytes = estimate(steps, prepared.rig_file)
-    minutes, seconds = divmod(round(duration_s), 60)
-    disk = "" if disk_bytes is None else f", {disk_bytes / 1e6:.0f} MB"
-    kinds = ", ".join(f"{sum(step.kind == kind for step in steps)} {kind}" for kind in ("dark", "flat", "scene"))
-    regions = ", ".join(region.name for region in prepared.session_file.regions)
-    watched = f"; regions {regions}" if regions else ""
-    return f"{name}: {len(steps)} frames ({kinds}), about {minutes} min {seconds} s{disk}{watched}"

@@ -202,11 +202,11 @@ def acquire(
     ConfigError, DataError, DeviceError, RunFolderError
         A file is wrong, a calibration does not fit, a device fails, or the folder cannot be written.
     """
+    from rigctl.rig.rig import trace_into
     from rigctl.session.control import outliving_terminal
     from rigctl.session.plan import plan_session
     from rigctl.session.preparation import prepare_session, require_takeable, take_prepared
     from rigctl.session.timing import clock_of
-    from rigctl.session.trace import trace_into
 
     def path(given: FilePath | None) -> Path | None:
         return None if given is None else Path(given)

@@ -42,7 +42,7 @@ def stage(
     ConfigError
         The address is wrong, or a file cannot be written.
     """
-    from rigctl.rig.serving import serve_stage
+    from rigctl.rig.simulation import serve_stage
 
     try:
         with (
@@ -84,7 +84,7 @@ def camera(
     ConfigError
         The address or the rig file is wrong.
     """
-    from rigctl.rig.serving import serve_rig_camera
+    from rigctl.rig.simulation import serve_rig_camera
 
     rig_path = None if rig is None else Path(rig)
     with _until_stopped(), serve_rig_camera(address, rig_path=rig_path, lost_share=lost) as stage_port:

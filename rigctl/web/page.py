@@ -1,4 +1,4 @@
-"""The page: its routes, its socket, and its actions on a rig, on sessions and on regions.
+"""The page: its routes and its socket.
 
 `rigctl.web.server.Guard` checks every request first. A name in a request is looked up among the known names; it never
 becomes a path.
@@ -12,9 +12,9 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib.resources import files
-from typing import Annotated, Any, Literal, Protocol
+from typing import Any, Protocol
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ValidationError
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import JSONResponse, Response
@@ -28,7 +28,7 @@ from rigctl.files.regions import Region
 from rigctl.runs.records import explain_invalid
 from rigctl.version import VERSION
 from rigctl.web.pictures import Picture
-from rigctl.web.rig import REST, LiveLook, LiveRig, Task
+from rigctl.web.rig import LiveLook
 from rigctl.web.run_reader import NO_CURVES, Source
 from rigctl.web.server import MOST_BODY_BYTES
 
@@ -51,7 +51,6 @@ _DOCUMENT_POLICY = (
     "sandbox allow-popups; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 )
 _LEAST_DOLP_TOP = 1e-3
-Question = Literal["hold", "resume", "stop"]
 # An action on the run that a request names, with the body of the request; returns the answer.
 Act = Callable[[str, bytes], dict[str, str]]
 
@@ -74,7 +73,7 @@ class Actions:
     """The actions of a page; it shows only what belongs to them."""
 
     view: View
-    #: Actions by name: those of `camera_acts`, `stage_acts`, `session_acts` and `region_acts` together.
+    #: Actions by name, such as those of `rigctl.web.acts`.
     acts: Mapping[str, Act]
     title: str = ""  #: Heading of the page; empty where it heads the list of runs.
     session_names: Callable[[], tuple[str, ...]] = tuple  #: Returns the names of the session files.
@@ -98,83 +97,6 @@ def page_app(source: Source, actions: Actions | None = None) -> Starlette:
         ),
     ]
     return Starlette(routes=routes)
-
-
-class Sessions(Protocol):
-    """Session files, and the sessions that run."""
-
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the session files."""
-
-    def plan(self, name: str) -> str:
-        """Return the plan of a session file in words."""
-
-    def start(self, name: str) -> str:
-        """Start the session of a file in a process of its own; return the name of its run."""
-
-    def ask(self, name: str, what: Question) -> None:
-        """Send a request to the session of a run, by the name of the run."""
-
-
-_TASK = TypeAdapter(Task)
-# Bodies of one key each.
-_TURN: TypeAdapter[dict[Literal["angle_deg"], float]] = TypeAdapter(
-    Annotated[dict[Literal["angle_deg"], Annotated[float, Field(ge=-360.0, le=360.0)]], Field(min_length=1)]
-)
-_SESSION: TypeAdapter[dict[Literal["session"], str]] = TypeAdapter(
-    Annotated[dict[Literal["session"], Annotated[str, Field(max_length=200)]], Field(min_length=1)]
-)
-
-
-def camera_acts(rig: LiveRig) -> Mapping[str, Act]:
-    """Return the action on a camera: begin a task."""
-
-    def begin(_: str, body: bytes) -> dict[str, str]:
-        task = _TASK.validate_json(body)
-        rig.begin(task)
-        return {"done": task.kind}
-
-    return {"task": begin}
-
-
-def stage_acts(rig: LiveRig) -> Mapping[str, Act]:
-    """Return the actions on a polarizer that turns: turn it, and take the dark level of its maps."""
-
-    def turn(_: str, body: bytes) -> dict[str, str]:
-        rig.turn(_TURN.validate_json(body)["angle_deg"])
-        return {"done": "turning"}
-
-    def take_dark(*_: object) -> dict[str, str]:
-        rig.take_dark()
-        return {"done": "dark level taken"}
-
-    return {"turn": turn, "dark": take_dark}
-
-
-def session_acts(sessions: Sessions, rig: LiveRig) -> Mapping[str, Act]:
-    """Return the actions on sessions: hold, resume, stop, show a plan, and start after the devices are closed."""
-
-    def asking(what: Question) -> Act:
-        def ask(run: str, _: bytes) -> dict[str, str]:
-            sessions.ask(run, what)
-            return {"done": f"asked to {what}"}
-
-        return ask
-
-    def plan(_: str, body: bytes) -> dict[str, str]:
-        return {"plan": sessions.plan(_SESSION.validate_json(body)["session"])}
-
-    def start(_: str, body: bytes) -> dict[str, str]:
-        name = _SESSION.validate_json(body)["session"]
-        rig.begin(REST)
-        return {"run": sessions.start(name)}
-
-    return {"hold": asking("hold"), "resume": asking("resume"), "stop": asking("stop"), "plan": plan, "start": start}
-
-
-def region_acts(write: Callable[[bytes], str]) -> Mapping[str, Act]:
-    """Return the action on regions: `write` gets them as JSON and returns the name of the file."""
-    return {"regions": lambda _, body: {"file": write(body)}}
 
 
 def _answering(act: Act) -> Callable[[Request], Awaitable[Response]]:

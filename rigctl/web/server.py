@@ -1,7 +1,6 @@
 """The server of a page: addresses, tokens, rights, and connections that are bounded in number and time.
 
-There are two tokens, one for looking and one for acting. A browser exchanges the token of the address for a cookie. If
-there are too many connections, the one that has been silent longest is closed.
+There are two tokens, one for looking and one for acting. A browser exchanges the token of the address for a cookie.
 """
 
 import asyncio
@@ -12,12 +11,12 @@ import socket
 import ssl
 import stat
 import threading
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, ParamSpec, Self, TypeVar, cast
+from typing import Annotated, Literal, ParamSpec, Self, TypeVar, cast
 from urllib.parse import parse_qs, parse_qsl, urlencode, urlsplit
 
 import cv2
@@ -40,7 +39,9 @@ Token = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{20,100}$")]
 P = ParamSpec("P")
 T = TypeVar("T")
 MOST_BODY_BYTES = 1_000_000
-MOST_CONNECTIONS = 128
+MOST_CONNECTIONS = 256
+# So long a connection stays even if others need its place, and so long an answer may take then.
+STAY_S, _ANSWER_S = 0.4, 2.0
 # From the opening of a connection, or from an answer, to the end of the next request's head.
 HEAD_S = 10.0
 # From accepting a connection to the end of its TLS handshake.
@@ -67,7 +68,9 @@ _SAFE_HEADERS = (
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
-_BACKLOG = 256
+# Those that wait to be accepted; more would have to knock again, a second later.
+_BACKLOG = 4096
+_LOOK_S = 0.02
 _SHUTDOWN_S = 2
 # An address kept for documentation: no network has it.
 _ELSEWHERE = "192.0.2.1"
@@ -130,7 +133,7 @@ class PageServer:
         access = replace(Access() if before is None or is_new else before, port=port)
         guard = Guard(app, access, hosts=names_of_this_machine(place.host), port=port, is_secure=is_secure)
         try:
-            self._server = uvicorn.Server(_config(guard, place))
+            self._server = BoundedServer(_config(guard), None if place.certificate is None else _tls(place))
             if kept is not None and access != before:
                 _keep_access(kept, access)
         except ConfigError:
@@ -271,26 +274,107 @@ def is_loopback(address: str) -> bool:
         return address == "localhost"
 
 
+class BoundedServer(uvicorn.Server):
+    """Serves a bounded number of connections, each for a bounded time, and lets newcomers in one by one.
+
+    If all places are taken, a newcomer waits until the oldest connection has had `stay_s`, and takes its place. So
+    nobody keeps others out, and nobody is closed before a request can be read.
+    """
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        tls: ssl.SSLContext | None = None,
+        *,
+        most: int = MOST_CONNECTIONS,
+        stay_s: float = STAY_S,
+        head_s: float = HEAD_S,
+    ) -> None:
+        super().__init__(config)
+        self.tls, self.stay_s, self.head_s, self._most = tls, stay_s, head_s, most
+        self.open_ones: set[Connection] = set()
+        self._accepting: list[asyncio.Task[None]] = []
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to accept connections."""
+        await super().startup(sockets=[])
+        self._accepting = [asyncio.create_task(self._accept(one)) for one in sockets or ()]
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Accept no more connections and end those that are open."""
+        for task in self._accepting:
+            task.cancel()
+        await super().shutdown(sockets)
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        listening.setblocking(False)
+        while True:
+            try:
+                accepted, _ = await loop.sock_accept(listening)
+            except OSError:  # the other side has gone already, or no handle is free
+                await asyncio.sleep(_LOOK_S)
+                continue
+            try:
+                await self._has_room()
+            except asyncio.CancelledError:
+                accepted.close()
+                raise
+            Connection(self).begin(accepted)
+            await asyncio.sleep(0.0)  # what has come on other connections is read in between
+
+    async def _has_room(self) -> None:
+        """Wait for a free place."""
+        while len(self.open_ones) >= self._most:
+            oldest = min(self.open_ones, key=Connection.stays_until_s)
+            left_s = oldest.stays_until_s() - asyncio.get_running_loop().time()
+            if left_s <= 0.0:
+                oldest.leave()
+            else:
+                await asyncio.sleep(min(left_s, _LOOK_S))
+
+
 class Connection(H11Protocol):
     """A connection that is closed after a long wait, or when others need its place."""
 
-    open_ones: ClassVar[list["Connection | Handshake"]]
-    most: ClassVar[int]
-    head_s: ClassVar[float]
+    def __init__(self, server: BoundedServer) -> None:
+        super().__init__(server.config, server.server_state, {})
+        self._server = server
+        self._beginning: asyncio.Task[None] | None = None
+        self._watch: asyncio.TimerHandle | None = None
+        #: When it was accepted, when the last answer was complete, and when the present one began [s].
+        self._born_s = self._silent_since_s = self._answer_since_s = self.loop.time()
+
+    def begin(self, accepted: socket.socket) -> None:
+        """Take a place, and make the TLS handshake if there is one."""
+        self._server.open_ones.add(self)
+        self._beginning = self.loop.create_task(self._connected(accepted))
+
+    async def _connected(self, accepted: socket.socket) -> None:
+        tls = self._server.tls
+        try:
+            await self.loop.connect_accepted_socket(
+                lambda: self, accepted, ssl=tls, ssl_handshake_timeout=None if tls is None else HANDSHAKE_S
+            )
+        except OSError:  # ssl.SSLError and ConnectionError are such
+            self._give_place()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a place; if all are taken, that of the longest silent connection."""
-        if not isinstance(transport, asyncio.Transport):
-            raise TypeError(f"a connection goes both ways, {transport!r} does not")
-        super().connection_made(transport)
-        self.silent_since_s = self.loop.time()
-        self._watch = self.loop.call_later(self.head_s, self._look_after)
-        _take_place(self, self.open_ones, most=self.most)
+        """Begin the wait for a request."""
+        super().connection_made(cast(asyncio.Transport, transport))
+        self._watch = self.loop.call_later(self._server.head_s, self._look_after)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Free its place."""
         self._give_place()
         super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Take in a part of a request, and note when its answer begins."""
+        was_answered = self._is_answered()
+        super().data_received(data)
+        if self._is_answered() and not was_answered:
+            self._answer_since_s = self.loop.time()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """Free its place: sockets are counted separately."""
@@ -299,102 +383,36 @@ class Connection(H11Protocol):
 
     def on_response_complete(self) -> None:
         """Start the wait for the next request."""
-        self.silent_since_s = self.loop.time()
+        self._silent_since_s = self.loop.time()
         super().on_response_complete()
 
-    def is_answered(self) -> bool:
-        """Return whether an answer is being sent."""
-        return self.cycle is not None and not self.cycle.response_complete
+    def stays_until_s(self) -> float:
+        """Return until when it may stay if others need its place [s]."""
+        return self._answer_since_s + _ANSWER_S if self._is_answered() else self._born_s + self._server.stay_s
 
     def leave(self) -> None:
         """Close it to free its place."""
         self._give_place()  # now: others may come before the connection is lost
-        self.transport.abort()
+        if self._beginning is not None and not self._beginning.done():
+            self._beginning.cancel()
+        else:
+            self.transport.abort()
+
+    def _is_answered(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete
 
     def _look_after(self) -> None:
-        left_s = self.head_s if self.is_answered() else self.silent_since_s + self.head_s - self.loop.time()
+        head_s = self._server.head_s
+        left_s = head_s if self._is_answered() else self._silent_since_s + head_s - self.loop.time()
         if left_s <= 0.0:
             self.leave()
             return
         self._watch = self.loop.call_later(left_s, self._look_after)
 
     def _give_place(self) -> None:
-        self._watch.cancel()
-        if self in self.open_ones:
-            self.open_ones.remove(self)
-
-
-class Handshake(asyncio.Protocol):
-    """A connection from its acceptance to the end of its TLS handshake. It is counted, and bounded in time."""
-
-    def __init__(self, context: ssl.SSLContext, kind: type[Connection], made_of: Mapping[str, Any]) -> None:
-        self._context, self._kind, self._made_of = context, kind, made_of
-        self._early = b""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a place and begin the handshake."""
-        self._transport = cast(asyncio.Transport, transport)
-        self._loop = asyncio.get_running_loop()
-        self.silent_since_s = self._loop.time()
-        _take_place(self, self._kind.open_ones, most=self._kind.most)
-        self._task = self._loop.create_task(self._shake())
-
-    def data_received(self, data: bytes) -> None:
-        """Keep bytes between the end of the handshake and the beginning of HTTP."""
-        self._early += data
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Free its place."""
-        self._give_place()
-
-    def is_answered(self) -> bool:
-        """Return False: there is no request yet."""
-        return False
-
-    def leave(self) -> None:
-        """Close it to free its place."""
-        self._give_place()
-        self._task.cancel()
-        self._transport.abort()
-
-    async def _shake(self) -> None:
-        try:
-            secure = await self._loop.start_tls(
-                self._transport, self, self._context, server_side=True, ssl_handshake_timeout=HANDSHAKE_S
-            )
-        except OSError:  # ssl.SSLError and ConnectionError are such
-            secure = None
-        if secure is None:
-            self.leave()
-            return
-        self._give_place()
-        connection = self._kind(**self._made_of)
-        secure.set_protocol(connection)
-        connection.connection_made(secure)
-        if self._early:
-            connection.data_received(self._early)
-
-    def _give_place(self) -> None:
-        if self in self._kind.open_ones:
-            self._kind.open_ones.remove(self)
-
-
-def connection_class(*, most: int = MOST_CONNECTIONS, head_s: float = HEAD_S) -> type[Connection]:
-    """Return the protocol of the connections of one server."""
-    return type("OwnConnection", (Connection,), {"open_ones": [], "most": most, "head_s": head_s})
-
-
-def after_handshake(kind: type[Connection], context: ssl.SSLContext) -> Callable[..., Handshake]:
-    """Return the protocol that accepts the connections of one server and makes the TLS handshake."""
-    return lambda **made_of: Handshake(context, kind, made_of)
-
-
-def _take_place(one: Connection | Handshake, open_ones: list[Connection | Handshake], *, most: int) -> None:
-    """Count a connection; of too many, close the one that has been silent longest."""
-    open_ones.append(one)
-    if len(open_ones) > most:
-        silent = [other for other in open_ones if not other.is_answered()]
-        min(silent, key=lambda other: other.silent_since_s).leave()
+        if self._watch is not None:
+            self._watch.cancel()
+        self._server.open_ones.discard(self)
 
 
 def qr_text(text: str) -> str:
@@ -419,14 +437,12 @@ def _trimmed(code: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return code[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
 
 
-def _config(app: ASGIApp, place: Place) -> uvicorn.Config:
-    kind = connection_class()
-    config = uvicorn.Config(
+def _config(app: ASGIApp) -> uvicorn.Config:
+    return uvicorn.Config(
         app,
         log_level="critical",
         access_log=False,
         lifespan="off",
-        http=kind if place.certificate is None else cast(Any, after_handshake(kind, _tls(place))),
         server_header=False,
         timeout_keep_alive=int(HEAD_S),
         timeout_graceful_shutdown=_SHUTDOWN_S,
@@ -434,8 +450,6 @@ def _config(app: ASGIApp, place: Place) -> uvicorn.Config:
         ws_per_message_deflate=False,  # a JPEG grows no smaller by it, and it takes three times what drawing one does
         h11_max_incomplete_event_size=_QUESTION_BYTES * 4,
     )
-    config.load()
-    return config
 
 
 def _tls(place: Place) -> ssl.SSLContext:

@@ -19,7 +19,7 @@ from rigctl.rig.checkup import (
     room,
     timed_frames,
 )
-from rigctl.rig.serving import serve_rig_camera
+from rigctl.rig.simulation import serve_rig_camera
 from rigctl.session.plan import demand_of
 from rigctl.verbs.doctor import most_important_first
 from tests.rigctl.example_files import EXAMPLES, small_rig

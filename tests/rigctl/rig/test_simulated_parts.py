@@ -13,13 +13,13 @@ from rigctl.cli import main
 from rigctl.errors import ConfigError
 from rigctl.files.rig_file import RenderingSection, RigFile, load_rig
 from rigctl.files.toml import load
-from rigctl.rig.focus import focus_of
 from rigctl.rig.rig import open_rig
 from rigctl.rig.simulated_parts import FreshNoise, NoiseNumbers, number_after, rendering_effect, split_truth
 from rigctl.runs.folder import read_run
 from rigctl.runs.records import RunEvent
 from rigctl.runs.writer import RunWriter
 from rigctl.session.take import take_session
+from rigctl.web.pictures import sharpness_of
 from sim_devices.exposure import Detector, Lens
 from sim_devices.truth_log import read_truth
 from tests.rigctl.example_files import EXAMPLES, small_rig, small_session
@@ -44,9 +44,9 @@ def test_a_running_camera_sees_the_lens_turned_and_its_sharpness_falls_away_from
         devices.camera.configure(exposure_s=3e-5, gain_db=0.0)
         for defocus_mm in (-0.1, -0.03, 0.0, 0.03, 0.1):
             assert turn(lens_rig, defocus_mm) == 0
-            seen.append(focus_of(devices.camera.take_frame(timeout_s=5.0).counts, bit_depth=12).sharpness)
+            seen.append(sharpness_of(devices.camera.take_frame(timeout_s=5.0).counts))
         lens_rig.write_text("half a file [")
-        focus_of(devices.camera.take_frame(timeout_s=5.0).counts, bit_depth=12)
+        devices.camera.take_frame(timeout_s=5.0)
     assert int(np.argmax(seen)) == 2
     assert seen[0] < seen[1] < 0.9 * seen[2]
     assert seen[4] < seen[3] < 0.9 * seen[2]

@@ -42,3 +42,18 @@ def test_each_request_of_a_session_is_answered_by_an_event(tmp_path, order):
     events = events_of(tmp_path / "run")
     assert [event["facts"]["request"] for event in events if event["event"] == "asked"] == list(order)
     assert "stopped" in [event["event"] for event in events]
+
+
+def test_a_request_during_the_last_frame_is_answered_too(tmp_path):
+    world = MadeWorld()
+
+    def ask_hold():
+        if world.camera.taken == 8:
+            world.time.wakes.clear()
+            ask(tmp_path / "run", "hold")
+
+    world.time.wakes.append(ask_hold)
+    outcome = take_watched(world, tmp_path)
+    assert (outcome.frames, outcome.is_finished) == (8, True)
+    asked = [event["facts"] for event in events_of(tmp_path / "run") if event["event"] == "asked"]
+    assert asked == [{"request": "hold", "answer": "the session has finished"}]

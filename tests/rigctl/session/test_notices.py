@@ -16,7 +16,7 @@ import pytest
 from rigctl.cli import main
 from rigctl.files.rig_file import NotifySection, load_rig
 from rigctl.runs.folder import read_run
-from rigctl.session.notices import Notifier, notice_of, notices, send
+from rigctl.session.control import Notifier, notice_of, notices, send
 from rigctl.session.take import resume_session, take_session
 from rigctl.verbs.verify import verification_of
 from tests.rigctl.example_files import EXAMPLES, small_rig, small_rig_text, small_session

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rigctl import cli
-from rigctl.session.trace import Trace
+from rigctl.rig.rig import Trace
 from tests.rigctl.example_files import SHORT_SESSION, small_rig_text
 
 DRIVERS = {

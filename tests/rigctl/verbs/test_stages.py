@@ -13,7 +13,7 @@ import pytest
 import serial
 
 from rigctl import cli
-from rigctl.rig.serving import serve_stage
+from rigctl.rig.simulation import serve_stage
 from tests.rigctl.example_files import EXAMPLES
 
 

@@ -6,10 +6,9 @@ import socket
 import ssl
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 import uvicorn
@@ -18,16 +17,18 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from rigctl.web.page import Sockets
-from rigctl.web.server import after_handshake, connection_class
+from rigctl.web.server import BoundedServer
 
 ASK = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 HEAD_S = 0.4
 
 
 @contextmanager
-def served(http: Callable[..., Any]) -> Iterator[tuple[str, int]]:
+def served(tls: ssl.SSLContext | None = None) -> Iterator[tuple[str, int]]:
+    """Serve a page to three connections at a time, each silent for 0.4 s at most."""
     app = Starlette(routes=[Route("/", lambda request: PlainTextResponse(f"here by {request.url.scheme}"))])
-    server = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", http=http, ws="none"))
+    config = uvicorn.Config(app, log_level="critical", lifespan="off", ws="none")
+    server = BoundedServer(config, tls, most=3, stay_s=0.1, head_s=HEAD_S)
     with socket.create_server(("127.0.0.1", 0)) as listening:
         thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
         thread.start()
@@ -38,8 +39,7 @@ def served(http: Callable[..., Any]) -> Iterator[tuple[str, int]]:
 
 @pytest.fixture
 def place() -> Iterator[tuple[str, int]]:
-    """Serve a page to three connections at a time, each silent for 0.4 s at most."""
-    with served(connection_class(most=3, head_s=HEAD_S)) as found:
+    with served() as found:
         yield found
 
 
@@ -56,7 +56,7 @@ def answer(one: socket.socket) -> bytes:
 
 
 @pytest.mark.parametrize("begin", [b"", b"GET / HTTP/1.1\r\nHost: x\r\n"])
-def test_beyond_the_limit_the_longest_silent_connection_is_closed(place: tuple[str, int], begin: bytes) -> None:
+def test_beyond_the_limit_the_oldest_connection_is_closed(place: tuple[str, int], begin: bytes) -> None:
     silent = []
     for _ in range(3):
         silent.append(socket.create_connection(place))
@@ -65,6 +65,16 @@ def test_beyond_the_limit_the_longest_silent_connection_is_closed(place: tuple[s
         fourth.sendall(ASK)
         assert b"here" in answer(fourth)
     assert answer(silent[0]) == b""
+    for one in silent:
+        one.close()
+
+
+def test_a_request_in_a_burst_of_silent_connections_is_answered(place: tuple[str, int]) -> None:
+    silent = [socket.create_connection(place) for _ in range(20)]
+    with socket.create_connection(place) as asking:
+        asking.sendall(ASK)
+        silent += [socket.create_connection(place) for _ in range(20)]
+        assert b"here" in answer(asking)
     for one in silent:
         one.close()
 
@@ -96,13 +106,13 @@ def test_unfinished_handshakes_are_counted_and_end_in_time(
     secure = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     secure.load_cert_chain(*certificate)
     trusting = ssl.create_default_context(cafile=certificate[0])
-    with served(after_handshake(connection_class(most=3), secure)) as place:
+    with served(secure) as place:
         half = []
-        for _ in range(50):
+        for _ in range(10):
             half.append(socket.create_connection(place))
             half[-1].sendall(b"\x16\x03\x01\x02\x00\x01")  # six bytes of a ClientHello
-        # They are counted as they are accepted: all but three have been closed.
-        assert [answer(one) for one in half[:40]] == [b""] * 40
+        # They are counted as they are accepted: all but three are closed for those that follow.
+        assert [answer(one) for one in half[:7]] == [b""] * 7
         plain = socket.create_connection(place)
         with trusting.wrap_socket(plain, server_hostname="localhost") as whole:
             whole.sendall(ASK.replace(b"\r\n\r\n", b"\r\nConnection: close\r\n\r\n"))

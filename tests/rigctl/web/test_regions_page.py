@@ -11,11 +11,12 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rigctl.errors import DataError
 from rigctl.files.regions import Region, RegionsFile
 from rigctl.files.toml import load
-from rigctl.web.regions_page import RegionsPage, write_regions
+from rigctl.web.acts import RegionsPage, region_acts
 from tests.rigctl.marked_pictures import panels
 
 REGION = {"name": "panel", "edge_px": 2, "rectangle": {"x": 1, "y": 2, "width": 30, "height": 40}}
@@ -95,13 +96,16 @@ def test_waiting_for_regions_ends_in_time() -> None:
         page_of([]).wait(seconds=0.06)
 
 
+def write_regions(file: Path, body: bytes, picture: NDArray[np.uint16] | None) -> dict[str, str]:
+    return region_acts(file, lambda: picture)["regions"]("", body)
+
+
 BODY = b'{"regions": [{"name": "panel", "polygon": [[1, 1], [9, 1], [9, 9]]}]}'
 
 
 def test_markers_of_the_live_picture_are_written_down_with_the_regions(tmp_path: Path) -> None:
-    assert (
-        write_regions(tmp_path / "regions.toml", BODY, panels(markers={3: (60, 50), 7: (360, 260)})) == "regions.toml"
-    )
+    told = write_regions(tmp_path / "regions.toml", BODY, panels(markers={3: (60, 50), 7: (360, 260)}))
+    assert told == {"file": "regions.toml"}
     written = load(tmp_path / "regions.toml", RegionsFile)
     assert [marker.id for marker in written.markers.seen] == [3, 7]
 
