@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, get_args
+from urllib.parse import urlsplit
 
 from pydantic import AwareDatetime, Field, PrivateAttr, model_validator
 
@@ -326,6 +327,8 @@ class NotifySection(Section):
     def _a_receiver_is_given(self) -> "NotifySection":
         if self.webhook is None and self.command is None:
             raise ValueError('names no receiver: give webhook = "https://..." or command = ["program", "argument"]')
+        if self.webhook is not None and "@" in urlsplit(self.webhook).netloc:
+            raise ValueError("webhook: an address with user and password is not supported: use a command, such as curl")
         return self
 
 

@@ -246,7 +246,9 @@ def send(section: NotifySection, notice: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
-    from http.client import HTTPException
+    """Send to a webhook; return the error, which is stored in the run: without what may be a secret in the address."""
+    from http.client import HTTPException, InvalidURL
+    from urllib.parse import urlsplit
     from urllib.request import Request, urlopen
 
     request = Request(address, data=content, headers={"Content-Type": "application/json"})
@@ -254,12 +256,19 @@ def _posted(address: str, content: bytes, *, timeout_s: float) -> str:
         with urlopen(request, timeout=timeout_s):
             return ""
     except (OSError, ValueError, HTTPException) as error:  # URLError and HTTPError are OSErrors
-        return f"webhook {address}: {' '.join(str(error).split()) or type(error).__name__}"
+        is_of_address = isinstance(error, ValueError | InvalidURL)
+        text = "the address is wrong" if is_of_address else " ".join(str(error).split()) or type(error).__name__
+        return f"webhook at {urlsplit(address).netloc.rpartition('@')[2]}: {text}"
 
 
 def _told(command: list[str], content: bytes, *, timeout_s: float) -> str:
+    """Run a command; return the error, without its arguments."""
     try:
         subprocess.run(command, input=content, capture_output=True, timeout=timeout_s, check=True)
-    except (OSError, subprocess.SubprocessError, ValueError) as error:
+    except subprocess.TimeoutExpired:
+        return f"command {command[0]}: took longer than {timeout_s:g} s"
+    except subprocess.CalledProcessError as error:
+        return f"command {command[0]}: ended with exit code {error.returncode}"
+    except (OSError, ValueError) as error:
         return f"command {command[0]}: {error}"
     return ""

@@ -90,7 +90,10 @@ def test_a_webhook_that_does_not_speak_http_is_noted_and_silences_nothing(tmp_pa
     notifier.close()
     assert heard.read_text().split() == ["hold", "stopped"]
     assert noted == [("notice not sent", "hold"), ("notice not sent", "stopped")]
-    assert send(NotifySection(webhook="http://user:pw@h/x"), notice_of("run", "test", ""))[0].startswith("webhook http")
+    with pytest.raises(ValueError, match="user and password"):
+        NotifySection(webhook="http://user:pw@h/x")
+    told = send(NotifySection(webhook="http://h:x/secret", command=["false", "secret"]), notice_of("run", "test", ""))
+    assert told == ("webhook at h:x: the address is wrong", "command false: ended with exit code 1")
 
 
 def test_a_run_keeps_no_address_of_notices_and_a_resume_finds_it_again(
@@ -98,7 +101,8 @@ def test_a_run_keeps_no_address_of_notices_and_a_resume_finds_it_again(
 ) -> None:
     address, taken = heard
     file, run = tmp_path / "rig.toml", tmp_path / "run"
-    file.write_text(f'{small_rig_text(tmp_path)}\n[notify]\nwebhook = "{address}?secret"\nevents = ["finished"]\n')
+    receivers = f'webhook = "{address}?secret"\ncommand = ["false", "secret"]\nevents = ["finished"]\n'
+    file.write_text(f"{small_rig_text(tmp_path)}\n[notify]\n{receivers}")
     take_session(load_rig(file), small_session(), run, files={"rig": file})
     assert not [path for path in run.rglob("*") if path.is_file() and b"secret" in path.read_bytes()]
     assert verification_of(run).state == "whole"
