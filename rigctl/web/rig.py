@@ -256,12 +256,12 @@ class LiveRig:
         if task.kind == "preview":
             while self._wanted() is task:
                 angle_deg = self._turned(stage)
-                self._expose_for_light(camera, task, self._look.brightest)
-                self._seen(self._frame(camera), angle_deg)
+                self._seen(self._exposed(camera, task), angle_deg)
             return
         if stage is None or len(task.angles_deg) < _LEAST_ANGLES:
             raise ConfigError("live polarimetry needs a stage, and three angles at least")
         stage.home()
+        self._exposed(camera, task)
         while self._wanted() is task:
             self._go_round(camera, stage, task)
 
@@ -270,8 +270,7 @@ class LiveRig:
     ) -> None:
         """Take a picture behind a cell of polarizers: it has all angles at once, so each picture has its maps."""
         began_s = time.monotonic()
-        self._expose_for_light(camera, task, self._look.brightest)
-        frame = self._frame(camera)
+        frame = self._exposed(camera, task)
         saturation_dn = 2.0**frame.settings.bit_depth - 1.0
         parts = planes(frame.counts, interpolation=interpolation, saturation_dn=saturation_dn)
         # The mean of all angles is shown: the pattern of the cell itself is no texture of the scene.
@@ -296,7 +295,7 @@ class LiveRig:
             self._seen(frame, angles_deg[-1])
             brightest = max(brightest, self._look.brightest)
         self._went_round(frames, angles_deg, time.monotonic() - began_s)
-        self._expose_for_light(camera, task, brightest)
+        self._expose_for_light(camera, task, self._look.exposure_ms, brightest)
 
     def _turned(self, stage: RotationStage | None) -> float | None:
         with self._changed:
@@ -317,17 +316,28 @@ class LiveRig:
     def _frame(self, camera: Camera) -> Frame:
         return camera.take_frame(timeout_s=self._look.exposure_ms / _MS_PER_S + _TIMEOUT_S)
 
-    def _expose_for_light(self, camera: Camera, task: Task, brightest: float) -> None:
-        """Correct an automatic exposure that is far off, by the brightest pixels of the last picture."""
-        before_ms = self._look.exposure_ms
-        if task.exposure_ms is not None or not self._look.width or _LEAST_FILLED <= brightest <= _MOST_FILLED:
-            return
+    def _exposed(self, camera: Camera, task: Task) -> Frame:
+        """Return a picture; a saturated one only if the exposure is given or cannot be shorter."""
+        while True:
+            frame = self._frame(camera)
+            shown = middle(frame.counts, zoom=self._look.zoom)
+            brightest, _ = brightness_of(shown, bit_depth=frame.settings.bit_depth)
+            is_changed = self._expose_for_light(camera, task, frame.settings.exposure_s * _MS_PER_S, brightest)
+            if brightest < 1.0 or not is_changed or self._wanted() is not task:
+                return frame
+
+    def _expose_for_light(self, camera: Camera, task: Task, before_ms: float, brightest: float) -> bool:
+        """Return whether an automatic exposure was corrected, by the brightest pixels of a picture that it gave."""
+        if task.exposure_ms is not None or _LEAST_FILLED <= brightest <= _MOST_FILLED:
+            return False
         wanted_ms = _next_exposure_ms(before_ms, brightest)
         if abs(wanted_ms - before_ms) > _STEP_WORTH * before_ms:
             with suppress(LimitError):  # as short, or as long, as the camera can
                 settings = camera.configure(exposure_s=wanted_ms / _MS_PER_S, gain_db=task.gain_db)
                 with self._changed:
                     self._look = replace(self._look, exposure_ms=settings.exposure_s * _MS_PER_S)
+                return settings.exposure_s * _MS_PER_S != before_ms
+        return False
 
     def _seen(self, frame: Frame, angle_deg: float | None) -> None:
         full, shown = frame.counts, middle(frame.counts, zoom=self._look.zoom)

@@ -200,7 +200,7 @@ const clock = (_, splits) => splits.map((t) => new Date(t * 1e3).toISOString().s
 const digits = (_, splits) => { const step = splits.length > 1 ? Math.abs(splits[1] - splits[0]) : 1, n = Math.min(8, Math.max(0, 1 - Math.floor(Math.log10(step || 1)))); return splits.map((v) => v.toFixed(n)); };
 const axes = (x, y, isTime) => [x, y].map((label, i) => ({ label, values: isTime && !i ? clock : digits, space: i ? 30 : 80, stroke: style("--ink"), grid: { stroke: style("--line"), width: 0.5 }, ticks: { stroke: style("--line") }, size: i ? 78 : 46 }));
 function draw(id, title, xLabel, yLabel, series, data, bands = [], isTime = false, scales = {}, height = 200) {
-  const box = $(id), width = Math.max(280, Math.min(box.clientWidth || 700, 900)), key = JSON.stringify([title, xLabel, width, series.map((s) => s.label)]);
+  const box = $(id), width = Math.max(280, Math.min(box.clientWidth || 700, 900)), key = JSON.stringify([title, xLabel, yLabel, width, series.map((s) => s.label)]);
   if (plots[id] && plots[id].key === key) { plots[id].plot.setData(data); return; }
   box.replaceChildren();
   if (!data[0].length) return;
@@ -237,7 +237,9 @@ function curves(found) {
   };
   banded("plot-dolp", "DoLP of the regions' means", "DoLP", (r) => r.dolp, (r) => r.dolp_std);
   banded("plot-aolp", "AoLP of the regions' means", "AoLP [deg]", (r) => r.aolp_deg, (r) => r.aolp_std_deg, { y: { range: [0, 180] } });
-  plain("plot-light", "S0 of the regions' means", "S0 [DN/s]", (r) => r.light_dn_per_s);
+  // In thousands, millions or billions, so that an axis has few digits.
+  const most = found.regions.flatMap((r) => r.light_dn_per_s).reduce((top, v) => Math.max(top, v || 0), 0), thousands = most < 1e4 ? 0 : Math.min(3, Math.floor(Math.log10(most) / 3));
+  plain("plot-light", "S0 of the regions' means", `S0 [${["", "10\u00b3 ", "10\u2076 ", "10\u2079 "][thousands]}DN/s]`, (r) => r.light_dn_per_s.map((v) => (v === null ? null : v / 1000 ** thousands)));
   draw("plot-sum", "Sum rule of the picture", xLabel, "(I0 + I90) / (I45 + I135)", [{ label: "sum rule", stroke: style("--ink"), width: 2, points: points() }], [xs, at(found.sum_rule)], [], !bySun);
 }
 $("against").onchange = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
