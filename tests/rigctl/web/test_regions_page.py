@@ -49,7 +49,7 @@ def answer(page: RegionsPage) -> Iterator[Answer]:
     yield waiting
     if waiting.thread.is_alive():
         asked(page.address, "/api/regions", {"regions": [REGION]})
-    waiting.thread.join(10.0)
+    waiting.thread.join(60.0)
 
 
 def asked(address: str, path: str, content: object = None) -> tuple[int, bytes]:
@@ -80,7 +80,7 @@ def test_it_is_the_page_of_serve_with_a_picture_alone(page: RegionsPage, answer:
 
 def test_regions_that_are_sent_end_the_wait(page: RegionsPage, answer: Answer) -> None:
     assert asked(page.address, "/api/regions", {"regions": [REGION]}) == (200, b'{"file":"r.toml"}')
-    answer.thread.join(10.0)
+    answer.thread.join(60.0)
     assert answer.regions == ["panel"]
 
 
