@@ -383,40 +383,48 @@ def test_a_session_is_watched_from_begin_to_end_through_all_that_can_happen(
         assert "resume" in desk.inner_text("#events")
 
 
-def test_a_session_is_started_answered_held_resumed_and_stopped_by_telephone(
-    browser: Any, hands: str, rig: Path
+def press(tab: Any, selector: str) -> None:
+    """Press with a finger on a telephone, with a mouse on a desk."""
+    touches = tab.evaluate("navigator.maxTouchPoints > 0")
+    (tab.tap if touches else tab.click)(selector)
+
+
+@pytest.mark.parametrize(("name", "device"), [("desk", DESK), ("phone", PHONE)])
+def test_a_session_is_started_answered_held_resumed_and_stopped(
+    browser: Any, hands: str, name: str, device: dict[str, Any]
 ) -> None:
-    with looking(browser, hands, PHONE) as tab:
+    with looking(browser, hands, device) as tab:
         tab.select_option("#session", "short.toml")
-        tab.tap("#plan")
+        press(tab, "#plan")
         until(tab, lambda: "4001 frames (1 dark, 0 flat, 4000 scene)" in tab.inner_text("#plan-text"))
-        keep_picture(tab, "plan-phone")
-        tab.tap("#start")
+        keep_picture(tab, f"plan-{name}")
+        press(tab, "#start")
         for wanted in ("Cover the lens", "Point the camera"):
             until(tab, lambda wanted=wanted: tab.inner_text("#advice").startswith(wanted))
-            keep_picture(tab, f"asked-{wanted.split()[0].lower()}-phone")
-            tab.tap("#resume")
+            keep_picture(tab, f"asked-{wanted.split()[0].lower()}-{name}")
+            press(tab, "#resume")
         state(tab, "live")
-        tab.tap("#hold")
+        press(tab, "#hold")
         state(tab, "holding")
-        keep_picture(tab, "holding-phone")
-        tab.tap("#resume")
+        keep_picture(tab, f"holding-{name}")
+        press(tab, "#resume")
         state(tab, "live")
-        tab.tap("#stop")
-        tab.tap("#ask button[value=no]")
-        tab.tap("#stop")
-        tab.tap("#ask button[value=yes]")
+        press(tab, "#stop")
+        press(tab, "#ask button[value=no]")
+        press(tab, "#stop")
+        press(tab, "#ask button[value=yes]")
         state(tab, "stopped")
-        tab.tap("#back")
+        press(tab, "#back")
         tab.wait_for_selector("#rows img")
         assert "stopped" in tab.inner_text("#rows")
-        keep_picture(tab, "list-phone")
-        tab.tap("#rows a:has-text('calibrations')")
+        keep_picture(tab, f"list-{name}")
+        press(tab, "#rows a:has-text('calibrations')")
         tab.wait_for_selector("#calibrations")
 
 
+@pytest.mark.parametrize(("name", "device"), [("desk", DESK), ("phone", PHONE)])
 def test_regions_drawn_on_the_page_are_watched_by_the_next_session_and_the_page_outlives_its_server(
-    browser: Any, tmp_path: Path
+    browser: Any, tmp_path: Path, name: str, device: dict[str, Any]
 ) -> None:
     (tmp_path / "rig.toml").write_text(small_rig_text(tmp_path).replace("speed=20", "speed=200"))
     (tmp_path / "three.toml").write_text(SESSION.format(name="three", cycles=3).replace("dark", "scene"))
@@ -424,32 +432,35 @@ def test_regions_drawn_on_the_page_are_watched_by_the_next_session_and_the_page_
     words = ("serve", str(tmp_path / "rig.toml"), "--sessions", str(tmp_path), "--runs", str(runs))
     with ExitStack() as ends:
         with served(*words) as told:
-            tab = ends.enter_context(looking(browser, told["act_url"], DESK, allowed=("ERR_", "WebSocket", "401")))
+            tab = ends.enter_context(looking(browser, told["act_url"], device, allowed=("ERR_", "WebSocket", "401")))
             tab.wait_for_selector("#no-runs:not([hidden])")
             assert "Press Look" in tab.inner_text("#closed")
             assert tab.inner_text("#no-runs") == "No runs yet. Choose a session and press Start."
-            tab.click("[data-task=preview]")
+            press(tab, "[data-task=preview]")
             tab.wait_for_selector("#view[data-sequence]")
-            for name in ("#view", "#view-histogram", "#start", "#region-save"):
-                box = tab.locator(name).bounding_box()
-                assert box["y"] + box["height"] <= 800, f"{name} is below the fold"
-            drawn_at(tab, (0.3, 0.3), (0.6, 0.7), by="mouse")
+            above = (
+                ("#view", "#rig .bar") if name == "phone" else ("#view", "#view-histogram", "#start", "#region-save")
+            )
+            for one in above:
+                box = tab.locator(one).bounding_box()
+                assert box["y"] + box["height"] <= tab.viewport_size["height"], f"{one} is below the fold"
+            drawn_at(tab, (0.3, 0.3), (0.6, 0.7), by="finger" if name == "phone" else "mouse")
             tab.fill("#region-name", "mine")
-            tab.click("#region-add")
-            tab.click("#region-save")
+            press(tab, "#region-add")
+            press(tab, "#region-save")
             until(tab, lambda: tab.inner_text("#said") == "written: regions.toml")
         tab.wait_for_selector("#lost:not([hidden])")
         with served(*words) as again:
             assert again == told
             until(tab, lambda: "restarted" in tab.inner_text("#lost"))
             tab.select_option("#session", "three.toml")
-            tab.click("#start")
+            press(tab, "#start")
             until(tab, lambda: tab.inner_text("#advice").startswith("Point the camera"))
-            tab.click("#resume")
+            press(tab, "#resume")
             state(tab, "finished")
             tab.wait_for_selector("#plot-dolp canvas")
             until(tab, lambda: "mine" in tab.inner_text("#plot-dolp"))
-            keep_picture(tab, "regions-watched-desk")
+            keep_picture(tab, f"regions-watched-{name}")
         with served(*words, "--new-tokens") as other:
             assert other["act_url"] != told["act_url"]
             until(tab, lambda: "new tokens" in tab.inner_text("#lost"))
