@@ -401,6 +401,7 @@ def test_a_session_is_started_answered_held_resumed_and_stopped(
         press(tab, "#start")
         for wanted in ("Cover the lens", "Point the camera"):
             until(tab, lambda wanted=wanted: tab.inner_text("#advice").startswith(wanted))
+            assert tab.inner_text("#advice").endswith("; then press Continue")
             keep_picture(tab, f"asked-{wanted.split()[0].lower()}-{name}")
             press(tab, "#resume")
         state(tab, "live")

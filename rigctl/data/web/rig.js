@@ -36,8 +36,8 @@ function tellRig(rig) {
   // Settings that others began with, the first time that there are any.
   const settings = { exposure: rig.is_automatic ? "" : Number(rig.exposure_ms.toPrecision(6)), gain: rig.gain_db, zoom: rig.zoom };
   if (rig.task !== "rest") for (const name of SETTINGS) if (!$(name).dataset.told) { $(name).dataset.told = "yes"; $(name).value = settings[name]; }
-  for (const button of document.querySelectorAll("[data-task]")) button.setAttribute("aria-pressed", button.dataset.task === rig.task);
-  const words = [rig.problem || (rig.task === "rest" ? "" : `${rig.exposure_ms.toPrecision(4)} ms${rig.is_automatic ? " (automatic)" : ""}, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${percent(rig.clipped)} saturated`)];
+  for (const button of document.querySelectorAll("[data-task]")) { const kind = button.dataset.task; button.setAttribute("aria-pressed", kind === rig.task && kind !== "rest"); button.disabled = kind === "rest" && kind === rig.task; button.classList.toggle("main", kind === "preview" && rig.task === "rest"); }
+  const words = [rig.problem || (rig.task === "rest" ? "" : `${Number(rig.exposure_ms.toPrecision(4))} ms${rig.is_automatic ? " (automatic)" : ""}, brightest ${(100 * rig.brightest).toFixed(0)} % of the range, ${percent(rig.clipped)} saturated`)];
   if (rig.angle_deg !== null) words.push(`polarizer ${(Math.round(100 * rig.angle_deg) / 100 % 180).toFixed(2)} deg`);
   if (rig.cycles_per_min !== null) words.push(`${rig.cycles_per_min.toFixed(1)} cycles a minute`);
   if (rig.task === "polarimetry") words.push(rig.dark_dn === null ? "no dark level taken: DoLP reads too low" : `dark level ${rig.dark_dn.toFixed(1)} DN`);

@@ -12,10 +12,10 @@ const dress = () => { document.documentElement.dataset.look = wanted(); };
 dress();
 $("look").onclick = () => { localStorage.setItem("look", wanted() === "dark" ? "light" : "dark"); dress(); plots = {}; if (newest) show(newest); };
 
-// Times by both clocks, of 24 hours; where this place keeps UTC, once.
+// Times by both clocks, of 24 hours; where this place keeps UTC, once. Today's date is left out.
 const two = (n) => String(n).padStart(2, "0");
 const here = (at) => `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}`;
-const utc = (text) => { const at = new Date(text); return text ? `${text.slice(0, 19).replace("T", " ")} UTC${isNaN(at) || !at.getTimezoneOffset() ? "" : ` (${here(at)} here)`}` : ""; };
+const utc = (text) => { const at = new Date(text), isToday = text && text.slice(0, 10) === new Date().toISOString().slice(0, 10); return text ? `${text.slice(isToday ? 11 : 0, 19).replace("T", " ")} UTC${isNaN(at) || !at.getTimezoneOffset() ? "" : ` (${here(at)} here)`}` : ""; };
 const percent = (share) => { const p = 100 * share; return `${p === 0 || p >= 99.95 ? p.toFixed(0) : p >= 10 ? p.toFixed(1) : p.toPrecision(2)} %`; };
 const span = (s) => { const h = Math.floor(s / 3600), m = Math.floor(s / 60) % 60; return h ? `${h} h ${m} min` : m ? `${m} min ${Math.round(s % 60)} s` : `${Math.round(s)} s`; };
 const put = (parent, tag, text, attributes = {}) => { const node = document.createElement(tag); if (text !== undefined && text !== null) node.textContent = text; for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value); parent.append(node); return node; };
@@ -122,11 +122,11 @@ function show(state) {
   $("state").textContent = state.state + since; $("state").className = `pill ${state.state}`;
   $("simulated").hidden = !state.is_simulated;
   const canAct = state.right === "act" && state.hands;
-  $("advice").textContent = canAct ? state.advice.replace(/; then go on: .*/, "; then press Continue") : state.advice; $("advice").hidden = !state.advice;
+  $("advice").textContent = canAct ? state.advice.replace(/; then continue: .*/, "; then press Continue") : state.advice; $("advice").hidden = !state.advice;
   facts(state); angles(state.newest); hands(state); curves(state.curves); calibrations(state.calibrations);
   for (const part of [document.querySelector("#maps .maps"), $("dolp-top").parentNode]) part.hidden = !state.maps_of;
   $("maps-of").textContent = state.maps_of ? `of the last cycle: ${state.maps_of}` : "No maps yet: they need a whole cycle.";
-  $("events").replaceChildren(); for (const one of state.events) put($("events"), "li", `${utc(one.utc)}  ${one.event}  ${one.facts}`);
+  $("events").replaceChildren(); for (const one of state.events) { const line = put($("events"), "li"); put(line, "small", `${utc(one.utc)} `); put(line, "b", one.event); line.append(` ${one.facts}`); }
   $("problems").replaceChildren(); for (const one of state.problems) put($("problems"), "li", one);
 }
 
@@ -173,7 +173,7 @@ function angles(frames) {
   for (const button of $("angles").children) button.setAttribute("aria-selected", button.dataset.name === selected);
   const one = frames.find((frame) => frame.name === selected);
   $("frame").hidden = !one; $("frame-text").className = one ? "" : "empty";
-  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : one.exposure_ms.toPrecision(4) + " ms"}, ${percent(one.clipped)} saturated (striped red); stretched for the eye` : "No frame yet.";
+  $("frame-text").textContent = one ? `${utc(one.utc)}, ${one.exposure_ms === null ? "exposure not known" : Number(one.exposure_ms.toPrecision(4)) + " ms"}, ${percent(one.clipped)} saturated (striped red); stretched for the eye` : "No frame yet.";
 }
 
 function hands(state) {
@@ -240,13 +240,14 @@ function curves(found) {
   // In thousands, millions or billions, so that an axis has few digits.
   const most = found.regions.flatMap((r) => r.light_dn_per_s).reduce((top, v) => Math.max(top, v || 0), 0), thousands = most < 1e4 ? 0 : Math.min(3, Math.floor(Math.log10(most) / 3));
   plain("plot-light", "S0 of the regions' means", `S0 [${["", "10\u00b3 ", "10\u2076 ", "10\u2079 "][thousands]}DN/s]`, (r) => r.light_dn_per_s.map((v) => (v === null ? null : v / 1000 ** thousands)));
-  draw("plot-sum", "Sum rule of the picture", xLabel, "(I0 + I90) / (I45 + I135)", [{ label: "sum rule", stroke: style("--ink"), width: 2, points: points() }], [xs, at(found.sum_rule)], [], !bySun);
+  draw("plot-sum", "Sum rule (I0 + I90) / (I45 + I135) of the picture", xLabel, "sum rule", [{ label: "sum rule", stroke: style("--ink"), width: 2, points: points() }], [xs, at(found.sum_rule)], [], !bySun);
 }
 $("against").onchange = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
 $("dolp-top").onchange = () => { $("top").textContent = $("dolp-top").value; };
 $("back").onclick = (event) => { event.preventDefault(); go(""); };
 window.onpopstate = () => location.reload();
 window.onresize = () => { plots = {}; if (newest && newest.curves) curves(newest.curves); };
+history.scrollRestoration = "manual"; // another state begins at its top
 function go(name) { history.pushState(null, "", name ? `?run=${encodeURIComponent(name)}` : "?"); location.reload(); }
 
 function list({ runs: rows, title, hands }) {
