@@ -53,7 +53,7 @@ class CheckedPaper:
     sets: tuple[MaterialSet, ...]
     figures: tuple[int, ...]
     search: Search | None  #: about the first set
-    points: tuple[DigitisedPoint, ...]  #: of the paper's figures, where somebody has them
+    points: tuple[DigitisedPoint, ...]  #: digitised from the paper's figures
     remarks: tuple[str, ...]
 
     @property
@@ -81,9 +81,9 @@ def check_paper(
     """
     unknown = set(figures) - set(FIGURES)
     if unknown:
-        raise ConfigError(f"--figure: {min(unknown)} is not computed; there are {', '.join(map(str, FIGURES))}")
+        raise ConfigError(f"--figure: {min(unknown)} is not computed; allowed: {', '.join(map(str, FIGURES))}")
     if sets and figures:
-        raise ConfigError("--search: counts all statements; leave out --figure")
+        raise ConfigError("--search counts all statements; leave out --figure")
     points = () if digitised is None else _read_digitised(digitised)
     checked = []
     for name in dict.fromkeys(materials):
@@ -132,7 +132,7 @@ def _remarks(height_m: float, *, as_paper: bool) -> Iterable[str]:
     )
     rooftop = ", ".join(f"{key} = {value:g}" for key, value in ASSUMED.items())
     yield f"assumed for section III (Figs 6 to 8): {rooftop}"
-    yield "assumed for Fig. 2: the sun, air and band of section V, for Table I of the paper is not at hand"
+    yield "assumed for Fig. 2: sun, air and band of section V, because Table I of the paper is missing"
     if as_paper:
         yield (
             "as the paper computes: 3 x 3 tiles at their midpoints, a sky on a 10 deg grid, 1e5 draws of target and of "
@@ -147,7 +147,7 @@ def _read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     if not rows or not set(_POINT_COLUMNS) <= set(rows[0]):
-        raise ConfigError(f"{path}: needs a first line {','.join(_POINT_COLUMNS)} and a point a line")
+        raise ConfigError(f"{path}: needs the header {','.join(_POINT_COLUMNS)} and one point per line")
     points = []
     for line, row in enumerate(rows, start=2):
         try:
@@ -161,7 +161,7 @@ def _read_digitised(path: Path) -> tuple[DigitisedPoint, ...]:
 
 
 def _assumed_lines(path: Path) -> tuple[str, ...]:
-    """Return a text for each number of a scene file whose line says in a comment that it is assumed."""
+    """Return a text for each number of a scene file whose comment begins with 'assumed'."""
     table, assumed = "", []
     for line in read_bounded(path, MOST_TEXT_BYTES).decode("utf-8").splitlines():
         head, name, value = _TABLE.match(line), _NAME.match(line), _ASSUMED.match(line)

@@ -1,4 +1,4 @@
-"""What comes out of the paper as tables, figures, a page and files."""
+"""Tables, figures, page and files of the check of the paper."""
 
 from __future__ import annotations
 
@@ -152,16 +152,15 @@ def search_lines(searched: Search | None) -> Iterable[str]:
     most, numbers = searched.tried[0]
     own = next(held for held, drawn in searched.tried if not drawn)
     yield (
-        f"search: {len(searched.tried)} sets of materials tried, the first set itself among them, and "
-        f"{searched.impossible} draws that are no possible surface; most statements that hold {most} of "
-        f"{len(statements())}, with the first set {own}"
+        f"search: {most} of {len(statements())} statements hold with the best of {len(searched.tried)} sets of "
+        f"materials, {own} with the set given; {searched.impossible} impossible draws were made anew"
     )
     for key, value in numbers.items():
         yield f"  {key} = {value:.4g}"
 
 
 def estimator_table(found: Mapping[str, EstimatorError], true_snr: Sequence[float]) -> Table[int]:
-    """Return bias and rms error of estimators of the true DoLP, a row a true signal-to-noise ratio."""
+    """Return bias and rms error of estimators of DoLP, one row for each true signal-to-noise ratio."""
     columns: tuple[Column[int], ...] = (
         Column(title="true SNR", text=lambda k: f"{true_snr[k]:g}"),
         *(Column(title=name, text=partial(_bias_and_rms, of), unbroken=True) for name, of in found.items()),
@@ -182,7 +181,7 @@ _DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 
 def _curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[DigitisedPoint] = ()) -> bytes:
-    """Return a figure of curves; points of the paper's own figure, where somebody has them, lie over them."""
+    """Return a figure of curves, with digitised points of the paper's own figure over them."""
     columns = len(figure.panels)
     drawn, axes = subplots(1, columns, size=(max(6.4 * columns, 8.5), 4.8 + 0.16 * len(beneath)))
     for ax, panel in zip(axes, figure.panels, strict=True):
@@ -198,14 +197,14 @@ def _curves_png(figure: PaperFigure, beneath: Sequence[str], points: Sequence[Di
 def _draw(ax: Axes, panel: Panel) -> None:
     colours = len(COLOURS)
     for k, curve in enumerate(panel.curves):
-        # Where colours come round again, lines are broken.
+        # Colours that repeat get dashed lines.
         line = "--" if k >= colours and curve.line == "-" else curve.line
         ax.plot(curve.x, curve.y, linestyle=line or "none", marker=curve.marker or None, label=curve.label)
     if panel.log_x:
         ax.set_xscale("log")
     if panel.log_y:
         ax.set_yscale("log")
-        # Toward false alarms everywhere next to nothing is missed, by so many decades that they would hide the others.
+        # At high false alarm rates the misses fall by many decades, which would hide the rest.
         shown = np.concatenate([curve.y[curve.x <= _MOST_FALSE_ALARMS] for curve in panel.curves])
         ax.set_ylim(0.1 * float(np.min(shown)), 10.0 * float(np.max(shown)))
     elif panel.log_x:
@@ -257,7 +256,7 @@ def _laws_png(
     for name, label in names.items():
         one = predictions[name]
         for ax, quantity, (x, density) in zip(axes, quantities, laws_of(one), strict=True):
-            # Where both are the same the thin line lies on the broad one.
+            # Thin over broad, so that both are visible where they coincide.
             (line,) = ax.plot(x, density, linewidth=4.0, alpha=0.35, label=f"{label}, exact")
             mean, std = one.quantities[quantity]["mean"], one.quantities[quantity]["std"]
             gauss = np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2.0 * np.pi))
@@ -291,12 +290,12 @@ def estimator_plot(true_snr: NDArray[np.float64], errors: Mapping[str, Estimator
 # The page and the files.
 
 
-_NOTHING_STATED = "The text says what is drawn, and nothing of it that could be held or not."
+_NOTHING_STATED = "The text describes this figure without a claim that could be tested."
 _MEANING = (
-    "holds, opposite: margins above three numerical errors. Cannot be seen: every P_D compared above .999, or the "
-    "authors' measured points are needed. Noise floor: exact DoLP SNRs below 2.1, that of unpolarised light is 1.913. "
-    "Ambiguous: readings of the sentence differ, each is named. A statement that does not come out is a result: the "
-    "optical properties of the paper are not at hand."
+    "Holds, opposite: by more than three numerical errors. Saturated at 1: every P_D compared is above 0.999. Needs "
+    "unpublished data: the sentence compares with measured points that were not published. Noise floor: the exact DoLP "
+    "SNRs are below 2.1; unpolarised light has 1.913. Ambiguous: readings of the sentence differ. A statement that does "
+    "not hold may hold with the authors' materials, whose optical properties were not published."
 )
 
 
@@ -327,17 +326,17 @@ def write_paper(found: CheckedPaper, out: Path) -> tuple[str, ...]:
 
 def _report(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Report:
     tallies = tuple(f"{one.name}: {tally(one.results)}" for one in found.sets)
-    sections = [Section(title="What comes out", blocks=(Bullets(items=tallies), Paragraph(text=_MEANING)))]
+    sections = [Section(title="Verdicts", blocks=(Bullets(items=tallies), Paragraph(text=_MEANING)))]
     for number in found.figures:
         shown = [Picture(png=png, caption=name) for name, png in pictures.items() if name.startswith(f"fig{number}-")]
         rows = [one for one in found.results if number in one.statement.figures]
         judged = [statement_table(rows)] if rows else [Paragraph(text=_NOTHING_STATED)]
         drawn = [(sentence, here) for figure, sentence, here in descriptions() if figure == number]
-        described = text_columns("what the text says is drawn", "here", left=(0, 1), wide=0)
+        described = text_columns("description in the text", "here", left=(0, 1), wide=0)
         blocks = (*shown, *judged, Table(columns=described, rows=tuple(drawn)))
         sections.append(Section(title=f"Fig. {number}", blocks=blocks))
     if found.search is not None:
-        note = "Without a tolerance: to be confirmed with --materials."
+        note = "Computed without a tolerance; confirm a set with --materials."
         sections.append(Section(title="Search", blocks=(Bullets(items=(*search_lines(found.search), note)),)))
     sections.append(Section(title="Assumed", blocks=(Bullets(items=found.remarks),)))
     sections += [
@@ -352,7 +351,7 @@ def _report(found: CheckedPaper, pictures: Mapping[str, bytes]) -> Report:
 
 _SAME_FOR_ALL = (2, 5)
 _FIG2 = (
-    "[MK14] Fig. 2: Stokes parameters and DoLP of the sky, with the sun and air of section V: Table I is not at hand"
+    "[MK14] Fig. 2: Stokes parameters and DoLP of the sky, with sun and air of section V, because Table I is missing"
 )
 
 
@@ -374,7 +373,7 @@ def _picture(found: CheckedPaper, one: MaterialSet, number: int, curves: PaperFi
 
 
 def _curves_csv(curves: dict[tuple[str, int], PaperFigure | None]) -> bytes:
-    """Return the points of all curves: a row a point."""
+    """Return the points of all curves, one per row."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("materials", "figure", "panel", "label", "x", "y"))

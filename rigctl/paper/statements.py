@@ -35,19 +35,20 @@ from rigctl.paper.scenes import (
 )
 from rigctl.scene.scene import get, parameters
 
-Verdict = Literal["holds", "opposite", "cannot_be_seen", "noise_floor", "ambiguous"]
+Verdict = Literal["holds", "opposite", "saturated", "unpublished", "noise_floor", "ambiguous"]
 IN_WORDS: dict[Verdict, str] = {
     "holds": "holds",
     "opposite": "opposite",
-    "cannot_be_seen": "cannot be seen",
+    "saturated": "saturated at 1",
+    "unpublished": "needs unpublished data",
     "noise_floor": "noise floor",
     "ambiguous": "ambiguous",
 }
-# Ratio of exact mean and deviation of DoLP of light without any, sqrt(pi / (4 - pi)). Below the floor it is noise.
+# Exact mean over deviation of the DoLP of unpolarized light, and the SNR below which only noise is compared.
 UNPOLARIZED_SNR, NOISE_FLOOR = sqrt(pi / (4.0 - pi)), 2.1
-# Above this everything is detected, and no difference can be seen.
+# Above this every target is detected, and differences vanish.
 ALL_DETECTED = 0.999
-# How many numerical errors a margin has to have.
+# Least margin, in numerical errors.
 _FAR = 3.0
 # Factor for "much" and "significantly", for which the paper has no number.
 _MUCH = 1.5
@@ -71,7 +72,7 @@ class Test:
     def verdict(self) -> Verdict:
         """The verdict on this inequality alone."""
         if self.numbers and all(one.kind == "p_detection" and one.value > ALL_DETECTED for one in self.numbers):
-            return "cannot_be_seen"
+            return "saturated"
         if self.numbers and all(one.kind == "exact_snr" and one.value < NOISE_FLOOR for one in self.numbers):
             return "noise_floor"
         if abs(self.margin) <= _FAR * self.error:
@@ -88,10 +89,10 @@ class Reading:
 
     @property
     def verdict(self) -> Verdict:
-        """Of all tests: one that is reversed refutes; what cannot be seen in one is not seen in all."""
+        """The most serious verdict of the tests; without tests, unpublished data are needed."""
         verdicts = [test.verdict for test in self.tests]
-        order: tuple[Verdict, ...] = ("opposite", "noise_floor", "cannot_be_seen", "ambiguous")
-        return next((one for one in order if one in verdicts), "holds" if verdicts else "cannot_be_seen")
+        order: tuple[Verdict, ...] = ("opposite", "noise_floor", "saturated", "ambiguous")
+        return next((one for one in order if one in verdicts), "holds" if verdicts else "unpublished")
 
     @property
     def deciding(self) -> Test | None:
@@ -406,7 +407,7 @@ _CHECKS: dict[str, _Check] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Statement:
-    """A sentence of the paper that can hold or not."""
+    """A sentence of the paper that makes a testable claim."""
 
     id: str
     figure: str
@@ -423,7 +424,7 @@ class Statement:
         return tuple(int(part.strip().rstrip("ab")) for part in self.figure.split(","))
 
     def readings(self, scenes: PaperScenes) -> Readings:
-        """Return the readings of the sentence; a sentence about the authors' points has one without numbers."""
+        """Return the readings of the sentence; one without tests if it is about the authors' measured points."""
         check = _CHECKS.get(self.id)
         return (Reading(name="without their data", tests=()),) if check is None else check(scenes)
 
@@ -435,12 +436,12 @@ def _file() -> dict[str, Any]:
 
 @cache
 def statements() -> tuple[Statement, ...]:
-    """Return every sentence of sections II-C to VI that can hold or not."""
+    """Return every sentence of sections II-C to VI that makes a testable claim."""
     return tuple(Statement(**one) for one in _file()["statements"])
 
 
 def descriptions() -> tuple[tuple[int, str, str], ...]:
-    """Return the other sentences: figure, sentence, and how the figure here follows it."""
+    """Return the descriptive sentences: figure, sentence, and how our figure follows it."""
     return tuple((one["figure"], one["sentence"], one["here"]) for one in _file()["descriptions"])
 
 
@@ -451,11 +452,11 @@ class Judged:
     statement: Statement
     materials: str
     readings: Readings
-    as_paper: Readings = ()  #: the same, computed as the authors did; empty where that was not asked for
+    as_paper: Readings = ()  #: the same, computed as the authors did; empty unless requested
 
     @property
     def id(self) -> str:
-        """Its name among all results: set of materials and statement."""
+        """Set of materials and id of the statement."""
         return f"{self.materials}/{self.statement.id}"
 
     @property
@@ -509,15 +510,15 @@ def judged(
             readings=one.readings(scenes),
             as_paper=() if as_paper is None else one.readings(as_paper),
         )
-        # A statement about all geometries comes last, when they are there.
+        # Statements about several figures last: they reuse what the others computed.
         for one in sorted(chosen, key=lambda one: " to " in one.figure)
     }
     return tuple(results[one.id] for one in chosen)
 
 
-# Materials within their stated uncertainties with which most statements hold.
+# Search for the materials, within their stated uncertainties, with which most statements hold.
 
-# Draws that no surface allows (a lobe that alone reflects more than its dhr) are made anew this many times.
+# Limit on redraws for an impossible surface (a lobe that alone reflects more than its dhr).
 _MOST_REDRAWN = 50
 
 
@@ -534,8 +535,8 @@ def search(
 ) -> Search:
     """Judge the statements with random sets of materials, normal about those of a scene with their uncertainties.
 
-    The scene's own materials (`start`, whose skies are used again) are the first set. Nothing is computed to a
-    tolerance: confirm a verdict of a search with `--materials`.
+    The first set is the scene's own (`start`, whose skies are reused). Nothing is computed to a tolerance: confirm a
+    verdict with `--materials`.
     """
     generator = np.random.default_rng(seed)
     own = start.predictor.scene

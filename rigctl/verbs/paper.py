@@ -41,8 +41,8 @@ def paper(
 ) -> "PaperResult | EstimatorResult":
     """Reproduce the figures of Meng & Kerekes 2014, and judge each statement of the text about them.
 
-    Verdicts are: holds, opposite, cannot be seen (everything is detected, or unpublished data are needed), noise floor,
-    ambiguous (the sentence can be read in several ways). The exit code is 0 whatever the verdicts.
+    Verdicts are: holds, opposite, saturated at 1 (every target is detected), needs unpublished data, noise floor,
+    ambiguous (readings of the sentence differ). The exit code is 0 whatever the verdicts.
 
     Example: rigctl paper --out paper
 

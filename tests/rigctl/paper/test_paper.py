@@ -22,7 +22,7 @@ def number(value, *, error=0.0, kind="plain"):
         (number(2.0, error=0.1), number(1.0, error=0.1), "holds"),
         (number(1.0, error=0.1), number(2.0, error=0.1), "opposite"),
         (number(2.0, error=0.3), number(1.0, error=0.3), "ambiguous"),
-        (number(0.9995, kind="p_detection"), number(0.9999, kind="p_detection"), "cannot_be_seen"),
+        (number(0.9995, kind="p_detection"), number(0.9999, kind="p_detection"), "saturated"),
         (number(0.9995, kind="p_detection"), number(0.99, kind="p_detection"), "holds"),
         (number(1.957, kind="exact_snr"), number(1.950, kind="exact_snr"), "noise_floor"),
         (number(2.07, kind="exact_snr"), number(2.80, kind="exact_snr"), "opposite"),
@@ -38,8 +38,8 @@ def test_one_reversed_inequality_refutes_a_reading():
     assert reading.deciding.margin == -1.0
 
 
-def test_a_reading_without_numbers_cannot_be_seen():
-    assert Reading(name="their data", tests=()).verdict == "cannot_be_seen"
+def test_a_reading_without_numbers_needs_unpublished_data():
+    assert Reading(name="their data", tests=()).verdict == "unpublished"
 
 
 def test_peaks_and_steps():
